@@ -76,6 +76,28 @@ def matrices_of(columns: FloatArray) -> FloatArray:
     return np.ascontiguousarray(columns.transpose(2, 1, 0))
 
 
+def quaternions_of(columns: FloatArray) -> FloatArray:
+    """Unit quaternions (w, x, y, z) ``(4, S)`` of rotations ``(3, 3, S)``, with w >= 0.
+
+    A row of ``4 q qᵀ``, which is linear in the rotation: the one of the largest component.
+    """
+    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = columns
+    square = np.stack(
+        [1.0 + xx + yy + zz, 1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz]
+    )
+    w = zy - yz, xz - zx, yx - xy
+    rows = np.empty((4, 4, columns.shape[-1]))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        rows[0, k + 1] = rows[k + 1, 0] = w[k]
+        rows[i + 1, j + 1] = rows[j + 1, i + 1] = columns[i, j] + columns[j, i]
+    for k in range(4):
+        rows[k, k] = square[k]
+    q = np.take_along_axis(rows, square.argmax(axis=0)[None, None], axis=0)[0]
+    q *= np.where(q[0] < 0.0, -1.0, 1.0) / np.sqrt((q * q).sum(axis=0))
+    return np.asarray(q)
+
+
 def rotation_log(columns: FloatArray) -> FloatArray:
     """Rotation vectors ``(3, S)`` [rad] of rotations, angle in [0, pi]."""
     twice = np.empty(columns.shape[1:])

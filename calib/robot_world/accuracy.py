@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -209,9 +210,8 @@ def propagate(
     size = 6 * N * sum(sides)
     order = own_order(A)
     if N > _EACH_ERROR:
-        drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, sum(sides), N, 6))
-        directions = np.empty_like(drawn)
-        directions[:, :, order] = drawn / np.sqrt(_DIRECTIONS)
+        directions = np.empty((_DIRECTIONS, sum(sides), N, 6))
+        directions[:, :, order] = _drawn(sum(sides), N)
     else:
         directions = np.eye(size).reshape(size, sum(sides), N, 6)
     errors = iter(np.moveaxis(directions, 1, 0))
@@ -221,8 +221,17 @@ def propagate(
     return np.asarray(J @ J.T * (N / whole) + np.outer(bias, bias))
 
 
+@lru_cache(maxsize=1)  # of the same pairs by one method after the other
+def _drawn(sides: int, N: int) -> FloatArray:
+    """Directions ``(600, sides, N, 6)`` in all errors at once, always the same ones."""
+    drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, sides, N, 6))
+    return np.asarray(drawn / np.sqrt(_DIRECTIONS))
+
+
 def _turned(root: FloatArray, white: FloatArray) -> FloatArray:
     """Errors ``(K, N, 6)`` of one side by directions of white numbers ``(K, N, 6)``."""
+    if len(root) == 1:
+        return np.asarray(white @ root[0].T)
     return np.asarray((root @ white[..., None])[..., 0])
 
 

@@ -10,6 +10,10 @@ import numpy as np
 from calib import se3
 from calib.se3 import FloatArray
 
+LEAST_SQUARE = 1e-2
+"""Square of a singular value, of that of the largest one, from which on its direction is told by
+sums of products as well as by an orthogonal factorisation: to 1e-14."""
+
 
 def left_matrix(quaternion: FloatArray) -> FloatArray:
     """Matrix of multiplication from the left: ``left_matrix(p) @ q`` is the product p q.
@@ -111,7 +115,8 @@ def kronecker_mean_of_columns(R_A: FloatArray, R_B: FloatArray) -> FloatArray:
 
 def dual_part(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
     """Dual parts ½ p q ``(..., 4)`` of translations ``(..., 3)`` and quaternions ``(..., 4)``."""
-    return 0.5 * apply_matrix(right_matrix(quaternion)[..., 1:], translation)
+    products = translation[..., :, None] * quaternion[..., None, :]
+    return np.asarray(products.reshape(*products.shape[:-2], 12) @ _DUAL)
 
 
 def transforms(real: FloatArray, dual: FloatArray) -> FloatArray:
@@ -152,3 +157,10 @@ def transform_in_plane(real: FloatArray, dual: FloatArray) -> FloatArray:
     size = ((weights @ real) ** 2).sum(axis=-1)
     best = np.take_along_axis(weights, size.argmax(axis=-1)[:, None, None], axis=1)
     return np.asarray(best[:, 0])
+
+
+LEFT, RIGHT = left_matrix(np.eye(4)), right_matrix(np.eye(4))
+"""Matrices ``(4, 4, 4)`` of the units 1, i, j, k: those of a quaternion are linear in it."""
+
+_DUAL = 0.5 * LEFT[1:].transpose(0, 2, 1).reshape(12, 4)
+"""Dual parts ``(12, 4)`` of translations and quaternions along the units."""

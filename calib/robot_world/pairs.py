@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
-from calib.batch_last import columns_of, turn_back
+from calib.batch_last import columns_of, quaternions_of, turn_back
 from calib.errors import InputError
 from calib.robot_world import algebra, closed_form
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -163,15 +163,21 @@ class PairSets:
         solution are the same where that matrix decides, and defined wherever the rotations
         identify X and Z.
         """
-        a = se3.quaternion_from_rotation(self.A[..., :3, :3])
-        b = se3.quaternion_from_rotation(self.B[..., :3, :3])
-        R_X, R_Z = self.rotations
-        x = se3.quaternion_from_rotation(R_X)[:, None]
-        z = se3.quaternion_from_rotation(R_Z)[:, None]
-        left = algebra.apply_matrix(algebra.left_matrix(a), x)
-        right = algebra.apply_matrix(algebra.right_matrix(b), z)
+        a, b = (
+            np.ascontiguousarray(quaternions_of(R).T).reshape(self.T, self.N, 4)
+            for R in (self.R_A, self.R_B)
+        )
+        x, z = self.quaternions_of_rotations
+        left = a @ np.swapaxes(algebra.right_matrix(x), -1, -2)
+        right = b @ np.swapaxes(algebra.left_matrix(z), -1, -2)
         agreement = (left * right).sum(axis=-1)
         return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
+
+    @cached_property
+    def quaternions_of_rotations(self) -> tuple[FloatArray, FloatArray]:
+        """Quaternions x and z ``(T, 4)`` of :attr:`rotations`."""
+        R_X, R_Z = self.rotations
+        return se3.quaternion_from_rotation(R_X), se3.quaternion_from_rotation(R_Z)
 
 
 def _rotations(T: FloatArray, columns: FloatArray | None) -> FloatArray:

@@ -28,6 +28,9 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import (
+    LEAST_SQUARE,
+    LEFT,
+    RIGHT,
     apply_matrix,
     conjugate,
     left_matrix,
@@ -115,6 +118,10 @@ def predicted_cycles(pairs: PairSets, tolerance_rad: float) -> FloatArray:
     return np.asarray(np.maximum(needed, 0.0))
 
 
+_MOMENTS = (LEFT[:, None] @ RIGHT * [[[1.0]], [[-1.0]], [[-1.0]], [[-1.0]]]).reshape(16, 16)
+"""What M is made of: L(a) R(b*) of the units a and b, in rows."""
+
+
 @dataclass(frozen=True)
 class _Iteration:
     """The power iteration of T problems, in the basis of the left singular vectors of M.
@@ -142,17 +149,22 @@ class _Iteration:
 def _prepare(pairs: PairSets) -> _Iteration:
     """Singular vectors and rates of M, and the start of z.
 
-    Stacked, the (M_i - M)ᵀ have the same right singular vectors as Mᵀ in reversed order, with
-    values d_i² = N (1 - σ_i²): in a narrow cone they keep the digits that 1 - σ_i² would lose.
+    The left singular vectors of M are those of ``1 - M Mᵀ`` in reversed order, with values
+    1 - σ_i². Stacked, the (M_i - M)ᵀ have them as right singular vectors, with values d_i² =
+    N (1 - σ_i²): in a narrow cone they keep the digits that 1 - σ_i² loses.
     """
     a, b = pairs.quaternions
-    M_pairs = left_matrix(a) @ right_matrix(conjugate(b))
-    M = M_pairs.mean(axis=1)
     T, N = a.shape[:2]
-    stacked = np.swapaxes(M_pairs - M[:, None], -1, -2).reshape(T, 4 * N, 4)
-    _, d, Vt = np.linalg.svd(triangle(stacked))
-    d, basis = d[:, ::-1], np.swapaxes(Vt[:, ::-1], -1, -2)
-    loss = (d**2 - d[:, :1] ** 2) / (N - d[:, :1] ** 2)
+    M = (np.swapaxes(a, -1, -2) @ b / N).reshape(T, 16) @ _MOMENTS
+    M = M.reshape(T, 4, 4)
+    rest, basis = np.linalg.eigh(np.eye(4) - M @ np.swapaxes(M, -1, -2))
+    narrow = ~(rest[:, 1] > LEAST_SQUARE)
+    if narrow.any():
+        M_pairs = left_matrix(a[narrow]) @ right_matrix(conjugate(b[narrow]))
+        stacked = np.swapaxes(M_pairs - M[narrow, None], -1, -2).reshape(-1, 4 * N, 4)
+        _, d, Vt = np.linalg.svd(triangle(stacked))
+        rest[narrow], basis[narrow] = d[:, ::-1] ** 2 / N, np.swapaxes(Vt[:, ::-1], -1, -2)
+    loss = (rest - rest[:, :1]) / (1.0 - rest[:, :1])
     # Row j of the basis is the start e_j: the identity, or else the nearest half turn.
     nearest = np.abs(basis[:, :, 0]).argmax(axis=-1)
     start = np.where(np.abs(basis[:, 0, 0]) < _ORTHOGONAL_START, nearest, 0)

@@ -17,9 +17,10 @@ from __future__ import annotations
 import numpy as np
 
 from calib.robot_world.algebra import (
+    LEAST_SQUARE,
+    LEFT,
+    RIGHT,
     dual_part,
-    left_matrix,
-    right_matrix,
     transform_in_plane,
     transforms,
     triangle,
@@ -27,6 +28,19 @@ from calib.robot_world.algebra import (
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
+
+
+def _rows() -> FloatArray:
+    """Eq. 12 ``(16, 8, 16)`` of each of the units of a, a', b and b'."""
+    rows = np.zeros((4, 4, 8, 16))
+    rows[0, :, :4, 0:4] = rows[0, :, 4:, 4:8] = rows[1, :, 4:, 0:4] = LEFT
+    rows[2, :, :4, 8:12] = rows[2, :, 4:, 12:16] = rows[3, :, 4:, 8:12] = -RIGHT
+    return rows.reshape(16, 8, 16)
+
+
+_ROWS = _rows()
+_PRODUCTS = np.einsum("prc,qrd->pqcd", _ROWS, _ROWS).reshape(256, 256)
+"""Sums of products of columns of Eq. 12, by products of the numbers of a, a', b and b'."""
 
 
 def estimate(pairs: PairSets) -> Estimate:
@@ -52,13 +66,15 @@ def estimate(pairs: PairSets) -> Estimate:
     """
     A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
     a, b = pairs.quaternions
-    rows = np.zeros((T, N, 8, 16))
-    L, R = left_matrix(a), right_matrix(b)
-    rows[..., :4, 0:4] = rows[..., 4:, 4:8] = L
-    rows[..., :4, 8:12] = rows[..., 4:, 12:16] = -R
-    rows[..., 4:, 0:4] = left_matrix(dual_part(A[..., :3, 3], a))
-    rows[..., 4:, 8:12] = -right_matrix(dual_part(B[..., :3, 3], b))
-    plane = np.linalg.svd(triangle(rows.reshape(T, 8 * N, 16)))[2][..., 14:, :]  # (T, 2, 16)
+    dual_a, dual_b = dual_part(A[..., :3, 3], a), dual_part(B[..., :3, 3], b)
+    both = np.concatenate([a, dual_a, b, dual_b], axis=-1)
+    gram = (np.swapaxes(both, -1, -2) @ both).reshape(T, 256) @ _PRODUCTS
+    values, vectors = np.linalg.eigh(gram.reshape(T, 16, 16))
+    plane = np.swapaxes(vectors[..., :2], -1, -2)  # (T, 2, 16)
+    poor = ~(values[:, 2] > LEAST_SQUARE * values[:, -1])
+    if poor.any():
+        rows = np.tensordot(both[poor], _ROWS, 1).reshape(-1, 8 * N, 16)
+        plane[poor] = np.linalg.svd(triangle(rows))[2][..., 14:, :]
     solution = _unit_combination(plane).reshape(T, 4, 4)
     return Estimate(
         transforms(solution[:, 0], solution[:, 1]), transforms(solution[:, 2], solution[:, 3])

@@ -19,6 +19,7 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import (
+    LEAST_SQUARE,
     apply_matrix,
     kronecker,
     least_squares,
@@ -75,11 +76,53 @@ def _solve_rows(pairs: PairSets, length: FloatArray) -> tuple[FloatArray, FloatA
     ``k_i = R_A ⊗ R_B`` and its mean K, the rotation rows become ``vec R_X = Kᵀ vec R_Z`` and
     ``(k_i - K)ᵀ vec R_Z = 0``: 12 unknowns in place of 24.
     """
+    T, N, K = pairs.T, pairs.N, pairs.kronecker_mean
+    numbers = [
+        pairs.p_B.reshape(3, T, N),
+        pairs.R_A.reshape(9, T, N),
+        pairs.p_A.reshape(3, T, N),
+    ]
+    moved = np.concatenate(numbers).transpose(1, 0, 2)
+    moved = moved - moved.mean(axis=-1, keepdims=True)
+    products = (moved @ np.swapaxes(moved, -1, -2)).reshape(T, 225) @ _PRODUCTS
+    gram = products.reshape(T, 13, 13) / (length**2)[:, None, None]
+    # the k_i are orthogonal: the products of the rows (k_i - K)ᵀ add up to N (1 - K Kᵀ)
+    gram[:, :9, :9] += N * (np.eye(9) - K @ np.swapaxes(K, -1, -2))
+    values, vectors = np.linalg.eigh(gram[:, :12, :12])
+    poor = ~(values[:, 0] > LEAST_SQUARE * values[:, -1])
+    along = (gram[:, None, 12, :12] @ vectors)[:, 0] / np.where(poor[:, None], 1.0, values)
+    solution = apply_matrix(vectors, along)
+    if poor.any():
+        sets = PairSets(pairs.A[poor], pairs.B[poor])
+        solution[poor] = _by_factorisation(sets, K[poor], length[poor])
+    vec_Z = solution[:, :9]
+    return apply_matrix(np.swapaxes(K, -1, -2), vec_Z), vec_Z, solution[:, 9:]
+
+
+def _rows() -> FloatArray:
+    """Translation rows of Eq. 19 ``(15, 3, 13)``, the right side last, of each unit.
+
+    Of p_B, of the columns of R_A, and of p_A.
+    """
+    rows = np.zeros((15, 3, 13))
+    for axis in range(3):
+        rows[:3, axis, 3 * axis : 3 * axis + 3] = np.eye(3)  # 1 ⊗ p_Bᵀ is block diagonal
+        for column in range(3):
+            rows[3 + 3 * column + axis, axis, 9 + column] = -1.0
+        rows[12 + axis, axis, 12] = 1.0
+    return rows
+
+
+_PRODUCTS = np.einsum("prc,qrd->pqcd", _rows(), _rows()).reshape(225, 169)
+"""Sums of products of columns of these rows, by products of the numbers."""
+
+
+def _by_factorisation(pairs: PairSets, K: FloatArray, length: FloatArray) -> FloatArray:
+    """The unknowns ``(T, 12)`` of some sets, whatever their condition."""
     A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
     R_A, p_A, p_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
-    K = pairs.kronecker_mean
-    deviation = kronecker(A, B) - K[:, None]
     rows = np.zeros((T, 9 + 3 * N, 12))
+    deviation = kronecker(A, B) - K[:, None]
     rows[:, :9, :9] = triangle(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9))
     p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
     translation = rows[:, 9:].reshape(T, N, 3, 12)
@@ -90,6 +133,4 @@ def _solve_rows(pairs: PairSets, length: FloatArray) -> tuple[FloatArray, FloatA
     right_side = np.zeros((T, 9 + 3 * N))
     centred = p_A - p_A.mean(axis=1, keepdims=True)
     right_side[:, 9:] = (centred / length[:, None, None]).reshape(T, 3 * N)
-    solution = least_squares(rows, right_side)
-    vec_Z = solution[:, :9]
-    return apply_matrix(np.swapaxes(K, -1, -2), vec_Z), vec_Z, solution[:, 9:]
+    return least_squares(rows, right_side)

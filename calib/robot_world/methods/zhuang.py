@@ -18,7 +18,10 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import (
+    conjugate,
     least_squares,
+    left_matrix,
+    right_matrix,
 )
 from calib.robot_world.closed_form import assemble
 from calib.robot_world.pairs import PairSets, own_order
@@ -59,17 +62,19 @@ def estimate(pairs: PairSets) -> Estimate:
     that no reference avoids then loses weight, where the literal form would let it outweigh all
     others. Without noise none of this changes the answer.
     """
-    A, B = pairs.A, pairs.B
-    R_base = se3.rotation_from_quaternion(_reference(A))
+    a, b = pairs.quaternions
+    reference = _reference(pairs.A, a)
     R_X, R_Z = pairs.rotations
     # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
-    R_target = np.swapaxes(R_Z, -1, -2) @ R_base
-    to_base, to_target = np.swapaxes(R_base, -1, -2), np.swapaxes(R_target, -1, -2)
-    A_turned = _turn(A, to_base, np.eye(3)[None])
-    B_turned = _turn(B, to_target, np.swapaxes(R_X, -1, -2))
-    x, z = _solve_quaternions(*PairSets(A_turned, B_turned).quaternions, divide=False)
+    x, z = pairs.quaternions_of_rotations
+    to_base = left_matrix(conjugate(reference))
+    to_target = to_base @ left_matrix(z) @ right_matrix(conjugate(x))
+    x, z = _solve_quaternions(
+        a @ np.swapaxes(to_base, -1, -2), b @ np.swapaxes(to_target, -1, -2), divide=False
+    )
+    R_base = se3.rotation_from_quaternion(reference)
     R_X = se3.rotation_from_quaternion(x) @ R_X
-    R_Z = R_base @ se3.rotation_from_quaternion(z) @ to_target
+    R_Z = R_base @ se3.rotation_from_quaternion(z) @ np.swapaxes(R_base, -1, -2) @ R_Z
     return Estimate(*assemble(pairs, R_X, R_Z))
 
 
@@ -82,12 +87,6 @@ def estimate_literal(pairs: PairSets) -> Estimate:
     x, z = _solve_quaternions(*pairs.quaternions, divide=True)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
     return Estimate(*assemble(pairs, R_X, R_Z))
-
-
-def _turn(T: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
-    """Transforms with the rotations ``left R right``; the translations play no part here."""
-    rotation = left[:, None] @ T[..., :3, :3] @ right[:, None]
-    return se3.transform(rotation, np.zeros(3))
 
 
 def _solve_quaternions(
@@ -121,7 +120,7 @@ def _outer(u: FloatArray, v: FloatArray) -> FloatArray:
     return u[..., :, None] * v[..., None, :]
 
 
-def _reference(A: FloatArray) -> FloatArray:
+def _reference(A: FloatArray, a: FloatArray) -> FloatArray:
     """Unit quaternions ``(T, 4)`` of orientations that are half a turn away from no pose.
 
     The mean orientation, as long as it is safe; otherwise, of the poses themselves and of mixtures
@@ -129,21 +128,22 @@ def _reference(A: FloatArray) -> FloatArray:
     is led by the smallest a_0, as the smallest alone would be, but two poses that are each other's
     nearest do not tie, so the order of the pairs decides nothing.
     """
-    a = se3.quaternion_from_rotation(A[..., :3, :3])
     axes = np.linalg.eigh(np.swapaxes(a, -1, -2) @ a)[1]  # columns, ascending: last is the mean
     mean = np.ascontiguousarray(axes[..., 3])
     safe = np.abs(a @ mean[..., None]).min(axis=(-2, -1)) > _SAFE_SCALAR
     if safe.all():
         return mean
     mixtures = np.array(list(itertools.product([1.0], [1.0, -1.0], [1.0, -1.0], [1.0, -1.0]))) / 2.0
-    poses = np.take_along_axis(a, _spread(A)[..., None], axis=1)
-    candidates = np.concatenate(
-        [mean[:, None], poses, mixtures @ np.swapaxes(axes, -1, -2)], axis=1
-    )
-    squares = (candidates @ np.swapaxes(a, -1, -2)) ** 2
-    score = 1.0 / (1.0 / np.maximum(squares, _SMALLEST_SCALAR)).mean(axis=-1)
-    best = score.argmax(axis=-1)[:, None, None]
-    return np.where(safe[:, None], mean, np.take_along_axis(candidates, best, axis=1)[:, 0])
+    unsafe = np.flatnonzero(~safe)
+    # set by set: what it takes stays in the cache
+    for one, tried in zip(unsafe.tolist(), _spread(A[unsafe]), strict=True):
+        poses = a[one, tried]
+        candidates = np.concatenate([mean[one, None], poses, mixtures @ axes[one].T])
+        squares = candidates @ a[one].T
+        squares *= squares
+        np.maximum(squares, _SMALLEST_SCALAR, out=squares)
+        mean[one] = candidates[np.reciprocal(squares, out=squares).sum(axis=-1).argmin()]
+    return mean
 
 
 def _spread(A: FloatArray) -> IntArray:

@@ -12,6 +12,7 @@ from posedesign.cell import Cell, cell_template
 from posedesign.files import Results, write_text_atomic
 from posedesign.identification import Identified
 from posedesign.pairs import SolverOutcome
+from posedesign.pairs.tables import ROBOT_WORLD
 from posedesign.planning import PosePlan
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import WrittenProgram, program_options, write_program
@@ -21,7 +22,6 @@ from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,
     POSES,
-    ROBOT_WORLD,
     ROUNDS,
     STUDY,
     TOUCH_UPS,

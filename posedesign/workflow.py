@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.robot_world import PAPER_METHODS, Noise, NoiseShown, PairNoise
+from calib.robot_world import Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import MEASURED, Claim, Results, head_of, origin_of, write_json_atomic
 from posedesign.files.csv_tables import write_table
@@ -23,8 +23,8 @@ from posedesign.identification import Identified, identify_models, results_as_di
 from posedesign.identification.comparison import without_repeats
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
-from posedesign.pairs import Pairs, SolverOutcome, read_pairs, solve_pairs, write_pairs
-from posedesign.pairs.tables import write_outcomes
+from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
+from posedesign.pairs.tables import DEFAULT_METHODS, solve_and_write
 from posedesign.planning import Margins, PosePlan, check_fit, displayed, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
@@ -44,7 +44,6 @@ ROUNDS = ("rounds.csv", "rounds of a plan")
 TOUCH_UPS = ("touchups.csv", "touch-ups")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
-ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
 STUDY = (
     ("accuracy_vs_condition.csv", "accuracy study"),
     ("accuracy_vs_condition.png", "accuracy study"),
@@ -285,9 +284,6 @@ def identify_file(
     return identified
 
 
-DEFAULT_METHODS = ("ml", "ml-robust", *PAPER_METHODS)
-
-
 def solve_file(
     pairs: Path,
     out: Path | Results,
@@ -296,35 +292,6 @@ def solve_file(
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
     return solve_and_write(read_pairs(pairs), out, methods, noise, inputs=[pairs])
-
-
-def solve_and_write(
-    pairs: Pairs,
-    out: Path | Results,
-    methods: Sequence[str] = DEFAULT_METHODS,
-    noise: Noise | NoiseShown | None = None,
-    advance: Advance = lambda what, part: None,
-    inputs: Sequence[Path] = (),
-    *,
-    estimate_scale: bool = False,
-) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
-
-    ``advance`` is called with what is being done and the part of all work that is done.
-
-    Raises
-    ------
-    InputError
-        An unknown method.
-    NotIdentifiableError
-        No method has an answer because the motions do not allow one.
-    """
-    answers, residuals = Results.of(out, "robot-world").claim(
-        "computed", *ROBOT_WORLD, inputs=inputs
-    )
-    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
-    write_outcomes(answers, residuals, pairs, outcomes)
-    return outcomes
 
 
 def camera_noise(cell: Cell) -> PairNoise:

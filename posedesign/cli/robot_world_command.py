@@ -230,7 +230,7 @@ def _solved(
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
     from posedesign.pairs.results import certified
-    from posedesign.workflow import solve_and_write
+    from posedesign.pairs.tables import solve_and_write
 
     shown: AbstractContextManager[Advance] = (
         nullcontext(_say_nothing) if quiet else progress("A X = Z B")
@@ -389,14 +389,14 @@ def _print_transform(
     outcomes: Sequence[SolverOutcome],
 ) -> None:
     """X or Z by every method, with the largest of its standard deviations."""
+    from posedesign.files.measurements import PLACE, TURN
     from posedesign.pairs.tables import largest_sigma
-    from posedesign.planning.poses_file import POSE_AXES
 
     shown = []
     for row, outcome in zip(rows, outcomes, strict=True):
         place, turn = largest_sigma(outcome, letter)
         line = {key: row[key] for key in ("method", "status")}
-        line |= {axis: row[f"{letter}_{axis}"] for axis in POSE_AXES}
+        line |= {axis: row[f"{letter}_{axis}"] for axis in (*PLACE, *TURN)}
         shown.append(line | {"sigma_mm": place, "sigma_deg": turn})
     print_table(title, shown)
 

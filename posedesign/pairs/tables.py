@@ -3,29 +3,66 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from calib.robot_world import PairNoise, RobotWorldResult, result_to_opencv
+from calib.robot_world import (
+    PAPER_METHODS,
+    Noise,
+    NoiseShown,
+    PairNoise,
+    RobotWorldResult,
+    result_to_opencv,
+)
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.files import StrPath
+from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import PLACE, TURN
 from posedesign.pairs.certificate import FRAMES, Camera, Proof
 from posedesign.pairs.file import Pairs
-from posedesign.pairs.results import SolverOutcome, places_of
+from posedesign.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
 
 _SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *PLACE)
 
 
-def write_outcomes(
-    answers: StrPath, residuals: StrPath, pairs: Pairs, outcomes: Sequence[SolverOutcome]
-) -> None:
-    """Write ``robot_world.csv``, one row a method, and ``robot_world_pairs.csv``, one a pair."""
+ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
+"""Names of the files, and what they say that they are."""
+
+DEFAULT_METHODS = ("ml", "ml-robust", *PAPER_METHODS)
+
+
+def solve_and_write(
+    pairs: Pairs,
+    out: Path | Results,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    noise: Noise | NoiseShown | None = None,
+    advance: Advance = lambda what, part: None,
+    inputs: Sequence[Path] = (),
+    *,
+    estimate_scale: bool = False,
+) -> tuple[SolverOutcome, ...]:
+    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
+
+    One row a method, and one a pair. ``advance`` is called with what is being done and the part of
+    all work that is done.
+
+    Raises
+    ------
+    InputError
+        An unknown method.
+    NotIdentifiableError
+        No method has an answer because the motions do not allow one.
+    """
+    answers, residuals = Results.of(out, "robot-world").claim(
+        "computed", *ROBOT_WORLD, inputs=inputs
+    )
+    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
     rows = [solver_row(outcome) for outcome in outcomes]
     write_table(answers, list(rows[0]), rows)
     each = [row for outcome in outcomes for row in pair_rows(pairs, outcome)]
     write_table(residuals, list(each[0]), each)
+    return outcomes
 
 
 def solver_row(outcome: SolverOutcome) -> dict[str, object]:

@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
+from calib.robot_world import (
+    METHODS,
+    PAPER_METHODS,
+    PairNoise,
+    add_noise,
+    random_problems,
+    solve,
+    solve_batch,
+)
 from calib.se3 import FloatArray
 from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot
@@ -134,6 +142,30 @@ def test_cost_grows_linearly(benchmark, capsys, method, what):
     benchmark.extra_info["time ratio for 4x"] = four / once
     benchmark.pedantic(call(more), rounds=2)
     assert four / once < LINEAR
+
+
+@pytest.mark.parametrize("method", ["ml", "ml-robust", *PAPER_METHODS])
+def test_all_that_is_said_of_thousands_of_pairs(capsys, method):
+    """Answer, covariance, residuals of pairs left out and doubts: at most linear in the pairs.
+
+    Of the six methods together to be below 2 s for 1,000 pairs, and 10 s for 5,000.
+    """
+
+    def call(N: int) -> Call:
+        A, B = (T[0] for T in pairs(1, N))
+
+        def say() -> None:
+            found = solve(A, B, method)
+            assert found.covariance is not None
+            assert np.isfinite(found.left_out_residuals).all()
+            assert found.warnings is not None
+
+        return say
+
+    (few, _), (many, _) = in_turns(call(1_000), call(4_000), turns=1, rounds=2)
+    with capsys.disabled():
+        print(f"\n{method}: 1,000 pairs {few:.2f} s, 4,000 over it {many / few:.2f}")
+    assert many < LINEAR * few
 
 
 @pytest.fixture(scope="module")

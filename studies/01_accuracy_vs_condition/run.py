@@ -6,16 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
-from scipy.stats import linregress, spearmanr
-from scipy.stats import norm as normal
-from scipy.stats import t as student
 
 from calib.identification import covariance_of, identify_batch
 from calib.robot_world import solve_batch
@@ -29,6 +22,12 @@ from posedesign.workflow import camera_noise
 from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from studies.writing import save, trials_of, write_figures, write_rows
+
+# what tables and figures need is imported where they are made: workers need not wait for it
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 OFFSET = "offset_deg"
 TOOL = "tool_mm"
@@ -189,6 +188,9 @@ def relations(rows: pd.DataFrame, solvers: Sequence[str]) -> list[dict[str, Any]
     .. [BonettWright2000] D. G. Bonett, T. A. Wright, Sample size requirements for estimating
        Pearson, Kendall and Spearman correlations, Psychometrika 65.
     """
+    from scipy.stats import linregress, spearmanr
+    from scipy.stats import t as student
+
     found = []
     for preset, part in rows.groupby("preset", sort=False):
         for estimator, quantity, column in _columns(solvers):
@@ -228,6 +230,8 @@ def _columns(solvers: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def _rank_interval(rank: float, count: int) -> tuple[float, float]:
+    from scipy.stats import norm as normal
+
     if abs(rank) >= 1.0 or count < 4:
         return rank, rank  # Fisher's z has no interval there
     half = normal.ppf(0.975) * np.sqrt((1.0 + rank**2 / 2.0) / (count - 3))
@@ -243,6 +247,8 @@ MARKERS = ("o", "s", "^", "D", "v", "x")
 
 def draw_identification(rows: pd.DataFrame) -> Figure:
     """Spread of the offset and error of the tool point against C_G, a colour for each arm."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     for (preset, part), colour, marker in zip(
@@ -282,6 +288,8 @@ def draw_identification(rows: pd.DataFrame) -> Figure:
 
 def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
     """Error of X against C_G, a panel for each arm, a colour for each solver."""
+    from matplotlib.figure import Figure
+
     presets = list(dict.fromkeys(rows["preset"]))
     figure = Figure(figsize=(3.1 * len(presets), 6.2), layout="constrained")
     axes = figure.subplots(2, len(presets), sharex="col", squeeze=False)
@@ -323,6 +331,8 @@ def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
 
 
 def _logarithmic(panel: Axes) -> None:
+    from matplotlib.ticker import NullFormatter
+
     panel.set_xscale("log")
     panel.set_yscale("log")
     for axis in (panel.xaxis, panel.yaxis):
@@ -343,6 +353,8 @@ SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
 
 def study(options: Options) -> dict[str, Any]:
     """What does a lower condition number buy? A trial is one data set of each pose set."""
+    import pandas as pd
+
     settings = SETTINGS | {"trials": trials_of(options, SETTINGS["trials"])}
     options.advance("planning", 0.0)
     grid = Grid(conditions(settings), settings["trials"], settings["batch"], settings["seed"])
@@ -366,6 +378,8 @@ def study(options: Options) -> dict[str, Any]:
 
 def plot(folder: Path) -> list[Path]:
     """Draw what the tables of a folder say."""
+    import pandas as pd
+
     rows = pd.read_csv(folder / SETS)
     return [
         *save(draw_identification(rows), folder, "accuracy_vs_condition"),

@@ -5,6 +5,7 @@ import pytest
 from scipy import optimize
 
 from calib import se3
+from calib.batch_last import columns_of, quaternions_of
 from calib.robot_world import (
     METHODS,
     PairNoise,
@@ -24,7 +25,7 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.methods import dornaika_horaud, hirsh, li_kronecker
+from calib.robot_world.methods import dornaika_horaud, hirsh, li_dual_quaternion, li_kronecker
 from calib.robot_world.noise import perturb
 from calib.robot_world.results import Estimate
 
@@ -418,3 +419,28 @@ def test_poses_that_hardly_tilt_cost_no_digits():
     )
     by_mean = np.array([nearest(v.reshape(3, 3)) for v in np.linalg.svd(mean)[2][:, 0]])
     assert np.abs(by_mean - problems.X[:, :3, :3]).max() > 1e-9
+
+
+@pytest.mark.parametrize("method", [hirsh, li_kronecker, li_dual_quaternion])
+def test_sums_of_products_tell_as_much_as_all_rows(method, monkeypatch):
+    """Where they do not, in a narrow cone, the rows are factorised: the same as ever."""
+    A, B, _ = noisy(3, 4, 20)
+    sums = method.estimate(PairSets(A, B))
+    A_narrow, B_narrow, _ = noisy(3, 4, 20, cone_deg=2.0)
+    narrow = method.estimate(PairSets(A_narrow, B_narrow))
+    monkeypatch.setattr(method, "LEAST_SQUARE", np.inf)
+    for found, sides in ((sums, (A, B)), (narrow, (A_narrow, B_narrow))):
+        rows = method.estimate(PairSets(*sides))
+        np.testing.assert_allclose(found.X, rows.X, atol=1e-11)
+        np.testing.assert_allclose(found.Z, rows.Z, atol=1e-11)
+    np.testing.assert_array_equal(narrow.X, rows.X)
+
+
+def test_quaternions_of_many_rotations_are_those_of_each():
+    rng = np.random.default_rng(4)
+    R = se3.rotation_exp(rng.uniform(-3.0, 3.0, (200, 3)))
+    R[:4] = np.eye(3), np.diag([1, -1, -1]), np.diag([-1, 1, -1]), np.diag([-1, -1, 1])
+    q = quaternions_of(columns_of(R)).T
+    np.testing.assert_allclose(se3.rotation_from_quaternion(q), R, atol=1e-15 * 4)
+    assert (q[:, 0] >= 0.0).all()
+    np.testing.assert_allclose(q[4:], se3.quaternion_from_rotation(R[4:]), atol=1e-15 * 4)

@@ -15,9 +15,9 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.language import Language, Statement
+from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions, in_range
-from posedesign.programs.reading import at_rest, joint_deg, refuse
+from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse
 from posedesign.programs.recorded import (
     Level,
     PlanMark,
@@ -46,6 +46,9 @@ LEAST_S = 0.1
 
 USUAL_SPEED_RAD_S = np.pi / 2
 """Joint speed of 100 percent where the robot is not known: no arm's slowest joint is far slower."""
+
+PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
+"""A number as it stands in a program."""
 
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
@@ -196,6 +199,15 @@ class Notes:
             self.rows[row] = int(found[1])
 
 
+def notes_of(text: str, remark: str) -> Notes:
+    """What the remarks of a text say, which begin with this mark."""
+    notes = Notes()
+    for line in lines_of(text):
+        if line.text[: len(remark)] == remark:
+            notes.take(line.row, line.text[len(remark) :])
+    return notes
+
+
 def joints_of(label: str, row: int, texts: Sequence[str], path: Path) -> FloatArray:
     """Joint values ``(6,)`` [deg] as they stand in a file; FileFormatError where they do not."""
     if len(texts) < JOINTS:
@@ -266,6 +278,15 @@ class Standing:
             self.waited = False
         self.moves = (self.moves or moves) and not stops
         self.waited = self.waited or waits
+
+
+def check_joints(row: int, values: Sequence[str], most: int = JOINTS) -> Iterator[Problem]:
+    """Whether these are the joint values of a position: six plain numbers, or up to so many."""
+    plain = [float(value[:99]) for value in values if PLAIN.fullmatch(value)]
+    if len(plain) != len(values) or not JOINTS <= len(plain) <= most:
+        yield Problem(row, "position", f"{len(plain)} plain numbers of {len(values)} values")
+    if any(abs(value) > MOST_JOINT_DEG for value in plain[:JOINTS]):
+        yield Problem(row, "range", f"a joint is beyond +-{MOST_JOINT_DEG:g} deg")
 
 
 def level_of(word: str, known: str, others: str) -> Level:

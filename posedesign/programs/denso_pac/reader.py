@@ -15,15 +15,13 @@ from pathlib import Path
 
 from lark import Token, Tree
 
-from posedesign.programs.joint_programs import Found, Notes, program_of
-from posedesign.programs.language import Language, Line, Statement, lines_of, nodes, text_of
+from posedesign.programs.joint_programs import PLAIN, Found, notes_of, program_of
+from posedesign.programs.language import Language, Line, Statement, nodes, text_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
 
-PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
 _REMARK = re.compile(r"""("[^"\n]*")|'.*|^\s*rem\b.*""", re.I)
-_NOTE = re.compile(r"\s*'\s*(.*)")
 _JOINT = re.compile(r"\s*(move\b.*[,\s]j *\(|\w+ *= *j *\()", re.I)
 
 
@@ -57,10 +55,8 @@ def targets(s: Statement) -> Iterator[tuple[str, Tree[Token]]]:
 
 def parse_denso_pac(data: bytes, path: Path) -> RecordedProgram:
     """Program in the content of a file; FileFormatError where it holds no position."""
-    text, notes = text_of_file(data, path), Notes()
-    for line in lines_of(text):
-        if note := _NOTE.fullmatch(line.text):
-            notes.take(line.row, note[1])
+    text = text_of_file(data, path)
+    notes = notes_of(text, "'")
     found: list[Found] = []
     variables: dict[str, list[str] | None] = {}
     for s in LANGUAGE.statements(text):

@@ -14,8 +14,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from posedesign.programs.denso_pac.reader import LANGUAGE, PLAIN, joints_in, targets
-from posedesign.programs.joint_programs import JOINTS, Standing, judged, level_of
+from posedesign.programs.denso_pac.reader import LANGUAGE, joints_in, targets
+from posedesign.programs.joint_programs import PLAIN, Standing, check_joints, judged, level_of
 from posedesign.programs.language import Block, Statement, block_faults, nodes, text_of
 from posedesign.programs.recorded import Problem
 
@@ -66,8 +66,4 @@ def _check_target(row: int, text: str, values: list[str] | None) -> Iterator[Pro
     if text[0] in '(-".' or text[0].isdigit():
         yield Problem(row, "position", f"{text[:40]} is no position")
     if values is not None:
-        plain = [float(value[:99]) for value in values if PLAIN.fullmatch(value)]
-        if len(plain) != len(values) or not JOINTS <= len(plain) <= 8:
-            yield Problem(row, "position", "no six to eight numbers")
-        if any(abs(value) > 720 for value in plain):
-            yield Problem(row, "range", "a joint is beyond +-720 deg")
+        yield from check_joints(row, values, most=8)

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from lark import Token, Tree
 
-from posedesign.programs.joint_programs import Found, Notes, program_of
-from posedesign.programs.language import Language, Line, Statement, lines_of, nodes, text_of
+from posedesign.programs.joint_programs import PLAIN, Found, notes_of, program_of
+from posedesign.programs.language import Language, Line, Statement, nodes, text_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
@@ -24,9 +24,7 @@ MOVES = ("movej", "amovej")
 MOST_LINES = 300
 """Of one statement."""
 
-PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
 _REMARK = re.compile(r"""("[^"\n]*"|'[^'\n]*')|#.*""")
-_NOTE = re.compile(r"\s*#\s*(.*)")
 
 
 def _joined(lines: Iterator[Line]) -> Iterator[Line]:
@@ -69,10 +67,8 @@ def joints_in(target: Tree[Token]) -> list[str] | None:
 
 def parse_doosan_drl(data: bytes, path: Path) -> RecordedProgram:
     """Program in the content of a file; FileFormatError where it holds no position."""
-    text, notes = text_of_file(data, path), Notes()
-    for line in lines_of(text):
-        if note := _NOTE.fullmatch(line.text):
-            notes.take(line.row, note[1])
+    text = text_of_file(data, path)
+    notes = notes_of(text, "#")
     found: list[Found] = []
     variables: dict[str, list[str] | None] = {}
     for s in LANGUAGE.statements(text):

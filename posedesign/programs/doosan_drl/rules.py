@@ -16,8 +16,8 @@ from pathlib import Path
 
 from lark import Token, Tree
 
-from posedesign.programs.doosan_drl.reader import LANGUAGE, PLAIN, calls
-from posedesign.programs.joint_programs import JOINTS, Standing, judged, level_of
+from posedesign.programs.doosan_drl.reader import LANGUAGE, calls
+from posedesign.programs.joint_programs import PLAIN, Standing, check_joints, judged, level_of
 from posedesign.programs.language import Statement, nodes, text_of
 from posedesign.programs.recorded import Problem
 
@@ -93,13 +93,11 @@ def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[P
     wrong += [value for value in values if re.match(r"\(|.+\WO(N|FF)\b", value)]
     if wrong or not least <= len(values) + len(words) or len(values) > most:
         yield Problem(row, "arguments", f"{name[:40]}: {', '.join(wrong)[:40] or 'not so many'}")
-    plain = [float(value[:99]) for value in values if PLAIN.fullmatch(value)]
-    if name == "posj" and len(values) > 1 and len(plain) != JOINTS:
-        yield Problem(row, "position", "no six numbers")
-    if name == "posj" and any(abs(value) > 720 for value in plain):
-        yield Problem(row, "range", "a joint is beyond +-720 deg")
-    if name == "set_digital_output" and not 1 <= abs((*plain, 1)[0]) <= 16:
-        yield Problem(row, "range", f"{plain[0]:g} is no output")
+    if name == "posj" and len(values) > 1:
+        yield from check_joints(row, values)
+    output = next(filter(PLAIN.fullmatch, values), "1") if name == "set_digital_output" else "1"
+    if not 1 <= abs(float(output[:99])) <= 16:
+        yield Problem(row, "range", f"{output[:20]} is no output")
 
 
 def _check_indents(rows: list[str], statements: list[Statement]) -> Iterator[Problem]:

@@ -17,7 +17,14 @@ from pathlib import Path
 
 from lark import Tree
 
-from posedesign.programs.joint_programs import JOINTS, Standing, judged, level_of
+from posedesign.programs.joint_programs import (
+    JOINTS,
+    PLAIN,
+    Standing,
+    check_joints,
+    judged,
+    level_of,
+)
 from posedesign.programs.kawasaki_as.reader import LANGUAGE
 from posedesign.programs.language import Block, Statement, block_faults, nodes, text_of
 from posedesign.programs.recorded import Problem
@@ -70,8 +77,8 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
     for s, name, values in listed:
         if counts[name] > 1 or (name[0] == "#" and len(values) != size):
             yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
-        elif name[0] == "#" and any(abs(float(v[:99])) > 720 for v in values[:JOINTS]):
-            yield Problem(s.row, "range", f"{name[:40]} has a joint beyond +-720 deg")
+        elif name[0] == "#":
+            yield from check_joints(s.row, values, most=size)
         if name.partition("[")[0] in arrays and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
     known = {*counts, *(_places(s)[0] for s in statements if s.kind in ("here", "point"))}
@@ -93,8 +100,8 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
             speed = speed if speed == "always" else ""
         if s.kind == "speed":
             speed = "always" if s.word("ALWAYS") else "once"
-        if re.fullmatch(r"\d{1,9}(\.\d*)?|\.\d+", first) and not s.word("UNIT"):
-            if s.kind == "speed" and not 0.01 <= float(first) <= 100:
+        if PLAIN.fullmatch(first) and not s.word("UNIT"):
+            if s.kind == "speed" and not 0.01 <= float(first[:99]) <= 100:
                 yield Problem(s.row, "range", "a speed is from 0.01 to 100 percent")
             if s.kind == "pulse" and not re.fullmatch(r"[1-9]\d{0,2}", first):
                 yield Problem(s.row, "range", f"{first[:20]} is no output")

@@ -9,6 +9,7 @@ from calib import se3
 from calib.errors import InputError, RobotModelError
 from calib.robots import POSITIVE_AXES, Robot, SerialChain, preset_names
 from calib.robots.controller import controller_of
+from tests.arms import DESCRIPTIONS, robot_of
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -78,6 +79,23 @@ def test_kuka_signs():
     turned = robot.fk(robot.controller.posture([30.0, -90.0, 90.0, 0.0, 0.0, 0.0]))
     # A1 = 30 turns the arm clockwise, seen from above: to negative y
     assert np.rad2deg(np.arctan2(turned[1, 3], turned[0, 3])) == pytest.approx(-30.0, abs=1e-9)
+
+
+def test_kawasaki_signs():
+    """JT1 counts clockwise seen from above, and JT2 lays the arm to the front, along y."""
+    robot = robot_of("kawasaki")
+    assert robot.controller is not None
+    T = robot.fk(robot.controller.posture([[30.0, 90.0, 0.0, 0.0, 0.0, 0.0], [0.0] * 6]))
+    front = (0.355 + 0.0925 + 0.2825 + 0.078) * np.array([np.sin(np.pi / 6), np.cos(np.pi / 6)])
+    np.testing.assert_allclose(T[0, :3, 3], [*front, 0.36], atol=1e-9)
+    np.testing.assert_allclose(T[1, :3, 3], [0.0, 0.0, 1.168], atol=1e-9)
+
+
+@pytest.mark.parametrize("maker", DESCRIPTIONS)
+def test_descriptions_of_the_makers_have_the_signs_of_their_controllers(maker):
+    controller = robot_of(maker).controller
+    assert controller is not None
+    assert not controller.differs
 
 
 def test_universal_robots_count_positions_in_a_turned_base():

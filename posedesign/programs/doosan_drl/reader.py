@@ -21,9 +21,7 @@ from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
 
 MOVES = ("movej", "amovej")
-MOST_LINES = 300
-"""Of one statement."""
-
+_MOST_LINES = 300  # of one statement
 _REMARK = re.compile(r"""("[^"\n]*"|'[^'\n]*')|#.*""")
 
 
@@ -32,7 +30,7 @@ def _joined(lines: Iterator[Line]) -> Iterator[Line]:
     row, parts, opened = 0, list[str](), 0
     for line in lines:
         text = _REMARK.sub(lambda found: found[1] or "", line.text).rstrip()
-        if opened <= 0 or len(parts) > MOST_LINES:
+        if opened <= 0 or len(parts) > _MOST_LINES:
             if parts:
                 yield Line(row, " ".join(parts))
             row, parts, opened = line.row, [], 0

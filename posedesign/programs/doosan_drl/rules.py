@@ -1,10 +1,10 @@
 """Doosan DRL programs: the rules that a program is checked by.
 
 ``syntax``: statements are as in the grammar. ``indent``: blocks are indented as in Python.
-``name``: functions and variables are known; unknown ones are noted where they are not nearly known.
-``arguments``: functions have the arguments that they take. ``position``: ``posj`` has six numbers.
-``range``: joints within +-720 deg, outputs from 1 to 16. ``standstill``, ``wait-to-measure``: a
-move that is not blended, and a wait, before an output is set or a function of the program called.
+``name``: functions and variables are known; others are noted where they are not nearly known.
+``arguments``: functions have those that they take. ``position``, ``range``: ``posj`` has six
+numbers within +-720 deg, outputs are from 1 to 16. ``standstill``, ``wait-to-measure``: a move that
+is not blended, and a wait, before an output is set or a function of the program called.
 """
 
 from __future__ import annotations

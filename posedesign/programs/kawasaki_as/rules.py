@@ -1,11 +1,10 @@
 """Kawasaki AS programs: the rules that a program is checked by.
 
 ``syntax``: lines are as in the grammar; other instructions are noted. ``block``: sections, loops
-and branches are closed. ``position``: as many plain values each, six at least, each name once.
-``range``: joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999.
-``target``: moves go to positions that are in the file, where it has lists. ``standstill``: BREAK
-behind each move. ``wait-to-measure``: a wait between BREAK and what measures. ``speed``: set for
-each move. ``unused``: all positions of an array are moved to.
+and branches are closed. ``position``, ``range``: as many plain values each, six at least, joints
+within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. ``target``: moves go to
+positions that are in the file, where it has lists. ``standstill``, ``wait-to-measure``: BREAK
+behind each move, and a wait. ``speed``: set for each move. ``unused``: all of an array is moved to.
 """
 
 from __future__ import annotations

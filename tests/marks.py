@@ -9,3 +9,8 @@ import pytest
 def rest_in_full(values: Iterable[Any], often: Collection[Any]) -> list[Any]:
     """Parameters of a slow test: those named here always, the others when all there is is run."""
     return [v if v in often else pytest.param(v, marks=pytest.mark.full) for v in values]
+
+
+def rest_in_slow(values: Iterable[Any], often: Collection[Any]) -> list[Any]:
+    """Parameters of a test: those named here always, the others when slow tests are asked for."""
+    return [v if v in often else pytest.param(v, marks=pytest.mark.slow) for v in values]

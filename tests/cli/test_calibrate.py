@@ -163,7 +163,11 @@ def test_restart_puts_what_was_measured_aside(cli, cell, rehearsed, tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "name"),
-    [([], "touchups.csv"), ([], "poses.csv"), (["--restart"], "found_cell.toml")],
+    [
+        ([], "touchups.csv"),
+        pytest.param([], "poses.csv", marks=pytest.mark.slow),
+        pytest.param(["--restart"], "found_cell.toml", marks=pytest.mark.slow),
+    ],
 )
 def test_what_a_person_measured_is_never_replaced(refuse, cell, rehearsed, tmp_path, words, name):
     """Beside a journal of ours, imported or by hand; nothing is moved either."""
@@ -211,7 +215,7 @@ def _linked(out: Path, elsewhere: Path) -> None:
 @pytest.mark.parametrize(
     ("at", "done"),
     [
-        ("touch-up S03", _linked),
+        pytest.param("touch-up S03", _linked, marks=pytest.mark.slow),
         pytest.param("planning", _linked, marks=pytest.mark.slow),
         ("touch-up P02", _removed),
         pytest.param("identifying", _linked, marks=pytest.mark.slow),

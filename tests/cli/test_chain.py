@@ -86,6 +86,7 @@ def test_program_holds_the_planned_poses(cli, work):
     np.testing.assert_allclose(recorded.postures(), planned.postures, atol=np.deg2rad(1e-3))
 
 
+@pytest.mark.slow
 def test_the_same_files_twice(cli, work):
     cell = offsets_only(work / "cell.toml", judged=True)
     chain(cli, cell, work / "one")

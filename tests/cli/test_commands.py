@@ -82,6 +82,7 @@ def test_new_prints_a_cell(cli, preset):
     assert list(written) == [name for name in CellConfig.model_fields if name not in commented]
 
 
+@pytest.mark.slow
 def test_the_cell_that_new_prints_can_be_planned(cli, tmp_path):
     """Of seven joints; all presets are planned in golden tests."""
     (tmp_path / "cell.toml").write_text(cli("new", "--robot", "panda").out)

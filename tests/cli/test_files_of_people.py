@@ -91,6 +91,7 @@ def test_convert_does_not_replace(cli, refuse, inputs, tmp_path, form):
     refuse(*words, tmp_path / "mine.csv").says("does not say where it is from")
 
 
+@pytest.mark.slow
 def test_each_command_runs_over_its_own_files(cli, work):
     cell, out = offsets_only(work / "cell.toml", judged=True), work / "out"
     for line in (

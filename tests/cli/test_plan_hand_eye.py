@@ -67,6 +67,7 @@ def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell):
     assert (given.condition_threshold, given.dwell_s) == (50.0, 20.0)
 
 
+@pytest.mark.slow
 def test_the_fewest_poses_for_an_accuracy(cli, cell, tmp_path):
     wanted = ("--wanted-sigma-mm", 0.05, "--wanted-sigma-deg", 0.02)
     said = cli("plan", cell, "--out", tmp_path / "few", *wanted, "--json")

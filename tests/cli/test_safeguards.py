@@ -139,6 +139,7 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
     assert cli(*words).code == 0
 
 
+@pytest.mark.slow
 def test_a_study_on_an_arm_without_room_for_the_plate(cli, change_cell, work):
     cell = change_cell(
         {

@@ -19,6 +19,7 @@ from posedesign.selection import (
     wanted_deviations,
 )
 from posedesign.selection.search import ENUMERATED
+from tests.marks import rest_in_slow
 
 KINDS = (*CRITERIA, "G")
 
@@ -52,7 +53,7 @@ def criterion_of(kind: str, p: int, n: int):
     return criterion_by_name(kind, p, n)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", rest_in_slow(KINDS, ("D", "C_G", "sigma")))
 @settings(max_examples=25)
 @given(pools())
 def test_no_choice_is_better_than_the_bound(kind, pool):
@@ -91,7 +92,7 @@ def test_no_choice_is_better_than_the_bound(kind, pool):
             assert cost <= min(costs) * (1 + few_digits)
 
 
-@pytest.mark.parametrize("kind", ["D", "C_G", "cond_2", "sigma"])
+@pytest.mark.parametrize("kind", rest_in_slow(["D", "C_G", "cond_2", "sigma"], ("C_G", "sigma")))
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_units_of_columns_do_not_matter(kind, seed):
@@ -121,7 +122,9 @@ def test_the_order_of_candidates_does_not_matter(kind, seed):
     np.testing.assert_array_equal(np.sort(order[moved.indices]), plain.indices)
 
 
-@pytest.mark.parametrize("kind", ["D", "A", "E", "G", "O1", "O5", "C_G"])
+@pytest.mark.parametrize(
+    "kind", rest_in_slow(["D", "A", "E", "G", "O1", "O5", "C_G"], ("D", "C_G"))
+)
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.2, 0.95))
 def test_what_is_called_too_few_is_too_few(kind, seed, share):

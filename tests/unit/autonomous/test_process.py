@@ -182,6 +182,7 @@ def test_a_whole_calibration_is_replayed_without_a_move(cell, whole, tmp_path):
     np.testing.assert_array_equal(again.touch_ups.postures, done.touch_ups.postures)
 
 
+@pytest.mark.slow
 def test_what_the_file_says_of_camera_and_target_is_not_looked_at(cell, whole, tmp_path, make_cell):
     """The same arm, camera and target; a cell that has them somewhere else comes to the same."""
     told = make_cell(

@@ -13,6 +13,7 @@ from posedesign.planning.optimal import Request, refinement
 from posedesign.planning.optimal.refinement import _Refinement, refine
 from posedesign.planning.optimal.request import objective_of
 from posedesign.selection import select
+from tests.marks import rest_in_slow
 
 TILT = np.deg2rad(40.0)
 CRITERIA = ("tcp", "tcp-worst", "sigma:zero_offset.joint_2", "D", "A", "C_G", "cond_2")
@@ -132,7 +133,7 @@ def test_slopes_are_those_of_the_whole_cost(reference, refined, criterion):
     assert compared > 2 * len(inside)
 
 
-@pytest.mark.parametrize("criterion", ["tcp", "D", "C_G"])
+@pytest.mark.parametrize("criterion", rest_in_slow(["tcp", "D", "C_G"], ["tcp"]))
 def test_no_small_turn_helps_any_more(reference, refined, criterion):
     cell, _ = reference
     model, objective, chosen, found = refined(criterion)

@@ -297,6 +297,7 @@ def test_no_scheduler_there(repeated, tmp_path, monkeypatch):
         run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), workers)
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_its_worker_is_named(repeated, tmp_path):
     store = store_in(tmp_path, repeated)
     with pytest.raises(ConvergenceError, match=r"killed 3 times at task .*\b7\b.* is kept"):

@@ -25,7 +25,7 @@ from posedesign.identification.measurement_set_up import check_readings, far_row
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
 from posedesign.pairs.tables import DEFAULT_METHODS, solve_and_write
-from posedesign.planning import Margins, PosePlan, check_fit, displayed, outside_limits, plan
+from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
 from posedesign.planning.optimal.choose import Advance
@@ -96,7 +96,7 @@ def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None
     poses, rounds = claim_plan(results, POSES, ROUNDS)
     result = plan(cell, progress)
     _write_poses(poses, cell, result.poses, result.route, result.indices)
-    rows = round_rows(result)
+    rows = result.round_rows()
     write_table(rounds, list(rows[0]), rows)
     results.remove(VALIDATION)
     return result
@@ -192,25 +192,6 @@ def _write_poses(
         not_checked=cell.not_checked,
         stop_short_mm=cell.config.plan.stop_short_mm,
     )
-
-
-def round_rows(result: PosePlan) -> list[dict[str, object]]:
-    """The rounds of a plan as table rows."""
-    rows = []
-    for turn in result.rounds:
-        row: dict[str, object] = {
-            "round": turn.number,
-            **dict(zip(("d_w_deg", "d_p_deg", "d_r_deg"), turn.variation_deg, strict=True)),
-            "grid": turn.grid,
-            "repaired": turn.repaired,
-            "dropped": turn.dropped,
-            "c_g": turn.c_g,
-            "cond_2_g": turn.cond_2_g,
-        }
-        for name, unit, value in displayed(result.model, turn.sigma):
-            row[f"sigma_{name}_{unit}"] = value
-        rows.append(row)
-    return rows
 
 
 def simulate(

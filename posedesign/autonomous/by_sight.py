@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,8 @@ from posedesign.autonomous.process import (
 )
 from posedesign.cell import Cell
 from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
+from posedesign.report.answer import Answer, Table
+from posedesign.report.identification import answer_of_identification
 from posedesign.simulation import PLATE_PITCH_M, PlateTest, true_cell, true_observer
 from posedesign.simulation.rehearsal import simulated_arms
 from posedesign.workflow import PAIRS, TOUCH_UPS
@@ -107,6 +109,29 @@ class SightResult:
                 row[f"over {1e3 * PLATE_PITCH_M * apart:.0f} mm"] = round(1e3 * value, 4)
             rows.append(row)
         return rows
+
+    def answer(self, files: Sequence[str] = ()) -> Answer:
+        """The answer for people: that of the identification, and how the robot got there."""
+        found = self.calibration
+        answer = answer_of_identification(found.identified, files)
+        count = len(found.touch_ups.names)
+        set_up = Table("Camera and target, found by inching around the target", self.set_up_rows())
+        plate = Table(
+            "Plate of 5 x 5 targets, 100 mm apart: worst error of a distance [mm]",
+            self.plate_rows(),
+        )
+        no_plate = [f"no plate test: {self.plate}"] if isinstance(self.plate, str) else []
+        return replace(
+            answer,
+            figures={
+                "touched up": f"{count} of {count + len(found.missed)} poses",
+                **answer.figures,
+                "planned": found.plan.verdict,
+            },
+            not_checked=found.plan.not_checked,
+            details=[*self.noise_in_words().splitlines(), *no_plate, *answer.details],
+            tables=[set_up, *answer.tables, plate],
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """What a program would want to know; the identification is in its own file."""

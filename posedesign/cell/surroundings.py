@@ -211,16 +211,13 @@ class Whereabouts:
     @property
     def words(self) -> str:
         """All of it in one line."""
-        target, tool = (
-            "(" + ", ".join(f"{1e3 * value + 0.0:.1f}" for value in point.round(6)) + ") mm"
-            for point in (self.target_m, self.tool_m)
-        )
+        place = ", ".join(f"{1e3 * value + 0.0:.1f}" for value in self.target_m.round(6))
         near = "no obstacle is described"
         if self.nearest is not None:
-            near = f"nearest obstacle: {self.nearest[1]}, {1e3 * self.nearest[0]:.1f} mm from it"
+            near = f"nearest obstacle: {self.nearest[1]}, {1e3 * self.nearest[0]:.1f} mm"
         return (
-            f"target {self.target} at {target}, tool point of the base posture at {tool} in "
-            f"{self.frame}, {1e3 * self.apart_m:.1f} mm apart; {near}"
+            f"{self.target} at ({place}) mm in {self.frame}, {1e3 * self.apart_m:.1f} mm from the "
+            f"tool point at the base posture; {near}"
         )
 
     def as_dict(self) -> dict[str, object]:

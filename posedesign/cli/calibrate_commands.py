@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
+    command_line,
     note,
     note_misfit,
     print_json,
-    print_table,
     progress,
+    rehearsed_words,
     results_in,
     say,
-    say_rehearsed,
     show_file,
+    tell,
 )
 from posedesign.cli.plan_commands import (
     LARGEST_SEED,
@@ -27,10 +28,8 @@ from posedesign.cli.plan_commands import (
     OutFolder,
     Overwrite,
     TrustUnits,
+    Verbose,
 )
-
-if TYPE_CHECKING:
-    from posedesign.autonomous import SightResult
 
 
 def register(app: typer.Typer) -> None:
@@ -81,6 +80,7 @@ def identify(
     ],
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    verbose: Verbose = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
@@ -89,22 +89,26 @@ def identify(
     Beside the baselines that leave the robot as it is; each judged by what it did not see.
     """
     from posedesign.cell import Cell
-    from posedesign.cli.identification_output import print_identification
+    from posedesign.report.identification import answer_of_identification
     from posedesign.workflow import identify_file
 
-    identified = identify_file(
-        Cell.load(cell),
-        measurements,
-        results_in(out, "identify", cell, overwrite=overwrite),
-        trust_units=trust_units,
-        warn=lambda text: note(f"warning: {text}"),
-    )
-    say_rehearsed(cell, measurements, as_json=as_json)
+    file = out / "identification.json"
+    with progress("identifying"):
+        identified = identify_file(
+            Cell.load(cell),
+            measurements,
+            results_in(out, "identify", cell, overwrite=overwrite),
+            trust_units=trust_units,
+            warn=lambda text: note(f"warning: {text}"),
+        )
+    rehearsed = rehearsed_words(cell, measurements)
     if as_json:
-        show_file((out / "identification.json").read_text(encoding="utf-8"))
+        note(rehearsed)
+        show_file(file.read_text(encoding="utf-8"))
     else:
-        print_identification(identified)
-        say(f"wrote {out / 'identification.json'}")
+        then = command_line("correct", cell, file) if identified.is_of_this_robot else ""
+        answer = answer_of_identification(identified, [str(file)])
+        tell(answer, verbose=verbose, then=then, first=rehearsed)
     return DONE if identified.is_of_this_robot else NOT_REACHED
 
 
@@ -145,6 +149,7 @@ def calibrate(
     ] = False,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
+    verbose: Verbose = False,
 ) -> int:
     """Calibrate by sight: find camera and target, plan, touch up, identify.
 
@@ -168,33 +173,12 @@ def calibrate(
             warn=lambda text: note(f"warning: {text}"),
         )
     identified = done.calibration.identified
-    if as_json:
-        print_json(done.as_dict())
-    else:
-        if folder is None:
-            say("SIMULATED, not for a robot: this is a rehearsal")
-        print_calibration(done)
-        say(f"everything is in {out}")
+    tell(
+        done.answer([str(out)]),
+        verbose=verbose,
+        then=command_line("correct", cell, out / "identification.json"),
+        first="" if folder else "SIMULATED, not for a robot: this is a rehearsal",
+        content=done.as_dict() if as_json else None,
+    )
     good = done.calibration.plan.reached and not done.calibration.missed
     return DONE if good and identified.is_of_this_robot else NOT_REACHED
-
-
-def print_calibration(done: SightResult) -> None:
-    """Print what was found, what it is worth, and the plate before and after."""
-    from posedesign.cli.identification_output import print_identification
-
-    found = done.calibration
-    print_table("Camera and target, found by inching around the target", done.set_up_rows())
-    for line in done.noise_in_words().splitlines():
-        say(line)
-    say(f"planned: {found.plan.message}")
-    count = len(found.touch_ups.names)
-    say(f"touched up: {count} of {count + len(found.missed)} poses")
-    print_identification(found.identified)
-    if isinstance(done.plate, str):
-        say(f"no plate test: {done.plate}")
-    elif done.plate is not None:
-        print_table(
-            "Plate of 5 x 5 targets, 100 mm apart: worst error of a distance [mm]",
-            done.plate_rows(),
-        )

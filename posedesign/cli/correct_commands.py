@@ -10,15 +10,13 @@ import typer
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
-    note,
     note_misfit,
-    print_json,
-    print_table,
+    progress,
+    rehearsed_words,
     results_in,
-    say,
-    say_rehearsed,
+    tell,
 )
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits, Verbose
 
 if TYPE_CHECKING:
     from posedesign.identification.correction import Correction
@@ -54,6 +52,7 @@ def correct(
     box: Box = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    verbose: Verbose = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
@@ -65,6 +64,7 @@ def correct(
     from posedesign.cell import Cell
     from posedesign.identification.correction import box_of
     from posedesign.identification.correction import correct as run
+    from posedesign.report.corrections import answer_of_correction
 
     loaded = Cell.load(cell)
     done = run(
@@ -78,69 +78,36 @@ def correct(
         box=None if box is None else box_of(loaded, box, None),
         trust_units=trust_units,
     )
-    say_rehearsed(cell, identification, as_json=as_json)
-    if as_json:
-        _print_as_json(done)
-    else:
-        for said in (done.routes.tool.said, *done.notes):
-            if said:
-                note(f"note: {said}")
-        _print_routes(done)
-        print_table(
-            f"Mastering, by the model {done.identified.name!r}",
-            [{k: v for k, v in row.items() if k != "joint"} for row in done.mastering.rows()],
-        )
-        _print_poses(done)
-        say(f"wrote {', '.join(str(path) for path in done.files)}")
+    rehearsed = rehearsed_words(cell, identification)
+    content = _as_dict(done) if as_json else None
+    tell(answer_of_correction(done), verbose=verbose, first=rehearsed, content=content)
     return DONE if done.ok else NOT_REACHED
 
 
-def _print_routes(done: Correction) -> None:
-    routes = done.routes
-    print_table("Expected error of the tool point over the box [mm]", routes.rows())
-    for said in (*routes.remarks(), done.verdict()):
-        say(said)
-
-
-def _print_as_json(done: Correction) -> None:
+def _as_dict(done: Correction) -> dict[str, object]:
     found = done.compensated
-    print_json(
-        {
-            "model": done.identified.name,
-            "simulated": done.rehearsed or None,
-            "box": done.routes.where,
-            "routes": [
-                {**row, "tool_mm": (1e3 * route.tool_m).tolist()}
-                for row, route in zip(done.routes.rows(), done.routes.routes, strict=True)
-            ],
-            "verdict": done.verdict(),
-            "mastering": done.mastering.rows(),
-            "left_out": done.robot.left_out,
-            "poses": []
-            if found is None or done.poses is None
-            else [
-                {"name": n, "status": status, "reason": reason, "error_mm": far * 1e3}
-                for n, status, reason, far in zip(
-                    done.poses.names, found.status, found.reasons, found.error_m, strict=True
-                )
-            ],
-            "notes": [*filter(None, [done.routes.tool.said]), *done.notes],
-            "files": [str(path) for path in done.files],
-        }
-    )
-
-
-def _print_poses(done: Correction) -> None:
-    found, poses = done.compensated, done.poses
-    if found is None or poses is None:
-        return
-    failed = [
-        {"pose": name, "status": status, "reason": reason}
-        for name, status, reason in zip(poses.names, found.status, found.reasons, strict=True)
-        if reason
-    ]
-    print_table("Poses that cannot be corrected", failed)
-    say(f"{len(poses.names) - len(failed)} of {len(poses.names)} postures corrected")
+    return {
+        "model": done.identified.name,
+        "simulated": done.rehearsed or None,
+        "box": done.routes.where,
+        "routes": [
+            {**row, "tool_mm": (1e3 * route.tool_m).tolist()}
+            for row, route in zip(done.routes.rows(), done.routes.routes, strict=True)
+        ],
+        "verdict": done.verdict(),
+        "mastering": done.mastering.rows(),
+        "left_out": done.robot.left_out,
+        "poses": []
+        if found is None or done.poses is None
+        else [
+            {"name": n, "status": status, "reason": reason, "error_mm": far * 1e3}
+            for n, status, reason, far in zip(
+                done.poses.names, found.status, found.reasons, found.error_m, strict=True
+            )
+        ],
+        "notes": [*filter(None, [done.routes.tool.said]), *done.notes],
+        "files": [str(path) for path in done.files],
+    }
 
 
 def predict(
@@ -156,6 +123,7 @@ def predict(
     ] = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    verbose: Verbose = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
@@ -167,6 +135,7 @@ def predict(
     from posedesign.identification.correction import box_of
     from posedesign.identification.correction import predict as run
     from posedesign.planning.poses_file import read_poses
+    from posedesign.report.corrections import answer_of_prediction
 
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)
@@ -175,19 +144,10 @@ def predict(
     )
     note_misfit(poses, listed)
     results = results_in(out, "predict", cell, poses, overwrite=overwrite)
-    found = run(loaded, listed, asked, results, model)
-    if as_json:
-        print_json(
-            {
-                "reference": found.reference,
-                "points": found.rows(),
-                "files": [str(out / "predicted_accuracy.csv")],
-            }
-        )
-    else:
-        print_table("Predicted accuracy of the tool point [mm], one sigma", found.rows())
-        say(found.reference)
-        say(found.summary())
-        say("from the noise alone: what the model leaves out comes on top")
-        say(f"wrote {out / 'predicted_accuracy.csv'}")
+    with progress("predicting"):
+        found = run(loaded, listed, asked, results, model)
+    files = [str(out / "predicted_accuracy.csv")]
+    content = {"reference": found.reference, "points": found.rows(), "files": files}
+    answer = answer_of_prediction(found, files)
+    tell(answer, verbose=verbose, content=content if as_json else None)
     return DONE

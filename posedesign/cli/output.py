@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+from posedesign.report.answer import Line
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from calib.model import CalibrationModel
     from posedesign.cell import Cell
     from posedesign.files import Results
     from posedesign.planning import PoseList
+    from posedesign.report.answer import Answer
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -90,8 +94,9 @@ def print_json(content: object) -> None:
 
 
 def note(text: str) -> None:
-    """Say something that is not the result, on standard error."""
-    print(plain(text), file=sys.stderr)
+    """Say something that is not the result, on standard error; nothing of an empty text."""
+    if text:
+        print(plain(text), file=sys.stderr)
 
 
 def note_misfit(path: Path, listed: PoseList) -> None:
@@ -110,18 +115,70 @@ def results_in(
     return Results(out, command, read, overwrite, lambda text: note(f"note: {text}"), remakes)
 
 
-def say_rehearsed(*inputs: Path | None, as_json: bool) -> None:
-    """Say before any result that one of the files read is of a simulated robot."""
+def rehearsed_words(*inputs: Path | None) -> str:
+    """What to say before any result where one of the files read is of a simulated robot."""
     from posedesign.files import rehearsed
 
-    said = rehearsed(inputs)
-    if said:
-        print(plain(said), file=sys.stderr if as_json else sys.stdout)
+    return rehearsed(inputs)
+
+
+def tell(
+    answer: Answer,
+    *,
+    verbose: bool = False,
+    then: str = "",
+    first: str = "",
+    content: object = None,
+) -> None:
+    """Print an answer: what fits at a glance, or all of it with its tables.
+
+    Warnings and notes go to standard error. With ``content`` that is printed, as JSON, in place of
+    the result; what was not checked then goes to standard error as well.
+    """
+    if content is not None:
+        note(first)
+        print_json(content)
+        for line in answer.all_lines():
+            if line.is_remark:
+                _print_line(line, sys.stderr)
+        return
+    if verbose:
+        for text in Line("", first).wrapped(plain) if first else ():
+            print(text)
+        for table in answer.tables:
+            print_table(table.title, table.rows)
+        lines = replace(answer, then=then).all_lines()
+    else:
+        lines = replace(answer, then=then, first=first).short("see --verbose")
+    for line in lines:
+        _print_line(line, sys.stdout if line.goes_with_result else sys.stderr)
+
+
+def _print_line(line: Line, stream: TextIO) -> None:
+    for text in line.wrapped(plain):
+        print(text, file=stream, flush=True)
+
+
+def command_line(*words: object) -> str:
+    """A command as a person types it, paths quoted where they have to be."""
+    return "posedesign " + " ".join(shlex.quote(str(word)) for word in words)
+
+
+@contextmanager
+def knowing(cell: Cell) -> Iterator[None]:
+    """Say what is to be known of a cell before the error that ends work on it."""
+    from calib.errors import CalibError
+
+    try:
+        yield
+    except CalibError:
+        say_what_to_know(cell)
+        raise
 
 
 def say_what_to_know(cell: Cell) -> None:
     """Say where the target of a cell is, what was decided, what is odd, and what is not checked."""
-    note(cell.whereabouts.words)
+    note(f"target: {cell.whereabouts.words}")
     for said in cell.notices:
         note(f"note: {said}")
     for said in cell.not_checked:
@@ -176,10 +233,3 @@ def _shown(value: object) -> str:
             return "-" if math.isnan(value) else "inf"
         return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
     return plain(str(value))
-
-
-def explain_frames(model: CalibrationModel) -> None:
-    """Say which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
-    if model.measurement.name == "camera-pose":
-        say("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
-        say("target: Z = T_base_target, along and about the axes of the base and of the target")

@@ -11,20 +11,24 @@ import typer
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
+    command_line,
+    knowing,
     note,
     note_misfit,
     print_json,
-    print_table,
+    progress,
+    rehearsed_words,
     results_in,
     say,
-    say_rehearsed,
-    say_what_to_know,
+    tell,
 )
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits, Verbose
 
 if TYPE_CHECKING:
+    from posedesign.cell import Cell
     from posedesign.pose_programs import WrittenProgram
     from posedesign.pose_programs.touch_ups import Imported
+    from posedesign.report.answer import Answer
 
 
 USUAL_NAME = "CALIB01"
@@ -69,6 +73,7 @@ def program(
         bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
     ] = False,
     as_json: AsJson = False,
+    verbose: Verbose = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
@@ -92,42 +97,53 @@ def program(
     listed = with_approaches(loaded, listed, approach_deg)
     forced: tuple[str, ...] = ()
     if loaded:
-        say_what_to_know(loaded)
-        check_fit(loaded, listed)
-        forced = check_clear(loaded, listed, force=force)
+        with knowing(loaded), progress("checking poses and motions"):
+            check_fit(loaded, listed)
+            forced = check_clear(loaded, listed, force=force)
     usual = loaded.config.program.name if loaded else USUAL_NAME
     title = usual if name is None else name
     options = program_options(loaded, listed, form)
     results = results_in(out, "program", poses, cell, overwrite=overwrite)
     written = write_program(listed, results, chosen, options, title, loaded, forced)
-    say_rehearsed(poses, cell, as_json=as_json)
-    for said in () if loaded else written.not_checked:
-        note(f"not checked: {said}")
-    for said in written.forced:
-        note(f"warning: written in spite of {said}")
-    if as_json:
-        print_json({**written.__dict__, "paths": [str(path) for path in written.paths]})
-    else:
-        _print_written(written, checked=loaded is not None)
+    rehearsed = rehearsed_words(poses, cell)
+    content = {**written.__dict__, "paths": [str(path) for path in written.paths]}
+    tell(
+        _told(written, loaded),
+        verbose=verbose,
+        first=rehearsed,
+        content=content if as_json else None,
+    )
     return NOT_REACHED if written.problems else DONE
 
 
-def _print_written(written: WrittenProgram, *, checked: bool) -> None:
-    for problem in written.problems:
-        note(f"warning: {problem}")
-    files = ", ".join(str(path) for path in written.paths)
-    say(
-        f"wrote {files}: {written.poses} poses, joints rounded by at most "
-        f"{written.largest_rounding_deg:.1g} deg"
-    )
+def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
+    """What was written, and what nobody has checked of it."""
+    from posedesign.report.answer import Answer
+
+    count = f"{written.poses} poses"
+    figures = {"rounding": f"joints rounded by at most {written.largest_rounding_deg:.1g} deg"}
     if written.c_g is not None and written.c_g_rounded is not None:
-        say(f"C_G of the poses as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}")
-    if written.note:
-        note(f"note: {written.note}")
-    if written.warning:
-        note(f"warning: {written.warning}")
-    if not checked:
-        note("note: nothing was checked against a cell; pass --cell to check limits, target, ...")
+        figures["C_G"] = f"as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}"
+    notes = [written.note] if written.note else []
+    not_checked = list(written.not_checked)
+    if cell is None:
+        not_checked.append("limits, target, ... against a cell: pass --cell")
+    else:
+        figures["target"] = cell.whereabouts.words
+        notes += cell.notices
+        not_checked = list(dict.fromkeys([*cell.not_checked, *not_checked]))
+    return Answer(
+        f"{count}, {len(written.problems)} objections to the program",
+        figures,
+        warnings=[
+            *(f"written in spite of {said}" for said in written.forced),
+            *(str(problem) for problem in written.problems),
+            *([written.warning] if written.warning else []),
+        ],
+        not_checked=not_checked,
+        notes=notes,
+        files=[str(path) for path in written.paths],
+    )
 
 
 def validate(
@@ -204,6 +220,7 @@ def import_positions(
         typer.Option("--keep-untouched", help="Take positions that stand as planned, too."),
     ] = False,
     as_json: AsJson = False,
+    verbose: Verbose = False,
     overwrite: Overwrite = False,
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
@@ -222,39 +239,46 @@ def import_positions(
     (claimed,) = results.claim("measured", TOUCH_UPS)
     imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
     path = write_measurements(claimed, imported.touch_ups)
-    if as_json:
-        print_json(
-            {
-                "path": str(path),
-                "touch_ups": imported.touch_ups.count,
-                "moved_mm": imported.moved_mm,
-                "untouched": imported.untouched,
-                "missing": imported.missing,
-                "warnings": imported.warnings,
-            }
-        )
-    else:
-        _print_imported(imported, path, planned=plan is not None)
+    content = {
+        "path": str(path),
+        "touch_ups": imported.touch_ups.count,
+        "moved_mm": imported.moved_mm,
+        "untouched": imported.untouched,
+        "missing": imported.missing,
+        "warnings": imported.warnings,
+    }
+    tell(
+        _told_imported(imported, path, planned=plan is not None),
+        verbose=verbose,
+        then=command_line("identify", cell, path),
+        content=content if as_json else None,
+    )
     return NOT_REACHED if imported.doubtful else DONE
 
 
-def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:
-    for line in imported.warnings:
-        note(f"warning: {line}")
+def _told_imported(imported: Imported, path: Path, *, planned: bool) -> Answer:
+    """What came back: how far touch-up moved the tool point, and what is missing."""
+    from posedesign.report.answer import Answer, Table
+
+    names, moved = imported.touch_ups.names, [float(far) for far in imported.moved_mm]
+    figures = {}
+    if planned and moved:
+        figures["moved"] = f"the tool point by {min(moved):.3f} to {max(moved):.3f} mm"
+    warnings = list(imported.warnings)
     if imported.untouched:
-        note(f"warning: as planned, so not touched up: {', '.join(imported.untouched)}")
+        warnings.append(f"as planned, so not touched up: {', '.join(imported.untouched)}")
     if imported.missing:
-        note(f"warning: of the plan, not in the files: {', '.join(imported.missing)}")
-    names = imported.touch_ups.names
-    if planned:
-        moved = [
-            {"pose": name, "moved [mm]": round(float(far), 3)}
-            for name, far in zip(names, imported.moved_mm, strict=True)
-        ]
-        print_table("How far touch-up moved the tool point", moved)
-    else:
-        note("note: pass --poses to check that the file belongs to the plan, and was touched up")
-    say(f"wrote {path}: {len(names)} touch-ups")
+        warnings.append(f"of the plan, not in the files: {', '.join(imported.missing)}")
+    rows = [{"pose": n, "moved [mm]": round(far, 3)} for n, far in zip(names, moved, strict=False)]
+    not_given = "pass --poses to check that the file belongs to the plan, and was touched up"
+    return Answer(
+        f"{len(names)} touch-ups",
+        figures,
+        warnings=warnings,
+        notes=[] if planned else [not_given],
+        tables=[Table("How far touch-up moved the tool point", rows if planned else [])],
+        files=[str(path)],
+    )
 
 
 MOST_REFUSED = 1000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,20 +14,17 @@ from posedesign.cli.output import (
     NOT_REACHED,
     Advance,
     note,
-    print_json,
-    print_table,
     progress,
+    rehearsed_words,
     results_in,
-    say,
-    say_rehearsed,
+    tell,
 )
-from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite
+from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite, Verbose
 
 if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs import Pairs, SolverOutcome
-    from posedesign.pairs.certificate import Camera
     from posedesign.pairs.results import NoiseOn
 
 
@@ -151,6 +148,7 @@ def robot_world(
     certify: Certify = False,
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    verbose: Verbose = False,
     trust_units: TrustLengths = False,
     overwrite: Overwrite = False,
 ) -> int:
@@ -163,6 +161,7 @@ def robot_world(
     from posedesign.pairs.certificate import refuse_uncertifiable
     from posedesign.pairs.results import methods_of, reached
     from posedesign.pairs.tables import outcome_as_dict
+    from posedesign.report.pairs import answer_of_pairs
 
     refuse_fixed_opencv(camera, convention)
     source = PairSource(
@@ -186,13 +185,13 @@ def robot_world(
         certify=certify,
         quiet=as_json,
     )
-    say_rehearsed(pairs, a, b, as_json=as_json)
+    rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
-    if as_json:
-        print_json([outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes])
-    else:
-        _print_answers(outcomes, camera, out, opencv=opencv, inverted=invert in ("b", "both"))
-    _warn_of(found, outcomes)
+    files = [str(out / name) for name in ("robot_world.csv", "robot_world_pairs.csv")]
+    inverted = invert in ("b", "both")
+    answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
+    content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
+    tell(answer, verbose=verbose, first=rehearsed, content=content if as_json else None)
     return DONE if reached(outcomes) else NOT_REACHED
 
 
@@ -256,35 +255,6 @@ def _say_nothing(what: str, part: float) -> None:
     """Progress that nobody sees."""
 
 
-def _print_answers(
-    outcomes: Sequence[SolverOutcome],
-    camera: CameraPlace,
-    out: Path,
-    *,
-    opencv: bool,
-    inverted: bool,
-) -> None:
-    """Tables, and where the rest was written."""
-    from posedesign.pairs import FRAMES
-    from posedesign.pairs.tables import opencv_rows
-
-    print_solvers(outcomes, camera)
-    if opencv:
-        print_table("In OpenCV's names", opencv_rows(outcomes))
-    elif not inverted:
-        say(FRAMES[camera].other_way)
-    say(f"wrote {out / 'robot_world.csv'} and {out / 'robot_world_pairs.csv'}")
-
-
-def _warn_of(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:
-    """What is odd about the pairs and the answers, on standard error."""
-    from posedesign.pairs.results import warnings_of
-
-    misread = [pairs.misread] if pairs.misread else []
-    for text in (*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))):
-        note(f"warning: {text}")
-
-
 def refuse_unfit_noise(
     methods: Sequence[str], noise_deg: float | None, noise_mm: float | None, noise_on: str | None
 ) -> None:
@@ -338,68 +308,3 @@ def refuse_fixed_opencv(camera: str, convention: str) -> None:
 def listed(text: str) -> list[str]:
     """Names with commas between them."""
     return [name.strip() for name in text.split(",")] if text.strip() else []
-
-
-_LEFT_OVER = {
-    "method": "method",
-    "status": "status",
-    "iterations": "iterations",
-    "residual_rotation_deg": "residual_deg",
-    "residual_translation_mm": "residual_mm",
-    "left_out_rotation_deg": "left_out_deg",
-    "left_out_translation_mm": "left_out_mm",
-    "used": "used",
-    "pairs": "of pairs",
-}
-"""Columns of the table, and what they are called in print."""
-
-
-def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange") -> None:
-    """Print X and Z of every solver, with what is left over, and what the letters mean."""
-    from posedesign.pairs import FRAMES
-    from posedesign.pairs.results import noise_judged, remarks_of
-    from posedesign.pairs.tables import solver_row
-
-    rows = [solver_row(outcome) for outcome in outcomes]
-    frames = FRAMES[camera]
-    _print_transform("x", f"X = {frames.X}", rows, outcomes)
-    _print_transform("z", f"Z = {frames.Z}", rows, outcomes)
-    print_table(
-        "Scale of B's translations"
-        + (", corrected" if any(row["scale_estimated"] == "yes" for row in rows) else ""),
-        [{key: row[key] for key in ("method", "scale_of_b", "sigma_scale_of_b")} for row in rows],
-    )
-    print_table("Left over (rms)", [_picked(row, _LEFT_OVER) for row in rows])
-    for text in noise_judged(outcomes):
-        say(text)
-    say(f"A = {frames.A}; B = {frames.B}")
-    sources = {row["noise"] for row in rows}
-    noise = "the noise given" if "given" in sources else "the noise that the residuals show"
-    if "given" not in sources and all(row["noise_on"] in ("B", None) for row in rows):
-        noise += ", as of B"
-    say(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
-    for text in remarks_of(outcomes):
-        say(text)
-
-
-def _print_transform(
-    letter: str,
-    title: str,
-    rows: Sequence[Mapping[str, object]],
-    outcomes: Sequence[SolverOutcome],
-) -> None:
-    """X or Z by every method, with the largest of its standard deviations."""
-    from posedesign.files.measurements import PLACE, TURN
-    from posedesign.pairs.tables import largest_sigma
-
-    shown = []
-    for row, outcome in zip(rows, outcomes, strict=True):
-        place, turn = largest_sigma(outcome, letter)
-        line = {key: row[key] for key in ("method", "status")}
-        line |= {axis: row[f"{letter}_{axis}"] for axis in (*PLACE, *TURN)}
-        shown.append(line | {"sigma_mm": place, "sigma_deg": turn})
-    print_table(title, shown)
-
-
-def _picked(row: Mapping[str, object], names: Mapping[str, str]) -> dict[str, object]:
-    return {name: row[key] for key, name in names.items()}

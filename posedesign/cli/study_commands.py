@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,21 +11,21 @@ import typer
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
-    note,
     print_json,
     print_table,
     progress,
     results_in,
     say,
+    tell,
 )
-from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, OutFolder, Overwrite
+from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, OutFolder, Overwrite, Verbose
 
 MOST_TRIALS = 10_000_000
 """Of a study; its own numbers are thousands."""
 
 if TYPE_CHECKING:
     from posedesign.demo import DemoResults
-    from posedesign.simulation import AccuracyStudy
+    from posedesign.report.answer import Answer
 
 Draws = Annotated[
     int, typer.Option(min=10, max=100_000, help="Noise draws for each pose set, at least 10.")
@@ -51,10 +52,12 @@ def accuracy(
     draws: Draws = 50,
     seed: Seed = 1,
     as_json: AsJson = False,
+    verbose: Verbose = False,
     overwrite: Overwrite = False,
 ) -> int:
     """Accuracy against condition number: what better poses buy."""
     from posedesign.cell import Cell, cell_template
+    from posedesign.report.accuracy import answer_of_study
     from posedesign.simulation import accuracy_study
     from posedesign.workflow import STUDY, write_study
 
@@ -67,8 +70,7 @@ def accuracy(
     if as_json:
         print_json([finding.__dict__ for finding in study.findings])
     else:
-        print_study(study)
-        say(f"wrote {table} and {figure}")
+        tell(answer_of_study(study, [str(table), str(figure)]), verbose=verbose)
     return DONE
 
 
@@ -163,29 +165,14 @@ def results_of(name: str) -> Path:
     return Path("study-results") / name
 
 
-def print_study(study: AccuracyStudy) -> None:
-    """Print the key figures of every pose set."""
-    from posedesign.report.accuracy import LEGEND, accuracy_rows
-
-    for text in study.notes:
-        note(f"note: {text}")
-    print_table(
-        f"Accuracy against condition number ({study.draws} draws a pose set)", accuracy_rows(study)
-    )
-    say(LEGEND)
-
-
 def demo(
     out: OutFolder = Path("posedesign-demo"),
     draws: Draws = 50,
     as_json: AsJson = False,
+    verbose: Verbose = False,
     overwrite: Overwrite = False,
 ) -> int:
     """Run the main job on the reference cell."""
-    from posedesign.cell import Cell
-    from posedesign.cli.identification_output import print_identification
-    from posedesign.cli.plan_commands import print_plan
-    from posedesign.cli.robot_world_command import print_solvers
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:
@@ -206,25 +193,62 @@ def demo(
             }
         )
         return code
-    say("SIMULATED, not for a robot: all of this is a rehearsal on the reference cell")
-    print_plan(Cell.load(out / "cell.toml"), results.plan, out, as_json=False)
-    print_identification(results.identification)
-    print_table(
+    tell(
+        _told(results, out, files),
+        verbose=verbose,
+        then="posedesign new > cell.toml",
+        first="SIMULATED, not for a robot: all of this is a rehearsal on the reference cell",
+    )
+    return code
+
+
+_TRUTH = (
+    "truth: zero offset plus deflection under gravity at the base pose. The rest of the deflection "
+    "changes from pose to pose: no constant offset can follow it, so the model of the paper is off "
+    "by more than its sigma, and the recommended one has compliances. In the study, which is of "
+    "the paper's model too, the plate is for the same reason not best at the smallest C_G."
+)
+
+
+def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
+    """The story of the demo, with the tables of its steps."""
+    from posedesign.cell import Cell
+    from posedesign.planning.optimal.choose import outlook_of
+    from posedesign.report.accuracy import answer_of_study
+    from posedesign.report.answer import Answer, Table
+    from posedesign.report.identification import answer_of_identification
+    from posedesign.report.pairs import answer_of_pairs
+    from posedesign.report.plans import answer_of_plan
+
+    plan, program = results.plan, results.program
+    outlook = outlook_of(Cell.load(out / "cell.toml"), plan.model, plan.postures)
+    steps = {
+        "planned": answer_of_plan(Cell.load(out / "cell.toml"), plan, outlook),
+        "identified": answer_of_identification(results.identification),
+        "A X = Z B": answer_of_pairs(results.robot_world),
+        "studied": answer_of_study(results.study),
+    }
+    truth = Table(
         f"The smallest model ({results.offsets.model}) against the simulated truth",
         truth_rows(results),
     )
-    say(
-        "truth: zero offset plus deflection under gravity at the base pose. The rest of the "
-        "deflection changes from pose to pose: no constant offset can follow it, so the model of "
-        "the paper is off by more than its sigma, and the recommended one has compliances. In the "
-        "study below, which is of the paper's model too, the plate is for the same reason not best "
-        "at the smallest C_G."
+    error = steps["identified"].figures.get("error", "")
+    return Answer(
+        f"planned: {plan.verdict}",
+        {
+            "program": f"{program.paths[0].name}, {program.poses} poses, "
+            f"{len(program.problems)} objections",
+            "identified": f"{steps['identified'].verdict}; {error.split('; ')[0]}",
+            "A X = Z B": steps["A X = Z B"].figures.get("methods", ""),
+            "study": steps["studied"].verdict,
+            "picture": str(out / "accuracy_vs_condition.png"),
+        },
+        warnings=[text for step in steps.values() for text in step.warnings],
+        not_checked=plan.not_checked,
+        details=[_TRUTH, *(text for step in steps.values() for text in step.details)],
+        tables=[table for step in steps.values() for table in step.tables] + [truth],
+        files=[f"into {out}: {', '.join(files)}"],
     )
-    print_solvers(results.robot_world)
-    say(f"wrote {program.paths[0]}: {program.poses} poses, {len(program.problems)} objections")
-    print_study(results.study)
-    say(f"everything is in {out}: " + ", ".join(files))
-    return code
 
 
 def truth_rows(results: DemoResults) -> list[dict[str, object]]:

@@ -214,7 +214,8 @@ class PosePlan(Planned):
         return self.route.cycle_time_s
 
     @property
-    def message(self) -> str:
+    def verdict(self) -> str:
+        """Whether the threshold was reached, by which poses."""
         best = self.rounds[self.best]
         angles = "/".join(f"{d:g}" for d in best.variation_deg)
         return (
@@ -224,8 +225,29 @@ class PosePlan(Planned):
             + f", {self.route.detours} posture(s) passed through on the way"
             * bool(self.route.detours)
             + f"; {self.advice}" * bool(self.advice)
-            + not_checked_words(self.not_checked)
         )
+
+    @property
+    def message(self) -> str:
+        return self.verdict + not_checked_words(self.not_checked)
+
+    def round_rows(self) -> list[dict[str, object]]:
+        """The rounds as table rows."""
+        rows = []
+        for turn in self.rounds:
+            row: dict[str, object] = {
+                "round": turn.number,
+                **dict(zip(("d_w_deg", "d_p_deg", "d_r_deg"), turn.variation_deg, strict=True)),
+                "grid": turn.grid,
+                "repaired": turn.repaired,
+                "dropped": turn.dropped,
+                "c_g": turn.c_g,
+                "cond_2_g": turn.cond_2_g,
+            }
+            for name, unit, value in displayed(self.model, turn.sigma):
+                row[f"sigma_{name}_{unit}"] = value
+            rows.append(row)
+        return rows
 
     def sigma_displayed(self) -> list[tuple[str, str, float]]:
         """Name, unit and predicted standard deviation of each parameter as people read them."""

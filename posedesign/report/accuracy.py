@@ -12,6 +12,7 @@ import numpy as np
 from calib.identification import DISPLAY
 from calib.robot_world import PAPER_METHODS
 from posedesign.files import StrPath, write_bytes_atomic
+from posedesign.report.answer import Answer, Table
 from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 
 if TYPE_CHECKING:
@@ -148,6 +149,34 @@ LEGEND = (
     "sd: standard deviation over the draws; plate: worst distance error on a 5 x 5 plate, median, "
     "before and after; X: translation error of AX = ZB, median; -: most answers refused as misfits"
 )
+
+
+def answer_of_study(study: AccuracyStudy, files: Sequence[str] = ()) -> Answer:
+    """The answer of the study: what falls with the condition number."""
+    rows = accuracy_rows(study)
+    name, worst, best = study.leading_parameter, rows[0], rows[-1]
+
+    def change(title: str) -> str:
+        before, after = (row.get(title) for row in (worst, best))
+        if not (isinstance(before, float) and isinstance(after, float)):
+            return ""
+        return f"{before:.3g} to {after:.3g} {title.rpartition('[')[2].rstrip(']')}"
+
+    spread = next(title for title in rows[0] if " sd weighted " in title)
+    return Answer(
+        f"from C_G {worst['C_G']:.3g} to {best['C_G']:.3g}: the scatter of {name} falls from "
+        f"{change(spread)}",
+        {
+            "plate": change("after [mm]")
+            and f"worst distance error after calibration {change('after [mm]')}, before it "
+            f"{worst['plate before [mm]']:.3g} mm",
+            "draws": f"{study.draws} a pose set, {len(rows)} pose sets",
+        },
+        notes=study.notes,
+        details=[LEGEND],
+        tables=[Table(f"Accuracy against condition number ({study.draws} draws a pose set)", rows)],
+        files=files,
+    )
 
 
 def accuracy_rows(study: AccuracyStudy) -> list[dict[str, object]]:

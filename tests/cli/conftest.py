@@ -40,17 +40,39 @@ Cli = Callable[..., Said]
 Refuse = Callable[..., Refusal]
 
 
+ANSWERING = frozenset(
+    ("plan", "next", "check", "score", "program", "import", "identify", "calibrate", "correct")
+) | {"predict", "robot-world", "demo"}
+"""Commands that say at a glance what they found, and all of it where that is asked for."""
+
+
 @pytest.fixture
-def cli(capsys) -> Cli:
-    """Run a command line in this process."""
+def cli(glance) -> Cli:
+    """Run a command line in this process, and have it say all that it has to say."""
+
+    def typed(*words: object) -> Said:
+        verbose = words and (words[0] in ANSWERING or words[:2] == ("study", "accuracy"))
+        return glance(*words, *(("--verbose",) if verbose else ()))
+
+    return typed
+
+
+@pytest.fixture
+def glance(capsys) -> Cli:
+    """Run a command line in this process as it is typed; lines that were folded are joined."""
 
     def typed(*words: object) -> Said:
         capsys.readouterr()
         code = run([str(word) for word in words])
         captured = capsys.readouterr()
-        return Said(code, captured.out, captured.err)
+        return Said(code, unfolded(captured.out), unfolded(captured.err))
 
     return typed
+
+
+def unfolded(text: str) -> str:
+    """What was printed, with the lines joined that were folded to fit a terminal."""
+    return text.replace("\n  ", " ")
 
 
 @pytest.fixture
@@ -69,7 +91,7 @@ def refuse(cli, tmp_path) -> Refuse:
         assert re.fullmatch(r"error: [^\n]+\n", line), said.err
         assert "Traceback" not in said.err
         assert len(line) < 1000
-        known = ("target ", "note: ", "not checked: ")
+        known = ("target: ", "note: ", "not checked: ")
         assert all(text.startswith(known) for text in before_it), said.err
         assert contents(tmp_path) == before
         return Refusal(line)
@@ -157,9 +179,10 @@ def identified_once(_work, tmp_path_factory) -> Identified:
     work = copied(_work, tmp_path_factory.mktemp("identified"))
     files = [str(work / name) for name in ("cell.toml", "touchups.csv")]
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
-        code = run(["identify", *files, "--out", str(work)])
+        code = run(["identify", *files, "--out", str(work), "--verbose"])
     content = strict_json((work / "identification.json").read_text())
-    return Identified(Said(code, out.getvalue(), err.getvalue()), content)
+    said = Said(code, unfolded(out.getvalue()), unfolded(err.getvalue()))
+    return Identified(said, content)
 
 
 def below_comments(text: str) -> str:

@@ -323,5 +323,5 @@ def test_what_is_not_checked_is_said(cli, make_urdf, work):
     cell.write_text(new.out.replace("collisions = true", "collisions = false"))
     assert cli("plan", cell, "--out", work / "own").code in (0, 1)
     said = cli("check", cell, work / "own" / "poses.csv")
-    assert "not checked: collisions: constraints.collisions is false" in said.err
-    assert "not checked: the view of the target: no [camera] is described" in said.err
+    assert "not checked: collisions: constraints.collisions is false" in said.out
+    assert "not checked: the view of the target: no [camera] is described" in said.out

@@ -204,7 +204,7 @@ def test_the_box_is_that_of_the_cell_or_the_one_given(cli, refuse, work, identif
     typed = ("correct", work / "cell.toml", identified, "--out", work / "out")
     said = cli(*typed, "--box=1500,-200,400,1900,200,800")
     assert said.code == 0
-    assert "over the box given, 300 poses" in said.out
+    assert "over: the box given, 300 poses" in said.out
     (work / "out" / "mastering.csv").unlink()
     (work / "out" / "corrected.urdf").unlink()
     refuse(*typed, "--box=1,2,3").says("'1,2,3' is not six numbers")

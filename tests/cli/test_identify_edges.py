@@ -15,9 +15,9 @@ from calib.model import Setup
 from calib.model.measurements import Measurements, touch_ups
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, rotation_log, transform
 from posedesign.cell import Cell
-from posedesign.cli.identification_output import print_identification
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.identification import identify_models
+from posedesign.report.identification import answer_of_identification
 from tests.cli.conftest import offsets_only, rows_of, strict_json
 
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
@@ -407,8 +407,8 @@ def test_parameters_that_are_not_told_are_listed(capsys, work):
         replace(trial, candidate=replace(trial.candidate, notes=notes))
         for trial in comparison.trials
     )
-    print_identification(replace(found, comparison=replace(comparison, trials=trials)))
-    said = capsys.readouterr().out
+    answer = answer_of_identification(replace(found, comparison=replace(comparison, trials=trials)))
+    said = " ".join(answer.details)
     assert "7 parameters of the arm are not in this model" in said
     assert "harmonic.joint_1.sin1 is absorbed by the targets" in said
     assert "and 2 more, see identification.json" in said

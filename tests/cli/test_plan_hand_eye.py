@@ -119,7 +119,7 @@ def test_what_is_out_of_reach_is_said_with_all_poses(cli, cell, tmp_path):
     assert "all " in said.out
     assert "times the deviation wanted" in said.out
     assert " decides): each would have to be measured " in said.out
-    assert "wrote nothing" in said.out
+    assert "wrote: nothing" in said.out
     assert not (tmp_path / "none").exists()
 
 

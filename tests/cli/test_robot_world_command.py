@@ -105,7 +105,7 @@ def test_what_is_printed_and_written(cli, tmp_path, measured):
         "B = T_target_camera: the camera in the frame of the target",
         "T_camera_target, the target as the camera sees it (solvePnP",
         "pass --invert b",
-        f"wrote {tmp_path / 'robot_world.csv'} and {tmp_path / 'robot_world_pairs.csv'}",
+        f"wrote: {tmp_path / 'robot_world.csv'}, {tmp_path / 'robot_world_pairs.csv'}",
     ):
         assert words in said.out
     best = next(row for row in rows if row["method"] == "ml")

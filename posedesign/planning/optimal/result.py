@@ -137,7 +137,8 @@ class OptimalPlan(Planned):
         )
 
     @property
-    def message(self) -> str:
+    def verdict(self) -> str:
+        """How good the poses are, and what is proven of them."""
         if self.fewest is not None:
             said = self._fewest_words(self.fewest)
         else:
@@ -163,7 +164,11 @@ class OptimalPlan(Planned):
                     said += f"; {self.objective.amount(self.objective.limit)} is wanted"
         if self.dropped:
             said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
-        return said + not_checked_words(self.not_checked)
+        return said
+
+    @property
+    def message(self) -> str:
+        return self.verdict + not_checked_words(self.not_checked)
 
     def _fewest_words(self, fewest: Fewest) -> str:
         count = fewest.selection.count

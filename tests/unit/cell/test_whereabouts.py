@@ -63,8 +63,8 @@ def test_target_tool_and_what_is_nearest_are_told():
     x, y, z = 1e3 * cell.target_m
     place = f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
     assert seen.words == (
-        f"target T1 at {place}, tool point of the base posture at {place} in base_link, "
-        "0.0 mm apart; nearest obstacle: reference pin, 2.0 mm from it"
+        f"T1 at {place} in base_link, 0.0 mm from the tool point at the base posture; "
+        "nearest obstacle: reference pin, 2.0 mm"
     )
 
 

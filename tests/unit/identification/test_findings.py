@@ -10,12 +10,12 @@ import pytest
 from calib.errors import NotIdentifiableError
 from calib.identification.diagnosis import Finding
 from calib.identification.diagnosis.held import Cause
-from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification import identify_models, results_as_dict
 from posedesign.identification.comparison import why_another
 from posedesign.identification.findings import as_dict, in_words, is_gross
+from posedesign.report.identification import answer_of_identification
 
 THINGS: dict[str, tuple[str, ...]] = {
     "harmonic": ("joint_2", "1"),
@@ -77,8 +77,8 @@ def test_another_arm_is_said_to_be_one(table, make_cell, capsys):
     found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
     gap = Finding("harmonic", ("joint_2", "1"), "joint", (), 1e-3, "rad", 0.1, 0.05, 20.0)
     for findings in ((), (gap,)):
-        print_identification(replace(found, findings=findings))
-        assert "not of this robot" in capsys.readouterr().err
+        answer = answer_of_identification(replace(found, findings=findings))
+        assert "not of this robot" in " ".join(answer.warnings)
 
 
 def test_causes_that_fit_as_well_are_named_with_it(table):
@@ -101,10 +101,8 @@ def test_a_joint_counted_the_other_way(table, make_cell, capsys):
     content = results_as_dict(cell, found)
     assert content["recommended"] is None
     assert content["reason"] == why_another(found) == content["findings"][0]["text"]
-    print_identification(found)
-    shown = capsys.readouterr()
-    assert "warning: as if joint_3 were counted the other way: residual" in shown.err
-    assert shown.err.count("counted the other way") == 1
+    (warning,) = answer_of_identification(found).warnings
+    assert warning.startswith("as if joint_3 were counted the other way: residual")
 
 
 def test_steady_measurements_say_nothing(table, make_cell):

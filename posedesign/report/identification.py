@@ -1,11 +1,12 @@
-"""How an identification is printed: before and after, the model to take, what to know of it."""
+"""What an identification answers: the model to take, before and after, what to know of it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from posedesign.cli.output import note, print_table, say
+from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult, KindNoise, Trial
@@ -31,50 +32,69 @@ _COLUMNS = (
 """Of the table of models; those that are empty throughout are not shown."""
 
 
-def print_identification(identified: Identified) -> None:
-    """Print all models side by side, then the one to take."""
+def answer_of_identification(identified: Identified, files: Sequence[str] = ()) -> Answer:
+    """The answer of all models side by side: which to take, and what error it leaves."""
     from posedesign.identification.comparison import why_another
     from posedesign.identification.findings import in_words, is_of_the_model
 
-    comparison = identified.comparison
+    warnings: list[str] = []
+    notes: list[str] = []
+    details: list[str] = []
     for finding in identified.findings:
-        kind = "note" if is_of_the_model(finding) else "warning"
-        note(f"{kind}: {in_words(finding, identified.table)}")
-    _print_models(identified)
+        said = in_words(finding, identified.table)
+        (notes if is_of_the_model(finding) else warnings).append(said)
+    models = models_table(identified)
     if not identified.is_of_this_robot:
-        if all(map(is_of_the_model, identified.findings)):
-            note(f"warning: {why_another(identified)}")
-        return
-    for trial in comparison.trials:
-        if trial.error is not None:
-            note(f"{trial.name} left out: {trial.error.message}")
+        another = why_another(identified)
+        return Answer(
+            "no model: these measurements do not fit the robot of the cell",
+            {},
+            warnings=warnings or [another],
+            notes=notes,
+            tables=[models],
+            files=files,
+        )
+    trial, result = identified.shown
+    comparison = identified.comparison
+    warnings += [contradiction.said for contradiction in identified.contradictions]
+    left_out = [(t.name, t.error) for t in comparison.trials if t.error is not None]
+    notes += [f"{name} left out: {error.message}" for name, error in left_out]
     if identified.held_only:
         names = " and ".join(identified.held_only)
-        say(f"{names} not tried: nothing measured sees the scale of links without priors")
-    if comparison.recommended:
-        say(f"recommended: {comparison.recommended}")
-    else:
-        say("recommended: none")
-    for part in comparison.reason.split("; "):
-        say(f"  {part}")
+        details.append(
+            f"{names} not tried: nothing measured sees the scale of links without priors"
+        )
+    over = ""
     if identified.workplace:
-        say(f"  expected over {identified.workplace}, the base placed anew for each model")
-    for contradiction in identified.contradictions:
-        note(f"warning: {contradiction.said}")
-    trial, result = identified.shown
-    print_parameters(result)
-    _print_merged(trial)
+        over = f"{identified.workplace}, the base placed anew for each model"
+    return Answer(
+        f"recommended: {comparison.recommended or 'none'}",
+        {
+            "error": comparison.reason,
+            "expected over": over,
+            "noise": result.message,
+            "largest residuals": _residuals(result),
+            **_of_the_fit(result),
+        },
+        warnings=warnings,
+        notes=[*notes, *result.notes],
+        details=[*details, *_merged(trial)],
+        tables=[models, Table(f"Identified: {result.model}", parameter_rows(result))],
+        files=files,
+    )
 
 
-def _print_models(identified: Identified) -> None:
+def models_table(identified: Identified) -> Table:
     """The table of models; columns that are empty throughout are left out."""
     rows = [_row(trial) for trial in identified.comparison.trials]
     if math.isfinite(identified.nominal_rms_m):
         far = _rounded(identified.nominal_rms_m * 1e3)
         rows.insert(0, {"model": "nominal", "parameters": 0, "rms": far})
     kept = [key for key in _COLUMNS if any(row.get(key) is not None for row in rows)]
-    table = [{key: row.get(key) for key in kept} for row in rows]
-    print_table("Before and after: distance left over at a measurement [mm]", table)
+    return Table(
+        "Before and after: distance left over at a measurement [mm]",
+        [{key: row.get(key) for key in kept} for row in rows],
+    )
 
 
 def _row(trial: Trial) -> dict[str, object]:
@@ -101,26 +121,23 @@ def _rounded(value: float, decimals: int = _DECIMALS) -> str | None:
     return f"{value:.{decimals}f}" if math.isfinite(value) else None
 
 
-def print_parameters(result: IdentificationResult) -> None:
-    """Print parameters with their uncertainty, and what has to be known of the fit."""
-    print_table(f"Identified: {result.model}", _parameter_rows(result))
-    _print_residuals(result)
-    for noise in result.noise:
-        if noise.estimated:
-            say(f"noise of {noise.kind}, from the residuals: {_noise_in_words(noise)}")
-    pairs = result.strong_correlations
-    if pairs:
-        shown = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_LISTED])
-        say(f"correlated beyond 0.9: {shown}{_more(len(pairs))}")
-    held = result.held_by_prior
-    if held:
-        say(f"held by their priors alone: {', '.join(held[:_MOST_LISTED])}{_more(len(held))}")
-    say(result.message)
-    for text in result.notes:
-        note(f"note: {text}")
+def _of_the_fit(result: IdentificationResult) -> dict[str, str]:
+    """What has to be known of a fit, by what it is about; empty texts for nothing."""
+    estimated = {
+        f"noise of {noise.kind}, from the residuals": _noise_in_words(noise)
+        for noise in result.noise
+        if noise.estimated
+    }
+    pairs, held = result.strong_correlations, result.held_by_prior
+    shown = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_LISTED])
+    return {
+        **estimated,
+        "correlated beyond 0.9": shown and shown + _more(len(pairs)),
+        "held by their priors alone": ", ".join(held[:_MOST_LISTED]) + _more(len(held)),
+    }
 
 
-def _parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
+def parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
     """Parameters with as many decimals as their standard deviations have two digits."""
     from calib.identification import DISPLAY
 
@@ -145,17 +162,16 @@ def _decimals(sigma: float) -> int:
     return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
 
 
-def _print_residuals(result: IdentificationResult) -> None:
+def _residuals(result: IdentificationResult) -> str:
     """The largest residuals of what took part, as they are and as predicted from the others."""
     distances, out = result.distances_m, result.leave_one_out_m
     used = [i for i in range(len(distances)) if result.used[i]]
     worst = sorted(used, key=lambda i: -distances[i])[:3]
-    where = ", ".join(
+    return ", ".join(
         f"{result.poses[i]} {distances[i] * 1e3:.3f} mm"
         + (f" ({out[i] * 1e3:.3f} when left out)" if math.isfinite(out[i]) else "")
         for i in worst
     )
-    say(f"largest residuals: {where}")
 
 
 def _noise_in_words(noise: KindNoise) -> str:
@@ -172,14 +188,12 @@ def _more(count: int) -> str:
     return f" and {count - _MOST_LISTED} more" if count > _MOST_LISTED else ""
 
 
-def _print_merged(trial: Trial) -> None:
+def _merged(trial: Trial) -> list[str]:
     """What of the arm was left out of the model, and what it shows up in."""
     notes = trial.candidate.notes
     if not notes:
-        return
+        return []
     verb = "parameter of the arm is" if len(notes) == 1 else "parameters of the arm are"
-    say(f"{len(notes)} {verb} not in this model, because these measurements do not tell:")
-    for text in notes[:_MOST_LISTED]:
-        say(f"  {text}")
-    if len(notes) > _MOST_LISTED:
-        say(f"  and {len(notes) - _MOST_LISTED} more, see identification.json")
+    said = f"{len(notes)} {verb} not in this model, because these measurements do not tell: "
+    more = f"; and {len(notes) - _MOST_LISTED} more, see identification.json"
+    return [said + "; ".join(notes[:_MOST_LISTED]) + more * (len(notes) > _MOST_LISTED)]

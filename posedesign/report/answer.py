@@ -1,0 +1,147 @@
+"""What a step answers, for people: the verdict and the one figure first, tables on request.
+
+The same parts stand on a terminal and in a report; none of them names an option of a command.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+WIDTH = 100
+"""Columns of a terminal that most people have."""
+
+MOST_LINES = 12
+"""Lines of an answer: what is read at a glance."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a title; the columns are those of the first row."""
+
+    title: str
+    rows: Sequence[Mapping[str, object]]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of an answer: what it is, and what it says.
+
+    ``what`` is ``warning``, ``not checked`` or ``note`` for remarks; else a word such as ``tool
+    point``, or empty for a whole sentence.
+    """
+
+    what: str
+    text: str
+
+    @property
+    def is_remark(self) -> bool:
+        """Whether it stays where a program reads the result."""
+        return self.what in ("warning", "not checked", "note")
+
+    @property
+    def goes_with_result(self) -> bool:
+        """Whether it stands where the result stands: what was not checked has to."""
+        return self.what not in ("warning", "note")
+
+    def wrapped(self, shown: Callable[[str], str] = str) -> list[str]:
+        """As it is printed, in lines of at most `WIDTH` columns; no word is cut.
+
+        ``shown`` makes text of files of others fit to be printed.
+        """
+        lines = textwrap.wrap(
+            shown(f"{self.what}: {self.text}" if self.what else self.text),
+            WIDTH,
+            subsequent_indent="  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        return lines or [""]
+
+    @property
+    def height(self) -> int:
+        """Lines that it takes."""
+        return len(self.wrapped())
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a step found, the most important first.
+
+    Attributes
+    ----------
+    verdict : str
+        Whether it did what was asked for, in a sentence.
+    figures : mapping of str to str
+        What matters most, by its name: ``{"tool point": "0.14 mm rms"}``.
+    warnings : sequence of str
+        What may be wrong with it, the most important first.
+    not_checked : sequence of str
+        What nobody looked at.
+    notes : sequence of str
+        What is good to know of the cell and the files.
+    details : sequence of str
+        More of the result, for who asks for the tables.
+    tables : sequence of Table
+    files : sequence of str
+        Paths that were written.
+    then : str
+        The next command.
+    first : str
+        What is to be said before all else: that a robot was simulated.
+    """
+
+    verdict: str
+    figures: Mapping[str, str]
+    warnings: Sequence[str] = ()
+    not_checked: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    details: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    files: Sequence[str] = ()
+    then: str = ""
+    first: str = ""
+
+    def all_lines(self) -> list[Line]:
+        """Everything but the tables."""
+        lines = [*self._begin(), *(line for kind in self._kinds() for line in kind)]
+        return [*lines, *(Line("", text) for text in self.details), *self._end()]
+
+    def short(self, more: str) -> list[Line]:
+        """What fits into `MOST_LINES`; ``more`` says how to see what does not.
+
+        The verdict, the files and the next command are always there; of the rest as much as fits:
+        the first figure, the first warning, what was not checked, then the others, notes last.
+        """
+        first, last = self._begin(), self._end()
+        kinds = self._kinds()
+        turns = [kind[0] for kind in kinds[:-1] if kind]
+        turns += [line for kind in kinds for line in kind if line not in turns]
+        room = MOST_LINES - sum(line.height for line in (*first, *last))
+        if sum(line.height for line in turns) > room:
+            room -= 1
+            chosen = []
+            for line in turns:
+                if line.height <= room:
+                    chosen.append(line)
+                    room -= line.height
+            left = len(turns) - len(chosen)
+            last = [Line("note", f"{left} more to know: {more}"), *last]
+            turns = chosen
+        return [*first, *(line for kind in kinds for line in kind if line in turns), *last]
+
+    def _begin(self) -> list[Line]:
+        return [Line("", text) for text in (self.first, self.verdict) if text]
+
+    def _kinds(self) -> tuple[list[Line], ...]:
+        return (
+            [Line(what, text) for what, text in self.figures.items() if text],
+            [Line("warning", text) for text in self.warnings],
+            [Line("not checked", text) for text in self.not_checked],
+            [Line("note", text) for text in self.notes],
+        )
+
+    def _end(self) -> list[Line]:
+        files = [Line("wrote", ", ".join(self.files))] if self.files else []
+        return files + ([Line("next", self.then)] if self.then else [])

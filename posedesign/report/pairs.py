@@ -1,0 +1,159 @@
+"""What the solvers of A X = Z B answer: X and Z, their uncertainty, how far methods differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.robot_world import difference
+from posedesign.pairs import FRAMES
+from posedesign.pairs.results import noise_judged, reached, remarks_of, warnings_of
+from posedesign.pairs.tables import largest_sigma, opencv_rows, solver_row
+from posedesign.planning.poses_file import POSE_AXES
+from posedesign.report.answer import Answer, Table
+
+if TYPE_CHECKING:
+    from posedesign.pairs import Pairs, SolverOutcome
+    from posedesign.pairs.certificate import Camera
+
+_LEFT_OVER = {
+    "method": "method",
+    "status": "status",
+    "iterations": "iterations",
+    "residual_rotation_deg": "residual_deg",
+    "residual_translation_mm": "residual_mm",
+    "left_out_rotation_deg": "left_out_deg",
+    "left_out_translation_mm": "left_out_mm",
+    "used": "used",
+    "pairs": "of pairs",
+}
+"""Columns of the table, and what they are called in print."""
+
+
+def answer_of_pairs(
+    outcomes: Sequence[SolverOutcome],
+    camera: Camera = "on-flange",
+    pairs: Pairs | None = None,
+    files: Sequence[str] = (),
+    *,
+    opencv: bool = False,
+    inverted: bool = False,
+) -> Answer:
+    """The answer of the solvers: X and Z of the first, and what the others say of it."""
+    frames = FRAMES[camera]
+    rows = [solver_row(outcome) for outcome in outcomes]
+    first, row = outcomes[0], rows[0]
+    figures: dict[str, str] = {}
+    if first.result is not None:
+        for letter, title in (("x", frames.X), ("z", frames.Z)):
+            name, _, words = title.partition(": ")
+            figures[f"{letter.upper()} = {name}"] = f"{_transform(letter, row, first)}, {words}"
+        figures["left over"] = (
+            f"{_shown(row['residual_translation_mm'])} mm, {_shown(row['residual_rotation_deg'])} "
+            f"deg rms; of pairs not seen {_shown(row['left_out_translation_mm'])} mm, "
+            f"{_shown(row['left_out_rotation_deg'])} deg"
+        )
+        figures["proof"] = next((o.proof.message for o in outcomes if o.proof is not None), "")
+        figures["methods"] = _spread(outcomes)
+    warnings: list[str] = []
+    if pairs is not None:
+        misread = [pairs.misread] if pairs.misread else []
+        warnings = [*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))]
+    details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _sigma_words(rows)]
+    details += remarks_of(outcomes)
+    if pairs is not None and not (opencv or inverted):
+        details.append(frames.other_way)
+    state = "solved" if reached(outcomes) else "not to be trusted"
+    used = "" if first.result is None else f" from {row['used']} of {row['pairs']} pairs"
+    return Answer(
+        f"{state}: A X = Z B by {first.method}{used}"
+        + ("" if first.result is not None else f": {first.said}"),
+        figures,
+        warnings=warnings,
+        details=details,
+        tables=_tables(outcomes, rows, camera) + _opencv(outcomes, opencv=opencv),
+        files=files,
+    )
+
+
+def _transform(letter: str, row: Mapping[str, object], outcome: SolverOutcome) -> str:
+    """Place and turn of X or Z with the largest of their standard deviations."""
+    place, turn = largest_sigma(outcome, letter)
+    values = [_plain(row[f"{letter}_{axis}"]) for axis in POSE_AXES]
+    said = f"({', '.join(values[:3])}) mm, W P R ({', '.join(values[3:])}) deg"
+    if place is None or turn is None:
+        return said
+    return f"{said}, sigma {place:.2g} mm and {turn:.2g} deg"
+
+
+def _plain(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else ""
+
+
+def _shown(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) and np.isfinite(value) else "-"
+
+
+def _spread(outcomes: Sequence[SolverOutcome]) -> str:
+    """How far the answers of the other methods are from the first one's."""
+    first, others = outcomes[0].result, [o.result for o in outcomes[1:] if o.ok and o.result]
+    refused = [o.method for o in outcomes if not o.ok]
+    said = []
+    if first is not None and others:
+        off = np.array([difference(other.X, first.X) for other in others])
+        place, turn = (np.linalg.norm(off[:, part], axis=1) for part in (np.s_[3:], np.s_[:3]))
+        said.append(
+            f"{len(others)} others have X within {1e3 * place.max():.2g} mm and "
+            f"{np.degrees(turn.max()):.2g} deg of {outcomes[0].method}"
+        )
+    if refused:
+        said.append(f"no answer to be trusted by {', '.join(refused)}")
+    return "; ".join(said)
+
+
+def _sigma_words(rows: Sequence[Mapping[str, object]]) -> str:
+    sources = {row["noise"] for row in rows}
+    noise = "the noise given" if "given" in sources else "the noise that the residuals show"
+    if "given" not in sources and all(row["noise_on"] in ("B", None) for row in rows):
+        noise += ", as of B"
+    return f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen."
+
+
+def _tables(
+    outcomes: Sequence[SolverOutcome], rows: Sequence[Mapping[str, object]], camera: Camera
+) -> list[Table]:
+    """X, Z, the scale and what is left over, by every method."""
+    frames = FRAMES[camera]
+    corrected = any(row["scale_estimated"] == "yes" for row in rows)
+    scale = ("method", "scale_of_b", "sigma_scale_of_b")
+    return [
+        Table(f"X = {frames.X}", _transform_rows("x", rows, outcomes)),
+        Table(f"Z = {frames.Z}", _transform_rows("z", rows, outcomes)),
+        Table(
+            "Scale of B's translations" + ", corrected" * corrected,
+            [{key: row[key] for key in scale} for row in rows],
+        ),
+        Table(
+            "Left over (rms)",
+            [{name: row[key] for key, name in _LEFT_OVER.items()} for row in rows],
+        ),
+    ]
+
+
+def _transform_rows(
+    letter: str, rows: Sequence[Mapping[str, object]], outcomes: Sequence[SolverOutcome]
+) -> list[dict[str, object]]:
+    """X or Z by every method, with the largest of its standard deviations."""
+    shown = []
+    for row, outcome in zip(rows, outcomes, strict=True):
+        place, turn = largest_sigma(outcome, letter)
+        line = {key: row[key] for key in ("method", "status")}
+        line |= {axis: row[f"{letter}_{axis}"] for axis in POSE_AXES}
+        shown.append(line | {"sigma_mm": place, "sigma_deg": turn})
+    return shown
+
+
+def _opencv(outcomes: Sequence[SolverOutcome], *, opencv: bool) -> list[Table]:
+    return [Table("In OpenCV's names", opencv_rows(outcomes))] if opencv else []

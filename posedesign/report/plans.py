@@ -1,0 +1,225 @@
+"""What planning and checking answer: plans, next poses, checks, scores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from posedesign.report.answer import Answer, Table
+
+if TYPE_CHECKING:
+    from calib.model import CalibrationModel
+    from posedesign.cell import Cell
+    from posedesign.planning import PosePlan
+    from posedesign.planning.checks import PoseVerdict, Score
+    from posedesign.planning.optimal import NextPoses, OptimalPlan
+    from posedesign.planning.optimal.choose import Outlook
+
+PREDICTED = "Predicted before measuring, from the noise alone"
+
+
+def frame_notes(model: CalibrationModel) -> list[str]:
+    """Which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
+    if model.measurement.name != "camera-pose":
+        return []
+    return [
+        "tool: X = T_flange_camera, along and about the axes of the flange and of the camera",
+        "target: Z = T_base_target, along and about the axes of the base and of the target",
+    ]
+
+
+def sigma_table(displayed: Sequence[tuple[str, str, float]]) -> Table:
+    """Predicted standard deviations (name, unit, value) as people read them."""
+    return Table(
+        PREDICTED,
+        [{"parameter": n, "predicted sigma": value, "unit": unit} for n, unit, value in displayed],
+    )
+
+
+def answer_of_plan(
+    cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()
+) -> Answer:
+    """The answer of the paper's loop: whether the threshold was reached, and what that is worth."""
+    tool_point = (
+        f"{1e3 * outlook.tcp_m:.3g} mm rms predicted over {outlook.box_words}, "
+        f"{1e3 * outlook.tcp_worst_m:.3g} mm where it is largest"
+    )
+    better = ""
+    if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
+        better = (
+            f"about {1e3 * outlook.chosen_tcp_m:.2g} mm with as many poses chosen out of a pool, "
+            f"{outlook.tcp_m / outlook.chosen_tcp_m:.2g} times less"
+        )
+    poses = result.poses
+    changed = zip(poses.names, poses.status, poses.reasons, strict=True)
+    return Answer(
+        result.verdict,
+        {
+            "tool point": tool_point,
+            "better": better,
+            "time": result.route.timing.removeprefix("predicted cycle time "),
+            "target": cell.whereabouts.words,
+        },
+        not_checked=result.not_checked,
+        notes=cell.notices,
+        details=frame_notes(result.model),
+        tables=[
+            Table("Rounds of the loop", [_short_names(row) for row in result.round_rows()]),
+            sigma_table(result.sigma_displayed()),
+            Table(
+                "Poses that are not those of the grid",
+                [{"pose": n, "status": str(s), "reason": why} for n, s, why in changed if why],
+            ),
+        ],
+        files=files,
+    )
+
+
+def _short_names(row: Mapping[str, object]) -> dict[str, object]:
+    """A round without the deviations of target and tool, which the next table has for the best."""
+    return {
+        key.replace("zero_offset.", ""): value
+        for key, value in row.items()
+        if not key.startswith(("sigma_target", "sigma_tool"))
+    }
+
+
+def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
+    """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
+    found = result.accuracy
+    tool_point = (
+        f"{1e3 * found.tcp_m:.3g} mm rms predicted over {result.box_words}, "
+        f"{1e3 * found.tcp_worst_m:.3g} mm where it is largest"
+    )
+    time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
+    return Answer(
+        result.verdict,
+        {
+            "tool point": tool_point,
+            "time": time,
+            "pool": result.pool_words,
+            "target": cell.whereabouts.words,
+        },
+        not_checked=result.not_checked,
+        notes=[*result.remarks, *cell.notices],
+        details=frame_notes(result.model),
+        tables=[
+            Table(PREDICTED, result.rows()),
+            Table(
+                f"What a pose more or fewer changes, over {result.box_words}",
+                result.accuracy_rows(),
+            ),
+        ],
+        files=files or ["nothing"],
+    )
+
+
+def answer_of_next(cell: Cell, result: NextPoses, files: Sequence[str] = ()) -> Answer:
+    """The answer of the poses to measure next: whether to go on, and what each would gain."""
+    scaled = ""
+    if result.noise_scale != 1.0:
+        scaled = (
+            f"the residuals are {result.noise_scale:.2g} times what the noise given explains: what "
+            "is predicted is scaled by it. Where the model leaves something out, a larger one "
+            "mends that and no further pose does: identify compares them"
+        )
+    return Answer(
+        result.message,
+        {"poses": ", ".join(result.poses.names), "target": cell.whereabouts.words},
+        warnings=[scaled] if scaled else [],
+        not_checked=cell.not_checked,
+        notes=cell.notices,
+        tables=[Table("Error of the tool point, as predicted", result.rows())],
+        files=files,
+    )
+
+
+def answer_of_check(cell: Cell, verdicts: Sequence[PoseVerdict], off: Sequence[str]) -> Answer:
+    """The answer of a check: how many poses cannot be taken or reached, and the narrowest place."""
+    bad = [verdict for verdict in verdicts if not verdict.ok]
+    with_distance = [v for v in verdicts if v.distance_mm is not None]
+    nearest: dict[str, str] = {}
+    if with_distance:
+        closest = min(with_distance, key=lambda v: v.distance_mm or 0.0)
+        nearest = {f"smallest distance, at {closest.name}": closest.nearest}
+    return Answer(
+        _counted(verdicts),
+        nearest | {"target": cell.whereabouts.words},
+        warnings=[*(f"{v.name}: {_says(v)}" for v in bad), *off],
+        not_checked=cell.not_checked,
+        notes=cell.notices,
+        tables=[Table("Poses", [_verdict_row(verdict) for verdict in verdicts])],
+    )
+
+
+def _counted(verdicts: Sequence[PoseVerdict]) -> str:
+    """How many poses cannot be taken, those to measure at and those passed through apart."""
+    bad = {via: [v for v in verdicts if v.via is via and not v.feasible] for via in (False, True)}
+    passed = sum(verdict.via for verdict in verdicts)
+    said = f"{len(verdicts) - passed} poses: {len(bad[False])} cannot be taken"
+    if bad[True]:
+        said += f"; of {passed} passed through, {len(bad[True])} cannot"
+    blocked = sum(verdict.way_clear is False for verdict in verdicts)
+    return f"{said}; {blocked} motions between them not clear"
+
+
+def _says(verdict: PoseVerdict) -> str:
+    """What is wrong with a pose or the way to it."""
+    if not verdict.feasible:
+        return verdict.says
+    return f"on the way to it: {verdict.way}"
+
+
+def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:
+    return {
+        "pose": verdict.name + " (via)" * verdict.via,
+        "verdict": "ok" if verdict.ok else ("NO" if not verdict.feasible else "NO WAY"),
+        "tightest": verdict.tightest,
+        "room": None if verdict.room is None else round(verdict.room, 3),
+        "unit": verdict.unit,
+        "in words": verdict.says + (f"; on the way to it: {verdict.way}" if verdict.way else ""),
+        "distance [mm]": None if verdict.distance_mm is None else round(verdict.distance_mm, 1),
+        "travel [deg]": round(verdict.travel_deg, 1),
+    }
+
+
+def answer_of_score(cell: Cell, score: Score, scaling: Mapping[str, str]) -> Answer:
+    """The answer of a score: whether C_G is below the cell's threshold, and what it is worth."""
+    c_g, threshold = score.indices.c_g, cell.config.plan.condition_threshold
+    verdict = score.problem or (
+        f"C_G {c_g:.4g} is {'below' if c_g < threshold else 'not below'} {threshold:.4g}"
+    )
+    counted = {
+        "poses that cannot be taken": score.not_feasible,
+        "poses that do not touch the target": score.off_target,
+    }
+    return Answer(
+        verdict,
+        {
+            **{what: str(len(poses)) for what, poses in counted.items() if poses},
+            "largest predicted sigma": _largest(score.sigma),
+            "target": cell.whereabouts.words,
+        },
+        warnings=[*score.not_feasible, *score.off_target],
+        not_checked=cell.not_checked,
+        notes=cell.notices,
+        tables=[
+            Table(
+                "Indices",
+                [
+                    {"index": key, "value": value, "scaling": scaling.get(key, "")}
+                    for key, value in score.indices.as_dict().items()
+                ],
+            ),
+            sigma_table(score.sigma),
+        ],
+    )
+
+
+def _largest(displayed: Sequence[tuple[str, str, float]]) -> str:
+    """The largest deviation of a length and of an angle, with their names."""
+    found: dict[str, tuple[str, float]] = {}
+    for name, unit, value in displayed:
+        if unit not in found or value > found[unit][1]:
+            found[unit] = name, value
+    return ", ".join(f"{name} {value:.3g} {unit}" for unit, (name, value) in found.items())

@@ -1,4 +1,4 @@
-"""Commands that do more than one step: study and demo."""
+"""Commands that do more than one step: study, report and demo."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ def register(app: typer.Typer) -> None:
     studies.command("plot")(plot)
     app.add_typer(studies, name="study")
     app.command()(demo)
+    app.command()(report)
 
 
 def accuracy(
@@ -163,6 +164,22 @@ def plot(name: StudyName, out: StudyOut = None) -> int:
 def results_of(name: str) -> Path:
     """Folder that the results of a study go to by default."""
     return Path("study-results") / name
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(help="With cell.toml, poses.csv, identification.json.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report.html. [that of the files]")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> int:
+    """Write one page of HTML, report.html, of all that is in a folder."""
+    from posedesign.report.page import write_report
+
+    with progress("report"):
+        page = write_report(folder, results_in(out or folder, "report", overwrite=overwrite))
+    say(f"wrote: {page}, {page.stat().st_size / 1e6:.1f} MB")
+    return DONE
 
 
 def demo(

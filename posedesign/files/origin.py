@@ -147,8 +147,8 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     data : bytes
         Text in UTF-8, or a PNG.
     name : str
-        Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml`` or
-        ``.png``.
+        Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml``,
+        ``.html`` or ``.png``.
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()
@@ -159,8 +159,8 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         text = b"tEXtComment\0" + f"origin: {line}".encode()
         chunk = struct.pack(">I", len(text) - 4) + text + bytes(4)
         data = data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:]
-    elif ending in (".urdf", ".xml"):
-        declared = re.match(rb"<\?xml[^>]*\?>\s*", data)
+    elif ending in (".urdf", ".xml", ".html"):
+        declared = re.match(rb"<(?:\?xml|!DOCTYPE)[^>]*>\s*", data)
         at = declared.end() if declared else 0
         data = data[:at] + f"<!-- origin: {line} -->\n".encode() + data[at:]
     else:

@@ -15,6 +15,9 @@ WIDTH = 100
 MOST_LINES = 12
 """Lines of an answer: what is read at a glance."""
 
+MOST_ROWS = 3
+"""Of them for one thing."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -58,6 +61,13 @@ class Line:
             break_on_hyphens=False,
         )
         return lines or [""]
+
+    def cut(self) -> Line:
+        """The same in at most `MOST_ROWS` lines, ended by dots where it was longer."""
+        rows = textwrap.wrap(self.text, WIDTH - len(self.what) - 4, break_long_words=False)
+        if len(rows) <= MOST_ROWS:
+            return self
+        return Line(self.what, " ".join(rows[:MOST_ROWS]) + " ...")
 
     @property
     def height(self) -> int:
@@ -113,9 +123,10 @@ class Answer:
 
         The verdict, the files and the next command are always there; of the rest as much as fits:
         the first figure, the first warning, what was not checked, then the others, notes last.
+        What is long is cut off.
         """
         first, last = self._begin(), self._end()
-        kinds = self._kinds()
+        kinds = [[line.cut() for line in kind] for kind in self._kinds()]
         turns = [kind[0] for kind in kinds[:-1] if kind]
         turns += [line for kind in kinds for line in kind if line not in turns]
         room = MOST_LINES - sum(line.height for line in (*first, *last))
@@ -127,7 +138,7 @@ class Answer:
                     chosen.append(line)
                     room -= line.height
             left = len(turns) - len(chosen)
-            last = [Line("note", f"{left} more to know: {more}"), *last]
+            last = [Line("more", f"{left} more to know: {more}"), *last]
             turns = chosen
         return [*first, *(line for kind in kinds for line in kind if line in turns), *last]
 

@@ -14,6 +14,7 @@ import pytest
 
 from posedesign.cell import cell_template
 from posedesign.cli.main import run
+from posedesign.report.answer import WIDTH
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
 
@@ -51,8 +52,9 @@ def cli(glance) -> Cli:
     """Run a command line in this process, and have it say all that it has to say."""
 
     def typed(*words: object) -> Said:
-        verbose = words and (words[0] in ANSWERING or words[:2] == ("study", "accuracy"))
-        return glance(*words, *(("--verbose",) if verbose else ()))
+        at = 2 if words[:2] == ("study", "accuracy") else 1
+        verbose = at == 2 or (words and words[0] in ANSWERING)
+        return glance(*words[:at], *(("--verbose",) if verbose else ()), *words[at:])
 
     return typed
 
@@ -72,7 +74,16 @@ def glance(capsys) -> Cli:
 
 def unfolded(text: str) -> str:
     """What was printed, with the lines joined that were folded to fit a terminal."""
-    return text.replace("\n  ", " ")
+    lines: list[str] = []
+    last = 0
+    for line in text.split("\n"):
+        first = line.split()[0] if line.strip() else ""
+        if lines and line.startswith("  ") and last + 1 + len(first) > WIDTH:
+            lines[-1] += line[1:]
+        else:
+            lines.append(line)
+        last = len(line)
+    return "\n".join(lines)
 
 
 @pytest.fixture

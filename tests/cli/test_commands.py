@@ -164,8 +164,10 @@ def test_plan_as_json_says_what_the_tables_say(cli, work):
     assert_table_shows(table, plan["predicted"], ("parameter", "predicted sigma", "unit"))
     assert len(plan["predicted"]) == 10
     # the threshold says nothing of the tool point, and nothing of what better poses would give
-    assert f": {plan['tcp_rms_mm']:.4g} mm rms, {plan['tcp_worst_rms_mm']:.4g} mm" in table
-    assert f"chosen by --method exchange: about {plan['chosen_tcp_rms_mm']:.2g} mm" in table
+    assert f"tool point: {plan['tcp_rms_mm']:.3g} mm rms predicted over" in table
+    assert f"{plan['tcp_worst_rms_mm']:.3g} mm where it is largest" in table
+    assert f"better: about {plan['chosen_tcp_rms_mm']:.2g} mm with as many poses chosen" in table
+    assert "(--method exchange)" in table
     assert all(Path(file).is_file() for file in plan["files"])
     assert plan["indices"]["c_g"] == pytest.approx(plan["rounds"][-1]["c_g"])
 
@@ -285,7 +287,7 @@ def test_score_does_not_praise_poses_outside_the_limits(cli, work, change_csv):
     said = cli("score", work / "cell.toml", poses)
     assert said.code == 1
     second = rows_of(work / "poses.csv")[1]["name"]
-    assert f"\nwarning: {second}: J2 76.5 deg is above 76.0 deg\n" in said.err
+    assert f"warning: {second}: J2 76.5 deg is above 76.0 deg\n" in said.err
     score = json.loads(cli("score", work / "cell.toml", poses, "--json").out)
     assert score["reached"] is False
     assert score["not_feasible"] == [f"{second}: J2 76.5 deg is above 76.0 deg"]

@@ -101,7 +101,7 @@ def test_with_shapes_the_forearm_is_seen_in_the_table(robot, cli, bare_cell, pos
     assert "2 poses: 1 cannot be taken" in said.out
     assert "into each other" in said.out
     fitted = "what sticks out of the capsules along the chain that stand for base_link"
-    assert (fitted in said.err) == ("capsule" in robot)
+    assert (fitted in said.out) == ("capsule" in robot)
 
 
 def test_a_person_may_say_that_nothing_is_checked(cli, bare_cell, poses):

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from calib.doors import load_when_asked
 
+__version__ = "0.1.0"
+
 if TYPE_CHECKING:
     from posedesign import programs, selection
     from posedesign.cell import Cell
@@ -25,6 +27,7 @@ __all__ = [
     "OptimalPlan",
     "PosePlan",
     "Request",
+    "__version__",
     "indices",
     "plan",
     "plan_fewest",

@@ -10,6 +10,7 @@ import numpy as np
 from calib.chance import normal_quantile, student_quantile
 from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray
+from calib.shown import Shown
 
 DISPLAY: dict[Unit, tuple[str, float]] = {
     "rad": ("deg", 180.0 / np.pi),
@@ -53,8 +54,8 @@ class KindNoise:
     doubted: bool
 
 
-@dataclass(frozen=True, eq=False)
-class IdentificationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationResult(Shown):
     """Identified parameters with their uncertainty.
 
     Attributes
@@ -246,6 +247,32 @@ class IdentificationResult:
         """Value of one parameter [SI]."""
         return float(self.values[self.names.index(name)])
 
+    @property
+    def headline(self) -> str:
+        return (
+            f"{self.model}: {self.rms_m * 1e3:.4f} mm rms, {self.max_m * 1e3:.4f} mm max, "
+            f"leave-one-out {self.leave_one_out_rms_m * 1e3:.4f} mm rms"
+        )
+
+    def rows(self) -> list[dict[str, object]]:
+        """One row a parameter, in degrees and millimetres."""
+        low, high = self.interval
+        factors = [DISPLAY[unit][1] for unit in self.units]
+        return [
+            {
+                "parameter": name,
+                "value": value,
+                "change": change,
+                "sigma": sigma,
+                "low": a * factor,
+                "high": b * factor,
+                "unit": unit,
+            }
+            for (name, unit, value, change, sigma), a, b, factor in zip(
+                self.displayed(), low.tolist(), high.tolist(), factors, strict=True
+            )
+        ]
+
     def displayed(self) -> list[tuple[str, str, float, float, float]]:
         """Name, unit, value, change from nominal and standard deviation as people read them."""
         rows = []
@@ -262,8 +289,7 @@ class IdentificationResult:
         low, high = self.interval
         factors = [DISPLAY[unit][1] for unit in self.units]
         lines = [
-            f"{self.model}: {self.rms_m * 1e3:.4f} mm rms, {self.max_m * 1e3:.4f} mm max, "
-            f"leave-one-out {self.leave_one_out_rms_m * 1e3:.4f} mm rms",
+            self.headline,
             *(
                 f"  {name:<{width}s} {value:12.5f} +- {sigma:.5f} {unit}  (change {change:+.5f}, "
                 f"95 % {a * f:.5f} to {b * f:.5f})"

@@ -22,6 +22,7 @@ from calib.batch_last import columns_of, product, rotation_log, transposed, turn
 from calib.errors import InputError, one_line
 from calib.robot_world.errors_of_pairs import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.shown import Shown
 
 if TYPE_CHECKING:
     from calib.robot_world.noise import Noise
@@ -180,8 +181,15 @@ class RobotWorldBatch:
         return self.converged & ~self.degenerate & ~self.misfit & ~self.doubtful
 
 
-@dataclass(frozen=True, eq=False)
-class RobotWorldResult:
+_AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
+_SIGMA_AXES = (
+    *("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"),
+    *("sigma_about_x_deg", "sigma_about_y_deg", "sigma_about_z_deg"),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotWorldResult(Shown):
     """Solution of one problem A X = Z B.
 
     Attributes
@@ -370,10 +378,27 @@ class RobotWorldResult:
         """What the poses tell least about: the shift and the turn with the largest deviation."""
         return () if self.covariance is None else weakest(self.covariance)
 
+    @property
+    def headline(self) -> str:
+        cycles = "" if self.iterations is None else f", {self.iterations} cycles"
+        return f"A X = Z B by {self.method}: {self.status}{cycles}"
+
+    def rows(self) -> list[dict[str, object]]:
+        """X and Z in mm and deg, with their standard deviations where those are known."""
+        found: list[dict[str, object]] = []
+        for name, T, sigma in (("X", self.X, self.sigma_X), ("Z", self.Z, self.sigma_Z)):
+            turn = np.degrees(se3.wpr_from_rotation(T[:3, :3]))
+            numbers = [*(1e3 * T[:3, 3]), *turn]
+            row = dict(zip(_AXES, map(float, numbers), strict=True))
+            if sigma is not None:
+                spread = [*(1e3 * sigma[3:]), *np.degrees(sigma[:3])]
+                row |= dict(zip(_SIGMA_AXES, map(float, spread), strict=True))
+            found.append({"transform": name, **row})
+        return found
+
     def summary(self) -> str:
         """Text for people: X and Z in mm and W, P, R in degrees, residuals, deviations."""
-        cycles = "" if self.iterations is None else f", {self.iterations} cycles"
-        lines = [f"A X = Z B by {self.method}: {self.status}{cycles}", self.message]
+        lines = [self.headline, self.message]
         for name, T, sigma in (("X", self.X, self.sigma_X), ("Z", self.Z, self.sigma_Z)):
             lines.append(f"{name}  x y z {_three(T[:3, 3] * 1e3)} mm")
             lines.append(f"   W P R {_three(np.degrees(se3.wpr_from_rotation(T[:3, :3])))} deg")

@@ -16,6 +16,7 @@ from calib.identification import Workplace, predict_accuracy, tool_motion
 from calib.identification.prediction import reference_frame
 from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, transform
+from calib.shown import Shown
 from posedesign.cell.cell import Cell
 from posedesign.constraints import Checker, Postures, nearest_postures
 from posedesign.files.measurements import MeasurementTable
@@ -94,8 +95,8 @@ class TaskBox:
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class BoxAccuracy:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoxAccuracy(Shown):
     """Predicted accuracy of the tool point over a task box.
 
     Attributes
@@ -157,6 +158,10 @@ class BoxAccuracy:
             }
             for row, reason in zip((1e3 * columns).tolist(), self.reasons, strict=True)
         ]
+
+    @property
+    def headline(self) -> str:
+        return self.summary()
 
     def summary(self) -> str:
         """Best, middle and worst of the box in one line."""

@@ -8,10 +8,11 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from posedesign import __version__
 from posedesign.cli import (
     calibrate_commands,
     correct_commands,
@@ -32,9 +33,9 @@ app = typer.Typer(
     name="posedesign",
     help="Plan the measuring poses of a robot calibration, write the robot's program, and "
     "identify the robot from what comes back.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 plan_commands.register(app)
 program_commands.register(app)
@@ -42,6 +43,21 @@ calibrate_commands.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        print(f"posedesign {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def posedesign(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which.")
+    ] = False,
+) -> None:
+    """Plan the measuring poses of a robot calibration, write the program, identify the robot."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -44,7 +44,7 @@ def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:
         "task_box": result.box_words,
         "cycle_time_s": result.cycle_time_s,
         "indices": result.indices.as_dict(),
-        "predicted": result.rows(),
+        "predicted": result.sigma_rows(),
         "other_numbers_of_poses": [
             {
                 "poses": other.poses,

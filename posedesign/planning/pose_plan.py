@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,6 +13,7 @@ import numpy as np
 from calib.model import CalibrationModel
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
+from calib.shown import Shown
 from posedesign.files.csv_tables import DECIMALS
 from posedesign.motion.route import Route
 from posedesign.selection import Indices
@@ -154,11 +156,28 @@ class Round:
     sigma: FloatArray
 
 
-class Planned:
+class Planned(Shown):
     """Poses and the route through them; None where there is none."""
 
     poses: PoseSet
     route: Route | None
+
+    @property
+    @abstractmethod
+    def message(self) -> str:
+        """The outcome in a sentence."""
+
+    @property
+    def headline(self) -> str:
+        return self.message
+
+    def rows(self) -> list[dict[str, object]]:
+        """The stops in their order: name, whether passed through only, joints [deg]."""
+        return [
+            {"name": name, "via": via}
+            | {f"j{j}_deg": float(value) for j, value in enumerate(np.degrees(q), start=1)}
+            for name, q, via in self.stops
+        ]
 
     @property
     def postures(self) -> FloatArray:
@@ -177,7 +196,7 @@ class Planned:
         return fingerprint(self.postures)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PosePlan(Planned):
     """A set of measuring poses with its history.
 

@@ -48,23 +48,26 @@ def as_svg(figure: Figure) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def error_by_poses(
-    counts: Sequence[int], error_m: Sequence[FloatArray], labels: Sequence[str]
-) -> Figure:
+def error_by_poses(error_m: Sequence[FloatArray], labels: Sequence[str]) -> Figure:
     """Predicted error of the tool point against the number of poses.
 
     Parameters
     ----------
-    counts : sequence of int
-        Numbers of poses, K of them.
-    error_m : sequence of array (K,)
-        Root mean square error [m] of the first poses of an order; NaN where they do not suffice.
+    error_m : sequence of array (N,)
+        Root mean square error [m] of 1, 2, .. N poses; NaN where they do not suffice.
     labels : sequence of str
         What the orders are.
     """
     figure, (panel,) = new_figure()
     for values, label, colour in zip(error_m, labels, COLOURS, strict=False):
-        panel.plot(counts, 1e3 * np.asarray(values), "o-", ms=3, color=colour, label=label)
+        panel.plot(
+            range(1, len(values) + 1),
+            1e3 * np.asarray(values),
+            "o-",
+            ms=3,
+            color=colour,
+            label=label,
+        )
     panel.set_yscale("log")
     _plain_numbers(panel)
     panel.set_xlabel("number of poses")

@@ -7,7 +7,7 @@ checks, the measurements and the identification, X and Z, and where every file i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files as resources
 from pathlib import Path
@@ -38,7 +38,6 @@ from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.plans import answer_of_check
-from posedesign.selection import select
 
 PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"
@@ -46,6 +45,9 @@ MEASUREMENTS = ("touchups.csv", "measurements.csv")
 ROBOT_WORLD = "robot_world.csv"
 MOST_BYTES = 50_000_000
 """Of a file that is named in the list of files; a larger one is listed without its checksum."""
+
+SINGULAR = 1e12
+"""Condition of the normalised information from which on poses do not suffice."""
 
 _POSE_COLUMNS = (
     *("name", "order", "status", "reason", "configuration"),
@@ -178,28 +180,54 @@ def _promise(cell: Cell, q: FloatArray, section: Section) -> None:
     ]
     svg = figures.as_svg(figures.error_over_box(found.points_m, found.rms_m))
     section.figures.append((f"Predicted error of the tool point over {words}", svg))
-    counts = list(range(max(model.p // 3, 2), len(q) + 1))
-    visited = _errors(model.linearise(q).white_jacobian, functions_over_box(cell, model)[0], counts)
+    errors = _errors(model.linearise(q).white_jacobian, functions_over_box(cell, model)[0])
     figure = figures.error_by_poses(
-        counts, visited, ("the first poses of the tour", "the best of these poses")
+        errors, ("the first poses of the tour", "the best of these poses")
     )
     section.figures.append(("What each further pose is worth", figures.as_svg(figure)))
 
 
-def _errors(white: FloatArray, functions: FloatArray, counts: Sequence[int]) -> list[FloatArray]:
-    """Error [m] of the first poses, and of the best of all: NaN where they do not suffice."""
-    first = np.full(len(counts), np.nan)
-    best = np.full(len(counts), np.nan)
-    order = select(white, len(white), "A", method="greedy", bound=False).indices
-    for k, count in enumerate(counts):
-        for out, rows in ((first, white[:count]), (best, white[order[:count]])):
-            information = np.einsum("nmp,nmq->pq", rows, rows)
-            scale = np.sqrt(np.diag(information))
-            if (scale == 0).any() or np.linalg.cond(information / np.outer(scale, scale)) > 1e12:
-                continue
-            spread = np.einsum("kip,pq,kiq->k", functions, np.linalg.inv(information), functions)
-            out[k] = math.sqrt(float(spread.mean()))
-    return [first, best]
+def _errors(white: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Error of the tool point [m] of the first poses of a tour, and of the best of all of it.
+
+    Parameters
+    ----------
+    white : array (N, m, p)
+        Whitened blocks.
+    functions : array (K, 3, p)
+        How the tool point moves with the parameters.
+
+    Returns
+    -------
+    first, best : array (N,)
+        For 1, 2, .. N poses; NaN where they do not suffice. The best are found by leaving out, one
+        after the other, the pose that is missed least.
+    """
+    blocks = np.einsum("nmp,nmq->npq", white, white)
+    wanted = np.einsum("kip,kiq->pq", functions, functions) / len(functions)
+    first = _error(np.cumsum(blocks, axis=0), wanted)
+    best = np.full(len(white), np.nan)
+    left = np.arange(len(white))
+    best[-1] = first[-1]
+    while len(left) > 1:
+        error = _error(blocks[left].sum(axis=0) - blocks[left], wanted)
+        if np.isnan(error).all():
+            break
+        left = np.delete(left, np.nanargmin(error))
+        best[len(left) - 1] = np.nanmin(error)
+    return first, best
+
+
+def _error(information: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Root mean square error ``(N,)`` [m] by information ``(N, p, p)``; NaN where singular."""
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
+    normal = information / (scale[:, :, None] * scale[:, None, :])
+    known = np.linalg.cond(normal) < SINGULAR
+    out = np.full(len(information), np.nan)
+    weight = wanted / (scale[known][:, :, None] * scale[known][:, None, :])
+    spread = np.linalg.inv(normal[known])
+    out[known] = np.sqrt(np.einsum("npq,nqp->n", spread, weight))
+    return out
 
 
 def _pose_table(folder: Path) -> Table:

@@ -104,7 +104,7 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
         notes=[*result.remarks, *cell.notices],
         details=frame_notes(result.model),
         tables=[
-            Table(PREDICTED, result.rows()),
+            Table(PREDICTED, result.sigma_rows()),
             Table(
                 f"What a pose more or fewer changes, over {result.box_words}",
                 result.accuracy_rows(),

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, check_type, near_names, one_line
 from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
+from calib.shown import Shown
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation
 from posedesign.selection.criteria import criterion_by_name
@@ -42,8 +43,8 @@ MOST_CONDITION_POSES = 200
 """Poses that a condition number is tried with at most: more of them need not lower it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
+@dataclass(frozen=True, eq=False, repr=False)
+class Selection(Shown):
     """Poses chosen out of a pool.
 
     ``indices`` (n,): into the pool, ascending, with those that were kept. ``criterion``: what they
@@ -82,6 +83,14 @@ class Selection:
         if np.isnan(self.efficiency):
             return "no bound"
         return "best" if self.efficiency >= PROVEN else "bounded"
+
+    @property
+    def headline(self) -> str:
+        return self.message
+
+    def rows(self) -> list[dict[str, object]]:
+        """The chosen candidates by their index in the pool."""
+        return [{"candidate": int(k)} for k in self.indices]
 
     @property
     def message(self) -> str:

@@ -15,7 +15,7 @@ from posedesign.files.measurements import read_measurements
 from posedesign.pairs import read_pairs
 from posedesign.planning.poses_file import read_poses
 from posedesign.programs import validate
-from tests.cli.conftest import rows_of
+from tests.cli.conftest import rows_of, unfolded
 
 FILES = {
     "cell.toml",
@@ -44,6 +44,7 @@ def demo(tmp_path_factory) -> tuple[Path, str]:
 
 def test_demo_leaves_its_files(demo):
     out, said = demo
+    said = unfolded(said)
     names = {path.name for path in out.iterdir()}
     assert names >= FILES
     assert not [name for name in names if name.startswith(".") or name.endswith(".tmp")]

@@ -9,6 +9,7 @@ import numpy as np
 from calib.identification import IdentificationResult
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
+from calib.shown import Shown
 from posedesign.motion.route import Route
 from posedesign.planning.optimal.refinement import SCENARIOS, Robustness
 from posedesign.planning.optimal.request import TCP, TCP_WORST, Accuracy, PlanObjective, Request
@@ -21,7 +22,7 @@ from posedesign.planning.pose_plan import (
 from posedesign.selection import Fewest, Indices, Selection
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OptimalPlan(Planned):
     """Poses chosen out of a pool, and the way through them.
 
@@ -209,7 +210,7 @@ class OptimalPlan(Planned):
         limits = {"m": self.request.sigma_m, "rad": self.request.sigma_rad}
         return np.array([limits.get(unit) or np.inf for unit in self.model.units])
 
-    def rows(self) -> list[dict[str, object]]:
+    def sigma_rows(self) -> list[dict[str, object]]:
         """Predicted deviation of each parameter, beside that of one pose fewer and more."""
         shown = displayed(self.model, self.accuracy.sigma)
         rows: list[dict[str, object]] = [
@@ -248,8 +249,8 @@ def _or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-@dataclass(frozen=True, eq=False)
-class NextPoses:
+@dataclass(frozen=True, eq=False, repr=False)
+class NextPoses(Shown):
     """Poses to measure next, and what they promise.
 
     ``measured``: touch-ups so far. ``identified``: what they give; None while they do not identify
@@ -285,6 +286,10 @@ class NextPoses:
     @property
     def dropped(self) -> tuple[str, ...]:
         return self.poses.dropped
+
+    @property
+    def headline(self) -> str:
+        return self.message
 
     @property
     def message(self) -> str:

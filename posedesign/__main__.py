@@ -1,0 +1,5 @@
+"""``python -m posedesign``."""
+
+from posedesign.cli.main import main
+
+main()

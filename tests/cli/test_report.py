@@ -1,0 +1,55 @@
+"""The page of a calibration: what stands on it, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from posedesign.files import origin_of
+
+
+@pytest.fixture
+def page(cli, work):
+    assert cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work).code == 0
+    said = cli("report", work)
+    assert said.code == 0, said
+    assert said.out.startswith(f"wrote: {work / 'report.html'}, ")
+    return (work / "report.html").read_text()
+
+
+def test_one_file_says_it_all(page, work, cli):
+    titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
+    assert titles == ["Cell", "Poses", "Motions", "Identification", "Files"]
+    assert page.count("<svg") == 4
+    assert "SIMULATED, not for a robot" in page
+    assert "not checked: collisions: constraints.collisions is false" in page
+    assert "recommended: offsets + compliance" in page
+    for name in ("cell.toml", "poses.csv", "touchups.csv", "identification.json"):
+        assert f"<td>{name}</td>" in page
+    # nothing of it is fetched: no address but those that name SVG's vocabulary
+    addresses = set(re.findall(r'(?:src|href|url)\W{1,2}([^"\')\s]+)', page))
+    assert all(a.startswith("#") or a.startswith("http://www.w3.org/") for a in addresses)
+    assert len(page) < 5_000_000
+    found = origin_of(work / "report.html")
+    assert found is not None
+    assert (found.kind, found.command) == ("simulated", "report")
+    assert cli("report", work).code == 0  # its own page may be replaced
+
+
+def test_names_from_files_are_no_markup(page, work, cli):
+    text = (work / "poses.csv").read_text()
+    (work / "poses.csv").write_text(text.replace("P14,", "<script>alert(1)</script>,", 1))
+    assert cli("report", work).code == 0
+    changed = (work / "report.html").read_text()
+    assert "<script>alert" not in changed
+    assert "&lt;script&gt;alert" in changed
+
+
+def test_pages_of_nothing_and_of_damaged_files_are_refused(refuse, work, tmp_path):
+    (tmp_path / "empty").mkdir()
+    refuse("report", tmp_path / "empty").says("nothing to report of", "cell.toml")
+    (work / "identification.json").write_text('{"models": [{"name": "a"}], "recommended": "a"}')
+    refuse("report", work).says("identification.json", "does not have what a report needs")
+    (work / "identification.json").write_text("{")
+    refuse("report", work).says("identification.json")

@@ -42,7 +42,7 @@ class DemoResults:
     """What the demo made, besides its files.
 
     ``truth`` is what the identified parameters are held against, see
-    :func:`~posedesign.simulation.accuracy_study.effective_truth` [SI].
+    :func:`~posedesign.simulation.accuracy.effective_truth` [SI].
     """
 
     plan: PosePlan

@@ -1,21 +1,30 @@
 """The simulated robot and cell behind rehearsals, the demonstration and studies."""
 
-from posedesign.simulation.accuracy_study import (
-    IDENTIFIED_ARM,
-    AccuracyStudy,
-    Finding,
-    accuracy_study,
-    effective_truth,
-    pick,
-    spread_interval,
-)
-from posedesign.simulation.plate import PLATE_PITCH_M, PlateTest
-from posedesign.simulation.rehearsal import (
-    SimulatedRobot,
-    circle_target,
-    true_cell,
-    true_observer,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
+
+if TYPE_CHECKING:
+    from posedesign.simulation.accuracy import (
+        IDENTIFIED_ARM,
+        AccuracyStudy,
+        Finding,
+        accuracy_study,
+        effective_truth,
+        pick,
+        spread_interval,
+    )
+    from posedesign.simulation.plate import PLATE_PITCH_M, PlateTest
+    from posedesign.simulation.rehearsal import (
+        SimulatedRobot,
+        circle_target,
+        true_cell,
+        true_observer,
+    )
+else:
+    __getattr__ = load_when_asked(__name__)
 
 __all__ = [
     "IDENTIFIED_ARM",

@@ -16,7 +16,7 @@ from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell, cell_template
 from posedesign.planning import Round, plan
 from posedesign.simulation import SimulatedRobot, effective_truth, spread_interval
-from posedesign.simulation.accuracy_study import improving_rounds, to_the_widest
+from posedesign.simulation.accuracy import improving_rounds, to_the_widest
 from posedesign.study import Grid, Options, Store, Task, call, read_table, run_grid
 from posedesign.workflow import camera_noise
 from studies import writing

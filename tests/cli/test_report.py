@@ -11,6 +11,8 @@ from posedesign.files import origin_of
 
 @pytest.fixture
 def page(cli, work):
+    simulated = ("simulate", work / "cell.toml", work / "poses.csv", "--out", work)
+    assert cli(*simulated, "--overwrite").code == 0
     assert cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work).code == 0
     said = cli("report", work)
     assert said.code == 0, said

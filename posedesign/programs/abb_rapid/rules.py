@@ -42,19 +42,7 @@ from lark import Token, Tree
 from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.abb_rapid import module, words
-from posedesign.programs.abb_rapid.module import (
-    FRAMES,
-    LANGUAGE,
-    ROUTINES,
-    SHAPES,
-    Argument,
-    Data,
-    Nested,
-    Node,
-    is_a,
-    name_of,
-    nested,
-)
+from posedesign.programs.abb_rapid.module import FRAMES, ROUTINES, SHAPES, Data, Nested, Node
 from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
 from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.language import words as token_texts
@@ -79,7 +67,7 @@ _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "nu
 
 def check_module(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    statements = LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
+    statements = module.LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
     checker = _Checker(statements, whole=set_mark(data) is not None)
     return rules.told(
         rules.check_bytes(data, ("encoding", *rules.CONTROL[1:])),
@@ -217,13 +205,13 @@ class _Checker:
             if data.kind in (*SHAPES, "speeddata"):
                 for label, value in data.values:
                     yield from check(data.row, label, data.kind, value)
-            elif data.kind in FRAMES and is_a(data.value, "list") and not data.size:
+            elif data.kind in FRAMES and module.is_a(data.value, "list") and not data.size:
                 yield from self._check_frame(data)
 
     def _check_speed(self, row: int, name: str, kind: str, value: Node) -> Iterator[Problem]:
         """Four numbers; also of a speed in a motion."""
         if isinstance(value, Tree) and value.data == "list":
-            texts = nested(value)
+            texts = module.nested(value)
             named = any(map(self._has_names, texts)) and not self._has_odd(value)
             if len(texts) != 4 or not (named or all(map(_is_number, texts))):
                 yield Problem(row, "argument", f"{name} has not the four numbers of a {kind}")
@@ -232,7 +220,7 @@ class _Checker:
         flags = len(token_texts(data.value, "BOOL")) if isinstance(data.value, Tree) else 0
         if self._has_odd(data.value) or flags > FRAMES.index(data.kind) + 1:
             yield Problem(data.row, "frame", f"{data.name} has not plain numbers")
-        elif data.value is not None and not self._has_names(nested(data.value)):
+        elif data.value is not None and not self._has_names(module.nested(data.value)):
             try:
                 frames_of(data, "")
             except FileFormatError as error:
@@ -248,12 +236,12 @@ class _Checker:
         """Whether a list has a word that stands for no number."""
         if not isinstance(value, Tree):
             return False
-        found = {name_of(node) for node in value.iter_subtrees()} - {""}
+        found = {module.name_of(node) for node in value.iter_subtrees()} - {""}
         return bool(found & words.DATA.keys() or (found and self.whole))
 
     def _check_position(self, row: int, label: str, kind: str, node: Node) -> Iterator[Problem]:
         """Numbers of a position; parts of it may have names."""
-        value = nested(node)
+        value = module.nested(node)
         if isinstance(node, Token) or node.data != "list":
             if isinstance(node, Token):
                 yield Problem(row, "position", f"{label}: {str(node)[:30]!a} is no {kind}")
@@ -349,7 +337,9 @@ class _Checker:
         if near:
             yield Problem(row, "name", f"{name} is not known: {near}?")
 
-    def _check_arguments(self, row: int, word: str, given: list[Argument]) -> Iterator[Problem]:
+    def _check_arguments(
+        self, row: int, word: str, given: list[module.Argument]
+    ) -> Iterator[Problem]:
         """The arguments of an instruction whose signature is known."""
         taken = [(value, dict(switches)) for value, switches in given[:1]]
         for value, switches in given[1:]:
@@ -377,16 +367,22 @@ class _Checker:
 
     def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
         """The type of an argument, as far as it is known."""
-        if is_a(value, "list") and kind in SHAPES:
+        if module.is_a(value, "list") and kind in SHAPES:
             yield from self._check_position(row, "the position", kind, value)
         if kind == "speeddata":
             yield from self._check_speed(row, "the speed", kind, value)
-        number = is_a(value, "operation") or (isinstance(value, Token) and value.type == "NUMBER")
+        number = module.is_a(value, "operation") or (
+            isinstance(value, Token) and value.type == "NUMBER"
+        )
         plain = isinstance(value, Token) or value.data in ("operation", "list")
-        if plain and number != (kind == "num") and not (is_a(value, "list") and kind != "num"):
+        if (
+            plain
+            and number != (kind == "num")
+            and not (module.is_a(value, "list") and kind != "num")
+        ):
             said = str(value) if isinstance(value, Token) else text_of(value)
             yield Problem(row, "argument", f"{said[:40]!a} is no {kind}")
-        name = name_of(value)
+        name = module.name_of(value)
         if not name or any(map(_is_name, value.children[1:])):  # type: ignore[union-attr]
             return
         known, data = self._find(name) or (words.DATA.get(name, ""), None)
@@ -398,7 +394,7 @@ class _Checker:
         elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
             yield Problem(row, "argument", f"{name} is {'a' if data.size else 'no'} list")
         elif data and kind in FRAMES:
-            load = nested(data.value)[2:] if is_a(data.value, "list") else []  # type: ignore[arg-type]
+            load = module.nested(data.value)[2:] if module.is_a(data.value, "list") else []  # type: ignore[arg-type]
             mass = load[0][0] if kind == "tooldata" and load and isinstance(load[0], list) else "1"
             if data.storage != "PERS":
                 yield Problem(row, "argument", f"{name}: the {kind} of a motion is PERS")
@@ -416,7 +412,7 @@ class _Checker:
                 switches = {switch for _, found in given for switch in found}
                 if word.startswith("MOVE") and len(given) > 2:
                     zone = [value for value, _ in given if value is not None][-2:-1]
-                    stopped, stands = [name_of(node) for node in zone] == ["FINE"], False
+                    stopped, stands = [module.name_of(node) for node in zone] == ["FINE"], False
                 elif word in ("WAITTIME", "WAITROB") and switches & {"INPOS", "ZEROSPEED"}:
                     stands = True
                 else:

@@ -9,15 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.se3 import FloatArray, rotation_from_wpr, transform
-from posedesign.programs.kuka_krl.syntax import (
-    POSE,
-    Node,
-    as_number,
-    bas_of,
-    fields_of,
-    key_of,
-    settings_of,
-)
+from posedesign.programs.kuka_krl import syntax as krl
+from posedesign.programs.kuka_krl.syntax import POSE, Node
 from posedesign.programs.language import Statement
 
 _OPEN = ("if_", "for_", "while_", "loop", "repeat", "switch")
@@ -78,7 +71,7 @@ class ActiveFrames:
         """Follow a statement; return whether it does nothing else than to set frames."""
         kind = statement.kind
         if kind == "call":
-            command, number = bas_of(statement)
+            command, number = krl.bas_of(statement)
             if command in ("TOOL", "BASE"):
                 self._activate(command, _of_number(number))
             elif command == "FRAMES":
@@ -86,14 +79,14 @@ class ActiveFrames:
             return command in ("TOOL", "BASE", "FRAMES")
         if kind == "assignment":
             variable, value = statement.tree.children
-            return self._take_assignment(key_of(variable), value)
+            return self._take_assignment(krl.key_of(variable), value)
         self._follow_blocks(kind)
         return False
 
     def of_motion(self, statement: Statement) -> Frames:
         """The frames of a motion."""
         found = self.frames
-        for name, _ in settings_of(statement):  # from the data of its inline form
+        for name, _ in krl.settings_of(statement):  # from the data of its inline form
             found = found.having(name.removeprefix("$"), UNKNOWN)
         return found
 
@@ -102,7 +95,7 @@ class ActiveFrames:
         if whole in ("$TOOL", "$BASE"):
             self._activate(whole[1:], UNKNOWN if part else _frame(value))
         elif whole == "FDAT_ACT":
-            fdat = Frames.of_fdat(dict(fields_of(value)))
+            fdat = Frames.of_fdat(dict(krl.fields_of(value)))
             self.frames = replace(self.frames, tool=fdat.tool, base=fdat.base)
         elif whole == "$IPO_MODE":
             self.frames = replace(self.frames, external_tool=str(value).upper() == "#TCP")
@@ -133,13 +126,13 @@ def _of_number(text: str) -> Frame:
 
 def _frame(value: Node) -> Frame:
     """What is assigned to $TOOL or $BASE: a frame of a number, or all its six values."""
-    name = key_of(value)
+    name = krl.key_of(value)
     if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
         return _of_number(name[10:-1])
     if name == "$NULLFRAME":
         return Frame(value=np.eye(4))
-    fields = fields_of(value)
-    values = {axis: as_number(text) for axis, text in fields}
+    fields = krl.fields_of(value)
+    values = {axis: krl.as_number(text) for axis, text in fields}
     if len(fields) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
         return UNKNOWN  # KRL leaves values that are not given as they are
     angles = np.deg2rad([values[axis] for axis in "CBA"])

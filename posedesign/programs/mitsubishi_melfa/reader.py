@@ -1,11 +1,11 @@
 """MELFA-BASIC programs: the reader.
 
 Positions are the list behind the steps: joints in degrees, poses in mm and degrees. ``J3`` of a
-program that carries the mark of a plan is the pose of number 3; other positions are numbered in
-their order. Poses are taken without their structure flags, of which public sources do not say the
-signs for every arm: the plan settles which posture is meant. That A, B, C turn about fixed X, Y
-and Z is from RoboDK's post-processor alone. Positions that were defined, but never taught, have
-empty flags, ``(,)``, and are left out.
+program that carries the mark of a plan is the pose of number 3; other positions are numbered
+behind, in their order. Poses are taken without their structure flags, of which public sources do
+not say the signs for every arm: the plan settles which posture is meant. That A, B, C turn about
+fixed X, Y and Z is from RoboDK's post-processor alone. Positions that were defined, but never
+taught, have empty flags, ``(,)``, and are left out.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from lark import Token, Tree
 
 from posedesign.programs.language import Language, Line, Statement, lines_of, text_of
+from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -27,6 +28,8 @@ from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedPro
 _REMARK = re.compile(r"""("[^"\n]*")|'.*""")
 _NOTE = re.compile(r"\d{1,5} ?' ?(.*)")
 _POSE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
+_PLANNED = re.compile(r"J([1-9]\d{0,4})", re.IGNORECASE | re.ASCII)
+_NEVER = re.compile(r"(?!)")
 _MOST = 6
 """Values of a position; those behind are of axes that carry the arm, or a part."""
 
@@ -68,15 +71,17 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
             continue
         if name.upper() in found:
             refuse(f"{name} is there twice", path, statement.row)
-        own = re.fullmatch(r"[Jj](\d{1,5})", name) if mark else None
-        n = int(own[1]) if own else len(found) + 1
         if not all(value.data == "number" for value in values):
             refuse(f"{name} is no list of numbers", path, statement.row)
-        at = RecordedPosition(n, names.get(n, "") if mark else name, statement.row)
+        at = RecordedPosition(0, name, statement.row)
         found[name.upper()] = _with_values(at, name, [text_of(value) for value in values], path)
-    positions = sorted(found.values(), key=lambda position: position.number)
-    if not positions:
+    if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
+    numbering = Numbering(_PLANNED if mark else _NEVER, _NEVER, mark, names if mark else {})
+    numbered = numbering.of([Stored(at.name, at.line) for at in found.values()], path)
+    pairs = zip(found.values(), numbered, strict=True)
+    positions = [replace(at, number=n, name=own.name) for at, (n, own) in pairs]
+    positions.sort(key=lambda position: position.number)
     return RecordedProgram(path.stem, "", mark or PlanMark(), tuple(positions), None)
 
 

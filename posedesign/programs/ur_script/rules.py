@@ -43,18 +43,10 @@ from lark import Token, Tree
 from posedesign.programs import rules
 from posedesign.programs.language import Statement, block_faults
 from posedesign.programs.recorded import Problem
+from posedesign.programs.ur_script import reader
 from posedesign.programs.ur_script.functions import FUNCTIONS, MOVES, PARAMETERS, POSES
 from posedesign.programs.ur_script.log import is_log
-from posedesign.programs.ur_script.reader import (
-    BLOCKS,
-    JOINTS,
-    LANGUAGE,
-    Node,
-    arguments,
-    by_name,
-    elements,
-    shown,
-)
+from posedesign.programs.ur_script.reader import BLOCKS, JOINTS, Node, shown
 
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
@@ -82,7 +74,9 @@ def check_ur_script(data: bytes) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good script. Never fails."""
     if is_log(data):
         return [Problem(1, "log", "this is the log of a run, for which there are no rules")]
-    found = LANGUAGE.statements(data.decode("latin-1"))  # any byte is a character: none is lost
+    found = reader.LANGUAGE.statements(
+        data.decode("latin-1")
+    )  # any byte is a character: none is lost
     return rules.told(
         rules.check_bytes(data, rules.CONTROL, ("text", *rules.LONE_CR[1:])),
         [] if found else [Problem(1, "program", "there is nothing in it")],
@@ -106,10 +100,10 @@ class _Uses:
         children: Sequence[Node] = tree.children
         kind, first = tree.data, children[0] if children else None
         if kind == "call" and isinstance(first, Token):
-            self.calls.append((str(first), arguments(tree)))
+            self.calls.append((str(first), reader.arguments(tree)))
             children = children[1:]
         elif kind == "run":
-            self.calls.append((str(children[1]), arguments(tree)))
+            self.calls.append((str(children[1]), reader.arguments(tree)))
             children = children[2:]
         elif kind == "member":
             children = children[:1]
@@ -212,7 +206,7 @@ class _Script:
             reason = f"{name} has {len(given)} arguments, not {least} to {len(parameters)}"
             yield Problem(row, "arguments", reason)
         elif not own:
-            yield from _check_values(name, by_name(name, given), row)
+            yield from _check_values(name, reader.by_name(name, given), row)
 
     def _check_measuring(self, uses: _Uses, row: int) -> Iterator[Problem]:
         """Whether the arm is, and stands still, where it is measured."""
@@ -220,7 +214,7 @@ class _Script:
         self._has_tcp = self._has_tcp or "set_tcp" in names
         for name, given in uses.calls:
             if name in MOVES:
-                radius = by_name(name, given).get("r")
+                radius = reader.by_name(name, given).get("r")
                 self._is_blended = radius is not None and not _ZERO.fullmatch(shown(radius))
                 self._moves += 1
                 self._moved = True
@@ -318,7 +312,7 @@ def _check_pose(pose: Tree[Token], row: int) -> Iterator[Problem]:
 
 def _numbers(node: Node) -> list[float | None]:
     """Elements of a list or a pose, None for an expression; nothing where one can be no number."""
-    found = elements(node) if isinstance(node, Tree) else []
+    found = reader.elements(node) if isinstance(node, Tree) else []
     if any(isinstance(child, Token) and child.type in _NO_NUMBERS for child in found):
         return []
     return [_number(child) for child in found]

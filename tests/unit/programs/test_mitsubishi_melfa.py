@@ -27,6 +27,14 @@ TEXT = next(iter(DIALECT.files(PROGRAM).values()))
 EXPORT = export("melfa.mb5")
 
 
+def test_a_position_of_the_operator_takes_no_number_of_the_plan() -> None:
+    # J1 and J3 are planned; the operator's own, and J2 written otherwise, stand behind all
+    text = TEXT.replace("\nJ2=(", "\nJV=(").replace("\nJ1=(", "\nJ01=(0,0,0,0,0,0)\nJ1=(")
+    back = DIALECT.parse(text.encode(), PATH)
+    numbers = [(p.number, p.name) for p in back.positions]
+    assert numbers == [(1, "T -1"), (3, "T 0"), (4, "J01"), (5, "JV")]
+
+
 def test_a_program_of_others() -> None:
     back = DIALECT.parse(EXPORT.encode(), PATH)
     assert [p.name for p in back.positions] == ["ppick", "J1"]

@@ -116,21 +116,44 @@ class Engine:
         origins = (links_R @ self._origins[..., None])[..., 0] + links_p
         return Placed(links_R @ self._rotations, origins)
 
-    def bounds(self, placed: Placed) -> Bounds:
-        """Distances at S postures where arrays give them exactly; bounds elsewhere."""
-        distance = np.empty((len(placed.origins), len(self._pairs)))
+    def bounds(self, placed: Placed, done: BoolArray | None = None) -> Bounds:
+        """Distances at S postures where arrays give them exactly; bounds elsewhere.
+
+        Parameters
+        ----------
+        placed : Placed
+        done : array (S, P) of bool, optional
+            Pairs that are looked at no more: they count as infinitely far.
+        """
+        S, P = len(placed.origins), len(self._pairs)
         ends = (placed.rotations @ self._ends[..., None])[..., 0]
         centres = (placed.rotations @ self._centres[..., None])[..., 0] + placed.origins
-        a, b = self._pairs[self._other_pairs].T
-        apart = centres[:, b] - centres[:, a]
-        radii = self._radii[a] + self._radii[b]
-        distance[:, self._other_pairs] = segment_segment(apart, ends[:, a], ends[:, b]) - radii
-        for p in self._plane_pairs:
-            distance[:, p] = self._above_plane(placed, *self._pairs[p])
-        exact = np.broadcast_to(self._exact, distance.shape).copy()
+        if done is None:
+            distance = np.empty((S, P))
+            a, b = self._pairs[self._other_pairs].T
+            apart = centres[:, b] - centres[:, a]
+            radii = self._radii[a] + self._radii[b]
+            distance[:, self._other_pairs] = segment_segment(apart, ends[:, a], ends[:, b]) - radii
+            for p in self._plane_pairs:
+                distance[:, p] = self._above_plane(placed, *self._pairs[p])
+            exact = np.broadcast_to(self._exact, distance.shape).copy()
+            return Bounds(distance, exact, exact.copy(), placed)
+        distance = np.full((S, P), np.inf)
+        rows, pairs = np.nonzero(~(done | self._half_space[self._pairs[:, 1]]))
+        a, b = self._pairs[pairs].T
+        apart = centres[rows, b] - centres[rows, a]
+        between = segment_segment(apart, ends[rows, a], ends[rows, b])
+        distance[rows, pairs] = between - self._radii[a] - self._radii[b]
+        for p in self._plane_pairs[~done[:, self._plane_pairs].all(axis=0)]:
+            some = np.flatnonzero(~done[:, p])
+            there = Placed(placed.rotations[some], placed.origins[some])
+            distance[some, p] = self._above_plane(there, *self._pairs[p])
+        exact = self._exact | done
         return Bounds(distance, exact, exact.copy(), placed)
 
-    def settle(self, known: Bounds, beyond: FloatArray | float, enough: float) -> None:
+    def settle(
+        self, known: Bounds, beyond: FloatArray | float, enough: float, *, one_will_do: bool = False
+    ) -> None:
         """Improve the bounds until the smallest of each posture is exact, or large enough.
 
         Parameters
@@ -141,18 +164,31 @@ class Engine:
             Taken off the distances before they are compared [m].
         enough : float
             Rows whose smallest value is at least this are not looked at any further [m].
+        one_will_do : bool
+            Leave a row, too, when any exact value of it is below ``enough``.
         """
         key = known.distance_m - beyond
+        if not key.shape[1]:
+            return
         beyond = np.broadcast_to(beyond, key.shape)
-        rows = np.arange(len(key)) if key.shape[1] else np.empty(0, dtype=np.intp)
+        exact = np.where(known.exact, key, np.inf).min(axis=1)
+        rows = np.flatnonzero(exact >= enough) if one_will_do else np.arange(len(key))
+        # boxes of all pairs that may be the nearest: in one go, where each round costs its calls
+        at, pairs = np.nonzero(
+            ~known.refined[rows] & (key < np.minimum(exact, enough)[:, None])[rows]
+        )
+        self._refine(known, rows[at], pairs)
+        key[rows[at], pairs] = (known.distance_m - beyond)[rows[at], pairs]
         while len(rows):
             pairs = key[rows].argmin(axis=1)
             open_ = ~known.exact[rows, pairs] & (key[rows, pairs] < enough)
             rows, pairs = rows[open_], pairs[open_]
-            first = ~known.refined[rows, pairs]
-            self._refine(known, rows[first], pairs[first])
-            self._ask(known, rows[~first], pairs[~first])
+            if not len(rows):
+                return
+            self._ask(known, rows, pairs)
             key[rows, pairs] = known.distance_m[rows, pairs] - beyond[rows, pairs]
+            if one_will_do:
+                rows = rows[key[rows, pairs] >= enough]
 
     def settle_all(self, known: Bounds, enough: float) -> None:
         """Improve all bounds until they are exact, or at least large enough [m]."""

@@ -152,36 +152,40 @@ def check_ways(
     found = _Found(np.full(W, np.inf), np.full(W, -1, dtype=np.intp), np.zeros(W))
     everything = np.arange(W)
     ways, middles = np.repeat(everything, 2), np.tile([0.0, 1.0], W)
+    # pairs that keep the distance all along a piece keep it on both its halves
+    done = np.zeros((len(ways), len(radii)), dtype=bool)
     half = 0.0  # the ends are looked at first: they are pieces without a length
     while len(ways):
-        undone = np.zeros(len(ways), dtype=bool)
         for first in range(0, len(ways), chunk):
             rows = slice(first, first + chunk)
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
-            known = engine.bounds(engine.place(chain.forward(q)))
+            known = engine.bounds(engine.place(chain.forward(q)), done[rows] if half else None)
             engine.settle(known, 0.0, cap_m)
             found.take(way, middle, *nearest(known.distance_m, cap_m))
             here = found.distance_m[way] >= keep_m
             motion = speed[way[here]] * half
             # a pair that can no longer move noticeably is decided by its distance at the middle
             beyond = np.where(motion > tolerance_m, motion, -np.inf)
-            here[here] = _undecided(engine, known.rows(here), beyond, keep_m)
-            undone[rows] = here
-        open_ = undone & (found.distance_m[ways] >= keep_m)
+            done[first + np.flatnonzero(here)] = ~_undecided(
+                engine, known.rows(here), beyond, keep_m
+            )
+        open_ = ~done.all(axis=1) & (found.distance_m[ways] >= keep_m)
         if half == 0.0:
             half = 0.5
             ways = everything[found.distance_m >= keep_m]
             middles = np.full(len(ways), 0.5)
+            done = np.zeros((len(ways), len(radii)), dtype=bool)
         else:
             half /= 2.0
             ways = np.repeat(ways[open_], 2)
             middles = (middles[open_, None] + [-half, half]).ravel()
+            done = np.repeat(done[open_], 2, axis=0)
     return Ways(found.distance_m >= keep_m, found.distance_m, found.pair, found.part)
 
 
 def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float) -> BoolArray:
-    """Which pieces (S,) have a pair that may come too near before an end of the piece.
+    """Which pairs of pieces (S, P) may come too near before an end of the piece.
 
     Parameters
     ----------
@@ -191,8 +195,8 @@ def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float)
         What the distance of a pair can change until an end of the piece [m]; minus infinity where
         that is not looked at.
     """
-    engine.settle(known, beyond, keep_m)
-    return np.asarray((known.distance_m - beyond <= keep_m).any(axis=1))
+    engine.settle(known, beyond, keep_m, one_will_do=True)
+    return np.asarray(known.distance_m - beyond <= keep_m)
 
 
 def nearest(distance_m: FloatArray, cap_m: float) -> tuple[FloatArray, IntArray]:

@@ -199,7 +199,9 @@ class MotionChecker:
             )
         for collision in self.collisions:
             rows = np.flatnonzero(clear)
-            ways = collision.scene.ways(start[rows], end[rows], collision.keep_m)
+            ways = collision.scene.ways(
+                start[rows], end[rows], collision.keep_m, cap_m=max(collision.keep_m, TOUCH_M)
+            )
             clear[rows] = ways.clear
             for i in np.flatnonzero(~ways.clear).tolist():
                 said = collision.explain(float(ways.distance_m[i]), int(ways.pair[i]))

@@ -21,7 +21,7 @@ from itertools import islice, pairwise, product
 import numpy as np
 
 from calib.robots import Robot
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 from posedesign.constraints import Checker, MotionChecker, nearest_postures
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 
@@ -73,6 +73,17 @@ class KnownMotions:
         """What is known to be in the way between two postures."""
         return self._reasons.get(_edge(start, end), "")
 
+    def blocked(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """Motions ``(K, K)`` from each of ``(K, n)`` to each of ``(K, n)`` known to be blocked."""
+        leave, enter = _rows(starts), _rows(ends)
+        found = np.zeros((len(starts), len(ends)), dtype=bool)
+        for edge in (edge for edge, why in self._reasons.items() if why):
+            a, b = tuple(edge) * (3 - len(edge))
+            for one, other in ((a, b), (b, a)):
+                for i in leave.get(one, ()):
+                    found[i, enter.get(other, [])] = True
+        return found
+
     def through(
         self, start: FloatArray, end: FloatArray, others: Sequence[FloatArray]
     ) -> list[FloatArray] | None:
@@ -92,18 +103,35 @@ class KnownMotions:
         """Postures to pass through from one to another, the quickest of those that are clear."""
         edge = _edge(start, end)
         if edge not in self._detours:
-            first, last = self._drawn_back(start), self._drawn_back(end)
-            options = [[self._base], *([q] for q in (*first, *last))]
-            options += [[a, b] for a in first for b in last]
-            options += [[a, self._base, b] for a in first for b in last]
-            paths = [[start, *via, end] for via in options]
-            paths.sort(key=self._time)
-            clear = self._all_clear(paths)
-            self._detours[edge] = next((p for p, ok in zip(paths, clear, strict=True) if ok), None)
+            self._detours[edge] = self._quickest_detour(start, end)
         path = self._detours[edge]
         if path is None:
             return None
         return path[1:-1] if np.array_equal(path[0], start) else path[-2:0:-1]
+
+    def _quickest_detour(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """The quickest clear path from one to another over the base, drawn back, or both."""
+        first, last = self._drawn_back(start), self._drawn_back(end)
+        self.check(
+            [(a, b) for a, some in ((start, first), (end, last)) for b in (self._base, *some)]
+        )
+        options = [[self._base], *([q] for q in (*first, *last))]
+        options += [[a, b] for a in first for b in last]
+        options += [[a, self._base, b] for a in first for b in last]
+        self.check(
+            [(via[0], end) for via in options[1 : 1 + len(first)] if not self.reason(start, via[0])]
+            + [(start, q) for q in last if not self.reason(q, end)]
+        )
+        # what lies between is of use only where both ends of it can be come to
+        paths = [
+            [start, *via, end]
+            for via in options
+            if not (self.reason(start, via[0]) or self.reason(via[-1], end))
+        ]
+        self.check([leg for path in paths for leg in pairwise(path[1:-1])])
+        paths.sort(key=self._time)
+        clear = (path for path in paths if not any(self.reason(*leg) for leg in pairwise(path)))
+        return next(clear, None)
 
     def in_steps(self, path: Sequence[FloatArray]) -> list[FloatArray]:
         """The path with stops put in between, so that no joint travels too far at once."""
@@ -116,30 +144,31 @@ class KnownMotions:
 
     def _over_others(self, places: Sequence[FloatArray]) -> list[FloatArray] | None:
         """The quickest known way from the first to the last place over the others."""
+        ends = {places[0].tobytes(): 0, places[-1].tobytes(): len(places) - 1}
+        rows = {q.tobytes(): row for row, q in enumerate(places)} | ends
+        onward: dict[int, list[int]] = {row: [] for row in rows.values()}
+        for edge, why in self._reasons.items():
+            if len(edge) == 2 and edge <= rows.keys() and not (why and not self._detours.get(edge)):
+                a, b = (rows[place] for place in edge)
+                onward[a].append(b)
+                onward[b].append(a)
         target = len(places) - 1
         reached: dict[int, tuple[float, list[FloatArray]]] = {0: (0.0, [])}
         front = [0]
         while front:
             here = front.pop(0)
-            for row, place in enumerate(places):
-                hop = self._known_hop(places[here], place)
-                if row == here or hop is None:
-                    continue
-                time = reached[here][0] + self._time([places[here], *hop, place])
+            for row in sorted(onward[here]):
+                hop = self._known_hop(places[here], places[row])
+                time = reached[here][0] + self._time([places[here], *hop, places[row]])
                 if time < reached.get(row, (np.inf,))[0]:
                     passed = [places[here]] if here != 0 else []
                     reached[row] = time, [*reached[here][1], *passed, *hop]
                     front.append(row)
         return reached[target][1] if target in reached else None
 
-    def _known_hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
-        """What is known to lead from one place to another: a clear way, or a detour."""
-        edge = _edge(start, end)
-        if edge not in self._reasons:
-            return None
-        if not self._reasons[edge]:
-            return []
-        return self.detour(start, end) if edge in self._detours else None
+    def _known_hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray]:
+        """What leads from one place to another that a way is known to: nothing, or a detour."""
+        return (self.detour(start, end) or []) if self.reason(start, end) else []
 
     def _blocked(self, start: FloatArray, end: FloatArray) -> list[str]:
         """What is in each of the motions ``(W, n)`` to ``(W, n)`` [rad], stops on them included."""
@@ -162,19 +191,20 @@ class KnownMotions:
             self._retreats[q.tobytes()] = list(found.q[found.feasible])
         return self._retreats[q.tobytes()]
 
-    def _all_clear(self, paths: Sequence[Sequence[FloatArray]]) -> list[bool]:
-        starts = np.array([q for path in paths for q in path[:-1]])
-        ends = np.array([q for path in paths for q in path[1:]])
-        clear = np.array([not why for why in self._blocked(starts, ends)])
-        splits = np.cumsum([len(path) - 1 for path in paths])[:-1]
-        return [bool(part.all()) for part in np.split(clear, splits)]
-
     def _time(self, path: Sequence[FloatArray]) -> float:
         return moving_time_s(np.array(path), self._speeds, ACCELERATION_S)
 
 
 def _edge(a: FloatArray, b: FloatArray) -> frozenset[bytes]:
     return frozenset((a.tobytes(), b.tobytes()))
+
+
+def _rows(postures: FloatArray) -> dict[bytes, list[int]]:
+    """Rows at which each posture of ``(K, n)`` is."""
+    rows: dict[bytes, list[int]] = {}
+    for i, q in enumerate(postures):
+        rows.setdefault(q.tobytes(), []).append(i)
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

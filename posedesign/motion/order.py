@@ -6,6 +6,7 @@ costs that they are given.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +28,10 @@ for 27, 60 and 100 planned poses did not in 12 runs each, those for 200 did in s
 WORTH = 1e-4
 """Share by which the library's order must be shorter to be taken: an order that depends on no clock
 is better than one that is shorter by rounding."""
+
+MANY = 200
+"""Places beyond which an order is not sought from the nearest place next: that takes minutes to
+improve for thousands of places, and the library's takes seconds and is shorter."""
 
 _STEPS = 65535
 """Largest whole number that the library takes for a cost."""
@@ -62,7 +67,13 @@ def moving_time_s(path: FloatArray, speeds: ArrayLike, acceleration_s: float) ->
     return float(move_times(np.diff(path, axis=0), speeds, acceleration_s).sum())
 
 
-def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = True) -> list[int]:
+def shortest_order(
+    cost: FloatArray,
+    *,
+    closed: bool = False,
+    thorough: bool = True,
+    before: Sequence[int] | None = None,
+) -> list[int]:
     """A short way through all places from place 0, or a short round from and to it.
 
     The nearest place next, then improved by turning stretches round and by moving up to three
@@ -72,10 +83,15 @@ def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = T
 
     ``cost`` (N, N): from each place (row) to each; infinite where there is no way. Need not be
     symmetric. ``closed``: whether the way back to place 0 counts. ``thorough``: False: without the
-    library. All places are in the order, 0 first.
+    library. ``before``: an order, e.g. by costs of which a few have risen since, that is improved
+    in place of one by the nearest place next. All places are in the order, 0 first.
     """
     ends = _with_end(cost, closed)
-    path = _improved(ends, _nearest_next(ends))
+    start = _nearest_next(ends) if before is None else np.array([*before, len(cost)])
+    if thorough and before is None and len(cost) > MANY:
+        start = _by_library(ends, start, closed)
+        thorough = False
+    path = _improved(ends, start)
     if thorough and len(cost) > 3:
         other = _improved(ends, _by_library(ends, path, closed))
         if _length(ends, other) < (1.0 - WORTH) * _length(ends, path):
@@ -130,54 +146,54 @@ def _improved(cost: FloatArray, path: IntArray) -> IntArray:
     if len(path) < 4:
         return path
     while True:
-        options = [_best_turn(cost, path)]
+        along = cost[np.ix_(path, path)]  # by places of the path: neighbours stand side by side
+        options = [_best_turn(along)]
         options += [
-            _best_shift(cost, path, size)
-            for size in range(1, min(_LONGEST_SHIFT, len(path) - 3) + 1)
+            _best_shift(along, size) for size in range(1, min(_LONGEST_SHIFT, len(path) - 3) + 1)
         ]
         gain, changed = max(options, key=lambda option: option[0])
         if gain <= _NO_GAIN * _length(cost, path):
             return path
-        path = changed
+        path = path[changed]
 
 
-def _best_turn(cost: FloatArray, path: IntArray) -> tuple[float, IntArray]:
-    """The stretch that is best turned round (2-opt), what it gains, and the path then."""
-    onward, backward = cost[path[:-1], path[1:]], cost[path[1:], path[:-1]]
+def _best_turn(along: FloatArray) -> tuple[float, IntArray]:
+    """The stretch that is best turned round (2-opt): what it gains, and the order of places then.
+
+    ``along`` (L, L): costs between the places of a path, in its order.
+    """
+    onward, backward = np.diagonal(along, 1), np.diagonal(along, -1)
     # what the legs inside the stretch i .. j gain when they are run the other way
-    turned = np.concatenate([[0.0], np.cumsum(onward - backward)])
-    i, j = np.triu_indices(len(path) - 2, k=1)
-    i, j = i + 1, j + 1
-    gain = onward[i - 1] - cost[path[i - 1], path[j]] + onward[j] - cost[path[i], path[j + 1]]
-    gain += turned[j] - turned[i]
-    best = int(np.argmax(gain))
-    changed = path.copy()
-    changed[i[best] : j[best] + 1] = changed[i[best] : j[best] + 1][::-1]
-    return float(gain[best]), changed
+    turned = np.concatenate([[0.0], np.cumsum(onward - backward)])[1:-1]
+    gain = onward[:-1, None] - along[:-2, 1:-1] + onward[1:] - along[1:-1, 2:]
+    gain += turned - turned[:, None]
+    gain[np.tri(len(gain), dtype=bool)] = -np.inf
+    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    changed = np.arange(len(along))
+    changed[i + 1 : j + 2] = changed[i + 1 : j + 2][::-1].copy()
+    return float(gain[i, j]), changed
 
 
-def _best_shift(cost: FloatArray, path: IntArray, size: int) -> tuple[float, IntArray]:
+def _best_shift(along: FloatArray, size: int) -> tuple[float, IntArray]:
     """The stretch of some places that is best moved elsewhere (Or-opt), perhaps turned round."""
-    legs = cost[path[:-1], path[1:]]
-    first = np.arange(1, len(path) - size)  # of the stretch, (S,)
+    legs, count = np.diagonal(along, 1), len(along) - 1 - size
+    first = np.arange(1, count + 1)  # of the stretch, (S,)
     last = first + size - 1
-    head, tail = path[first][:, None], path[last][:, None]
-    taken = legs[first - 1] + legs[last] - cost[path[first - 1], path[last + 1]]
-    before, after = path[:-1][None], path[1:][None]  # where it could go, (1, L)
-    inside = np.zeros(len(first))
+    taken = legs[first - 1] + legs[last] - along[first - 1, last + 1]
+    inside = np.zeros(count)
     for k in range(size - 1):
-        a, b = path[first + k], path[first + k + 1]
-        inside += cost[b, a] - cost[a, b]
-    as_is = cost[before, head] + cost[tail, after] - legs
-    turned = cost[before, tail] + cost[head, after] - legs + inside[:, None]
-    gain = taken[:, None] - np.minimum(as_is, turned)  # shape (S, L)
-    place = np.arange(len(legs))[None]
+        inside += np.diagonal(along, -1)[first + k] - legs[first + k]
+    heads, tails = slice(1, count + 1), slice(size, count + size)
+    as_is = along[:-1, heads].T + along[tails, 1:] - legs
+    turned = along[:-1, tails].T + along[heads, 1:] - legs + inside[:, None]
+    gain = taken[:, None] - np.minimum(as_is, turned)  # shape (S, L - 1), by where it could go
+    place = np.arange(len(legs))
     gain[(place >= first[:, None] - 1) & (place <= last[:, None])] = -np.inf
     s, p = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    stretch = path[first[s] : last[s] + 1]
+    stretch = np.arange(first[s], last[s] + 1)
     if turned[s, p] < as_is[s, p]:
         stretch = stretch[::-1]
-    rest = np.delete(path, np.arange(first[s], last[s] + 1))
+    rest = np.delete(np.arange(len(along)), np.arange(first[s], last[s] + 1))
     target = int(p) + 1 if p < first[s] else int(p) + 1 - size
     return float(gain[s, p]), np.insert(rest, target, stretch)
 

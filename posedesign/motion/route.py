@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from posedesign.constraints import Checker, MotionChecker, Retreat
 from posedesign.motion.known_motions import KnownMotions, Leg, find_approaches
 from posedesign.motion.order import (
     ACCELERATION_S,
+    MANY,
     legs_of,
     move_times,
     moving_time_s,
@@ -33,10 +35,22 @@ if TYPE_CHECKING:
 MOST_ORDERS = 60
 """Orders tried while motions turn out to be blocked; each try checks only motions not yet known."""
 
+TRIED_BLINDLY = 3
+"""Orders with blocked motions after which those between all places are checked at once: a cell is
+so narrow then that most of them will be asked for, and together they take less time than a few at a
+time."""
+
+MOST_PLACES = 80
+"""Places between which all motions are checked at once: 3160 of them."""
+
 MOTION_SHARE = 1e-3
 """Of the mean time over the joints, added to that of the slowest: of the many orders that take as
 long where one joint sets the time, that with least motion is taken. It makes the answer one, too:
 without it a search of limited time returned several of them for 60 and 100 poses."""
+
+
+NEIGHBOURS = 16
+"""Motions to the nearest places that are checked, of many places, where a motion is blocked."""
 
 
 class Passing(StrEnum):
@@ -169,8 +183,14 @@ class Router:
         places, lost = self._places(postures)
         rows = [0, *(i + 1 for i in range(len(postures)) if i not in lost)]
         moved: set[int] = set()
-        order = self._clear_order(places, rows)
-        while (cut := self._first_cut(places, order)) is not None:
+        order, fewer = self._clear_order(places, rows), False
+        while True:
+            cut = self._first_cut(places, order)
+            if cut is None and fewer:  # the library had no turn yet
+                order, fewer = self._clear_order(places, order), False
+                continue
+            if cut is None:
+                break
             node = order.pop(cut)
             place = None if node in moved else self._place_for(places, order, node)
             if place is not None:
@@ -182,7 +202,7 @@ class Router:
             else:
                 why = self._known.reason(*places.leg(order[cut - 1], node))
                 lost[node - 1] = f"no clear way to it: {why}"
-                order = self._clear_order(places, order)
+                order, fewer = self._clear_order(places, order, thorough=False), True
         self._led_to.update(postures[row - 1].tobytes() for row in order if row)
         stops = tuple(self._stops(places, order))
         path = np.array([self._start, *(stop.posture for stop in stops)])
@@ -285,34 +305,44 @@ class Router:
             others += [places.enter[row] for row in rows if row != 0]
         return self._known.through(*places.leg(*leg), others)
 
-    def _clear_order(self, places: _Places, rows: list[int]) -> list[int]:
+    def _clear_order(self, places: _Places, rows: list[int], *, thorough: bool = True) -> list[int]:
         """The quickest order found that avoids blocked motions, where there is one.
 
         The library has its turn when a quick search has found out what is in the way.
         """
-        cost = self._costs(places.leave[rows], places.enter[rows])
-        pairs = [(i, j) for i in range(len(rows)) for j in range(len(rows)) if i != j]
-        for i, j in pairs:
-            if self._known.reason(*places.leg(rows[i], rows[j])):
-                cost[i, j] = np.inf
-        thorough = False
+        leave, enter = places.leave[rows], places.enter[rows]
+        cost = self._costs(leave, enter)
+        cost[self._known.blocked(leave, enter)] = np.inf
+        many = len(rows) > MANY
+        turn, failed, order = False, 0, None  # the library's
         for _ in range(MOST_ORDERS):
-            order = shortest_order(cost, closed=places.closed, thorough=thorough)
+            # of many places the library finds the first order, too
+            order = shortest_order(
+                cost,
+                closed=places.closed,
+                thorough=turn or (many and order is None),
+                before=order if many else None,
+            )
             steps = legs_of(order, closed=places.closed)
             legs = [places.leg(rows[i], rows[j]) for i, j in steps]
             asked = self._known.check(legs)
-            blocked = [
-                step for step, leg in zip(steps, legs, strict=True) if self._known.reason(*leg)
-            ]
-            for i, j in blocked if asked else ():
-                cost[i, j] = np.inf
-                if places.enter is places.leave:
-                    cost[j, i] = np.inf
-            if not asked or not blocked:  # nothing new, or nothing in the way
-                if thorough:
-                    break
-                thorough = True
-        return [rows[i] for i in order]
+            blocked = any(self._known.reason(*leg) for leg in legs)
+            failed += asked and blocked
+            if failed == TRIED_BLINDLY and len(rows) <= MOST_PLACES:
+                pairs = permutations(rows, 2) if enter is not leave else combinations(rows, 2)
+                self._known.check([places.leg(*pair) for pair in pairs])
+            if many and blocked:  # where one way is blocked, so may those be that are tried next
+                stuck = {k for k, leg in zip(steps, legs, strict=True) if self._known.reason(*leg)}
+                near = {k: np.argsort(cost[k])[:NEIGHBOURS] for pair in stuck for k in pair}
+                tried = [(k, int(j)) for k, some in near.items() for j in some if j != k]
+                self._known.check([places.leg(rows[i], rows[j]) for i, j in tried])
+            if asked and blocked:
+                cost[self._known.blocked(leave, enter)] = np.inf
+            elif turn or not thorough:  # nothing new, or nothing in the way
+                break
+            else:
+                turn = True
+        return [rows[i] for i in order or ()]
 
     def _costs(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
         """Times ``(K, K)`` [s] from leaving each place to being at each, all motions clear."""

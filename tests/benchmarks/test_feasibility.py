@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from posedesign.candidates import candidates_of
 from posedesign.cell import Cell
 from posedesign.constraints import Checker, Collision
+from posedesign.motion import Router
 from posedesign.planning import plan
 from posedesign.planning.loop import grid_poses
 
@@ -42,3 +44,24 @@ def test_one_round_with_all_constraints(benchmark, demo_cell):
 def test_the_whole_plan_with_all_constraints(benchmark, demo_cell):
     """The plan of the demo cell with collisions, visibility, repair and the route."""
     assert benchmark.pedantic(plan, args=(demo_cell,), rounds=5, warmup_rounds=1).reached
+
+
+@pytest.mark.parametrize("count", [125, 250, 500])
+def test_the_route_of_many(benchmark, demo_cell, count):
+    """Order and motions. 500 poses to be under 20 s: four times 125 takes less than 16 times."""
+    pool = candidates_of(demo_cell).postures
+    q = pool[np.linspace(0, len(pool) - 1, count).astype(np.intp)]
+
+    def route():
+        return Router.of_cell(demo_cell).route(q)
+
+    assert len(benchmark.pedantic(route, rounds=1).order) > 0.9 * count
+
+
+def test_motions_between_all_of_thirty(benchmark, demo_cell):
+    """435 motions of the demo cell, blocked ones among them."""
+    q = postures(demo_cell, 400)
+    q = q[demo_cell.checker.check(q, every=False).feasible][:30]
+    first, last = np.triu_indices(len(q), 1)
+    found = benchmark.pedantic(demo_cell.ways.check, args=(q[first], q[last]), rounds=3)
+    assert found.clear.any()

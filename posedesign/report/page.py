@@ -93,7 +93,10 @@ def render_page(folder: Path) -> str:
             hint="name the folder that plan, identify or robot-world wrote into",
             name=str(folder),
         )
-    sections.append(_section_of_files(folder))
+    # the answer first: what each part says at its beginning
+    glance = [f"{part.title}: {part.lines[0]}" for part in sections if part.lines]
+    glance += [text for part in sections for text in part.lines if text.startswith("warning")]
+    sections = [Section("At a glance", glance), *sections, _section_of_files(folder)]
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["shown"] = _shown
     template = (resources("posedesign.report") / "page.html").read_text(encoding="utf-8")

@@ -24,8 +24,11 @@ def page(cli, work):
 
 def test_one_file_says_it_all(page, work, cli):
     titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
-    assert titles == ["Cell", "Poses", "Motions", "Identification", "Files"]
+    assert titles == ["At a glance", "Cell", "Poses", "Motions", "Identification", "Files"]
     assert page.count("<svg") == 4
+    glance = page[: page.index("Cell</h2>")]
+    assert "Motions: 27 poses: 0 cannot be taken; 0 motions between them not clear" in glance
+    assert "Identification: recommended: offsets + compliance" in glance
     assert "SIMULATED, not for a robot" in page
     assert "not checked: collisions: constraints.collisions is false" in page
     assert "recommended: offsets + compliance" in page

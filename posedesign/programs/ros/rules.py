@@ -187,11 +187,9 @@ class Walk:
         where = "" if what == self.layout.whole else f"{what}: "
         for node_of_key, value in node.pairs(what):
             key = str(node_of_key.value)
-            if key in found:
-                self.tell("plain-yaml", node_of_key, f"{where}has the key {key[:60]!r} twice")
-            elif self.strict and key not in keys:
+            if self.strict and key not in keys:
                 self.tell("keys", node_of_key, f"{what} has no key {key[:60]!a}")
-            found.setdefault(key, value)
+            found[key] = value
         for key in keys if self.strict else few:
             if key not in found:
                 self.tell("keys", node, f"{where}{key} is missing")

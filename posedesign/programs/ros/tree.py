@@ -123,8 +123,14 @@ def json_items(text: str) -> tuple[str, dict[str, Node]]:
     return "\n".join(lines) or text, found
 
 
+def _distinct(found: list[tuple[str, Any]]) -> Pairs:
+    if len({key for key, _ in found}) < len(found):
+        raise ValueError("a key stands twice")
+    return Pairs(found)
+
+
 _DECODER = json.JSONDecoder(
-    object_pairs_hook=Pairs, parse_float=Plain, parse_int=Plain, parse_constant=Plain
+    object_pairs_hook=_distinct, parse_float=Plain, parse_int=Plain, parse_constant=Plain
 )
 
 
@@ -154,9 +160,13 @@ def _built(text: str, quick: Mapping[str, Node]) -> tuple[list[Node], int]:
             parts.append(built(inner, depth + 1))
         if kind is yaml.SequenceStartEvent:
             return Node(parts, line)
+        seen: set[str] = set()
         for key in parts[::2]:
             if not isinstance(key.value, str):
                 raise Fault("a key is not a word", key.line, "keys")
+            if key.value in seen:
+                raise Fault(f"has the key {key.value[:60]!r} twice", key.line, "plain-yaml")
+            seen.add(key.value)
         return Node(Pairs(zip(parts[::2], parts[1::2], strict=True)), line)
 
     found = [built(next(events), 0) for e in events if type(e) is yaml.DocumentStartEvent]

@@ -162,6 +162,7 @@ points:
         ("points:", "points: 1\nothers:", 6, "points is not a list"),
         ("points:", "points: []\nothers:", 6, "holds no points"),
         ("points:", "others:", 3, "points is missing"),
+        ("points:", "header: {a: 1, a: 2}\npoints:", 6, "has the key 'a' twice"),
         ("points:", "points: []\npoints:", 7, "has the key 'points' twice"),
         ("points:", "? [a]\n: 1\npoints:", 6, "a key is not a word"),
         ("- positions:\n  - 1.5\n", "- positions: 1.5\n  x:\n", 16, "positions is not a list"),

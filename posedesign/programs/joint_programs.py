@@ -96,7 +96,7 @@ class Phrases:
         yield from (line.format(**own) for line in self.head)
         rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
         for number, pose, shown in rows:
-            told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) < TEXT_LENGTH
+            told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) <= TEXT_LENGTH
             yield self.remark.format(f"POSE {number} {pose.name if told else ''}".rstrip())
             if pose.comment.strip():
                 check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)

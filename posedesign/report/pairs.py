@@ -11,6 +11,7 @@ from calib.robot_world import difference
 from posedesign.pairs import FRAMES
 from posedesign.pairs.results import noise_judged, reached, remarks_of, warnings_of
 from posedesign.pairs.tables import largest_sigma, opencv_rows, solver_row
+from posedesign.pairs.transforms import forms_of
 from posedesign.planning.poses_file import POSE_AXES
 from posedesign.report.answer import Answer, Table
 
@@ -63,6 +64,14 @@ def answer_of_pairs(
         warnings = [*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))]
     details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _sigma_words(rows)]
     details += remarks_of(outcomes)
+    if first.result is not None:
+        for letter, T, title in (
+            ("X", first.result.X, frames.X),
+            ("Z", first.result.Z, frames.Z),
+        ):
+            parent, child = title.partition(":")[0].split("_")[1:]
+            forms = forms_of(T, parent, child)
+            details += [f"{letter}, {form}: {text}" for form, text in forms.items()]
     if pairs is not None and not (opencv or inverted):
         details.append(frames.other_way)
     state = "solved" if reached(outcomes) else "not to be trusted"

@@ -59,10 +59,11 @@ def show_file(text: str) -> None:
     print(text, end="")
 
 
-def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
+def print_table(title: str, rows: Sequence[Mapping[str, object]], width: int | None = None) -> None:
     """Print rows as a table; columns as in the first row.
 
-    In a narrow terminal headings and words are folded; numbers are never cut.
+    In a narrow terminal, or in a pipe of ``width`` columns, headings and words are folded; numbers
+    are never cut.
     """
     from rich.console import Console
     from rich.table import Table
@@ -70,7 +71,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
 
     if not rows:
         return
-    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
+    console = Console(width=None if sys.stdout.isatty() else width or PIPE_WIDTH, highlight=False)
     table = Table(title=Text(plain(title)), title_justify="left", title_style="bold")
     for column in rows[0]:
         number = all(_is_number(row.get(column)) for row in rows)

@@ -24,6 +24,7 @@ from posedesign.cli.output import (
     show_file,
     tell,
 )
+from posedesign.report.answer import WIDTH
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
@@ -68,7 +69,7 @@ def register(app: typer.Typer) -> None:
     app.command()(score)
 
 
-def robots(as_json: AsJson = False) -> int:
+def robots(as_json: AsJson = False, verbose: Verbose = False) -> int:
     """List the robots that come with the tool."""
     from calib.robots import preset_info, preset_names
 
@@ -79,8 +80,15 @@ def robots(as_json: AsJson = False) -> int:
         rows.append({"preset": name, **{key: info[key] for key in keys}})
     if as_json:
         print_json(rows)
-    else:
+    elif verbose:
         print_table("Robots", rows)
+    else:
+        for row in rows:
+            said = str(row.pop("confidence"))
+            doubtful = "UNVERIFIED" if "UNVERIFIED" in said else "partly unverified"
+            row["numbers"] = doubtful if "unverified" in said.lower() else "public"
+            del row["source"]
+        print_table("Robots", rows, WIDTH)
     return DONE
 
 

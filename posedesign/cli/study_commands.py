@@ -19,6 +19,7 @@ from posedesign.cli.output import (
     tell,
 )
 from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, OutFolder, Overwrite, Verbose
+from posedesign.report.answer import WIDTH
 
 MOST_TRIALS = 10_000_000
 """Of a study; its own numbers are thousands."""
@@ -98,7 +99,7 @@ def list_all(as_json: AsJson = False) -> int:
     if as_json:
         print_json(rows)
     else:
-        print_table("Studies", rows)
+        print_table("Studies", rows, WIDTH)
     return DONE
 
 

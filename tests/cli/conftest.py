@@ -43,7 +43,7 @@ Refuse = Callable[..., Refusal]
 
 ANSWERING = frozenset(
     ("plan", "next", "check", "score", "program", "import", "identify", "calibrate", "correct")
-) | {"predict", "robot-world", "demo"}
+) | {"predict", "robot-world", "demo", "robots"}
 """Commands that say at a glance what they found, and all of it where that is asked for."""
 
 

@@ -42,6 +42,9 @@ It has a hundred and more of each, most of which differ by a few degrees of its 
 _AT_ONCE = 10_000
 """Poses solved at once, so that what is looked at stays within some 20 MB."""
 
+_REDUNDANT_AT_ONCE = 320
+"""The same for arms of more than six axes, which take each pose in a hundred ways."""
+
 _STEP_RAD = 0.05
 """Largest turn of the tool that is followed at once. Newton's steps then stay on the branch of the
 arm that they started on unless a singularity lies in between."""
@@ -87,8 +90,9 @@ def feasible_postures(
     nearest to ``base`` (n,).
     """
     postures, pose = [np.empty((0, len(base)))], [np.empty(0, dtype=np.intp)]
-    for start in range(0, len(T_base_tip), _AT_ONCE):
-        part = T_base_tip[start : start + _AT_ONCE]
+    at_once = _AT_ONCE if checker.robot.n <= 6 else _REDUNDANT_AT_ONCE
+    for start in range(0, len(T_base_tip), at_once):
+        part = T_base_tip[start : start + at_once]
         solutions = checker.robot.inverse(part, near=base, margin=checker.margin)
         if configurations == "nearest":
             rows = _nearest(checker, solutions)

@@ -78,6 +78,12 @@ def write_report(folder: Path, out: Results) -> Path:
     FileFormatError
         A file that cannot be read.
     """
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder} is no folder",
+            hint="name the one that plan, identify or robot-world wrote into",
+            name=str(folder),
+        )
     (page,) = out.claim("computed", PAGE, inputs=list(_files_of(folder)))
     return write_text_atomic(page, render_page(folder))
 

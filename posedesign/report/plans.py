@@ -143,7 +143,7 @@ def answer_of_check(cell: Cell, verdicts: Sequence[PoseVerdict], off: Sequence[s
         closest = min(with_distance, key=lambda v: v.distance_mm or 0.0)
         nearest = {f"smallest distance, at {closest.name}": closest.nearest}
     return Answer(
-        _counted(verdicts),
+        _counted(verdicts) + f"; {len(off)} off the target" * bool(off),
         nearest | {"target": cell.whereabouts.words},
         warnings=[*(f"{v.name}: {_says(v)}" for v in bad), *off],
         not_checked=cell.not_checked,

@@ -55,6 +55,7 @@ def test_names_from_files_are_no_markup(page, work, cli):
 
 
 def test_pages_of_nothing_and_of_damaged_files_are_refused(refuse, work, tmp_path):
+    refuse("report", tmp_path / "none").says("none is no folder", "plan, identify")
     (tmp_path / "empty").mkdir()
     refuse("report", tmp_path / "empty").says("nothing to report of", "cell.toml")
     (work / "identification.json").write_text('{"models": [{"name": "a"}], "recommended": "a"}')

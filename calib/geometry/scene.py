@@ -197,6 +197,25 @@ class Scene:
             distance[rows], pair[rows] = nearest(known.distance_m, cap_m)
         return Clearance(distance, pair)
 
+    def distances(self, q: ArrayLike, cap_m: float) -> FloatArray:
+        """Distances ``(S, P)`` of all pairs at postures ``(S, n)`` [m], as far as they are small.
+
+        Those of pairs that touch are negative; those beyond ``cap_m`` are said to be ``cap_m``.
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each, or the cap is negative.
+        """
+        postures = self._postures(q, "q")
+        _check_length(cap_m, "cap_m", 0.0)
+        distance = np.empty((len(postures), len(self.pairs)))
+        for rows in self._chunks(len(postures)):
+            known = self._engine.bounds(self._place(postures, None, rows))
+            self._engine.settle_all(known, cap_m)
+            distance[rows] = np.minimum(known.distance_m, cap_m)
+        return distance
+
     def ways(
         self, start: ArrayLike, end: ArrayLike, keep_m: float, *, cap_m: float = CAP_M
     ) -> Ways:

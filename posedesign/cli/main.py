@@ -20,6 +20,7 @@ from posedesign.cli import (
     program_commands,
     robot_world_command,
     study_commands,
+    view_command,
 )
 from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, plain
 
@@ -43,6 +44,7 @@ calibrate_commands.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
+view_command.register(app)
 
 
 def _say_version(asked: bool) -> None:

@@ -429,3 +429,22 @@ def test_wrong_arguments(make, call, says):
     assert says in caught.value.message
     assert "\n" not in caught.value.message
     assert caught.value.hint
+
+
+def test_distances_of_all_pairs(make):
+    scene = make()
+    q = np.random.default_rng(7).uniform(-3, 3, (40, 4))
+    cap_m = 0.6
+    found = scene.distances(q, cap_m)
+    assert found.shape == (40, len(scene.pairs))
+    assert (found < 0.0).any()
+    assert (found == cap_m).any()
+    nearest = scene.clearance(q, cap_m=cap_m)
+    assert np.allclose(found.min(axis=1), nearest.distance_m, rtol=0, atol=1e-9)
+    for pair in range(len(scene.pairs)):
+        alone = scene._with_pairs(np.arange(len(scene.pairs)) == pair)
+        apart = alone.clearance(q, cap_m=cap_m).distance_m
+        assert np.allclose(found[:, pair], apart, rtol=0, atol=1e-9)
+    assert np.array_equal(scene.distances(q[:0], cap_m), np.empty((0, len(scene.pairs))))
+    with pytest.raises(InputError, match="cap_m is -1"):
+        scene.distances(q, -1.0)

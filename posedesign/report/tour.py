@@ -1,0 +1,258 @@
+"""A tour through the poses of a cell: where its bodies stand, in which colour, and what is said.
+
+All in plain arrays and words: :mod:`posedesign.report.scene` draws it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import trimesh
+
+from calib.geometry import Box, Capsule, Cylinder, HalfSpace, Mesh, Solid
+from calib.geometry.ways import TOUCH_M
+from calib.se3 import BoolArray, FloatArray, IntArray, transform
+from posedesign.cell import Cell
+from posedesign.constraints import Collision
+from posedesign.constraints.checker import ROUNDING
+from posedesign.constraints.space import Workspace
+from posedesign.planning.checks import PoseVerdict, check_poses
+from posedesign.planning.poses_file import PoseList
+
+Colour = tuple[int, int, int]
+
+STEP_RAD = float(np.deg2rad(3.0))
+"""Largest joint travel between two pictures of a motion."""
+
+MOST_FRAMES = 3000
+"""Pictures of all motions together; of long tours they stand farther apart."""
+
+PERIOD_S, HOLD_S = 0.05, 1.0
+"""Time between two pictures, and time that the arm is shown at a pose."""
+
+MOST_TRIANGLES = 20_000
+"""Of one mesh; finer ones are drawn coarser, which keeps pages small, and checked as they are."""
+
+BASE_POSTURE = "base posture"
+
+
+class Shade(IntEnum):
+    """Meaning of the colour of a body; of several that hold, the last counts."""
+
+    ARM, TOOL, OBSTACLE, UNCHECKED, NEAR, CONTACT = range(6)
+
+
+SHADES: dict[Shade, tuple[str, Colour]] = {
+    Shade.ARM: ("arm", (168, 178, 190)),
+    Shade.TOOL: ("tool", (0, 114, 178)),
+    Shade.OBSTACLE: ("obstacle", (200, 178, 130)),
+    Shade.UNCHECKED: ("not checked for collisions", (204, 121, 167)),
+    Shade.NEAR: ("closer than the clearance", (240, 160, 0)),
+    Shade.CONTACT: ("in contact", (214, 30, 40)),
+}
+TARGET, VIEW, BOX, WORKSPACE = (
+    ("target and its normal", (0, 158, 115)),
+    ("view of the camera", (86, 180, 233)),
+    ("task box", (90, 60, 160)),
+    ("workspace", (110, 110, 110)),
+)
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Segments ``points (M, 2, 3)`` [m], in the frame of a link (0: the base)."""
+
+    name: str
+    link: int
+    points: FloatArray
+    colour: Colour
+
+
+@dataclass(frozen=True, eq=False)
+class Tour:
+    """The base posture, then the poses of a list, and the straight joint motions between them.
+
+    ``frames`` (F, n): postures [rad] in the order in which they are shown. ``stops`` (N,): the row
+    of each stop. ``verdicts``: on the stops. ``shades`` (F, B): :class:`Shade` of each body of
+    ``cell.scene`` at each of them. ``times_s`` (F,): when each is shown.
+    """
+
+    frames: FloatArray
+    stops: IntArray
+    verdicts: tuple[PoseVerdict, ...]
+    shades: IntArray
+
+    @classmethod
+    def of(cls, cell: Cell, poses: PoseList | None = None) -> Tour:
+        """The tour through a list of poses; without one, the base posture alone."""
+        listed = PoseList((BASE_POSTURE,), cell.base_posture[None], np.zeros(1, dtype=bool))
+        if poses is not None:
+            listed = PoseList(
+                (BASE_POSTURE, *poses.names),
+                np.vstack([listed.postures, poses.postures]),
+                np.append(listed.via, poses.via),
+            )
+        frames, stops = interpolate(listed.postures)
+        measured = np.zeros(len(frames), dtype=bool)
+        measured[stops] = ~listed.via
+        if cell.retreat is not None:
+            far = np.linalg.norm(
+                cell.robot.state(frames).point(cell.tool_m) - cell.target_m, axis=1
+            )
+            measured |= far <= cell.retreat.contact_m
+        return cls(frames, stops, check_poses(cell, listed), shades(cell, frames, measured))
+
+    @property
+    def times_s(self) -> FloatArray:
+        stands = np.full(len(self.frames), PERIOD_S)
+        stands[self.stops] = HOLD_S
+        return np.append(0.0, np.cumsum(stands)[:-1])
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the stops, told apart by their number."""
+        return [f"{k}: {v.name}{' (via)' * v.via}" for k, v in enumerate(self.verdicts)]
+
+
+def interpolate(postures: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Postures ``(F, n)`` on straight joint motions through others ``(N, n)``, and their rows."""
+    travel = np.abs(np.diff(postures, axis=0)).max(axis=1)
+    step = max(STEP_RAD, float(travel.sum()) / MOST_FRAMES)
+    counts = np.maximum(1, np.ceil(travel / step)).astype(np.intp)
+    moves = [
+        np.linspace(start, end, count + 1)[1:]
+        for start, end, count in zip(postures, postures[1:], counts, strict=False)
+    ]
+    return np.vstack([postures[:1], *moves]), np.append(0, np.cumsum(counts)).astype(np.intp)
+
+
+def link_frames(cell: Cell, q: FloatArray) -> FloatArray:
+    """``T_base_link`` of base and links ``(F, n + 1, 4, 4)`` at postures ``(F, n)`` [rad]."""
+    state = cell.robot.state(q)
+    moved = transform(state.rotations, state.origins)
+    return np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), moved], axis=1)
+
+
+def shades(cell: Cell, q: FloatArray, measured: BoolArray) -> IntArray:
+    """:class:`Shade` ``(F, B)`` of the bodies of ``cell.scene`` at postures ``(F, n)`` [rad].
+
+    ``measured`` (F,): where the tool may touch what it is to touch.
+    """
+    bodies = cell.scene.bodies
+    groups = len(cell.robot.bodies), len(cell.tool_bodies), len(cell.obstacles)
+    usual = np.repeat([Shade.ARM, Shade.TOOL, Shade.OBSTACLE], groups)
+    row = {id(body): b for b, body in enumerate(bodies)}
+
+    def involved(kept: Collision) -> Iterator[tuple[int, int]]:
+        """Pairs, and the bodies of this scene in them: sides of a workspace are none."""
+        for pair, both in enumerate(kept.scene.pairs):
+            yield from (
+                (pair, row[i]) for i in (id(kept.scene.bodies[b]) for b in both) if i in row
+            )
+
+    against = [c for c in (*cell.solid, *cell.solid_passing) if not isinstance(c, Workspace)]
+    checked = {body for kept in against for _, body in involved(kept)}
+    usual[[b not in checked for b in range(len(bodies))]] = Shade.UNCHECKED
+    found = np.tile(usual, (len(q), 1))
+    for which, solid in ((measured, cell.solid), (~measured, cell.solid_passing)):
+        rows = np.flatnonzero(which)
+        for kept in solid:
+            distance = kept.scene.distances(q[rows], kept.keep_m) + ROUNDING
+            contact, near = distance < min(kept.keep_m, TOUCH_M), distance < kept.keep_m
+            now = np.where(contact, Shade.CONTACT, np.where(near, Shade.NEAR, Shade.ARM))
+            for pair, body in involved(kept):
+                found[rows, body] = np.maximum(found[rows, body], now[:, pair])
+    return found
+
+
+def surface(solid: Solid, far_m: float) -> tuple[FloatArray, IntArray]:
+    """Vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` to draw a solid with.
+
+    ``far_m``: how far a half-space is drawn from the origin of its frame.
+    """
+    if isinstance(solid, Mesh):
+        fine = len(solid.triangles) > MOST_TRIANGLES
+        return _coarser(solid) if fine else (solid.vertices, solid.triangles)
+    if isinstance(solid, HalfSpace):
+        corners = far_m * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        return corners, np.array([[0, 1, 2], [0, 2, 3]])
+    make = trimesh.creation
+    if isinstance(solid, Box):
+        made = make.box(solid.size_m)
+    elif isinstance(solid, Cylinder):
+        made = make.cylinder(radius=solid.radius_m, height=solid.length_m, sections=48)
+    elif isinstance(solid, Capsule):
+        made = make.capsule(solid.length_m, solid.radius_m, count=[24, 24])
+    else:
+        made = make.icosphere(subdivisions=3, radius=solid.radius_m)
+    return np.asarray(made.vertices), np.asarray(made.faces)
+
+
+def _coarser(mesh: Mesh) -> tuple[FloatArray, IntArray]:
+    """A mesh with its vertices on a lattice of a sixtieth of its size."""
+    step = float(np.ptp(mesh.vertices, axis=0).max()) / 60.0
+    cells, of = np.unique(np.round(mesh.vertices / step), axis=0, return_inverse=True)
+    triangles = np.unique(of.reshape(-1)[mesh.triangles], axis=0)
+    a, b, c = triangles.T
+    return cells * step, triangles[(a != b) & (b != c) & (c != a)]
+
+
+def lines(cell: Cell) -> tuple[Lines, ...]:
+    """What is drawn of a cell besides its bodies."""
+    chain, section = cell.robot.chain, cell.config
+    shaped = {body.link for body in cell.robot.bodies}
+    ends = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
+    found = [
+        Lines("to_next_joint", link, np.array([[np.zeros(3), end]]), SHADES[shade][1])
+        for link, end in enumerate(ends)
+        for shade in [Shade.ARM if link in shaped else Shade.UNCHECKED]
+    ]
+    normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
+    found.append(Lines("normal", 0, np.array([normal]), TARGET[1]))
+    camera, box, limits = section.camera, section.task_box, section.constraints
+    if camera is not None:
+        # corners of the image at the nearest and at the farthest depth, x fastest
+        signs = np.array([[x, y] for y in (-1, 1) for x in (-1, 1)])
+        half = np.array(camera.image_px) / 2.0 / camera.focal_px
+        rays = np.column_stack([signs * half, np.ones(4)])
+        seen = np.vstack([rays * camera.nearest_mm, rays * camera.farthest_mm]) / 1e3
+        T = chain.T_link_tip @ cell.T_tip_camera
+        found.append(Lines("view", cell.robot.n, (seen @ T[:3, :3].T + T[:3, 3])[_EDGES], VIEW[1]))
+    if box is not None:
+        found.append(Lines("task_box", 0, _edges(box.lowest_mm, box.highest_mm), BOX[1]))
+    low, high = limits.workspace_lowest_mm, limits.workspace_highest_mm
+    if low is not None and high is not None:
+        found.append(Lines("workspace", 0, _edges(low, high), WORKSPACE[1]))
+    return tuple(found)
+
+
+_EDGES = np.array([[a, a | bit] for bit in (1, 2, 4) for a in range(8) if not a & bit])
+"""Edges of a box, its corners numbered by the bits of x, y and z."""
+
+
+def _edges(lowest_mm: Sequence[float], highest_mm: Sequence[float]) -> FloatArray:
+    corners = [[(lowest_mm, highest_mm)[c >> k & 1][k] for k in range(3)] for c in range(8)]
+    return np.asarray(np.array(corners)[_EDGES] / 1e3)
+
+
+def words(verdict: PoseVerdict) -> list[str]:
+    """The clearance at a pose, and what is wrong with it, line by line."""
+    far = verdict.distance_mm
+    said = ["clearance: not checked" if far is None else f"clearance: {verdict.nearest}"]
+    said.append(f"tightest: {verdict.tightest}: {verdict.says}")
+    if not verdict.feasible:
+        said[-1] = f"CANNOT BE TAKEN: {verdict.says}"
+    if verdict.way:
+        said.append(f"THE WAY TO IT: {verdict.way}")
+    return said
+
+
+def legend(cell: Cell, tour: Tour) -> list[tuple[str, Colour]]:
+    """Words and colours: of bodies as far as there are any, and what is amiss always."""
+    drawn = {line.colour for line in lines(cell)}
+    drawn |= {SHADES[Shade(shade)][1] for shade in np.unique(tour.shades).tolist()}
+    drawn |= {SHADES[shade][1] for shade in (Shade.NEAR, Shade.CONTACT)}
+    return [one for one in (*SHADES.values(), TARGET, VIEW, BOX, WORKSPACE) if one[1] in drawn]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, note_misfit, results_in, say, say_what_to_know
+from posedesign.cli.output import DONE, knowing, note, note_misfit, progress, results_in, say
 from posedesign.cli.plan_commands import CellFile, Overwrite, TrustUnits
 
 
@@ -22,9 +22,9 @@ def view(
     poses: Annotated[
         Path | None, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")
     ] = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Of the address in the browser.")] = (
-        8080
-    ),
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Of the address; the next that is free.")
+    ] = 8080,
     out: Annotated[
         Path | None, typer.Option("--out", help="Write one HTML file that needs no server.")
     ] = None,
@@ -37,26 +37,29 @@ def view(
     from posedesign.report.scene import LiveScene, write_scene
     from posedesign.report.tour import Tour
 
-    loaded = Cell.load(cell)
-    listed = None
+    loaded, listed = Cell.load(cell), None
     if poses is not None:
         listed = read_poses(
             poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
         )
         note_misfit(poses, listed)
-    say_what_to_know(loaded)
+    claims = []
     if out is not None:
-        (file,) = results_in(out.parent, "view", cell, poses, overwrite=overwrite).claim(
-            "planned", (out.name, "scene in 3-D")
-        )
-        write_scene(loaded, Tour.of(loaded, listed), file)
+        results = results_in(out.parent, "view", cell, poses, overwrite=overwrite)
+        claims = results.claim("planned", (out.name, "scene in 3-D"))
+    with knowing(loaded), progress("checking poses and motions"):
+        tour = Tour.of(loaded, listed)
+    for said in loaded.not_checked:
+        note(f"not checked: {said}")
+    if claims:
+        write_scene(loaded, tour, claims[0])
         say(f"wrote {out}")
         return DONE
-    live = LiveScene(loaded, Tour.of(loaded, listed), port)
+    live = LiveScene(loaded, tour, port)
     say(f"the cell is at {live.address}, until Ctrl-C")
     sys.stdout.flush()  # there is no end to wait for
     try:
         live.run()
-    except KeyboardInterrupt:  # how a person closes it
+    except KeyboardInterrupt:  # how a person ends it
         live.server.stop()
     return DONE

@@ -20,6 +20,7 @@ COMMANDS = (
     "new",
     "plan",
     "score",
+    "view",
     "program",
     "simulate",
     "identify",

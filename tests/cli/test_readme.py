@@ -38,7 +38,7 @@ def test_commands_and_python_of_the_readme(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
-    assert len(lines) == 16
+    assert len(lines) == 18
     for line in lines:
         words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
         assert words.pop(0) == "posedesign"

@@ -1,0 +1,62 @@
+"""``posedesign view`` as a person types it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+
+pytest.importorskip("viser", reason="needs viser (posedesign[view])")
+
+POSES = (
+    "name,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\nP1,0,15,-25,0,-50,10\nP2,5,15,-25,0,-50,0\n"
+)
+
+
+@pytest.fixture
+def files(cli, tmp_path):
+    cell, poses = tmp_path / "cell.toml", tmp_path / "poses.csv"
+    cell.write_text(cli("new").out)
+    poses.write_text(POSES)
+    return cell, poses
+
+
+def test_view_writes_one_file(cli, files, tmp_path):
+    page = tmp_path / "scene.html"
+    said = cli("view", *files, "--out", page)
+    assert (said.code, said.out) == (0, f"wrote {page}\n")
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("<!-- origin: planned scene in 3-D by view from cell.toml (")
+    assert '"2: P2"' in text
+    assert cli("view", files[0], "--out", page).code == 0  # its own file
+    page.write_text(text + " ")
+    refused = cli("view", *files, "--out", page)
+    assert refused.code == 2
+    assert "was changed since it was written" in refused.err
+
+
+def test_view_refuses_poses_of_another_arm(cli, files):
+    files[1].write_text("name,j1_deg,j2_deg\nP1,10,20\n")
+    said = cli("view", *files)
+    assert (said.code, said.out) == (2, "")
+    assert "j3_deg" in said.err
+
+
+def test_view_serves_until_ctrl_c(files):
+    command = [sys.executable, "-m", "posedesign", "view", *files, "--port", "18080"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        try:
+            line = running.stdout.readline()
+            address = re.fullmatch(
+                r"the cell is at (http://127\.0\.0\.1:\d+), until Ctrl-C\n", line
+            )
+            with urllib.request.urlopen(address[1], timeout=30) as answer:  # noqa: S310
+                assert b"</html>" in answer.read()
+            os.kill(running.pid, signal.SIGINT)
+            assert running.wait(timeout=60) == 0
+            assert running.stdout.read() == ""
+        finally:
+            running.kill()

@@ -54,6 +54,7 @@ def test_score_does_not_praise_poses_that_touch_nothing(cli, work, change_csv):
     assert said.code == 1
     assert ": the tool point is " in said.err
     assert "mm from the target" in said.err
+    assert "; 1 off the target\n" in cli("check", work / "cell.toml", poses).out
     said = cli("simulate", work / "cell.toml", poses, "--out", work / "out")
     assert said.code == 2
     assert "error: pose P" in said.err

@@ -56,6 +56,8 @@ def answer_of_pairs(
             f"deg rms; of pairs not seen {_shown(row['left_out_translation_mm'])} mm, "
             f"{_shown(row['left_out_rotation_deg'])} deg"
         )
+        for named in opencv_rows([first]) if opencv else ():
+            figures[f"OpenCV's {named['transform']}"] = _six([named[axis] for axis in POSE_AXES])
         figures["proof"] = next((o.proof.message for o in outcomes if o.proof is not None), "")
         figures["methods"] = _spread(outcomes)
     warnings: list[str] = []
@@ -90,15 +92,16 @@ def answer_of_pairs(
 def _transform(letter: str, row: Mapping[str, object], outcome: SolverOutcome) -> str:
     """Place and turn of X or Z with the largest of their standard deviations."""
     place, turn = largest_sigma(outcome, letter)
-    values = [_plain(row[f"{letter}_{axis}"]) for axis in POSE_AXES]
-    said = f"({', '.join(values[:3])}) mm, W P R ({', '.join(values[3:])}) deg"
+    said = _six([row[f"{letter}_{axis}"] for axis in POSE_AXES])
     if place is None or turn is None:
         return said
     return f"{said}, sigma {place:.2g} mm and {turn:.2g} deg"
 
 
-def _plain(value: object) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else ""
+def _six(values: Sequence[object]) -> str:
+    """Place [mm] and turn [deg] of a transform."""
+    shown = [f"{value:.3f}" if isinstance(value, float) else "" for value in values]
+    return f"({', '.join(shown[:3])}) mm, W P R ({', '.join(shown[3:])}) deg"
 
 
 def _shown(value: object) -> str:

@@ -88,7 +88,7 @@ def test_error_goes_to_standard_error_alone(tmp_path):
 
 def test_tables_in_a_pipe_are_not_cut(tmp_path):
     (tmp_path / "cell.toml").write_text(cell_template(surroundings=False))
-    said = shell("plan", "cell.toml", cwd=tmp_path, env={"COLUMNS": "40", "PATH": ""})
+    said = shell("plan", "cell.toml", "--verbose", cwd=tmp_path, env={"COLUMNS": "40", "PATH": ""})
     assert said.returncode == 0, said
     assert "…" not in said.stdout
     for heading in ("round", "d_w_deg", "repaired", "cond_2_g", "sigma_joint_2_deg"):

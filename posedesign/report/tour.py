@@ -204,12 +204,10 @@ def lines(cell: Cell) -> tuple[Lines, ...]:
     """What is drawn of a cell besides its bodies."""
     chain, section = cell.robot.chain, cell.config
     shaped = {body.link for body in cell.robot.bodies}
-    ends = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
-    found = [
-        Lines("to_next_joint", link, np.array([[np.zeros(3), end]]), SHADES[shade][1])
-        for link, end in enumerate(ends)
-        for shade in [Shade.ARM if link in shaped else Shade.UNCHECKED]
-    ]
+    ends = enumerate([*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]])
+    bare = [(j, np.array([[np.zeros(3), end]])) for j, end in ends if j not in shaped and end.any()]
+    unseen = SHADES[Shade.UNCHECKED][1]
+    found = [Lines(f"link_{j}_without_shape", j, line, unseen) for j, line in bare]
     normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
     found.append(Lines("normal", 0, np.array([normal]), TARGET[1]))
     camera, box, limits = section.camera, section.task_box, section.constraints

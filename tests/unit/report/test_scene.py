@@ -4,6 +4,7 @@ Link frames are those of Pinocchio's own forward kinematics.
 """
 
 import base64
+import dataclasses
 import re
 import shutil
 import tempfile
@@ -28,6 +29,7 @@ from posedesign.report import scene as drawing
 from posedesign.report.tour import (
     MOST_FRAMES,
     MOST_TRIANGLES,
+    SHADES,
     STEP_RAD,
     Shade,
     Tour,
@@ -146,7 +148,7 @@ def test_what_is_not_checked_has_a_colour_of_its_own():
     assert Shade.CONTACT in shown(tour, unchecked, int(tour.stops[3])).values()
     said = [name for name, _ in legend(unchecked, tour)]
     assert "not checked for collisions" in said
-    assert not {"tool", "obstacle"} & set(said)
+    assert not {"arm", "tool", "obstacle"} & set(said)
     assert "workspace" in said
 
 
@@ -218,8 +220,21 @@ def test_fine_meshes_are_drawn_coarser_and_plain_ones_as_they_are():
     assert np.allclose(np.ptp(vertices, axis=0), np.ptp(points, axis=0), atol=0.04)
 
 
+def test_links_without_shape_are_lines(cell):
+    robot = cell.robot
+    kept = tuple(body for body in robot.bodies if body.link not in (2, 3))
+    bare = dataclasses.replace(cell, robot=dataclasses.replace(robot, bodies=kept))
+    (second, third) = (line for line in lines(bare) if line.name.endswith("without_shape"))
+    assert (second.link, third.link) == (2, 3)
+    state = robot.state(cell.base_posture)
+    ends = state.rotations[1] @ second.points[0].T + state.origins[1][:, None]
+    assert np.allclose(ends.T, state.origins[1:3])
+    assert second.colour == SHADES[Shade.UNCHECKED][1]
+
+
 def test_lines_of_box_and_camera(cell):
     drawn = {line.name: line for line in lines(cell)}
+    assert not any(name.endswith("without_shape") for name in drawn)
     corners = np.unique(drawn["task_box"].points.reshape(-1, 3), axis=0)
     assert np.allclose(corners[[0, -1]], np.array([BOX["lowest_mm"], BOX["highest_mm"]]) / 1e3)
     assert (drawn["task_box"].points.shape, len(corners)) == ((12, 2, 3), 8)

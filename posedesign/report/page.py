@@ -114,8 +114,9 @@ def render_page(folder: Path) -> str:
 
 
 def _sections(folder: Path) -> Iterator[Section]:
-    cell = Cell.load(folder / CELL) if (folder / CELL).is_file() else None
-    if cell is not None:
+    file = _cell_file(folder)
+    if file is not None:
+        cell = Cell.load(file)
         yield _section_of_cell(cell)
         if (folder / POSES).is_file():
             listed = read_poses(folder / POSES, cell.robot.n, controller=cell.robot.controller)
@@ -133,6 +134,21 @@ def _sections(folder: Path) -> Iterator[Section]:
                     path=folder / name,
                     hint="write it again",
                 ) from error
+
+
+def _cell_file(folder: Path) -> Path | None:
+    """The cell in the folder; or in the one above, where files of the folder are made from that."""
+    for file in (folder / CELL, folder.resolve().parent / CELL):
+        if file.is_file() and (file.parent == folder or _is_of(folder, file)):
+            return file
+    return None
+
+
+def _is_of(folder: Path, cell: Path) -> bool:
+    """Whether a file of the folder says that it was made from this very cell."""
+    mark = (CELL, checksum(cell))
+    origins = (origin_of(path) for path in _files_of(folder))
+    return any(mark in origin.inputs for origin in origins if origin is not None)
 
 
 def _section_of_cell(cell: Cell) -> Section:

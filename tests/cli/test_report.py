@@ -45,6 +45,15 @@ def test_one_file_says_it_all(page, work, cli):
     assert cli("report", work).code == 0  # its own page may be replaced
 
 
+def test_the_cell_above_is_taken_where_the_files_are_made_from_it(work, cli, change_cell):
+    run = work / "run"
+    assert cli("plan", work / "cell.toml", "--out", run).code == 0
+    assert cli("report", run).code == 0
+    assert ">Motions</h2>" in (run / "report.html").read_text()
+    change_cell({"plan.limit_margin_deg": "2.0"})
+    assert cli("report", run).code == 2  # another cell than the poses are of
+
+
 def test_names_from_files_are_no_markup(page, work, cli):
     text = (work / "poses.csv").read_text()
     (work / "poses.csv").write_text(text.replace("P14,", "<script>alert(1)</script>,", 1))

@@ -20,7 +20,6 @@ from calib.se3 import FloatArray, quaternion_from_rotation
 from posedesign.cell import Cell
 from posedesign.files import StrPath, write_text_atomic
 from posedesign.report.tour import (
-    HOLD_S,
     PERIOD_S,
     SHADES,
     TARGET,
@@ -135,6 +134,8 @@ def _serve(port: int) -> viser.ViserServer:
     rich.get_console().quiet = True  # viser prints there, and nothing of ours does
     server = viser.ViserServer(host=HOST, port=port, label="posedesign", verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
+    # any page in the browser could ask the server for a tunnel to the outside
+    server.request_share_url = lambda *_, **__: None
     return server
 
 
@@ -187,7 +188,7 @@ class LiveScene:
         self._frame = frame
         self.stage.show(frame)
         (stop,) = np.nonzero(self.tour.stops == frame)
-        self._due = time.monotonic() + (HOLD_S if len(stop) else 0.0)
+        self._due = time.monotonic() + float(self.tour.stands_s[frame]) - PERIOD_S
         if len(stop):
             self._say(int(stop[0]))
 
@@ -215,23 +216,22 @@ def write_scene(cell: Cell, tour: Tour, path: StrPath) -> Path:
     try:
         stage = Stage(server, cell, tour)
         recorded = server.get_scene_serializer()
-        for frame, stands_s in enumerate(np.diff(tour.times_s)):
+        for frame, stands_s in enumerate(tour.stands_s.tolist()):
             stage.show(frame)
-            recorded.insert_sleep(float(stands_s))
-        if len(tour.frames) > 1:
-            stage.show(len(tour.frames) - 1)
-            recorded.insert_sleep(HOLD_S)
+            recorded.insert_sleep(stands_s if len(tour.frames) > 1 else 0.0)
         page = recorded.as_html()
     finally:
         server.stop()
-    times_s = tour.times_s[tour.stops]
+    from_s = tour.times_s[tour.stops]
+    until_s = from_s + tour.stands_s[tour.stops]
     said = {
         "title": cell.robot.name,
-        "hold": HOLD_S,
         "legend": legend(cell, tour),
         "stops": [
-            {"at": at, "name": name, "words": words(verdict)}
-            for at, name, verdict in zip(times_s.tolist(), tour.names, tour.verdicts, strict=True)
+            {"at": at, "until": until, "name": name, "words": words(verdict)}
+            for at, until, name, verdict in zip(
+                from_s.tolist(), until_s.tolist(), tour.names, tour.verdicts, strict=True
+            )
         ],
     }
     # names are of others: in a script no text may end it

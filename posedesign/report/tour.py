@@ -107,9 +107,14 @@ class Tour:
 
     @property
     def times_s(self) -> FloatArray:
+        return np.append(0.0, np.cumsum(self.stands_s)[:-1])
+
+    @property
+    def stands_s(self) -> FloatArray:
+        """How long each posture is shown ``(F,)``: stops longer, unless they are passed through."""
         stands = np.full(len(self.frames), PERIOD_S)
-        stands[self.stops] = HOLD_S
-        return np.append(0.0, np.cumsum(stands)[:-1])
+        stands[self.stops] = [PERIOD_S if verdict.via else HOLD_S for verdict in self.verdicts]
+        return stands
 
     @property
     def names(self) -> list[str]:

@@ -71,7 +71,7 @@ class Stage:
                 f"/link_{line.link}/{line.name}",
                 line.points.astype(np.float32),
                 line.colour,
-                thickness=2.0,
+                thickness=3.0,
                 thickness_units="screen",
             )
         self._add_marks()

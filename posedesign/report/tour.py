@@ -51,7 +51,7 @@ SHADES: dict[Shade, tuple[str, Colour]] = {
     Shade.OBSTACLE: ("obstacle", (200, 178, 130)),
     Shade.UNCHECKED: ("not checked for collisions", (204, 121, 167)),
     Shade.NEAR: ("closer than the clearance", (240, 160, 0)),
-    Shade.CONTACT: ("in contact", (214, 30, 40)),
+    Shade.CONTACT: ("in contact or out of bounds", (214, 30, 40)),
 }
 TARGET, VIEW, BOX, WORKSPACE = (
     ("target and its normal", (0, 158, 115)),
@@ -197,12 +197,15 @@ def surface(solid: Solid, far_m: float) -> tuple[FloatArray, IntArray]:
 
 
 def _coarser(mesh: Mesh) -> tuple[FloatArray, IntArray]:
-    """A mesh with its vertices on a lattice of a sixtieth of its size."""
+    """A mesh with one vertex, their middle, for all those in a cube of a sixtieth of its size."""
     step = float(np.ptp(mesh.vertices, axis=0).max()) / 60.0
-    cells, of = np.unique(np.round(mesh.vertices / step), axis=0, return_inverse=True)
-    triangles = np.unique(of.reshape(-1)[mesh.triangles], axis=0)
+    cubes = np.floor(mesh.vertices / step)
+    of = np.unique(cubes, axis=0, return_inverse=True)[1].reshape(-1)
+    sums = [np.bincount(of, weights=along) for along in mesh.vertices.T]
+    triangles = np.unique(of[mesh.triangles], axis=0)
     a, b, c = triangles.T
-    return cells * step, triangles[(a != b) & (b != c) & (c != a)]
+    kept = triangles[(a != b) & (b != c) & (c != a)]
+    return np.stack(sums, axis=1) / np.bincount(of)[:, None], kept
 
 
 def lines(cell: Cell) -> tuple[Lines, ...]:

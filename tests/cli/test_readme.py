@@ -1,4 +1,4 @@
-"""The README's own commands and its Python, run as printed on the reference cell."""
+"""Commands and Python of README and pages, run as printed on the reference cell."""
 
 import re
 import shlex
@@ -14,11 +14,35 @@ from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
 
 
-def blocks(language: str = "") -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+def blocks(text: str, language: str = "") -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("page", ["README.md", *(f"docs/{name}" for name in PAGES)])
+def test_links_lead_somewhere(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", text)
+    assert not [link for link in links if not (ROOT / page).parent.joinpath(link).exists()]
+
+
+def test_the_readme_is_short_and_names_every_page():
+    assert len(README.encode()) < 8_000
+    assert len(README.splitlines()) < 150
+    assert [name for name in PAGES if f"](docs/{name})" not in README] == []
+
+
+def test_commands_of_the_readme_are_there(cli):
+    rows = re.findall(r"^\| `posedesign ([\w-]+)[^`]*` \|", README, flags=re.MULTILINE)
+    assert len(rows) == 8
+    further = re.search(r"Further ones: (.*?)\.\n", README)
+    assert further is not None
+    for command in (*rows, *re.findall(r"`([\w-]+)`", further[1])):
+        assert cli(command, "--help").code == 0, command
 
 
 def touched_up(poses: Path, program: Path) -> None:
@@ -34,9 +58,11 @@ def touched_up(poses: Path, program: Path) -> None:
 
 
 @pytest.mark.slow
-def test_commands_and_python_of_the_readme(cli, tmp_path, monkeypatch):
+def test_commands_and_python_of_the_pages(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
+    (steps,) = (
+        block for block in blocks(PAGES["commands.md"]) if block.startswith("posedesign new")
+    )
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
     assert len(lines) == 18
     for line in lines:
@@ -55,8 +81,9 @@ def test_commands_and_python_of_the_readme(cli, tmp_path, monkeypatch):
         if words[0] == "plan":
             shutil.copy("run/poses.csv", "my_poses.csv")
     found: dict[str, Any] = {}
-    by_sight, python = blocks("python")
-    exec(by_sight, found)  # noqa: S102  our own README
+    (by_sight,) = blocks(PAGES["by_sight.md"], "python")
+    (python,) = blocks(PAGES["robots.md"], "python")
+    exec(by_sight, found)  # noqa: S102  our own page
     assert callable(found["calibrate_robot"])
     assert found["MyRobot"]() is not None
     exec(python, found)  # noqa: S102

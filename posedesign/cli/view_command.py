@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, knowing, note, note_misfit, progress, results_in, say
+from posedesign.cli.output import (
+    DONE,
+    knowing,
+    note,
+    note_misfit,
+    progress,
+    rehearsed_words,
+    results_in,
+    say,
+)
 from posedesign.cli.plan_commands import CellFile, Overwrite, TrustUnits
 
 
@@ -28,11 +37,16 @@ def view(
     out: Annotated[
         Path | None, typer.Option("--out", help="Write one HTML file that needs no server.")
     ] = None,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(help="Cameras and targets of a pairs.csv, its A in the base of the cell."),
+    ] = None,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
     """Show the cell in 3-D in the browser, with its poses and the motions between them."""
     from posedesign.cell import Cell
+    from posedesign.pairs import read_pairs
     from posedesign.planning.poses_file import read_poses
     from posedesign.report.scene import LiveScene, write_scene
     from posedesign.report.tour import Tour
@@ -43,12 +57,14 @@ def view(
             poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
         )
         note_misfit(poses, listed)
+    measured = None if pairs is None else read_pairs(pairs, trust_units=trust_units)
+    note(rehearsed_words(poses, pairs))
     claims = []
     if out is not None:
-        results = results_in(out.parent, "view", cell, poses, overwrite=overwrite)
+        results = results_in(out.parent, "view", cell, poses, pairs, overwrite=overwrite)
         claims = results.claim("planned", (out.name, "scene in 3-D"))
     with knowing(loaded), progress("checking poses and motions"):
-        tour = Tour.of(loaded, listed)
+        tour = Tour.of(loaded, listed, measured)
     for said in loaded.not_checked:
         note(f"not checked: {said}")
     if claims:

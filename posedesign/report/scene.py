@@ -66,7 +66,7 @@ class Stage:
             )
             self.bodies.append(node)
             self.labels.append(scene.add_label(f"{node.name}/name", body.name, visible=False))
-        for line in lines(cell):
+        for line in lines(cell, tour):
             scene.add_line_segments(
                 f"/link_{line.link}/{line.name}",
                 line.points.astype(np.float32),
@@ -89,10 +89,11 @@ class Stage:
         name, radius = cell.config.target.name, max(cell.config.target.radius_mm / 1e3, 0.3 * size)
         scene.add_icosphere("/target", radius, TARGET[1], position=cell.target_m)
         scene.add_label("/target/name", name)
-        T = cell.robot.fk(self.tour.frames[self.tour.stops])
-        scene.add_batched_axes(
-            "/poses", quaternion_from_rotation(T[:, :3, :3]), T[:, :3, 3], **axes
-        )
+        tips = cell.robot.fk(self.tour.frames[self.tour.stops])
+        for group, T in (("/poses", tips), ("/pairs", self.tour.seen.reshape(-1, 4, 4))):
+            if len(T):
+                wxyz = quaternion_from_rotation(T[:, :3, :3])
+                scene.add_batched_axes(group, wxyz, T[:, :3, 3], **axes)
         middle = (cell.target_m + self._frames[0, :, :3, 3].mean(axis=0)) / 2.0
         along = cell.target_m * [1.0, 1.0, 0.0]
         along /= np.linalg.norm(along) or 1.0

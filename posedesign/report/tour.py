@@ -14,11 +14,13 @@ import trimesh
 
 from calib.geometry import Box, Capsule, Cylinder, HalfSpace, Mesh, Solid
 from calib.geometry.ways import TOUCH_M
-from calib.se3 import BoolArray, FloatArray, IntArray, transform
+from calib.robot_world import solve
+from calib.se3 import BoolArray, FloatArray, IntArray, inverse, transform
 from posedesign.cell import Cell
 from posedesign.constraints import Collision
 from posedesign.constraints.checker import ROUNDING
 from posedesign.constraints.space import Workspace
+from posedesign.pairs import Pairs
 from posedesign.planning.checks import PoseVerdict, check_poses
 from posedesign.planning.poses_file import PoseList
 
@@ -77,16 +79,18 @@ class Tour:
 
     ``frames`` (F, n): postures [rad] in the order in which they are shown. ``stops`` (N,): the row
     of each stop. ``verdicts``: on the stops. ``shades`` (F, B): :class:`Shade` of each body of
-    ``cell.scene`` at each of them. ``times_s`` (F,): when each is shown.
+    ``cell.scene`` at each of them. ``times_s`` (F,): when each is shown. ``seen`` (M, 2, 4, 4):
+    cameras of pairs that were measured, and the targets that they saw, in the base.
     """
 
     frames: FloatArray
     stops: IntArray
     verdicts: tuple[PoseVerdict, ...]
     shades: IntArray
+    seen: FloatArray
 
     @classmethod
-    def of(cls, cell: Cell, poses: PoseList | None = None) -> Tour:
+    def of(cls, cell: Cell, poses: PoseList | None = None, pairs: Pairs | None = None) -> Tour:
         """The tour through a list of poses; without one, the base posture alone."""
         listed = PoseList((BASE_POSTURE,), cell.base_posture[None], np.zeros(1, dtype=bool))
         if poses is not None:
@@ -103,7 +107,8 @@ class Tour:
                 cell.robot.state(frames).point(cell.tool_m) - cell.target_m, axis=1
             )
             measured |= far <= cell.retreat.contact_m
-        return cls(frames, stops, check_poses(cell, listed), shades(cell, frames, measured))
+        seen = np.empty((0, 2, 4, 4)) if pairs is None else cameras_and_targets(pairs)
+        return cls(frames, stops, check_poses(cell, listed), shades(cell, frames, measured), seen)
 
     @property
     def times_s(self) -> FloatArray:
@@ -173,6 +178,16 @@ def shades(cell: Cell, q: FloatArray, measured: BoolArray) -> IntArray:
     return found
 
 
+def cameras_and_targets(pairs: Pairs) -> FloatArray:
+    """Cameras and the targets that they saw ``(M, 2, 4, 4)``, of pairs A X = Z B in the base.
+
+    The camera is on the flange where the pairs say that it is, and the targets lie one upon the
+    other as far as they agree.
+    """
+    cameras = pairs.A @ solve(pairs.A, pairs.B).X
+    return np.stack([cameras, cameras @ inverse(pairs.B)], axis=1)
+
+
 def surface(solid: Solid, far_m: float) -> tuple[FloatArray, IntArray]:
     """Vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` to draw a solid with.
 
@@ -208,7 +223,7 @@ def _coarser(mesh: Mesh) -> tuple[FloatArray, IntArray]:
     return np.stack(sums, axis=1) / np.bincount(of)[:, None], kept
 
 
-def lines(cell: Cell) -> tuple[Lines, ...]:
+def lines(cell: Cell, tour: Tour) -> tuple[Lines, ...]:
     """What is drawn of a cell besides its bodies."""
     chain, section = cell.robot.chain, cell.config
     shaped = {body.link for body in cell.robot.bodies}
@@ -218,6 +233,8 @@ def lines(cell: Cell) -> tuple[Lines, ...]:
     found = [Lines(f"link_{j}_without_shape", j, line, unseen) for j, line in bare]
     normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
     found.append(Lines("normal", 0, np.array([normal]), TARGET[1]))
+    if len(tour.seen):
+        found.append(Lines("sights", 0, tour.seen[:, :, :3, 3], VIEW[1]))
     camera, box, limits = section.camera, section.task_box, section.constraints
     if camera is not None:
         # corners of the image at the nearest and at the farthest depth, x fastest
@@ -258,7 +275,7 @@ def words(verdict: PoseVerdict) -> list[str]:
 
 def legend(cell: Cell, tour: Tour) -> list[tuple[str, Colour]]:
     """Words and colours: of bodies as far as there are any, and what is amiss always."""
-    drawn = {line.colour for line in lines(cell)}
+    drawn = {line.colour for line in lines(cell, tour)}
     drawn |= {SHADES[Shade(shade)][1] for shade in np.unique(tour.shades).tolist()}
     drawn |= {SHADES[shade][1] for shade in (Shade.NEAR, Shade.CONTACT)}
     return [one for one in (*SHADES.values(), TARGET, VIEW, BOX, WORKSPACE) if one[1] in drawn]

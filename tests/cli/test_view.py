@@ -7,7 +7,13 @@ import subprocess
 import sys
 import urllib.request
 
+import numpy as np
 import pytest
+
+from calib.se3 import inverse
+from posedesign.cell import Cell
+from posedesign.files import Results
+from posedesign.pairs import Pairs, write_pairs
 
 pytest.importorskip("viser", reason="needs viser (posedesign[view])")
 
@@ -36,6 +42,19 @@ def test_view_writes_one_file(cli, files, tmp_path):
     refused = cli("view", *files, "--out", page)
     assert refused.code == 2
     assert "was changed since it was written" in refused.err
+
+
+def test_view_shows_measured_pairs(cli, files, tmp_path):
+    cell = Cell.load(files[0])
+    flanges = cell.robot.fk(cell.base_posture + np.random.default_rng(1).normal(0, 0.2, (5, 6)))
+    B = inverse(cell.T_base_target) @ flanges @ cell.T_tip_camera
+    (pairs,) = Results(tmp_path, "simulate").claim("simulated", ("pairs.csv", "pairs"))
+    write_pairs(pairs, Pairs(("P1", "P2", "P3", "P4", "P5"), flanges, B))
+    page = tmp_path / "scene.html"
+    said = cli("view", *files, "--pairs", pairs, "--out", page)
+    assert (said.code, said.out) == (0, f"wrote {page}\n")
+    assert said.err.startswith("SIMULATED, not for a robot: from ")
+    assert page.read_text().startswith("<!-- origin: simulated scene in 3-D by view from ")
 
 
 def test_view_refuses_poses_of_another_arm(cli, files):

@@ -21,9 +21,10 @@ import pytest
 
 from calib.errors import InputError
 from calib.geometry import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
-from calib.se3 import FloatArray, rotation_from_quaternion, transform
+from calib.se3 import FloatArray, inverse, rotation_from_quaternion, transform
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
+from posedesign.pairs import Pairs
 from posedesign.planning import PoseList
 from posedesign.report import scene as drawing
 from posedesign.report.tour import (
@@ -221,11 +222,11 @@ def test_fine_meshes_are_drawn_coarser_and_plain_ones_as_they_are():
     assert np.allclose(np.ptp(vertices, axis=0), np.ptp(points, axis=0), atol=0.04)
 
 
-def test_links_without_shape_are_lines(cell):
+def test_links_without_shape_are_lines(cell, tour):
     robot = cell.robot
     kept = tuple(body for body in robot.bodies if body.link not in (2, 3))
     bare = dataclasses.replace(cell, robot=dataclasses.replace(robot, bodies=kept))
-    (second, third) = (line for line in lines(bare) if line.name.endswith("without_shape"))
+    (second, third) = (line for line in lines(bare, tour) if line.name.endswith("without_shape"))
     assert (second.link, third.link) == (2, 3)
     state = robot.state(cell.base_posture)
     ends = state.rotations[1] @ second.points[0].T + state.origins[1][:, None]
@@ -233,8 +234,8 @@ def test_links_without_shape_are_lines(cell):
     assert second.colour == SHADES[Shade.UNCHECKED][1]
 
 
-def test_lines_of_box_and_camera(cell):
-    drawn = {line.name: line for line in lines(cell)}
+def test_lines_of_box_and_camera(cell, tour):
+    drawn = {line.name: line for line in lines(cell, tour)}
     assert not any(name.endswith("without_shape") for name in drawn)
     corners = np.unique(drawn["task_box"].points.reshape(-1, 3), axis=0)
     assert np.allclose(corners[[0, -1]], np.array([BOX["lowest_mm"], BOX["highest_mm"]]) / 1e3)
@@ -252,6 +253,20 @@ def test_without_viser_one_line_says_what_to_install(cell, monkeypatch):
     with pytest.raises(InputError, match="needs viser") as told:
         drawing.LiveScene(cell, Tour.of(cell), 0)
     assert told.value.hint == "pip install posedesign[view]"
+
+
+def test_cameras_of_pairs_and_the_targets_that_they_saw(cell, tmp_path):
+    flanges = cell.robot.fk(POSTURES)
+    B = inverse(cell.T_base_target) @ flanges @ cell.T_tip_camera
+    tour = Tour.of(cell, pairs=Pairs(NAMES, flanges, B))
+    assert np.allclose(tour.seen[:, 0], flanges @ cell.T_tip_camera, rtol=0, atol=1e-8)
+    assert np.allclose(tour.seen[:, 1], cell.T_base_target, rtol=0, atol=1e-8)
+    (sights,) = (line for line in lines(cell, tour) if line.name == "sights")
+    assert np.array_equal(sights.points, tour.seen[:, :, :3, 3])
+    pytest.importorskip("viser", reason="needs viser (posedesign[view])")
+    page = drawing.write_scene(cell, tour, tmp_path / "scene.html")
+    recorded = Recorded(page.read_text(encoding="utf-8"))
+    assert recorded.added("BatchedAxesMessage") == ["/poses", "/pairs"]
 
 
 class Recorded:

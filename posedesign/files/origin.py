@@ -160,7 +160,7 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         chunk = struct.pack(">I", len(text) - 4) + text + bytes(4)
         data = data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:]
     elif ending in (".urdf", ".xml", ".html"):
-        declared = re.match(rb"<(?:\?xml|!DOCTYPE)[^>]*>\s*", data)
+        declared = re.match(rb"(?i)<(?:\?xml|!doctype)[^>]*>\s*", data)
         at = declared.end() if declared else 0
         data = data[:at] + f"<!-- origin: {line} -->\n".encode() + data[at:]
     else:

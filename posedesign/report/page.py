@@ -43,6 +43,8 @@ PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"
 MEASUREMENTS = ("touchups.csv", "measurements.csv")
 ROBOT_WORLD = "robot_world.csv"
+SCENE = "scene.html"
+"""What `posedesign view` writes of a cell."""
 MOST_BYTES = 50_000_000
 """Of a file that is named in the list of files; a larger one is listed without its checksum."""
 
@@ -59,13 +61,14 @@ _POSE_COLUMNS = (
 class Section:
     """A part of the page: words first, then figures, then tables.
 
-    ``figures`` are elements of SVG, each with what it shows.
+    ``figures`` are elements of SVG, each with what it shows; ``scene`` is a page of its own.
     """
 
     title: str
     lines: list[str] = field(default_factory=list)
     figures: list[tuple[str, str]] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    scene: str = ""
 
 
 def write_report(folder: Path, out: Results) -> Path:
@@ -102,7 +105,12 @@ def render_page(folder: Path) -> str:
     # the answer first: what each part says at its beginning
     glance = [f"{part.title}: {part.lines[0]}" for part in sections if part.lines]
     glance += [text for part in sections for text in part.lines if text.startswith("warning")]
-    sections = [Section("At a glance", glance), *sections, _section_of_files(folder)]
+    first = [Section("At a glance", glance)]
+    scene = folder / SCENE
+    if (origin := origin_of(scene)) and origin.command == "view":
+        data = read_bytes_bounded(scene, most_bytes=MOST_BYTES)
+        first.append(Section("The cell in 3-D", scene=data.decode()))
+    sections = [*first, *sections, _section_of_files(folder)]
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["shown"] = _shown
     template = (resources("posedesign.report") / "page.html").read_text(encoding="utf-8")

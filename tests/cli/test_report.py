@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 
 import pytest
 
@@ -52,6 +53,21 @@ def test_the_cell_above_is_taken_where_the_files_are_made_from_it(work, cli, cha
     assert ">Motions</h2>" in (run / "report.html").read_text()
     change_cell({"plan.limit_margin_deg": "2.0"})
     assert cli("report", run).code == 2  # another cell than the poses are of
+
+
+def test_the_scene_of_the_cell_stands_on_the_page(work, cli):
+    pytest.importorskip("viser", reason="needs the extra view")
+    poses = work / "poses.csv"
+    assert cli("view", work / "cell.toml", poses, "--out", work / "scene.html").code == 0
+    scene = (work / "scene.html").read_text()
+    assert scene.lower().startswith("<!doctype html>")  # else browsers draw it as of 1999
+    assert cli("report", work).code == 0
+    page = (work / "report.html").read_text()
+    (shown,) = re.findall(r'srcdoc="([^"]*)"', page)
+    assert unescape(shown) == scene
+    (work / "scene.html").write_text("<html>another's</html>")
+    assert cli("report", work).code == 0
+    assert "srcdoc" not in (work / "report.html").read_text()
 
 
 def test_names_from_files_are_no_markup(page, work, cli):

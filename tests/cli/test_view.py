@@ -35,7 +35,9 @@ def test_view_writes_one_file(cli, files, tmp_path):
     said = cli("view", *files, "--out", page)
     assert (said.code, said.out) == (0, f"wrote {page}\n")
     text = page.read_text(encoding="utf-8")
-    assert text.startswith("<!-- origin: planned scene in 3-D by view from cell.toml (")
+    assert text.startswith(
+        "<!doctype html>\n<!-- origin: planned scene in 3-D by view from cell.toml ("
+    )
     assert '"2: P2"' in text
     assert cli("view", files[0], "--out", page).code == 0  # its own file
     page.write_text(text + " ")

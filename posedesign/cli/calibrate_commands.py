@@ -61,7 +61,8 @@ def simulate(
     )
     note_misfit(poses, listed)
     results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
-    workflow.simulate(loaded, listed, results, seed)
+    with progress("rehearsing"):
+        workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)
     touched = [] if loaded.is_hand_eye else [str(out / "touchups.csv")]
     files = touched + [str(out / "pairs.csv")] * loaded.has_camera

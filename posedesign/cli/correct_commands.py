@@ -67,17 +67,18 @@ def correct(
     from posedesign.report.corrections import answer_of_correction
 
     loaded = Cell.load(cell)
-    done = run(
-        loaded,
-        cell,
-        identification,
-        results_in(out, "correct", cell, identification, poses, overwrite=overwrite),
-        poses=poses,
-        name=model,
-        tool=tool,
-        box=None if box is None else box_of(loaded, box, None),
-        trust_units=trust_units,
-    )
+    with progress("correcting"):
+        done = run(
+            loaded,
+            cell,
+            identification,
+            results_in(out, "correct", cell, identification, poses, overwrite=overwrite),
+            poses=poses,
+            name=model,
+            tool=tool,
+            box=None if box is None else box_of(loaded, box, None),
+            trust_units=trust_units,
+        )
     rehearsed = rehearsed_words(cell, identification)
     content = _as_dict(done) if as_json else None
     tell(answer_of_correction(done), verbose=verbose, first=rehearsed, content=content)

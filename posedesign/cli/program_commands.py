@@ -237,7 +237,8 @@ def import_positions(
         note_misfit(poses, plan)
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
-    imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
+    with progress("reading programs"):
+        imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
     path = write_measurements(claimed, imported.touch_ups)
     content = {
         "path": str(path),

@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -327,6 +328,44 @@ def test_the_file_moves_the_arm_through_the_poses(page, cell, tour):
         assert np.allclose(moved[-1] @ tip, cell.robot.fk(q), rtol=0, atol=TO_M)
 
 
+def moved_links(live: drawing.LiveScene) -> list[FloatArray]:
+    """Links as they were last sent to browsers."""
+    return [
+        transform(rotation_from_quaternion(node.wxyz), node.position)
+        for node in live.stage.links[1:]
+    ]
+
+
+def test_slider_and_player_move_the_arm(cell, tour):
+    pytest.importorskip("viser", reason="needs viser (posedesign[view])")
+    live = drawing.LiveScene(cell, tour, 0)
+    try:
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", live.address)
+        assert live.server.request_share_url() is None
+        assert len(live.stage.bodies) == len(cell.scene.bodies)
+        for stop, q in [*enumerate(POSTURES, 1), (0, cell.base_posture)]:
+            live.play.value = True
+            live._ask(SimpleNamespace(client=object()), stop)
+            assert not live.play.value
+            live.step()
+            assert np.allclose(moved_links(live), by_pinocchio(cell, q), rtol=0, atol=TO_M)
+            assert (live.names.value, live.slider.value) == (tour.names[stop], stop)
+            assert words(tour.verdicts[stop])[0] in live._words.content
+        live.step()
+        assert np.allclose(moved_links(live), by_pinocchio(cell, cell.base_posture), atol=TO_M)
+        live.play.value, live._due = True, 0.0
+        for frame in (1, 2):
+            live.step()
+            found = by_pinocchio(cell, tour.frames[frame])
+            assert np.allclose(moved_links(live), found, rtol=0, atol=TO_M)
+        live._ask(SimpleNamespace(client=object()), 4)
+        live.step()
+        assert "<b>P4" not in live._words.content
+        assert "<b>P4" in live.names.value  # a text, and no part of a page
+    finally:
+        live.server.stop()
+
+
 @contextmanager
 def chromium() -> Iterator[tuple[Any, list[str]]]:
     """A page of a real browser, and what is wrong with it or asked of other hosts."""
@@ -379,7 +418,6 @@ def test_the_file_in_a_browser(page, tour):
 def test_the_slider_in_a_browser_moves_the_arm(cell, tour):
     pytest.importorskip("viser", reason="needs viser (posedesign[view])")
     live = drawing.LiveScene(cell, tour, 0)
-    assert live.server.request_share_url() is None
     over = threading.Event()
 
     def run() -> None:
@@ -399,8 +437,7 @@ def test_the_slider_in_a_browser_moves_the_arm(cell, tour):
             opened.get_by_text("191 mm").first.wait_for()
             assert opened.locator(f"input[value='{tour.names[2]}']").count()
             assert faults == []
-        moved = [transform(rotation_from_quaternion(n.wxyz), n.position) for n in live.stage.links]
-        assert np.allclose(moved[1:], by_pinocchio(cell, POSTURES[1]), rtol=0, atol=TO_M)
+        assert np.allclose(moved_links(live), by_pinocchio(cell, POSTURES[1]), rtol=0, atol=TO_M)
         assert tuple(live.stage.bodies[-2].color) == (214, 30, 40)
     finally:
         over.set()

@@ -86,12 +86,13 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
 
 
 def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) -> RecordedPosition:
-    if len(texts) > _MOST + 1:
+    joints = name[0] in "Jj"
+    if len(texts) > _MOST + joints:
         if any(number(text, name, path, at.line, 1e6) for text in texts[_MOST:]):
             refuse(f"{name} moves additional axes", path, at.line, "measure with them at rest")
         texts = texts[:_MOST]
-    if len(texts) < (1 if name[0] in "Jj" else _MOST):
+    if len(texts) < (1 if joints else _MOST):
         refuse(f"{name} has {len(texts)} values", path, at.line)
-    if name[0] in "Jj":
+    if joints:
         return replace(at, shown_deg=np.array([joint_deg(t, name, path, at.line) for t in texts]))
     return replace(at, T_user_tool=poses_of(pose_values(texts, "XYZABC", name, path, at.line))[0])

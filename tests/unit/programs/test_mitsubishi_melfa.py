@@ -57,6 +57,7 @@ def test_a_program_of_others() -> None:
         ("J1=", "ppick=", "is there twice"),
         ("-283.90,", "-283-.90,", "no list of numbers"),
         ("+0.00,+0.00)\n", "+0.00,+3.00)\n", "additional axes"),
+        (",+156.09)(4", ",+156.09,+5.00)(4", "additional axes"),
         (",+90.00,+0.00,+156.09)(4", ")(4", "has 3 values"),
     ],
 )

@@ -56,7 +56,9 @@ def test_view_shows_measured_pairs(cli, files, tmp_path):
     said = cli("view", *files, "--pairs", pairs, "--out", page)
     assert (said.code, said.out) == (0, f"wrote {page}\n")
     assert said.err.startswith("SIMULATED, not for a robot: from ")
-    assert page.read_text().startswith("<!-- origin: simulated scene in 3-D by view from ")
+    assert page.read_text().startswith(
+        "<!doctype html>\n<!-- origin: simulated scene in 3-D by view from "
+    )
 
 
 def test_view_refuses_poses_of_another_arm(cli, files):
@@ -68,7 +70,13 @@ def test_view_refuses_poses_of_another_arm(cli, files):
 
 def test_view_serves_until_ctrl_c(files):
     command = [sys.executable, "-m", "posedesign", "view", *files, "--port", "18080"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        text=True,
+        # a shell that runs tests in the background has its children ignore Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as running:
         try:
             line = running.stdout.readline()
             address = re.fullmatch(

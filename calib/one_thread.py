@@ -47,6 +47,8 @@ def _controller() -> ThreadpoolController | None:
         from threadpoolctl import ThreadpoolController
     except ImportError:  # everything works without it, and slowly on a busy machine
         return None
+    import scipy.linalg  # noqa: F401  loaded late, with a BLAS of its own
+
     return ThreadpoolController()
 
 

@@ -18,6 +18,8 @@ MOST_LINES = 12
 MOST_ROWS = 3
 """Of them for one thing."""
 
+_CUT = " ..."
+
 
 @dataclass(frozen=True)
 class Table:
@@ -67,7 +69,7 @@ class Line:
         rows = textwrap.wrap(self.text, WIDTH - len(self.what) - 4, break_long_words=False)
         if len(rows) <= MOST_ROWS:
             return self
-        return Line(self.what, " ".join(rows[:MOST_ROWS]) + " ...")
+        return Line(self.what, " ".join(rows[:MOST_ROWS]) + _CUT)
 
     @property
     def height(self) -> int:
@@ -122,15 +124,19 @@ class Answer:
         """What fits into `MOST_LINES`; ``more`` says how to see what does not.
 
         The verdict, the files and the next command are always there; of the rest as much as fits:
-        the first figure, the first warning, what was not checked, then the others, notes last.
-        What is long is cut off.
+        the first figure, warning and thing not checked, then the other warnings, notes last. What
+        is long is cut off, and counted with what is left out.
         """
         first, last = self._begin(), self._end()
         kinds = [[line.cut() for line in kind] for kind in self._kinds()]
-        turns = [kind[0] for kind in kinds[:-1] if kind]
-        turns += [line for kind in kinds for line in kind if line not in turns]
+        figures, warnings, unchecked, notes = kinds
+        turns = [kind[0] for kind in (figures, warnings, unchecked) if kind]
+        # what may be wrong comes before what is good to know
+        rest = (*warnings, *unchecked, *figures, *notes)
+        turns += [line for line in rest if line not in turns]
+        cut = any(line.text.endswith(_CUT) for line in turns)
         room = MOST_LINES - sum(line.height for line in (*first, *last))
-        if sum(line.height for line in turns) > room:
+        if cut or sum(line.height for line in turns) > room:
             room -= 1
             chosen = []
             for line in turns:
@@ -138,7 +144,8 @@ class Answer:
                     chosen.append(line)
                     room -= line.height
             left = len(turns) - len(chosen)
-            last = [Line("more", f"{left} more to know: {more}"), *last]
+            shortened = sum(line.text.endswith(_CUT) for line in chosen)
+            last = [Line("more", f"{left + shortened} more to know: {more}"), *last]
             turns = chosen
         return [*first, *(line for kind in kinds for line in kind if line in turns), *last]
 

@@ -105,11 +105,11 @@ def render_page(folder: Path) -> str:
     # the answer first: what each part says at its beginning
     glance = [f"{part.title}: {part.lines[0]}" for part in sections if part.lines]
     glance += [text for part in sections for text in part.lines if text.startswith("warning")]
+    glance += [f"warning: {said}" for said in _out_of_date(folder)]
     first = [Section("At a glance", glance)]
-    scene = folder / SCENE
-    if (origin := origin_of(scene)) and origin.command == "view":
-        data = read_bytes_bounded(scene, most_bytes=MOST_BYTES)
-        first.append(Section("The cell in 3-D", scene=data.decode()))
+    scene = _scene_of(folder)
+    if scene:
+        first.append(Section("The cell in 3-D", scene=scene))
     sections = [*first, *sections, _section_of_files(folder)]
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["shown"] = _shown
@@ -142,6 +142,36 @@ def _sections(folder: Path) -> Iterator[Section]:
                     path=folder / name,
                     hint="write it again",
                 ) from error
+
+
+def _out_of_date(folder: Path) -> Iterator[str]:
+    """Files of the folder that were changed, or made from others than those that are there."""
+    cell = _cell_file(folder)
+    there = {path.name: path for path in _files_of(folder)}
+    if cell is not None:
+        there.setdefault(CELL, cell)
+    for path in list(_files_of(folder)):
+        if path.stat().st_size >= MOST_BYTES:
+            continue
+        origin, intact = read_whole(path)
+        if origin is None:
+            continue
+        if not intact:
+            yield f"{path.name} was changed since {origin.command} wrote it"
+        for name, mark in origin.inputs:
+            if name in there and checksum(there[name]) != mark:
+                yield f"{path.name} was made from another {name} than the one that is there"
+
+
+def _scene_of(folder: Path) -> str:
+    """The scene of the cell in the folder, as it was written from that; empty for none."""
+    path, cell = folder / SCENE, _cell_file(folder)
+    if not path.is_file() or path.stat().st_size >= MOST_BYTES or cell is None:
+        return ""
+    origin, intact = read_whole(path)
+    if origin is None or not intact or origin.command != "view":
+        return ""
+    return path.read_text(encoding="utf-8") if (CELL, checksum(cell)) in origin.inputs else ""
 
 
 def _cell_file(folder: Path) -> Path | None:

@@ -165,9 +165,8 @@ def _counted(verdicts: Sequence[PoseVerdict]) -> str:
 
 def _says(verdict: PoseVerdict) -> str:
     """What is wrong with a pose or the way to it."""
-    if not verdict.feasible:
-        return verdict.says
-    return f"on the way to it: {verdict.way}"
+    said = [] if verdict.feasible else [verdict.says]
+    return "; ".join([*said, *([f"on the way to it: {verdict.way}"] if verdict.way else [])])
 
 
 def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:

@@ -65,9 +65,23 @@ def test_the_scene_of_the_cell_stands_on_the_page(work, cli):
     page = (work / "report.html").read_text()
     (shown,) = re.findall(r'srcdoc="([^"]*)"', page)
     assert unescape(shown) == scene
-    (work / "scene.html").write_text("<html>another's</html>")
+    assert 'sandbox="allow-scripts"' in page  # it cannot write on the page
+    for other in (b"<html>another's</html>", scene.encode().replace(b"fixture", b"picture")):
+        (work / "scene.html").write_bytes(other + b"\xff")
+        assert cli("report", work).code == 0
+        assert "srcdoc" not in (work / "report.html").read_text()
+
+
+def test_what_is_out_of_date_stands_at_the_top(page, work, cli, change_cell):
+    assert "warning: " not in page
+    (work / "touchups.csv").write_text((work / "touchups.csv").read_text() + "\n")
+    change_cell({"plan.limit_margin_deg": "2.0"})
     assert cli("report", work).code == 0
-    assert "srcdoc" not in (work / "report.html").read_text()
+    text = (work / "report.html").read_text()
+    glance = text[: text.index("Cell</h2>")]
+    assert "warning: touchups.csv was changed since simulate wrote it" in glance
+    assert "warning: identification.json was made from another touchups.csv" in glance
+    assert "warning: identification.json was made from another cell.toml" in glance
 
 
 def test_names_from_files_are_no_markup(page, work, cli):

@@ -35,12 +35,33 @@ def test_a_long_one_keeps_what_matters_most_and_says_how_much_is_left(words):
     assert height(short) <= MOST_LINES
     assert (short[0].text, short[-2].text, short[-1].text) == ("verdict", "f", "n")
     kept = sum(line.what not in ("", "wrote", "next") for line in short) - 1
-    assert short[-3] == Line("more", f"{8 + 27 - kept} more to know: see more")
+    cut = sum(line.text.endswith(" ...") for line in short)
+    assert short[-3] == Line("more", f"{8 + 27 - kept + cut} more to know: see more")
     assert [line.what for line in short if line.what == "a"] == ["a"]
     for what in ("warning", "not checked"):
         told = [line.text for line in short if line.what == what]
         assert told[0].split()[:20] == many[0].split()[:20]
         assert told[0].endswith(" ...") == (words == 90)
+
+
+def test_a_second_warning_comes_before_a_second_figure():
+    answer = Answer(
+        "v " * 90,
+        {"a": "x " * 60, "b": "y " * 60, "c": "z " * 60},
+        ["one " * 20, "SECOND"],
+        ["the view", "the tool"],
+        files=["f " * 40],
+        then="n",
+    )
+    told = [line.text for line in answer.short("more")]
+    assert {"SECOND", "the view", "the tool"} <= set(told)
+
+
+def test_what_is_cut_is_counted():
+    answer = Answer("done", {}, ["missing " * 80])
+    short = answer.short("see more")
+    assert short[1].text.endswith("missing ...")
+    assert short[-1] == Line("more", "1 more to know: see more")
 
 
 def test_lines_fit_the_width_and_words_are_whole():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,7 +16,7 @@ from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
-from posedesign.programs.program import Form, PoseProgram, ProgramOptions, in_range
+from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse
 from posedesign.programs.recorded import (
     Level,
@@ -27,8 +27,8 @@ from posedesign.programs.recorded import (
 )
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
 from posedesign.programs.writing import (
+    Limits,
     check_call,
-    check_text,
     plain,
     plain_all,
     shown_deg,
@@ -40,6 +40,9 @@ TEXT_LENGTH = 100
 
 JOINTS = 6
 """Of an arm; values behind them are of axes that carry it, or a part."""
+
+LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, begins=("POSE ", "PLAN "), settle_s=1e4)
+"""Outputs are of each language."""
 
 LEAST_S = 0.1
 """Shortest time that is waited: in it the arm comes to a stop, and an input sees a pulse."""
@@ -99,7 +102,6 @@ class Phrases:
             told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) <= TEXT_LENGTH
             yield self.remark.format(f"POSE {number} {pose.name if told else ''}".rstrip())
             if pose.comment.strip():
-                check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
                 yield self.remark.format(pose.comment.strip())
             joints = ", ".join(plain_all(shown, 6))
             yield from (line.format(number=number, joints=joints, **own) for line in self.move)
@@ -159,11 +161,7 @@ class JointDialect(Dialect):
         if options.keep == "register" and not phrases.keep:
             raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
         check_call(self.names, options, program.name)
-        check_text("comment", options.comment, TEXT_LENGTH)
-        in_range("settle_s", options.settle_s, 0, 1e4)
-        in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
-        if options.measure_output is not None:
-            in_range("measure_output", options.measure_output, 1, phrases.most_output)
+        replace(LIMITS, outputs=(1, phrases.most_output)).check(program)
         lines = self.lines(program, arm, list(phrases.steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
 

@@ -15,6 +15,7 @@ from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.reading import MOST_JOINT_DEG
+from posedesign.programs.recorded import PlanMark
 
 LONGEST_WARNING = 300
 """Characters of one warning in the head of a program: ten lines of a FANUC remark."""
@@ -170,6 +171,13 @@ class Limits:
             in_range("measure_output", options.measure_output, *self.outputs)
             in_range("measure_pulse_s", options.measure_pulse_s, *self.pulse_s)
         check_text("comment", options.comment, self.text, self.forbidden)
+        if PlanMark.found_in(options.comment):
+            raise InputError(
+                f"comment {options.comment!a} would be read as the mark of another plan",
+                hint="begin it with another word",
+                name="comment",
+                value=options.comment,
+            )
         for pose in program.poses:
             what = f"comment of pose {pose.name!r}"
             check_text(what, pose.comment, self.remark, self.forbidden)

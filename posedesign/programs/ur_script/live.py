@@ -75,29 +75,31 @@ class Watch:
     """Finds in a stream of samples the poses that the program tells of.
 
     A number counts when it is seen to appear: one that stood there from the first may be of another
-    run, or the arm may have moved on.
+    run, or the arm may have moved on. One that appears as the program is paused counts when it goes
+    on: until then the arm may not be where it stood.
     """
 
     number: int | None = None
+    waits: bool = False
     window: list[Sample] = field(default_factory=list)
 
     def see(self, sample: Sample) -> Told | None:
         """A pose that this sample completes, or ends too early."""
         told = None
         if sample.number != self.number:
-            first, self.number = self.number is None, sample.number
-            if self.window:
-                told = Told(self.window[0].number, problem="was told for less than 0.1 s")
-            self.window = []
-            if sample.number != 0 and sample.state == PLAYING:
-                if not first:
-                    self.window = [sample]
-                else:
-                    told = Told(sample.number, problem="was told before the connection")
+            before, self.number = self.number, sample.number
+            if before is not None and (self.window or self.waits):
+                told = Told(before, problem="was told for less than 0.1 s")
+            self.window, self.waits = [], before is not None and sample.number != 0
+            if before is None and sample.number != 0 and sample.state not in ENDED:
+                told = Told(sample.number, problem="was told before the connection")
         elif self.window:
             self.window.append(sample)
             if len(self.window) == SAMPLES:
                 told, self.window = _judged(self.window), []
+        if self.waits and sample.state == PLAYING:
+            self.window, self.waits = [sample], False
+        self.waits = self.waits and sample.state not in ENDED
         return told
 
 
@@ -208,6 +210,11 @@ def _samples(host: str, register: int) -> Generator[Sample, None, None]:
         try:
             for line in process.stdout or ():
                 said = json.loads(line)
+                if isinstance(said, str) and process.wait() == rtde_process.UNLOADED:
+                    raise InputError(
+                        f"ur_rtde does not load: {said}",
+                        hint="install it anew: pip install --force-reinstall ur_rtde",
+                    )
                 if isinstance(said, str):
                     raise _Lost(said)
                 yield Sample(*said)

@@ -3,7 +3,8 @@
 ur_rtde 1.6.5 waits without end for a controller that does not answer, ends its process at a package
 that is shorter than its own header, and reads beyond one that is shorter than it should be. Here it
 can: the process ends when nothing new came in time, with :data:`SILENT`, or when nobody reads what
-it says. A line is ``[runtime_state, number, q, qd]``, or a text: why there are no more.
+it says. A line is ``[runtime_state, number, q, qd]``, or a text: why there are no more. With
+:data:`UNLOADED` it ends where the library itself does not load.
 
 Run by :mod:`posedesign.programs.ur_script.live` only, and imports nothing of the project, so that
 it is there at once.
@@ -25,6 +26,9 @@ CONNECT_S, SILENT_S = 15.0, 5.0
 SILENT = 1
 """Exit code of ``faulthandler`` when the time is over."""
 
+UNLOADED, FAILED = 3, 4
+"""Exit codes where ur_rtde does not load, and at errors that are not known here."""
+
 UPPER = 24
 """First register that is no field bus's; ur_rtde is told which half to read."""
 
@@ -37,6 +41,7 @@ def main(host: str, register: int) -> None:
     os.dup2(2, 1)  # ur_rtde prints what controllers say
     variables = ["timestamp", "actual_q", "actual_qd", "runtime_state"]
     variables.append(f"output_int_register_{register}")
+    code = FAILED
     try:
         from rtde_receive import RTDEReceiveInterface
 
@@ -52,14 +57,18 @@ def main(host: str, register: int) -> None:
                 faulthandler.dump_traceback_later(SILENT_S, exit=True)
             time.sleep(0.2 / RATE_HZ)
         out.write('"the connection was closed"\n')
+        code = 0
     except BrokenPipeError:
-        os._exit(0)
+        code = 0
     except IndexError:  # of joint values that never came
         out.write('"the connection was closed before any values came"\n')
-    except (RuntimeError, ValueError) as error:
-        out.write(json.dumps(str(error).splitlines()[0][:200]) + "\n")
-    out.flush()
-    os._exit(0)  # ur_rtde would wait for its threads
+        code = 0
+    except (ImportError, RuntimeError, ValueError) as error:
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        out.write(json.dumps(lines[0][:200]) + "\n")
+        code = UNLOADED if isinstance(error, ImportError) else 0
+    finally:
+        os._exit(code)  # ur_rtde would wait for its threads
 
 
 if __name__ == "__main__":

@@ -1,8 +1,13 @@
 """Poses found in what a controller sends; over a socket in ``tests/cli/test_record.py``."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calib.errors import InputError
+from posedesign.programs.ur_script import live
 from posedesign.programs.ur_script.live import PLAYING, SAMPLES, STILL_RAD, Sample, Told, Watch
 
 Q, REST = [0.1, -1.2, 1.3, -1.4, 1.5, 0.6], [0.0] * 6
@@ -49,3 +54,59 @@ def test_a_number_counts_where_it_is_seen_to_appear_while_the_program_runs() -> 
     assert (told.q, told.problem) == (None, "was told before the connection")
     assert seen([*at_pose(0), *at_pose(4, 50, state=1)]) == []
     assert [told.number for told in seen([*at_pose(0), *at_pose(4), *at_pose(2)])] == [4, 2]
+
+
+STOPPED, PAUSING, PAUSED = 1, 3, 4
+
+
+def test_a_number_that_appears_as_the_program_is_paused_counts_when_it_goes_on() -> None:
+    paused = [*at_pose(0), *at_pose(5, 1, state=PAUSING)]
+    away = at_pose(5, 30, state=PAUSED, q=[0.0] * 6)
+    (told,) = seen([*paused, *away, *at_pose(5, 40)])
+    assert (told.number, told.problem) == (5, "")
+    np.testing.assert_allclose(told.q, Q, atol=1e-12)
+    (told,) = seen([*paused, *away, *at_pose(0)])
+    assert (told.number, told.problem) == (5, "was told for less than 0.1 s")
+    # the next run begins with what the last one left in the register
+    assert seen([*paused, *at_pose(5, 1, state=STOPPED), *at_pose(5, 40)]) == []
+
+
+def test_a_number_of_a_paused_program_may_be_of_before_the_connection() -> None:
+    (told,) = seen([*at_pose(5, 9, state=PAUSED), *at_pose(5, 40)])
+    assert (told.number, told.problem) == (5, "was told before the connection")
+
+
+@pytest.fixture
+def broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], str]:
+    """What is said of an ur_rtde with this code in it."""
+
+    def message_of(code: str) -> str:
+        (tmp_path / "rtde_receive.py").write_text(code)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.setattr(live.importlib.util, "find_spec", lambda name: name)
+        with pytest.raises(InputError) as caught:
+            next(live.told_poses("127.0.54.1", 36, 60.0, print))
+        return caught.value.message
+
+    return message_of
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        (
+            "raise ImportError('libboost.so: cannot open\\nit')",
+            "does not load: libboost.so: cannot",
+        ),
+        ("raise ImportError", "ur_rtde does not load: ImportError"),
+        ("", "ur_rtde does not load: cannot import name"),
+        ("def RTDEReceiveInterface(*a): raise RuntimeError", "30004: RuntimeError"),
+        ("def RTDEReceiveInterface(): 1", "30004: it sends what ur_rtde cannot read"),
+    ],
+)
+def test_a_library_that_does_not_work_says_so(
+    code: str, message: str, broken: Callable[[str], str]
+) -> None:
+    said = broken(code)
+    assert message in said
+    assert "\n" not in said

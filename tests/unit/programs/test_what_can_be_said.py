@@ -166,6 +166,15 @@ REFUSED = [
         for name in ("moveit-joints", "robot-calibration")
     ],
     ("mitsubishi-melfa", {"keep": "register"}, "keep no registers"),
+    *[
+        (name, {"remark": remark}, "would be read as what the program says")
+        for name in ("mitsubishi-melfa", "kawasaki-as", "doosan-drl", "denso-pac")
+        for remark in ("POSE 2 Other", " PLAN 12345")
+    ],
+    *[
+        (name, {"comment": "PLAN 1a2b3c4d 27"}, "would be read as the mark of another plan")
+        for name in ("abb-rapid", "mitsubishi-melfa", "kawasaki-as", "doosan-drl", "denso-pac")
+    ],
 ]
 
 

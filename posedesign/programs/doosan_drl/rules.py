@@ -3,8 +3,9 @@
 ``syntax``: statements are as in the grammar. ``indent``: blocks are indented as in Python.
 ``name``: functions and variables are known; others are noted where they are not nearly known.
 ``arguments``: functions have those that they take. ``position``, ``range``: ``posj`` has six
-numbers within +-720 deg, outputs are from 1 to 16. ``standstill``, ``wait-to-measure``: a move that
-is not blended, and a wait, before an output is set or a function of the program called.
+numbers within +-720 deg, outputs are from 1 to 16; moves to computed positions are noted.
+``standstill``, ``wait-to-measure``: a move that is not blended, and a wait, before an output is set
+or a function of the program called.
 """
 
 from __future__ import annotations
@@ -16,12 +17,20 @@ from pathlib import Path
 
 from lark import Token, Tree
 
-from posedesign.programs.doosan_drl.reader import LANGUAGE, calls
+from posedesign.programs.doosan_drl.reader import (
+    LANGUAGE,
+    MOVES,
+    alone,
+    calls,
+    is_relative,
+    target_of,
+    without_blocks,
+)
 from posedesign.programs.joint_programs import PLAIN, Standing, check_joints, judged, level_of
 from posedesign.programs.language import Statement, nodes, text_of
 from posedesign.programs.recorded import Problem
 
-_MOTION = "vel acc time radius mod ra v a t r"
+_MOTION = "pos vel acc time radius mod ra v a t r"
 FUNCTIONS = {
     "movej": (1, 3, _MOTION),
     "amovej": (1, 3, _MOTION),
@@ -49,8 +58,9 @@ _NAMES = "ON OFF True False None len range print float int list abs round"
 
 def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
     """Problems in a program, at most 1000. Never fails."""
-    rows = data.decode("latin-1").split("\n")
-    return judged(data, LANGUAGE, ("call",), partial(_check, rows))
+    text = without_blocks(data.decode("latin-1"))
+    rows = text.split("\n")
+    return judged(text.encode("latin-1"), LANGUAGE, ("call",), partial(_check, rows))
 
 
 def _check(rows: list[str], statements: list[Statement]) -> Iterator[Problem]:
@@ -87,6 +97,10 @@ def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[P
     least, most, named = FUNCTIONS.get(name, (0, len(arguments), ""))
     words = [str(a.children[0]) for a in arguments if a.data == "keyword"]
     values = [text_of(a) for a in arguments if a.data == "argument"]
+    target = target_of(arguments)
+    computed = target is None or alone(target) is None or is_relative(arguments)
+    if computed and (name in MOVES or (name == "posj" and len(arguments) == 1)):
+        yield Problem(row, "position", f"{name}: a computed position is not read back", "note")
     if any(a.data == "spread" for a in arguments):
         return
     wrong = [word for word in words if name in FUNCTIONS and word not in named.split()]

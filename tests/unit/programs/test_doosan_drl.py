@@ -92,6 +92,63 @@ def test_what_would_be_read_wrong_is_refused(old: str, new: str, message: str) -
         DIALECT.parse(EXPORT.replace(old, new).encode(), PATH)
 
 
+Q = "posj(0, 0, 90, 0, 90, 0)"
+COMPUTED = [
+    f"movej({Q} + posj(1, 1, 1, 1, 1, 1))",
+    f"movej(-{Q})",
+    "movej(posj(-[0, 0, 90, 0, 90, 0]))",
+    "q = posj(-[0, 0, 90, 0, 90, 0])\nmovej(q)",
+    "movej(home[0])",
+    "movej(vel=10)",
+    "movej(*home)",
+    f"if True: movej({Q})",
+    *(f"movej({Q}, {mod})" for mod in ("mod=DR_MV_MOD_REL", "mod=1", "mod=m", "1, 1, 1, 1, 1")),
+    *(
+        f"home = {Q}\n{change}\nmovej(home)"
+        for change in (
+            "home[0] = 45",
+            "home += [3]",
+            "home, b = b, home",
+            "home = b = c",
+            "home: list = [1, 2, 3, 4, 5, 6]",
+            "home.reverse()",
+            "home = other",
+            "from mine import home",
+            "for home in all:",
+            "def go(home):",
+        )
+    ),
+    f'text = """\nmovej({Q})',
+]
+
+
+@pytest.mark.parametrize("lines", COMPUTED)
+def test_a_move_to_what_is_computed_is_refused(lines: str) -> None:
+    with pytest.raises(FileFormatError, match=r"no list of numbers|cannot be read|is relative"):
+        DIALECT.parse((EXPORT + lines).encode(), PATH)
+    assert DIALECT.check((EXPORT + lines).encode(), PATH) != DIALECT.check(
+        EXPORT.encode(), PATH
+    ) or ("movej(home)" in lines)
+
+
+def test_positions_by_name_are_read_and_those_of_long_texts_are_not() -> None:
+    more = f'''"""
+# POSE 1 no pose
+movej({Q})
+"""
+note = """
+movej({Q})"""
+movej(pos=posj(1, 2, 3, 4, 5, 6), mod=DR_MV_MOD_ABS)
+movej([1, 2, 3, 4, 5, 7], 10, 10, mod=0)
+movej(posj(home))
+'''
+    back = DIALECT.parse((EXPORT + more).encode(), PATH)
+    found = [p.shown_deg.tolist() for p in back.positions if p.shown_deg is not None]
+    assert found[2:] == [[1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 7], [0, 0, 90, 0, 90, 0]]
+    assert [p.line for p in back.positions][2:] == [23, 24, 25]
+    assert not [p for p in DIALECT.check((EXPORT + more).encode(), PATH) if p.level == "error"]
+
+
 def test_a_pose_of_a_plan_is_there_once() -> None:
     with pytest.raises(FileFormatError, match="pose 1 is there twice"):
         DIALECT.parse(TEXT.replace("POSE 2", "POSE 1").encode(), PATH)

@@ -97,6 +97,43 @@ def test_what_would_be_read_wrong_is_refused(old: str, new: str, message: str) -
         DIALECT.parse(text.encode(), PATH)
 
 
+LOST = [
+    "Move P, @E aaa + J(1, 1, 1, 1, 1, 1)",
+    "Move P, @E -J(1, 1, 1, 1, 1, 1)",
+    "Move P, @E J(1, 1, 1, 1, 1, 1), aaa * 2",
+    "If n > 1 Then Move P, J(1, 1, 1, 1, 1, 1)",
+    "If n > 1 Then Move P, aaa",
+    *(
+        f"{change}\n  Move P, @E aaa"
+        for change in (
+            "LetJ 1, aaa = 90",
+            "AAA = aaa + J(1, 1, 1, 1, 1, 1)",
+            "aaa = other",
+            "Call Turn(aaa)",
+            "If n > 1 Then aaa = other",
+        )
+    ),
+    "Dim b As Joint = J(1, 1, 1, 1, 1, 1) + aaa\n  Move P, b",
+    "#define b J(1, 1, 1, 1, 1, 1)\n  Move P, b",
+    "b[1] = J(1, 1, 1, 1, 1, 1)\n  b[n] = J(2, 1, 1, 1, 1, 1)\n  Move P, b[1]",
+    "b[n] = J(1, 1, 1, 1, 1, 1)\n  Move P, b[n]",
+]
+
+
+@pytest.mark.parametrize("lines", LOST)
+def test_a_move_to_what_is_computed_is_refused(lines: str) -> None:
+    with pytest.raises(FileFormatError, match=r"no list of numbers|cannot be read"):
+        DIALECT.parse(EXPORT.replace("GiveArm", lines).encode(), PATH)
+
+
+def test_a_declared_value_is_read() -> None:
+    lines = "Depart P, J(1, 2)\n  #define c J(1, 2)\n  Move L, P[1]\n  Move L, P(1, 2)\n  "
+    lines += "Dim n As Integer = 2, b As Joint = J(1, 2, 3, 4, 5, 6)\n  b[1] = J(1, 2, 3, 4, 5, 7)"
+    text = EXPORT.replace("GiveArm", f"{lines}\n  Move P, @E B\n  Move P, b[1]\n  Move P, J[2]")
+    found = [p.shown_deg for p in DIALECT.parse(text.encode(), PATH).positions]
+    np.testing.assert_array_equal(found[2:], [[1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 7]])
+
+
 @pytest.mark.parametrize(
     ("rule", "old", "new"),
     [

@@ -32,6 +32,7 @@ from posedesign.cell.surroundings import (
     tool_bodies,
     what_is_not_checked,
     what_is_odd,
+    what_may_be_wrong,
 )
 from posedesign.constraints import Checker, Collision, MotionChecker, Retreat
 
@@ -175,6 +176,16 @@ class Cell(CellData):
     @property
     def notices(self) -> list[str]:
         """What was decided while reading the robot, and what is odd about the cell, in words."""
+        return [*self.doubts, *self.remarks]
+
+    @property
+    def doubts(self) -> list[str]:
+        """What looks like a mistake, in words."""
+        return what_may_be_wrong(self)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was decided while reading the robot, and what else is to be known, in words."""
         return [*self.robot.notices, *what_is_odd(self)]
 
     @property

@@ -468,7 +468,9 @@ def parse_text(text: str, path: Path) -> CellConfig:
         raw = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers too long, brackets nested too deep
         raise FileFormatError(
-            f"is no valid TOML: {error}", path=path, hint="mend the line"
+            f"is no valid TOML: {error}",
+            path=path,
+            hint="the cell, a .toml, comes first" if path.suffix != ".toml" else "mend the line",
         ) from error
     return parse_config(raw, path)
 

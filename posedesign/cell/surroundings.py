@@ -35,11 +35,14 @@ from posedesign.constraints.visibility import LineOfSight, TargetView
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
 """Distance that bodies which meet at the target keep before: moves are checked to half of it."""
 
-NOTEWORTHY_M = 0.05
-"""Distance of the target from the tool point at the base posture that is worth a word."""
+NOTEWORTHY_M = 0.01
+"""Distance of the target from the tool point at the base posture that is worth a warning."""
 
 FARTHEST_M = 100.0
 """Nothing of a cell is farther away."""
+
+SMALL_SOLID_M = 0.002
+"""Of a body of a cell the largest extent is larger: others were given in metres."""
 
 SMALL_MESH_M, LARGE_MESH_M = 0.01, 50.0
 """Meshes of a cell are larger and smaller than this: others were made in another unit."""
@@ -256,14 +259,41 @@ def refuse_unshaped(cell: CellData) -> None:
     )
 
 
-def what_is_odd(cell: CellData) -> list[str]:
-    """What a person should know of a cell, in words."""
+def what_may_be_wrong(cell: CellData) -> list[str]:
+    """What looks like a mistake in a cell, in words."""
     said = []
     if cell.target_offset_m > NOTEWORTHY_M:
         said.append(
             f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
             "the tool point"
         )
+    for body in (*cell.tool_bodies, *cell.obstacles):
+        size = _largest_m(body.solid)
+        if isinstance(body.solid, Mesh):
+            if not SMALL_MESH_M < size < LARGE_MESH_M:
+                said.append(
+                    f"the mesh of {body.name} is {1e3 * size:.3g} mm large: is its file in mm? "
+                    "(scale = 1000 for metres)"
+                )
+        elif size < SMALL_SOLID_M:
+            said.append(f"{body.name} is {1e3 * size:.3g} mm large: is its size in mm?")
+    return said
+
+
+def _largest_m(solid: Solid) -> float:
+    """Largest extent of a body [m]; infinite for what has none."""
+    if isinstance(solid, Mesh):
+        return float(np.ptp(solid.vertices, axis=0).max())
+    if isinstance(solid, Box):
+        return max(solid.size_m)
+    if isinstance(solid, HalfSpace):
+        return np.inf
+    return max(2.0 * solid.radius_m, getattr(solid, "length_m", 0.0))
+
+
+def what_is_odd(cell: CellData) -> list[str]:
+    """What a person should know of a cell, in words."""
+    said = []
     if cell.config.camera is None and not (cell.is_hand_eye or cell.config.plan.retreat_mm):
         said.append(
             "plan.retreat_mm is 0: a tool that touches the target does not back off between "
@@ -274,14 +304,6 @@ def what_is_odd(cell: CellData) -> list[str]:
             "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
             "plays no part, and the robot's errors come on top of what is predicted"
         )
-    for body in (*cell.tool_bodies, *cell.obstacles):
-        if isinstance(body.solid, Mesh):
-            size = np.ptp(body.solid.vertices, axis=0).max()
-            if not SMALL_MESH_M < size < LARGE_MESH_M:
-                said.append(
-                    f"the mesh of {body.name} is {1e3 * size:.3g} mm large: is its file in mm? "
-                    "(scale = 1000 for metres)"
-                )
     return said
 
 

@@ -107,7 +107,9 @@ def identify(
         note(rehearsed)
         show_file(file.read_text(encoding="utf-8"))
     else:
-        then = command_line("correct", cell, file) if identified.is_of_this_robot else ""
+        then = (
+            command_line("correct", cell, file, "--out", out) if identified.is_of_this_robot else ""
+        )
         answer = answer_of_identification(identified, [str(file)])
         tell(answer, verbose=verbose, then=then, first=rehearsed)
     return DONE if identified.is_of_this_robot else NOT_REACHED
@@ -177,7 +179,7 @@ def calibrate(
     tell(
         done.answer([str(out)]),
         verbose=verbose,
-        then=command_line("correct", cell, out / "identification.json"),
+        then=command_line("correct", cell, out / "identification.json", "--out", out),
         first="" if folder else "SIMULATED, not for a robot: this is a rehearsal",
         content=done.as_dict() if as_json else None,
     )

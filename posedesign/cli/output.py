@@ -180,7 +180,9 @@ def knowing(cell: Cell) -> Iterator[None]:
 def say_what_to_know(cell: Cell) -> None:
     """Say where the target of a cell is, what was decided, what is odd, and what is not checked."""
     note(f"target: {cell.whereabouts.words}")
-    for said in cell.notices:
+    for said in cell.doubts:
+        note(f"warning: {said}")
+    for said in cell.remarks:
         note(f"note: {said}")
     for said in cell.not_checked:
         note(f"not checked: {said}")

@@ -221,7 +221,7 @@ def plan(
     tell(
         answer_of_choice(loaded, result, files),
         verbose=verbose,
-        then=command_line("program", files[0], "--cell", cell) if files else "",
+        then=_program_command(loaded, files, cell),
         content=choice_as_dict(loaded, result) | {"files": files} if as_json else None,
     )
     return DONE if result.reached else NOT_REACHED
@@ -297,10 +297,18 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
     tell(
         told_plan(loaded, result, outlook, files),
         verbose=verbose,
-        then=command_line("program", files[0], "--cell", cell),
+        then=_program_command(loaded, files, cell),
         content=plan_as_dict(loaded, result, outlook) | {"files": files} if as_json else None,
     )
     return DONE if result.reached else NOT_REACHED
+
+
+def _program_command(cell: Cell, files: Sequence[str], path: Path) -> str:
+    """The command that writes the program; empty where there is none, or for no known maker."""
+    controller = cell.robot.controller
+    if not files or controller is None or not controller.maker:
+        return ""
+    return command_line("program", files[0], "--cell", path)
 
 
 def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()) -> Answer:
@@ -311,7 +319,7 @@ def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[st
     figures = dict(answer.figures)
     if figures["better"]:
         figures["better"] += " (--method exchange)"
-    warnings = []
+    warnings = list(answer.warnings)
     if cell.is_hand_eye and result.threshold >= LOOSE_HAND_EYE:
         warnings.append(
             f"hardly any poses of a hand-eye calibration have a C_G above {result.threshold:.4g}: "

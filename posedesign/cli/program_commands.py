@@ -127,15 +127,17 @@ def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
     notes = [written.note] if written.note else []
     not_checked = list(written.not_checked)
     if cell is None:
-        not_checked.append("limits, target, ... against a cell: pass --cell")
+        not_checked.append("limits, collisions and target: pass --cell")
     else:
         figures["target"] = cell.whereabouts.words
-        notes += cell.notices
+        notes += cell.remarks
         not_checked = list(dict.fromkeys([*cell.not_checked, *not_checked]))
     return Answer(
-        f"{count}, {len(written.problems)} objections to the program",
+        f"{count}, {len(written.problems)} objections to the program"
+        + ", NOT CHECKED against a cell" * (cell is None),
         figures,
         warnings=[
+            *(cell.doubts if cell else ()),
             *(f"written in spite of {said}" for said in written.forced),
             *(str(problem) for problem in written.problems),
             *([written.warning] if written.warning else []),

@@ -250,7 +250,7 @@ def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
         f"The smallest model ({results.offsets.model}) against the simulated truth",
         truth_rows(results),
     )
-    error = steps["identified"].figures.get("error", "")
+    error = steps["identified"].figures.get("expected error", "")
     return Answer(
         f"planned: {plan.verdict}",
         {

@@ -47,7 +47,10 @@ def view(
     """Show the cell in 3-D in the browser, with its poses and the motions between them."""
     from posedesign.cell import Cell
     from posedesign.pairs import read_pairs
+    from posedesign.planning import off_target
+    from posedesign.planning.checks import ON_TARGET_M
     from posedesign.planning.poses_file import read_poses
+    from posedesign.report.plans import answer_of_check
     from posedesign.report.scene import LiveScene, write_scene
     from posedesign.report.tour import Tour
 
@@ -67,6 +70,10 @@ def view(
         tour = Tour.of(loaded, listed, measured)
     for said in loaded.not_checked:
         note(f"not checked: {said}")
+    if listed is not None:
+        touching = listed.measured
+        off = off_target(loaded, touching.names, touching.postures, ON_TARGET_M)
+        say(answer_of_check(loaded, tour.verdicts[1:], off).verdict)
     if claims:
         write_scene(loaded, tour, claims[0])
         say(f"wrote {out}")

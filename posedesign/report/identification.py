@@ -70,7 +70,7 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
     return Answer(
         f"recommended: {comparison.recommended or 'none'}",
         {
-            "error": comparison.reason,
+            "expected error": comparison.reason,
             "expected over": over,
             "noise": result.message,
             "largest residuals": _residuals(result),

@@ -149,7 +149,7 @@ def _out_of_date(folder: Path) -> Iterator[str]:
     cell = _cell_file(folder)
     there = {path.name: path for path in _files_of(folder)}
     if cell is not None:
-        there.setdefault(CELL, cell)
+        there.setdefault(cell.name, cell)
     for path in list(_files_of(folder)):
         if path.stat().st_size >= MOST_BYTES:
             continue
@@ -171,22 +171,25 @@ def _scene_of(folder: Path) -> str:
     origin, intact = read_whole(path)
     if origin is None or not intact or origin.command != "view":
         return ""
-    return path.read_text(encoding="utf-8") if (CELL, checksum(cell)) in origin.inputs else ""
+    return path.read_text(encoding="utf-8") if (cell.name, checksum(cell)) in origin.inputs else ""
 
 
 def _cell_file(folder: Path) -> Path | None:
-    """The cell in the folder; or in the one above, where files of the folder are made from that."""
-    for file in (folder / CELL, folder.resolve().parent / CELL):
-        if file.is_file() and (file.parent == folder or _is_of(folder, file)):
-            return file
-    return None
-
-
-def _is_of(folder: Path, cell: Path) -> bool:
-    """Whether a file of the folder says that it was made from this very cell."""
-    mark = (CELL, checksum(cell))
+    """The cell in the folder, or the one there or above that files of the folder are made from."""
+    if (folder / CELL).is_file():
+        return folder / CELL
     origins = (origin_of(path) for path in _files_of(folder))
-    return any(mark in origin.inputs for origin in origins if origin is not None)
+    marks = {mark for origin in origins if origin is not None for mark in origin.inputs}
+    return next(
+        (
+            place / name
+            for name, mark in sorted(marks)
+            for place in (folder, folder.resolve().parent)
+            if name.endswith(".toml") and (place / name).is_file()
+            if checksum(place / name) == mark
+        ),
+        None,
+    )
 
 
 def _section_of_cell(cell: Cell) -> Section:
@@ -201,7 +204,8 @@ def _section_of_cell(cell: Cell) -> Section:
         {"what": "measurement", "value": config.measurement.kind},
         {"what": "obstacles", "value": ", ".join(o.name for o in cell.obstacles) or "none"},
     ]
-    said = [f"note: {text}" for text in cell.notices]
+    said = [f"warning: {text}" for text in cell.doubts]
+    said += [f"note: {text}" for text in cell.remarks]
     said += [f"not checked: {text}" for text in cell.not_checked]
     return Section("Cell", said, tables=[Table("", rows)])
 

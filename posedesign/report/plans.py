@@ -60,8 +60,9 @@ def answer_of_plan(
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
         },
+        warnings=cell.doubts,
         not_checked=result.not_checked,
-        notes=cell.notices,
+        notes=cell.remarks,
         details=frame_notes(result.model),
         tables=[
             Table("Rounds of the loop", [_short_names(row) for row in result.round_rows()]),
@@ -100,8 +101,9 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
             "pool": result.pool_words,
             "target": cell.whereabouts.words,
         },
+        warnings=cell.doubts,
         not_checked=result.not_checked,
-        notes=[*result.remarks, *cell.notices],
+        notes=[*result.remarks, *cell.remarks],
         details=frame_notes(result.model),
         tables=[
             Table(PREDICTED, result.sigma_rows()),
@@ -126,9 +128,9 @@ def answer_of_next(cell: Cell, result: NextPoses, files: Sequence[str] = ()) -> 
     return Answer(
         result.message,
         {"poses": ", ".join(result.poses.names), "target": cell.whereabouts.words},
-        warnings=[scaled] if scaled else [],
+        warnings=[*cell.doubts, *([scaled] if scaled else [])],
         not_checked=cell.not_checked,
-        notes=cell.notices,
+        notes=cell.remarks,
         tables=[Table("Error of the tool point, as predicted", result.rows())],
         files=files,
     )
@@ -145,9 +147,9 @@ def answer_of_check(cell: Cell, verdicts: Sequence[PoseVerdict], off: Sequence[s
     return Answer(
         _counted(verdicts) + f"; {len(off)} off the target" * bool(off),
         nearest | {"target": cell.whereabouts.words},
-        warnings=[*(f"{v.name}: {_says(v)}" for v in bad), *off],
+        warnings=[*cell.doubts, *(f"{v.name}: {_says(v)}" for v in bad), *off],
         not_checked=cell.not_checked,
-        notes=cell.notices,
+        notes=cell.remarks,
         tables=[Table("Poses", [_verdict_row(verdict) for verdict in verdicts])],
     )
 
@@ -192,16 +194,18 @@ def answer_of_score(cell: Cell, score: Score, scaling: Mapping[str, str]) -> Ans
         "poses that cannot be taken": score.not_feasible,
         "poses that do not touch the target": score.off_target,
     }
+    # the worst first: no number of such poses is worth anything
+    worst = [f"{what}: {len(poses)}" for what, poses in counted.items() if poses]
+    verdict = "; ".join([*worst, verdict])
     return Answer(
         verdict,
         {
-            **{what: str(len(poses)) for what, poses in counted.items() if poses},
             "largest predicted sigma": _largest(score.sigma),
             "target": cell.whereabouts.words,
         },
-        warnings=[*score.not_feasible, *score.off_target],
+        warnings=[*cell.doubts, *score.not_feasible, *score.off_target],
         not_checked=cell.not_checked,
-        notes=cell.notices,
+        notes=cell.remarks,
         tables=[
             Table(
                 "Indices",

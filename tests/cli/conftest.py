@@ -102,7 +102,7 @@ def refuse(cli, tmp_path) -> Refuse:
         assert re.fullmatch(r"error: [^\n]+\n", line), said.err
         assert "Traceback" not in said.err
         assert len(line) < 1000
-        known = ("target: ", "note: ", "not checked: ")
+        known = ("target: ", "warning: the target is ", "note: ", "not checked: ")
         assert all(text.startswith(known) for text in before_it), said.err
         assert contents(tmp_path) == before
         return Refusal(line)

@@ -367,7 +367,7 @@ def test_program(cli, work):
     said = cli("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work)
     assert (said.code, said.err) == (0, "")
     assert "\nnot checked: anything: the list of poses does not say what was\n" in said.out
-    assert "\nnot checked: limits, target, ... against a cell: pass --cell\n" in said.out
+    assert "\nnot checked: limits, collisions and target: pass --cell\n" in said.out
     checked = cli("program", work / "poses.csv", "--cell", work / "cell.toml", "--out", work)
     assert checked.code == 0
     assert "not checked: collisions: constraints.collisions is false\n" in checked.out

@@ -36,7 +36,17 @@ def test_touch_ups_beyond_the_limits_are_named(cli, work):
 def test_a_target_far_from_the_base_posture_is_worth_a_word(cli, change_cell, work):
     cell = change_cell({"target.position_mm": "[1915.4, 50.0, 693.0]"})
     said = cli("plan", cell, "--out", work / "out")
-    assert "note: the target is 200 mm from where the base posture puts the tool point" in said.err
+    assert (
+        "warning: the target is 200 mm from where the base posture puts the tool point" in said.err
+    )
+
+
+def test_bodies_that_are_given_in_metres_are_doubted(cli, work):
+    path = work / "cell.toml"
+    table = 'name = "table"\nkind = "box"\nsize_mm = [0.5, 0.7, 0.4]\nat_mm = [900, 900, 200]'
+    path.write_text(path.read_text() + f"\n[[obstacle]]\n{table}\n")
+    said = cli("check", path, work / "poses.csv")
+    assert "warning: table is 0.7 mm large: is its size in mm?" in said.err
 
 
 def test_a_study_without_offsets_shows_the_tool(cli, change_cell, work, monkeypatch):

@@ -22,6 +22,10 @@ POSES = (
 )
 
 
+BAD = "2 poses: 1 cannot be taken; 0 motions between them not clear; 2 off the target"
+"""What is to be said of the poses."""
+
+
 @pytest.fixture
 def files(cli, tmp_path):
     cell, poses = tmp_path / "cell.toml", tmp_path / "poses.csv"
@@ -33,7 +37,7 @@ def files(cli, tmp_path):
 def test_view_writes_one_file(cli, files, tmp_path):
     page = tmp_path / "scene.html"
     said = cli("view", *files, "--out", page)
-    assert (said.code, said.out) == (0, f"wrote {page}\n")
+    assert (said.code, said.out) == (0, f"{BAD}\nwrote {page}\n")
     text = page.read_text(encoding="utf-8")
     assert text.startswith(
         "<!doctype html>\n<!-- origin: planned scene in 3-D by view from cell.toml ("
@@ -54,7 +58,7 @@ def test_view_shows_measured_pairs(cli, files, tmp_path):
     write_pairs(pairs, Pairs(("P1", "P2", "P3", "P4", "P5"), flanges, B))
     page = tmp_path / "scene.html"
     said = cli("view", *files, "--pairs", pairs, "--out", page)
-    assert (said.code, said.out) == (0, f"wrote {page}\n")
+    assert (said.code, said.out) == (0, f"{BAD}\nwrote {page}\n")
     assert said.err.startswith("SIMULATED, not for a robot: from ")
     assert page.read_text().startswith(
         "<!doctype html>\n<!-- origin: simulated scene in 3-D by view from "
@@ -78,6 +82,7 @@ def test_view_serves_until_ctrl_c(files):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as running:
         try:
+            assert running.stdout.readline() == f"{BAD}\n"
             line = running.stdout.readline()
             address = re.fullmatch(
                 r"the cell is at (http://127\.0\.0\.1:\d+), until Ctrl-C\n", line

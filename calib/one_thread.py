@@ -28,26 +28,22 @@ class _OneBlasThread(ContextDecorator):
 
     def __enter__(self) -> None:
         with self._lock:
-            controller = _controller()
-            if controller is not None and not self._inside:
-                self._taken = controller.limit(limits=1, user_api="blas")
+            if not self._inside:
+                self._taken = _controller().limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._inside -= 1
-            if _controller() is not None and not self._inside:
+            if not self._inside:
                 self._taken.restore_original_limits()
 
 
 @cache
-def _controller() -> ThreadpoolController | None:
+def _controller() -> ThreadpoolController:
     """What knows the libraries of this process; found once, as that takes a millisecond."""
-    try:
-        from threadpoolctl import ThreadpoolController
-    except ImportError:  # everything works without it, and slowly on a busy machine
-        return None
     import scipy.linalg  # noqa: F401  loaded late, with a BLAS of its own
+    from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 

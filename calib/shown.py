@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Shown:
+class Shown(ABC):
     """A result with a sentence and rows; a base class of results."""
 
     @property
+    @abstractmethod
     def headline(self) -> str:
         """What it is, in a sentence."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rows(self) -> list[dict[str, object]]:
         """What it holds, as rows of a table, in units for people."""
-        raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as a table of pandas."""

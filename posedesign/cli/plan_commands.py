@@ -204,7 +204,7 @@ def plan(
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
         return _plan_by_grid(loaded, results, cell, as_json=as_json, verbose=verbose)
-    from posedesign.cli.optimal_output import choice_as_dict
+    from posedesign.cli.plan_json import choice_as_dict
     from posedesign.planning.poses_file import read_poses
     from posedesign.report.plans import answer_of_choice
     from posedesign.workflow import plan_optimal_poses
@@ -247,7 +247,7 @@ def next_poses(
 ) -> int:
     """Say which poses to touch up next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
-    from posedesign.cli.optimal_output import next_as_dict
+    from posedesign.cli.plan_json import next_as_dict
     from posedesign.planning.optimal.request import parse_length
     from posedesign.report.plans import answer_of_next
     from posedesign.workflow import plan_next_poses
@@ -280,6 +280,7 @@ def next_poses(
 
 def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verbose: bool) -> int:
     """The loop of the paper."""
+    from posedesign.cli.plan_json import plan_as_dict
     from posedesign.planning.optimal.choose import outlook_of
     from posedesign.workflow import plan_poses
 
@@ -327,32 +328,6 @@ def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[st
             "--wanted-sigma-mm and --wanted-sigma-deg"
         )
     return replace(answer, figures=figures, warnings=warnings)
-
-
-def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:
-    """What the loop found, for programs."""
-    from posedesign.planning import scaling_of
-    from posedesign.report.plans import sigma_table
-
-    chosen = outlook.chosen_tcp_m
-    return {
-        "reached": result.reached,
-        "stop": str(result.stop),
-        "message": result.message,
-        "threshold": result.threshold,
-        "target": cell.whereabouts.as_dict(),
-        "not_checked": result.not_checked,
-        "fingerprint": result.fingerprint,
-        "cycle_time_s": result.cycle_time_s,
-        "rounds": result.round_rows(),
-        "indices": result.indices.as_dict(),
-        "scaling": scaling_of(result.model),
-        "predicted": sigma_table(result.sigma_displayed()).rows,
-        "tcp_rms_mm": 1e3 * outlook.tcp_m,
-        "tcp_worst_rms_mm": 1e3 * outlook.tcp_worst_m,
-        "chosen_tcp_rms_mm": None if chosen is None else 1e3 * chosen,
-        "task_box": outlook.box_words,
-    }
 
 
 def check(

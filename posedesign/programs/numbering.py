@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,18 +16,9 @@ from posedesign.programs.reading import at_rest, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 
-class Named(Protocol):
-    """A position as it stands in a file; ``variable`` is empty for one without a name."""
-
-    variable: str
-    line: int
-    name: str
-    other: bool
-
-
 @dataclass(eq=False)
-class Stored:
-    """A position as it stands in a file; ``other``: no numbered position of the program.
+class Named:
+    """Where a position stands in a file; ``other``: it is no numbered one of the program.
 
     ``variable`` is empty for one that stands in a motion instruction.
     """
@@ -41,23 +33,28 @@ class Stored:
         """What to call it in messages."""
         return self.variable or "the position"
 
+
+@dataclass(eq=False)
+class Stored(Named, ABC):
+    """A position with its values as they stand in a file."""
+
     @property
+    @abstractmethod
     def cartesian(self) -> bool:
         """Whether it is a pose of the tool."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def external(self) -> list[tuple[str, str, str, int]]:
         """Label, name, value and line of the external axes that it says something of."""
-        raise NotImplementedError
 
+    @abstractmethod
     def numbers(self, path: Path | str) -> list[float]:
         """Joint values [deg], or what a pose is made of; FileFormatError where they are none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def details(self, path: Path | str) -> dict[str, Any]:
         """Arm position and frames, as `RecordedPosition` has them."""
-        raise NotImplementedError
 
 
 P = TypeVar("P", bound=Named)

@@ -72,6 +72,11 @@ class Line:
         return Line(self.what, " ".join(rows[:MOST_ROWS]) + _CUT)
 
     @property
+    def is_cut(self) -> bool:
+        """Whether it was longer."""
+        return self.text.endswith(_CUT)
+
+    @property
     def height(self) -> int:
         """Lines that it takes."""
         return len(self.wrapped())
@@ -123,28 +128,27 @@ class Answer:
     def short(self, more: str) -> list[Line]:
         """What fits into `MOST_LINES`; ``more`` says how to see what does not.
 
-        The verdict, the files and the next command are always there; of the rest as much as fits:
-        the first figure, warning and thing not checked, then the other warnings, notes last. What
-        is long is cut off, and counted with what is left out.
+        The verdict, the first warning, the first thing not checked, the files and the next command
+        are always there; of the rest as much as fits: the first figure, then the other warnings,
+        notes last. What is long is cut off, and counted with what is left out.
         """
-        first, last = self._begin(), self._end()
+        first, last = self._begin(), self._end(cut=True)
         kinds = [[line.cut() for line in kind] for kind in self._kinds()]
         figures, warnings, unchecked, notes = kinds
-        turns = [kind[0] for kind in (figures, warnings, unchecked) if kind]
+        always = [*warnings[:1], *unchecked[:1]]
         # what may be wrong comes before what is good to know
-        rest = (*warnings, *unchecked, *figures, *notes)
-        turns += [line for line in rest if line not in turns]
-        cut = any(line.text.endswith(_CUT) for line in turns)
+        rest = (*warnings[1:], *unchecked[1:], *figures[1:], *notes)
+        turns = [*always, *figures[:1], *rest]
         room = MOST_LINES - sum(line.height for line in (*first, *last))
-        if cut or sum(line.height for line in turns) > room:
+        if any(line.is_cut for line in (*turns, *last)) or sum(x.height for x in turns) > room:
             room -= 1
             chosen = []
             for line in turns:
-                if line.height <= room:
+                if line in always or line.height <= room:
                     chosen.append(line)
                     room -= line.height
             left = len(turns) - len(chosen)
-            shortened = sum(line.text.endswith(_CUT) for line in chosen)
+            shortened = sum(line.is_cut for line in (*chosen, *last))
             last = [Line("more", f"{left + shortened} more to know: {more}"), *last]
             turns = chosen
         return [*first, *(line for kind in kinds for line in kind if line in turns), *last]
@@ -160,6 +164,9 @@ class Answer:
             [Line("note", text) for text in self.notes],
         )
 
-    def _end(self) -> list[Line]:
+    def _end(self, *, cut: bool = False) -> list[Line]:
+        """The files, and the next command, which is always whole."""
         files = [Line("wrote", ", ".join(self.files))] if self.files else []
-        return files + ([Line("next", self.then)] if self.then else [])
+        return [line.cut() if cut else line for line in files] + (
+            [Line("next", self.then)] if self.then else []
+        )

@@ -123,7 +123,6 @@ def test_threads_of_blas_cost_nothing_beside_other_work(capsys, N):
 
     To be below 1 s for 500. Threads that wait for each other made it 15 times as long.
     """
-    pytest.importorskip("threadpoolctl")
     busy = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"])
         for _ in range(os.cpu_count() or 1)

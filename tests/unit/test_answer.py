@@ -57,6 +57,16 @@ def test_a_second_warning_comes_before_a_second_figure():
     assert {"SECOND", "the view", "the tool"} <= set(told)
 
 
+def test_long_names_of_files_push_no_warning_out():
+    names = [f"{'folder/' * 12}file_{k}.csv" for k in range(9)]
+    answer = Answer("v", {"a": "x " * 60}, ["FIRST"], ["the view"], files=names, then="go " * 60)
+    short = answer.short("more")
+    assert height(short) <= MOST_LINES
+    assert {"FIRST", "the view"} <= {line.text for line in short}
+    assert [line.is_cut for line in short if line.what == "wrote"] == [True]
+    assert short[-1].text == "go " * 60
+
+
 def test_what_is_cut_is_counted():
     answer = Answer("done", {}, ["missing " * 80])
     short = answer.short("see more")

@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+import threadpoolctl
 
 from calib import one_thread
 from posedesign import select
@@ -62,8 +63,6 @@ def test_the_first_in_takes_them_and_the_last_out_gives_them_back(libraries):
 
 
 def test_the_library_itself():
-    threadpoolctl = pytest.importorskip("threadpoolctl")
-
     def most() -> int:
         found = threadpoolctl.threadpool_info()
         return max(one["num_threads"] for one in found if one["user_api"] == "blas")

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from posedesign.programs.joint_programs import Notes, joints_of, refuse_lost
 from posedesign.programs.language import Language, Line, lines_of, nodes, text_of
-from posedesign.programs.numbering import Numbering
+from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -50,14 +50,10 @@ LANGUAGE = Language(__package__ or "", joined=_sections, start="line", signed=Tr
 
 
 @dataclass(eq=False)
-class _Stored:
+class _Stored(Named):
     """A position as it stands in the file."""
 
-    variable: str
-    line: int
     values: list[str]
-    name: str = ""
-    other: bool = False
 
 
 _Planned = tuple[str, Notes, tuple[int, int] | None]
@@ -105,7 +101,7 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     numbering = Numbering(numbered, element, notes.mark, notes.names, first)
     positions = []
     for n, p in numbering.of(found, path) if notes.mark else enumerate(found, start=1):
-        shown = joints_of(p.variable or "the position", p.line, p.values, path)
+        shown = joints_of(p.label, p.line, p.values, path)
         own = p.name if notes.mark else p.variable
         positions.append(RecordedPosition(n, own, p.line, shown))
     untouched = bool(notes.mark) and numbering.is_untouched(found)

@@ -20,7 +20,7 @@ import numpy as np
 from lark import Token, Tree
 
 from posedesign.programs.language import Language, Line, Statement, lines_of, text_of
-from posedesign.programs.numbering import Numbering, Stored
+from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -78,7 +78,7 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
     if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
     numbering = Numbering(_PLANNED if mark else _NEVER, _NEVER, mark, names if mark else {})
-    numbered = numbering.of([Stored(at.name, at.line) for at in found.values()], path)
+    numbered = numbering.of([Named(at.name, at.line) for at in found.values()], path)
     pairs = zip(found.values(), numbered, strict=True)
     positions = [replace(at, number=n, name=own.name) for at, (n, own) in pairs]
     positions.sort(key=lambda position: position.number)

@@ -1,4 +1,4 @@
-"""Plans for programs: what `plan` and `next` print as JSON of chosen poses."""
+"""Plans for programs: what `plan` and `next` print as JSON."""
 
 from __future__ import annotations
 
@@ -6,7 +6,35 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
+    from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
+    from posedesign.planning.optimal.choose import Outlook
+
+
+def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:
+    """What the loop found, for programs."""
+    from posedesign.planning import scaling_of
+    from posedesign.report.plans import sigma_table
+
+    chosen = outlook.chosen_tcp_m
+    return {
+        "reached": result.reached,
+        "stop": str(result.stop),
+        "message": result.message,
+        "threshold": result.threshold,
+        "target": cell.whereabouts.as_dict(),
+        "not_checked": result.not_checked,
+        "fingerprint": result.fingerprint,
+        "cycle_time_s": result.cycle_time_s,
+        "rounds": result.round_rows(),
+        "indices": result.indices.as_dict(),
+        "scaling": scaling_of(result.model),
+        "predicted": sigma_table(result.sigma_displayed()).rows,
+        "tcp_rms_mm": 1e3 * outlook.tcp_m,
+        "tcp_worst_rms_mm": 1e3 * outlook.tcp_worst_m,
+        "chosen_tcp_rms_mm": None if chosen is None else 1e3 * chosen,
+        "task_box": outlook.box_words,
+    }
 
 
 def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:

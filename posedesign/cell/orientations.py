@@ -79,7 +79,10 @@ def touching_poses(R_base_tip: FloatArray, tool_m: FloatArray, target_m: FloatAr
 
 
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])
-"""Of the 27 poses that a base posture is judged by."""
+"""Of the poses that a base posture is judged by."""
+
+_TRIALS = 27
+"""Their number."""
 
 _ROLLS = (0.0, np.pi)
 _FRACTIONS = (0.45, 0.55, 0.65, 0.75)
@@ -120,32 +123,38 @@ def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
     """
     size, height = robot.chain.reach_m, float(robot.state(np.zeros(robot.n)).origins[1, 2])
     front = _front(robot)
-    best: tuple[tuple[float, ...], FloatArray] | None = None
-    for roll, part, up in product(_ROLLS, _FRACTIONS, _HEIGHTS):
-        down = rotation_from_wpr([np.pi, 0.0, roll])
-        target = part * size * front + [0.0, 0.0, height + up * size]
-        pose = touching_poses(down[None], tool_m, target)
-        found = np.deg2rad(np.round(np.rad2deg(robot.inverse(pose).of(0))))
-        for q in sorted(found, key=lambda q: -_room(robot, q))[:_TRIED_PER_PLACE]:
-            score = _score(robot, tool_m, q)
-            if best is None or score > best[0]:
-                best = score, q
+    places = list(product(_ROLLS, _FRACTIONS, _HEIGHTS))
+    down = rotation_from_wpr([[np.pi, 0.0, roll] for roll, _, _ in places])
+    targets = np.array([part * size * front + [0, 0, height + up * size] for _, part, up in places])
+    solutions = robot.inverse(touching_poses(down, tool_m, targets))
+    tried: list[tuple[tuple[float, float], FloatArray]] = []
+    for place in range(len(places)):
+        found = np.deg2rad(np.round(np.rad2deg(solutions.of(place))))
+        rooms = [_room(robot, q) for q in found]
+        for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
+            tried.append(((round(rooms[k], 2), -float(np.abs(found[k]).sum())), found[k]))
+    best, most = None, -1
+    for _, q in sorted(tried, key=lambda each: each[0], reverse=True):
+        count = _trial_poses(robot, tool_m, q)
+        if count > most:
+            best, most = q, count
+        if most == _TRIALS:  # all that follow have less room
+            break
     if best is None:
         raise UnreachableError(
             f"{robot.name}: the tool cannot point down in front of the arm",
             hint="give a base posture of your own in [base_pose]",
             name="base_pose",
         )
-    return best[1]
+    return best
 
 
-def _score(robot: Robot, tool_m: FloatArray, q: FloatArray) -> tuple[float, ...]:
-    """Poses of the trial grid that can be taken, then room, then nearness to the zero posture."""
+def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
+    """How many poses of the trial grid around a posture can be taken."""
     state = robot.state(q)
     rotations = wpr_rotations(wpr_from_rotation(state.R_base_tip), _TRIAL_VARIATION)
     poses = touching_poses(rotations, tool_m, state.point(tool_m))
-    found = nearest_postures(Checker(robot), poses, q).feasible.sum()
-    return float(found), round(_room(robot, q), 2), -float(np.abs(q).sum())
+    return int(nearest_postures(Checker(robot), poses, q).feasible.sum())
 
 
 def _room(robot: Robot, q: FloatArray) -> float:

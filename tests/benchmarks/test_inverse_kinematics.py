@@ -11,6 +11,7 @@ import pytest
 
 from calib import Robot, preset_names
 from calib.robots.inverse.closed_form import compare, every_branch
+from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 
 
 def random_poses(robot: Robot, count: int) -> np.ndarray:
@@ -93,3 +94,9 @@ def test_real_panda(benchmark):
     robot = Robot.from_urdf(path)
     poses = random_poses(robot, 1)
     assert benchmark(robot.inverse, poses).inside.any()
+
+
+def test_a_base_posture_of_seven_axes(benchmark):
+    """What `posedesign new` takes longest for. To be below 0.5 s."""
+    robot = Robot.preset("panda")
+    assert len(benchmark(suggest_base_posture, robot, suggest_tool(robot))) == 7

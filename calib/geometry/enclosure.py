@@ -102,6 +102,25 @@ def hull_vertices(mesh: Mesh) -> FloatArray:
     return found
 
 
+_FACES = 2
+"""Of the polytope about a mesh: 162 directions, 20 degrees apart."""
+
+_SLACK_M = 1e-6
+"""By which the polytope is larger: a flat mesh has one, too, and rounding takes nothing off."""
+
+
+def polytope_vertices(mesh: Mesh) -> FloatArray:
+    """Vertices ``(K, 3)`` [m], some hundreds, of a convex polytope that holds a mesh."""
+    from scipy.spatial import HalfspaceIntersection
+    from trimesh.creation import icosphere
+
+    normals = np.asarray(icosphere(_FACES).vertices)
+    hull = hull_vertices(mesh)
+    heights = np.array([(hull @ normal).max() for normal in normals]) + _SLACK_M
+    planes = np.column_stack([normals, -heights])
+    return np.asarray(HalfspaceIntersection(planes, hull.mean(axis=0)).intersections)
+
+
 def reach(solid: Solid, hull: FloatArray | None, direction: FloatArray) -> FloatArray:
     """How far a solid reaches in unit directions (its support function), exactly.
 

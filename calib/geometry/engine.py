@@ -7,15 +7,17 @@ where its bound is below all that is known exactly.
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import assert_never
 from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
 
-from calib.geometry.enclosure import enclose, hull_vertices, reach
+from calib.geometry.enclosure import enclose, hull_vertices, polytope_vertices, reach
 from calib.geometry.rays import box_box_bound, contains, segment_segment
 from calib.robots import ChainState
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
@@ -152,7 +154,12 @@ class Engine:
         return Bounds(distance, exact, exact.copy(), placed)
 
     def settle(
-        self, known: Bounds, beyond: FloatArray | float, enough: float, *, one_will_do: bool = False
+        self,
+        known: Bounds,
+        beyond: FloatArray | float,
+        enough: FloatArray | float,
+        *,
+        one_will_do: bool = False,
     ) -> None:
         """Improve the bounds until the smallest of each posture is exact, or large enough.
 
@@ -162,7 +169,7 @@ class Engine:
             Changed in place.
         beyond : array (S, P) or float
             Taken off the distances before they are compared [m].
-        enough : float
+        enough : array (S,) or float
             Rows whose smallest value is at least this are not looked at any further [m].
         one_will_do : bool
             Leave a row, too, when any exact value of it is below ``enough``.
@@ -171,6 +178,7 @@ class Engine:
         if not key.shape[1]:
             return
         beyond = np.broadcast_to(beyond, key.shape)
+        enough = np.broadcast_to(enough, len(key))
         exact = np.where(known.exact, key, np.inf).min(axis=1)
         rows = np.flatnonzero(exact >= enough) if one_will_do else np.arange(len(key))
         # boxes of all pairs that may be the nearest: in one go, where each round costs its calls
@@ -181,14 +189,14 @@ class Engine:
         key[rows[at], pairs] = (known.distance_m - beyond)[rows[at], pairs]
         while len(rows):
             pairs = key[rows].argmin(axis=1)
-            open_ = ~known.exact[rows, pairs] & (key[rows, pairs] < enough)
+            open_ = ~known.exact[rows, pairs] & (key[rows, pairs] < enough[rows])
             rows, pairs = rows[open_], pairs[open_]
             if not len(rows):
                 return
             self._ask(known, rows, pairs)
             key[rows, pairs] = known.distance_m[rows, pairs] - beyond[rows, pairs]
             if one_will_do:
-                rows = rows[key[rows, pairs] >= enough]
+                rows = rows[key[rows, pairs] >= enough[rows]]
 
     def settle_all(self, known: Bounds, enough: float) -> None:
         """Improve all bounds until they are exact, or at least large enough [m]."""
@@ -216,6 +224,10 @@ class Engine:
         apart = (inverse @ (shift_b - shift_a)[..., None])[..., 0]
         bound = box_box_bound(inverse @ R_b, apart, self._halves[a], self._halves[b])
         bound -= self._roundings[a] + self._roundings[b]
+        fine = np.flatnonzero(self._oracle.is_fine[pairs])
+        if len(fine):
+            there = self._apart(known, rows[fine], pairs[fine])
+            bound[fine] = np.maximum(bound[fine], self._oracle.bounds(pairs[fine], *there))
         known.distance_m[rows, pairs] = np.maximum(known.distance_m[rows, pairs], bound)
         known.refined[rows, pairs] = True
 
@@ -248,7 +260,31 @@ class _Oracle:
         self._pairs = pairs
         # kept because coal's functors do not own the solids that they were made for
         self._solids = [coal_solid(body.solid) for body in bodies]
-        self._functors = [coal.ComputeDistance(self._solids[a], self._solids[b]) for a, b in pairs]
+        # beside a mesh, round solids are lines or points: the box that coal puts about a thick one
+        # has thousands of fine triangles looked at in vain
+        beside = [any(isinstance(bodies[i].solid, Mesh) for i in pair) for pair in pairs]
+        thin = [_thinned(body.solid) for body in bodies]
+        self._thin = [coal_solid(solid) for solid, _ in thin]
+        self._off_m = np.array([thin[a][1] + thin[b][1] for a, b in pairs]) * beside
+        self._functors = [
+            coal.ComputeDistance(*((self._thin if of_mesh else self._solids)[i] for i in pair))
+            for of_mesh, pair in zip(beside, pairs, strict=True)
+        ]
+        # of meshes: that they touch is found hundreds of times as fast as that nothing is nearer
+        self._contacts = [
+            coal.ComputeCollision(self._solids[a], self._solids[b]) if of_mesh else None
+            for of_mesh, (a, b) in zip(beside, pairs, strict=True)
+        ]
+        fine = [is_fine(body.solid) for body in bodies]
+        self._around = [
+            _polytope(body.solid) if isinstance(body.solid, Mesh) and of_many else solid
+            for body, of_many, solid in zip(bodies, fine, self._solids, strict=True)
+        ]
+        self.is_fine = np.array([fine[a] or fine[b] for a, b in pairs], dtype=bool)
+        self._bounds = [
+            coal.ComputeDistance(self._around[a], self._around[b]) if of_many else None
+            for of_many, (a, b) in zip(self.is_fine, pairs, strict=True)
+        ]
         self._meshes = {
             b: MeshSurface(body.solid)
             for b, body in enumerate(bodies)
@@ -261,6 +297,21 @@ class _Oracle:
         self._points = np.array([_a_point(body.solid) for body in bodies]).reshape(-1, 3)
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
+        self._touch, self._touches = coal.CollisionRequest(), coal.CollisionResult()
+
+    def bounds(self, pairs: IntArray, R_a_b: FloatArray, p_a_b: FloatArray) -> FloatArray:
+        """Lower bounds (M,) [m] of the distances of pairs in which a mesh is fine.
+
+        By polytopes about such meshes, hundreds of times as fast as by their triangles.
+        """
+        found = np.empty(len(pairs))
+        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
+        for m, (pair, R, p) in enumerate(zip(pairs.tolist(), R_a_b, p_a_b, strict=True)):
+            there.setRotation(R)
+            there.setTranslation(p)
+            self._result.clear()
+            found[m] = self._bounds[pair](here, there, self._request, self._result)
+        return found - CONTACT_M
 
     def distances(self, pairs: IntArray, R_a_b: FloatArray, p_a_b: FloatArray) -> FloatArray:
         """Signed distances (M,) [m] of pairs (M,) at (M, 3, 3) and (M, 3).
@@ -270,12 +321,18 @@ class _Oracle:
         """
         found = np.empty(len(pairs))
         here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
-        request, result = self._request, self._result
+        request, result, touch, touches = self._request, self._result, self._touch, self._touches
         for m, (pair, R, p) in enumerate(zip(pairs.tolist(), R_a_b, p_a_b, strict=True)):
             there.setRotation(R)
             there.setTranslation(p)
+            contact = self._contacts[pair]
+            if contact is not None:
+                touches.clear()
+                if contact(here, there, touch, touches):
+                    found[m] = 0.0
+                    continue
             result.clear()
-            found[m] = self._functors[pair](here, there, request, result)
+            found[m] = self._functors[pair](here, there, request, result) - self._off_m[pair]
         found[found <= CONTACT_M] = np.minimum(found[found <= CONTACT_M], -CONTACT_M)
         a, b = self._pairs[pairs].T
         found[(found < 0.0) & (self._is_mesh[a] | self._is_mesh[b])] = -CONTACT_M
@@ -284,7 +341,7 @@ class _Oracle:
         for outer, points in ((a, of_b), (b, of_a)):
             within = (points > self._low[outer]) & (points < self._high[outer])
             for row in np.flatnonzero(within.all(axis=1) & (found > 0.0)):
-                if self._meshes[outer[row]].encloses(points[row, None])[0]:
+                if self._meshes[outer[row]].encloses_far(points[row], found[row]):
                     found[row] = -CONTACT_M
         return found
 
@@ -302,7 +359,7 @@ class _Oracle:
             return bool(self.distances(index, R_a_b[None], there)[0] < 0.0)
 
         depth = _DEPTH_M
-        while all(touch(way, depth) for way in ways):
+        while touch(ways[0], depth):
             depth *= 2.0
         for way in ways:
             if touch(way, (1.0 - _DEPTH_PART) * depth):
@@ -322,6 +379,7 @@ class MeshSurface:
         self._tree = _tree(mesh)
         self.low, self.high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         self._size_m = float(np.linalg.norm(self.high - self.low))
+        self._known: deque[tuple[FloatArray, float, bool]] = deque(maxlen=_REMEMBERED)
 
     def encloses(self, points: FloatArray) -> BoolArray:
         """Whether points (M, 3) [m], in the axes of the mesh, lie in its inside, (M,).
@@ -335,6 +393,28 @@ class MeshSurface:
                 return inside
             inside[rows] = self.crosses(points[rows], points[rows] + self._size_m * way)
         inside[inside] = contains(self._mesh, points[inside])
+        return inside
+
+    @cached_property
+    def _closed(self) -> bool:
+        """Whether each edge of a triangle is one of another, the other way round."""
+        start, end = self._mesh.triangles.T, np.roll(self._mesh.triangles, -1, axis=1).T
+        count = len(self._mesh.vertices)
+        there, back = np.sort((start * count + end).ravel()), np.sort((end * count + start).ravel())
+        return bool((there == back).all() and (np.diff(there) > 0).all())
+
+    def encloses_far(self, point: FloatArray, clear_m: float) -> bool:
+        """Whether a point (3,), at least that far from the surface [m], lies in its inside.
+
+        All points of a ball that a closed surface does not meet lie on the same side of it.
+        """
+        for centre, radius, inside in self._known:
+            apart = point - centre
+            if apart @ apart < max(radius, clear_m) ** 2:
+                return inside
+        inside = bool(self.encloses(point[None])[0])
+        if self._closed:
+            self._known.appendleft((point, clear_m, inside))
         return inside
 
     def crosses(self, start: FloatArray, end: FloatArray) -> BoolArray:
@@ -360,6 +440,9 @@ class MeshSurface:
         return met
 
 
+_REMEMBERED = 64
+"""Points whose side of a surface is known."""
+
 _STEPS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _STEPS = _STEPS[np.abs(_STEPS).sum(axis=1).argsort(kind="stable")]
 _DIRECTIONS = _STEPS / np.linalg.norm(_STEPS, axis=1, keepdims=True)
@@ -382,6 +465,37 @@ def coal_solid(solid: Solid) -> coal.CollisionGeometry:
         case Mesh():
             return _tree(solid)
     assert_never(solid)
+
+
+_FINE = 2_000
+"""Triangles of a mesh from which on a polytope about it saves time."""
+
+
+def is_fine(solid: Solid) -> bool:
+    """Whether a solid is a mesh of so many triangles that distances to it take long."""
+    return isinstance(solid, Mesh) and len(solid.triangles) >= _FINE
+
+
+_POLYTOPES: WeakKeyDictionary[Mesh, coal.ConvexBase] = WeakKeyDictionary()
+
+
+def _polytope(mesh: Mesh) -> coal.ConvexBase:
+    found = _POLYTOPES.get(mesh)
+    if found is None:
+        points = coal.StdVec_Vec3s()
+        points.extend(list(polytope_vertices(mesh)))
+        found = _POLYTOPES[mesh] = coal.ConvexBase.convexHull(points, True, "Qt")
+    return found
+
+
+def _thinned(solid: Solid) -> tuple[Solid, float]:
+    """A line or point of which a round solid is all that is within a distance, and that [m]."""
+    match solid:
+        case Sphere(radius_m=radius) if radius > LINE_RADIUS_M:
+            return Sphere(LINE_RADIUS_M), radius - LINE_RADIUS_M
+        case Capsule(radius_m=radius, length_m=length) if radius > LINE_RADIUS_M:
+            return Capsule(LINE_RADIUS_M, length), radius - LINE_RADIUS_M
+    return solid, 0.0
 
 
 def _a_point(solid: Solid) -> FloatArray:

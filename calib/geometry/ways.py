@@ -161,7 +161,7 @@ def check_ways(
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
             known = engine.bounds(engine.place(chain.forward(q)), done[rows] if half else None)
-            engine.settle(known, 0.0, cap_m)
+            engine.settle(known, 0.0, np.minimum(found.distance_m[way], cap_m))
             found.take(way, middle, *nearest(known.distance_m, cap_m))
             here = found.distance_m[way] >= keep_m
             motion = speed[way[here]] * half

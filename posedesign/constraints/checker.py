@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import ClassVar
@@ -261,15 +261,27 @@ class Checker:
 class Postures:
     """For each pose of a list the posture that the robot takes, or why it cannot.
 
-    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``reasons``: empty
-    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``hints``: what
-    to change in the cell, where something helps.
+    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``explain`` finds
+    reasons and hints; how deep meshes run into something takes long, and not everybody asks.
     """
 
     q: FloatArray
     feasible: BoolArray
-    reasons: tuple[str, ...]
-    hints: tuple[str, ...]
+    explain: Callable[[], list[tuple[str, str]]]
+
+    @cached_property
+    def _explained(self) -> list[tuple[str, str]]:
+        return self.explain()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Empty where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``."""
+        return tuple(reason for reason, _ in self._explained)
+
+    @property
+    def hints(self) -> tuple[str, ...]:
+        """What to change in the cell, where something helps."""
+        return tuple(hint for _, hint in self._explained)
 
 
 def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
@@ -296,17 +308,21 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
         # of all branches, the one that comes nearest to being possible is worth talking about
         nearer = ~good & ~(verdicts.slack <= slack[poses])
         slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
-    reasons, hints = [""] * count, [""] * count
-    blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
-    verdicts = checker.check(best[blocked])  # by all constraints: the first broken is not the worst
-    for i, pose in enumerate(blocked):
-        reasons[pose], hints[pose] = verdicts.reason(i), verdicts.hint(i)
-    unreached = np.flatnonzero(~feasible & np.isnan(slack))
-    if len(unreached):
-        why = _unreached(checker, solutions)
+
+    def explain() -> list[tuple[str, str]]:
+        unreached = np.flatnonzero(~feasible & np.isnan(slack))
+        why = _unreached(checker, solutions) if len(unreached) else []
+        said = [("", "")] * count
         for pose in unreached:
-            reasons[pose], hints[pose] = why[pose]
-    return Postures(q, feasible, tuple(reasons), tuple(hints))
+            said[pose] = why[pose]
+        blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
+        # by all constraints: the first that is broken is not the worst
+        verdicts = checker.check(best[blocked])
+        for i, pose in enumerate(blocked):
+            said[pose] = verdicts.reason(i), verdicts.hint(i)
+        return said
+
+    return Postures(q, feasible, explain)
 
 
 def nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:

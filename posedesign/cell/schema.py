@@ -69,9 +69,13 @@ class CoupledLimitSection(Section):
     """A bound on a sum of joint values, each times its coefficient."""
 
     name: Name
+    """What the limit is called in answers."""
     coefficients: tuple[Finite, ...]
+    """One for each joint, from the base; the sum of coefficient times joint value is bounded."""
     lower_deg: Finite
+    """Least value of the sum."""
     upper_deg: Finite
+    """Largest value of the sum."""
 
     @model_validator(mode="after")
     def _has_a_range(self) -> CoupledLimitSection:
@@ -85,25 +89,31 @@ class CoupledLimitSection(Section):
 
 
 class RobotSection(Section):
-    """Which arm: a preset or a URDF file, and what its links are like where the URDF says nothing.
-
-    ``packages``: folders to search for packages that a URDF names; ``xacro_args``: arguments of a
-    xacro file, each NAME:=VALUE. ``shapes`` names a preset of the same kinematics;
-    ``capsule_radius_mm``, one radius or one a link, makes capsules along the chain
-    (:mod:`calib.robots.arm_shapes`).
-    """
+    """Which arm: a preset or a URDF file, and the shapes of its links where the URDF has none."""
 
     preset: Line | None = None
+    """Name of an arm that comes with the tool (``posedesign robots``); or ``urdf``."""
     urdf: Line | None = None
+    """Path of a URDF or xacro file, from the folder of the cell; or ``preset``."""
     base: Line | None = None
+    """Link that positions are given in; the root by default."""
     tip: Line | None = None
+    """Link at the end of the chain, which carries the tool; the last one by default."""
     controller: Line | None = None
+    """Maker of the controller: what the pendant shows, and the language of programs."""
     lock: tuple[Line, ...] = ()
+    """Joints of a URDF that are held at zero."""
     packages: tuple[Line, ...] = ()
+    """Folders to search for packages that a URDF names."""
     xacro_args: tuple[Line, ...] = ()
+    """Arguments of a xacro file, each NAME:=VALUE."""
     shapes: Line | None = None
+    """Preset of the same kinematics whose shapes a URDF without shapes takes."""
     capsule_radius_mm: Size | tuple[Size, ...] | None = None
+    """Radius of capsules from joint to joint, for links without a shape; one number, or one for
+    each link."""
     keep_coupled_limits: StrictBool = True
+    """Keep the limits that joints of the preset have together, as FANUC's J2 and J3."""
     coupled_limit: tuple[CoupledLimitSection, ...] = ()
 
     @model_validator(mode="after")
@@ -123,14 +133,23 @@ class SolidSection(Section):
     """Something solid: its shape, and where its centre is."""
 
     name: Name
+    """What it is called in answers, and in ``constraints.ignore``."""
     kind: Literal["box", "cylinder", "sphere", "half-space", "mesh"] = "box"
+    """Its shape. A half-space is everything below ``at_mm``, for obstacles only."""
     at_mm: Vector = (0.0, 0.0, 0.0)
+    """Its centre: in the axes of the tip for the tool, in the base frame for an obstacle."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Its orientation: W, P, R about fixed x, y and z."""
     size_mm: tuple[Size, Size, Size] | None = None
+    """Lengths of a box along its x, y and z."""
     radius_mm: Size | None = None
+    """Radius of a cylinder or a sphere."""
     height_mm: Size | None = None
+    """Height of a cylinder, along its z."""
     mesh: Line | None = None
+    """File of a mesh: .stl, .obj, .ply or .dae."""
     scale: Size = 1.0
+    """Factor that turns the unit of the mesh into mm."""
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> SolidSection:
@@ -146,10 +165,18 @@ class ToolSection(Section):
     """The tool point (virtual pin tip) in the tip frame, and what the flange carries."""
 
     point_mm: Vector
+    """The point that is brought to the target, in the axes of the tip: a pin, a ball, or the
+    camera's virtual pin tip. It is identified, too."""
     mass_kg: NotNegative = 0.0
+    """Mass that the flange carries, for the deflection under gravity."""
     com_mm: Vector = (0.0, 0.0, 0.0)
+    """Its centre of mass, in the axes of the tip."""
     axis: Vector = (0.0, 0.0, 1.0)
+    """Direction in which the tool comes to the target, in the axes of the tip; for
+    ``plan.retreat_mm``."""
     camera_stand_off_mm: NotNegative = 350.0
+    """Distance of the lens behind the tool point, along z of the tip, where ``camera.position_mm``
+    is not given."""
     body: tuple[SolidSection, ...] = ()
 
     @model_validator(mode="after")
@@ -166,13 +193,21 @@ class CameraSection(Section):
     """What the camera on the tool sees; without this section no pose is refused for its view."""
 
     position_mm: Vector | None = None
+    """The lens in the axes of the tip; by default behind the tool point by the stand-off."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Orientation of the camera in the axes of the tip; its z looks along the line of sight."""
     image_px: tuple[Pixels, Pixels] = (1280, 1024)
+    """Width and height of the image."""
     focal_px: Annotated[float, Field(strict=True, gt=0, le=1e6)] = 1800.0
+    """Focal length."""
     border_px: NotNegative = 30.0
+    """Margin kept between the target and the edge of the image."""
     largest_tilt_deg: Annotated[float, Field(strict=True, gt=0, lt=90)] = 70.0
+    """Largest angle between the target's normal and the line of sight."""
     nearest_mm: NotNegative = 100.0
+    """Least distance of the target from the lens."""
     farthest_mm: NotNegative = 1000.0
+    """Largest distance of the target from the lens."""
 
     @model_validator(mode="after")
     def _has_room(self) -> CameraSection:
@@ -189,15 +224,20 @@ class BasePoseSection(Section):
     """The posture with the tool point on the target that poses are varied around."""
 
     posture_deg: tuple[Finite, ...]
+    """Joint values of the base pose, from the base on, in the signs of the description."""
 
 
 class VariationSection(Section):
     """D_W, D_P, D_R of Eq. 13: where they start, how they grow, how far they may go."""
 
     start_deg: VariationVector = (5.0, 5.0, 5.0)
+    """D of W, P and R in the first round: the 27 poses have -D, 0 and +D of each."""
     step_deg: tuple[Step, Step, Step] = (5.0, 5.0, 5.0)
+    """What D is raised by in a round."""
     largest_deg: VariationVector = (60.0, 60.0, 60.0)
+    """Largest D; 0 holds an angle."""
     raise_: Annotated[Literal["together", "best"], Field(alias="raise")] = "together"
+    """Raise all angles in each round, or only the one that lowers C_G most."""
 
     @model_validator(mode="after")
     def _starts_inside(self) -> VariationSection:
@@ -222,18 +262,31 @@ class PlanSection(Section):
     """
 
     condition_threshold: Positive = 1.0e5
+    """C_G below which the loop stops; 50 for a camera-pose."""
     limit_margin_deg: NotNegative = 1.0
+    """Margin kept from every joint limit."""
     repair: StrictBool = True
+    """Replace poses that cannot be reached, or that break a constraint."""
     repair_margin_deg: NotNegative = 2.0
+    """Margin that replacements keep from joint limits."""
     repair_tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 60.0
+    """Largest tilt of a replacement against the base pose."""
     repair_base_joint_deg: Annotated[float, Field(strict=True, gt=0, le=360)] = 90.0
+    """Largest turn of joint 1 in a replacement."""
     return_to_base: StrictBool = True
+    """End the tour at the base posture."""
     approach: Literal["none", "same-side"] = "none"
+    """``same-side``: all joints arrive at all poses from one side, for arms with backlash."""
     approach_deg: Annotated[float, Field(strict=True, ge=0.01, le=30)] = 1.0
+    """Last movement of ``same-side``."""
     dwell_s: NotNegative = 20.0
+    """Time at each pose, for the cycle time; 2 for a camera-pose."""
     retreat_mm: NotNegative = 0.0
+    """Distance by which a pin backs off along its axis between poses; 0 for none."""
     contact_mm: Positive = 5.0
+    """Distance from the target within which pairs of ``constraints.ignore`` may touch."""
     stop_short_mm: Annotated[float, Field(strict=True, ge=0, le=40)] = 0.0
+    """Distance before the target at which programs stop, to jog the rest by hand."""
 
     @model_validator(mode="after")
     def _backs_off_far_enough(self) -> PlanSection:
@@ -258,13 +311,23 @@ class ConstraintSection(Section):
     """What a pose must keep besides the joint limits of ``[plan]``."""
 
     collisions: StrictBool = True
+    """Check tool, obstacles and arm for collisions."""
     safety_distance_mm: NotNegative = 20.0
+    """Distance kept between them."""
     ways: StrictBool = True
+    """Check the joint moves from pose to pose, too."""
     ignore: tuple[tuple[Line, Line], ...] = ()
+    """Pairs of solids that may touch; tool and obstacle at the measured poses only, with
+    ``plan.retreat_mm``."""
     smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.0
+    """Distance kept from singularities: of the tip's Jacobian, lengths divided by the arm's
+    reach."""
     largest_travel_deg: Annotated[float, Field(strict=True, ge=1, le=1e4)] | None = None
+    """Largest travel of any joint from one pose to the next."""
     workspace_lowest_mm: Vector | None = None
+    """Lowest corner, in the base frame, of a box that arm and tool stay in."""
     workspace_highest_mm: Vector | None = None
+    """Highest corner of this box."""
 
     @model_validator(mode="after")
     def _whole_box(self) -> ConstraintSection:
@@ -285,12 +348,20 @@ class MeasurementSection(Section):
     """
 
     kind: Literal["touch-up", "view-line", "camera-pose"] = "touch-up"
+    """``touch-up``: the tool point is on the target. ``view-line``: across the line of sight only.
+    ``camera-pose``: a camera sees the target's pose (hand-eye calibration)."""
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
+    """Three standard deviations of one touch-up along x, y and z."""
     noise_axes: Literal["tip", "camera"] = "tip"
+    """Axes of this noise: of the tip, or of the camera as it is mounted there."""
     weighted: StrictBool = True
+    """Weight the equations by the noise."""
     estimate_noise: StrictBool = False
+    """Take the noise from the residuals."""
     camera_three_sigma_deg: Noise = 0.06
+    """Three standard deviations of the rotation of a camera's pose."""
     camera_three_sigma_mm: Noise = 0.3
+    """The same of its translation."""
 
     @model_validator(mode="after")
     def _has_a_common_unit(self) -> MeasurementSection:
@@ -304,25 +375,36 @@ class MeasurementSection(Section):
 class TruthSection(Section):
     """The robot that is simulated: nothing but the simulation looks at this.
 
-    ``link_error_mm`` and ``link_error_deg`` are standard deviations of what each link is off,
-    along and about its axes. ``backlash_deg`` is one arc minute (0.017) at most on reducers in good
-    order; ``friction_nm``, where not given, winds a reducer up by a fifth of that; ``scatter_deg``
-    is how well a joint stops where it stopped before, from the same side.
+    ``backlash_deg`` is one arc minute (0.017) at most on reducers in good order; ``friction_nm``,
+    where not given, winds a reducer up by a fifth of that.
     """
 
     seed: Seed = 1
+    """Seed of all that is drawn at random."""
     zero_offsets_deg: tuple[Finite, ...] | None = None
+    """Zero offsets, one for each joint; up to 0.1 deg by default."""
     tool_error_mm: Vector = (2.0, -1.0, 3.0)
+    """True tool point less that of ``tool.point_mm``."""
     target_error_mm: Vector = (5.0, -4.0, 2.0)
+    """True target less that of the cell."""
     deflection: StrictBool | None = None
+    """Let the reducers deflect under gravity; by default where masses and stiffness are known."""
     stiffness_nm_per_rad: tuple[Positive, ...] | None = None
+    """Stiffness of the reducers, one for each joint; that of the preset by default."""
     link_error_mm: NotNegative = 0.0
+    """Standard deviation of the links' displacements, along each axis."""
     link_error_deg: NotNegative = 0.0
+    """Standard deviation of the links' rotations, about each axis."""
     camera_error_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Rotation of the camera on its mount against the cell, for ``calibrate``."""
     target_turn_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Rotation of the target against the cell, for ``calibrate``."""
     backlash_deg: PerJoint = 0.005
+    """Backlash, one number or one for each joint."""
     friction_nm: PerJoint | None = None
+    """Friction, likewise."""
     scatter_deg: PerJoint = 1.2e-4
+    """Standard deviation of where a joint stops, likewise."""
     imaging: ImagingSection = ImagingSection()
 
 
@@ -330,7 +412,9 @@ class FrameSection(Section):
     """A frame by its place and its turns W P R about fixed x, y and z."""
 
     at_mm: Vector = (0.0, 0.0, 0.0)
+    """Its origin."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Its orientation."""
 
 
 def _argument(value: object) -> object:
@@ -342,47 +426,69 @@ def _argument(value: object) -> object:
 
 
 class ProgramSection(Section):
-    """The robot program.
-
-    ``tool`` is the controller's tool frame in the tip frame, by default the tool point in the axes
-    of the tip; ``user`` the user frame in the controller's world. Only Cartesian positions need
-    them.
-    """
+    """The robot program."""
 
     name: str = "CALIB01"
+    """Name of the program."""
     form: Literal["joint", "cartesian"] = "joint"
+    """``joint``: joint positions. ``cartesian``: poses of the tool with the arm configuration."""
     user_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 0
+    """Number of the user frame on the controller."""
     tool_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 1
+    """Number of the tool frame on the controller."""
     tool: FrameSection | None = None
+    """The controller's tool frame in the axes of the tip, for ``cartesian``; by default the tool
+    point in these axes."""
     user: FrameSection | None = None
+    """The user frame in the controller's world, for ``cartesian``."""
     speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
+    """Speed of joint moves."""
     settle_s: NotNegative = 1.0
+    """Time to wait at each pose before it is measured."""
     measure_call: str | None = "MEASURE"
+    """Program that is called at each pose; empty for none."""
     measure_argument: Annotated[int | str, BeforeValidator(_argument)] = "number"
+    """Its argument: ``number`` of the pose, a number of yours, or ``none``."""
     measure_output: Annotated[int, Field(strict=True, ge=1, le=4096)] | None = None
+    """Digital output that is pulsed at each pose."""
     measure_pulse_s: NotNegative = 0.5
+    """Length of this pulse."""
     keep: Literal["position", "register"] = "position"
+    """Where a touched-up position is kept: in the program's own positions, or in registers."""
     first_register: Annotated[int, Field(strict=True, ge=1, le=32767)] = 1
+    """The first of these registers."""
     pulses_per_deg: tuple[Finite, ...] = ()
+    """Encoder pulses, one number for each joint: for Yaskawa's pulse jobs."""
 
 
 class PoolSection(Section):
     """What poses are chosen from, where they are chosen and not varied."""
 
     kind: Literal["auto", "cone", "wpr", "joints"] = "auto"
+    """``cone``: on the target, tilted at random. ``wpr``: every W P R grid. ``joints``: anywhere in
+    joint space. ``auto``: a cone for touch-ups, grids for a camera-pose."""
     tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 45.0
+    """Largest tilt of the tool in a cone; it rolls freely."""
     candidates: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 1500
+    """Number of poses that are drawn."""
     configurations: Literal["nearest", "front", "all"] = "front"
+    """``nearest``: one posture for each pose. ``front``: every branch with the arm in front.
+    ``all``: those over the arm's back, too."""
     smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.03
+    """Distance kept from singularities, where a touch-up moves joints far."""
     seed: Seed = 0
+    """Seed of the drawing."""
 
 
 class TaskBoxSection(Section):
     """Where the arm works: a box in base axes, over which its accuracy is predicted."""
 
     lowest_mm: Vector
+    """Lowest corner, in the base frame."""
     highest_mm: Vector
+    """Highest corner."""
     steps: tuple[BoxSteps, BoxSteps, BoxSteps] = (3, 3, 3)
+    """Points along x, y and z."""
 
     @model_validator(mode="after")
     def _right_way_up(self) -> TaskBoxSection:

@@ -77,7 +77,11 @@ class ParameterSection(Section):
     """What is identified besides the set-up, and how: each list of ``models`` is one to try."""
 
     zero_offsets: tuple[str, ...] | None = None
+    """Joints of the word ``zero_offsets``; all but the first and the last by default, which target
+    and tool point absorb."""
     tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
+    """Axes of the tip along which the tool point is identified; ``xyz`` by default, ``xy`` for a
+    view line."""
     models: Annotated[tuple[tuple[Word, ...], ...], Field(min_length=1, max_length=20)] = (
         ("zero_offsets",),
         ("zero_offsets", "compliance"),
@@ -86,16 +90,29 @@ class ParameterSection(Section):
         ("geometry", "priors"),
         ("geometry", "compliance", "priors"),
     )
+    """Models to try, each a list of what it frees."""
     tune_priors: bool = True
+    """Find the sizes of the priors from the measurements, from a twentieth of the usual ones to
+    twice as much."""
     harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
+    """Waves in a turn of a joint, for ``harmonics``."""
     lost_motion_nm: Positive = 10.0
+    """Torque that takes up the lost motion of a joint."""
     prior_offset_deg: Positive = 1.0
+    """Usual standard deviation of zero offsets: how well joints are mastered."""
     prior_length_mm: Positive = 0.5
+    """Usual standard deviation of displacements of links."""
     prior_angle_deg: Positive = 0.1
+    """Usual standard deviation of rotations of links."""
     prior_harmonic_deg: Positive = 0.02
+    """Usual standard deviation of errors of transmissions."""
     prior_compliance_urad_nm: Positive = 50.0
+    """Usual standard deviation of the compliance of reducers."""
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
+    """``newton-raphson``: as in the paper, with derivatives by finite differences."""
     loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"
+    """``auto``: least squares, or Student's loss where residuals have heavy tails. ``graduated``
+    leaves gross errors out."""
 
     @property
     def loss_given(self) -> Loss | None:
@@ -117,8 +134,11 @@ class NoiseSection(Section):
     """Noise of a further kind of measurement, in the axes of its instrument."""
 
     kind: Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
+    """Kind of measurement that has this noise."""
     three_sigma_mm: Noise | NoiseVector
+    """Three standard deviations of lengths: one number, or one for each axis."""
     three_sigma_deg: Noise | NoiseVector | None = None
+    """Three standard deviations of angles, for poses."""
 
     @model_validator(mode="after")
     def _has_angles(self) -> NoiseSection:
@@ -132,16 +152,22 @@ class PayloadSection(Section):
     """Something else that the flange carries in some of the measurements."""
 
     name: Name
+    """Its name in the column ``payload`` of the measurements."""
     mass_kg: NotNegative
+    """Its mass."""
     com_mm: Vector
+    """Its centre of mass, in the axes of the tip."""
 
 
 class KnownDistanceSection(Section):
     """A distance between two targets that is known from elsewhere."""
 
     targets: tuple[Name, Name]
+    """Names of the two targets."""
     length_mm: Size
+    """Distance between them."""
     three_sigma_mm: Noise = 0.03
+    """Three standard deviations of this distance."""
 
 
 Count = Annotated[int, Field(strict=True, ge=1, le=100)]
@@ -151,40 +177,53 @@ ShareOfLight = Annotated[float, Field(strict=True, ge=-1, le=1)]
 class TouchUpSection(Section):
     """The loop of visual touch-up.
 
-    ``approach_deg``: the last movement of every stop, more than the lost motion of a reducer (one
-    arc minute is 0.017 deg); 0 for none. ``shown_within_deg``: how far joints may be shown off what
-    was commanded, by rounding, width of fine positions, and lost motion where encoders see it.
-    ``correct_tilt``: take off what the tilt of the target does to its ellipse. ``repeats``:
-    touch-ups that the noise is measured by; 0 to take that of the file. ``inch_deg``: how far the
-    arm turns about the target to find camera and target.
+    ``approach_deg`` is more than the lost motion of a reducer (one arc minute is 0.017 deg);
+    ``shown_within_deg`` allows for rounding, the width of fine positions, and lost motion where
+    encoders see it.
     """
 
     center_px: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 0.1
+    """The loop ends when the target is as near to the middle of the image."""
     size_px: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 0.05
+    """The loop ends when the target's size is as near to the designated one."""
     iterations: Count = 10
+    """Largest number of corrections."""
     farthest_mm: Annotated[float, Field(strict=True, ge=1, le=1000)] = 100.0
+    """Movement of the tip from which on a loop has run away."""
     looks: Count = 1
+    """Pictures whose mean is taken."""
     approach_deg: Annotated[float, Field(strict=True, ge=0, le=5)] = 0.2
+    """Last movement of all joints at each stop, always to the same side; 0 for none."""
     shown_within_deg: Annotated[float, Field(strict=True, ge=1e-3, le=2)] = 0.1
+    """Difference of the joints shown from those commanded that ends the calibration."""
     correct_tilt: StrictBool = True
+    """Take off what the tilt of the target does to the ellipse of its circle."""
     repeats: Annotated[int, Field(strict=True, ge=0, le=100)] = 10
+    """Touch-ups of the base pose that the noise is estimated from; 0 to take that of the cell."""
     inch_deg: Annotated[float, Field(strict=True, ge=2, le=40)] = 15.0
+    """Largest rotation of the arm about the target while it finds camera and target."""
 
 
 class TargetSection(Section):
     """The point that is touched; where the tool point stands at the base pose by default.
 
-    Radius, plate and cross are those of the round target that a camera sees; the cross is length
-    and width of its bars.
+    Radius, plate and cross are those of the round target that a camera sees.
     """
 
     name: Name = "T1"
+    """Its name in the column ``target`` of the measurements."""
     position_mm: Vector | None = None
+    """Where it is in the base frame; by default where the base pose puts the tool point."""
     normal: Vector | None = None
+    """Direction out of its face, in base axes; by default to the camera at the base pose."""
     radius_mm: NotNegative = 0.0
+    """Radius of its circle."""
     plate_mm: tuple[Size, Size] | None = None
+    """Width and height of the plate that the circle is on."""
     cross_mm: tuple[Size, Size] | None = None
+    """Length and width of the bars of the cross in the circle."""
     dark: StrictBool = True
+    """The circle is darker than the plate."""
 
     @model_validator(mode="after")
     def _has_direction(self) -> TargetSection:
@@ -194,15 +233,17 @@ class TargetSection(Section):
 
 
 class ImagingSection(Section):
-    """How the simulated camera takes pictures: grey levels of 255, pixels, shares of the light.
-
-    ``gradient`` is the change of the light across and down the picture, ``vignetting`` its loss in
-    the corners, ``distortion`` OpenCV's k1, k2, p1, p2, k3.
-    """
+    """How the simulated camera takes pictures."""
 
     noise_grey: NotNegative = 2.0
+    """Standard deviation of the grey levels, of 255."""
     blur_px: NotNegative = 1.0
+    """Standard deviation of the blur."""
     gradient: tuple[ShareOfLight, ShareOfLight] = (0.0, 0.0)
+    """Change of the light across and down the picture, as a share of it."""
     vignetting: ShareOfLight = 0.0
+    """Loss of light in the corners, as a share of it."""
     distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """OpenCV's k1, k2, p1, p2, k3."""
     vibration_mm: NotNegative = 0.002
+    """Standard deviation of the lens's position."""

@@ -3,12 +3,14 @@
 import re
 import shlex
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from posedesign.cell import Cell
+from posedesign.cell import Cell, cell_template
+from posedesign.cell.schema import parse_config
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
@@ -22,8 +24,51 @@ PAGES = {
 }
 
 
-def blocks(text: str, language: str = "") -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+LANGUAGES = {"bash", "python", "toml", "text"}
+"""Of code blocks: commands and Python are run, TOML is a part of a cell, text is no code to run."""
+
+STEPS = "docs/how-to/commands.md"
+HOW_TO = [name for name in PAGES if name.startswith("docs/how-to/") and name != STEPS]
+TUTORIALS = [name for name in PAGES if name.startswith("docs/tutorials/")]
+
+QUICK = {"calibrate": ["--no-images"], "study": ["--draws", "10"]}
+"""Options that make a command quick; of ``study`` for ``study accuracy``."""
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and text of each code block."""
+    return re.findall(r"^```(\w*)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def commands_of(block: str) -> list[list[str]]:
+    """Words of each command line."""
+    lines = [shlex.split(line, comments=True) for line in block.splitlines()]
+    return [words for words in lines if words]
+
+
+def run_page(glance, name: str) -> dict[str, Any]:
+    """Run all blocks of a page, in the present folder, and return the names that Python has."""
+    found: dict[str, Any] = {}
+    for language, block in blocks(PAGES[name]):
+        if language == "python":
+            exec(block, found)  # noqa: S102  our own page
+        elif language == "bash":
+            for words in commands_of(block):
+                run_line(glance, words)
+    return found
+
+
+def run_line(glance, words: list[str]) -> None:
+    """Run one command; what it says goes where ``>`` has it."""
+    words, to = (words[:-2], Path(words[-1])) if words[-2:-1] == [">"] else (words, None)
+    program, *rest = words
+    assert program == "posedesign", words
+    if rest[0] != "study" or rest[1] == "accuracy":
+        rest += QUICK.get(rest[0], [])
+    said = glance(*rest)
+    assert said.code == 0, (words, said.err)
+    if to is not None:
+        to.write_text(said.out)
 
 
 @pytest.mark.parametrize("page", ["README.md", *PAGES])
@@ -61,41 +106,46 @@ def touched_up(poses: Path, program: Path) -> None:
     write(PoseProgram("CALIB01", taught, program_options(cell, listed)), "fanuc-ls", program.parent)
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_of_code_is_run_or_parsed(page):
+    kinds = {language for language, _ in blocks(PAGES[page])}
+    assert kinds <= LANGUAGES, "a block has to say what it is, after its ```"
+    if kinds & {"bash", "python"}:
+        assert page in (STEPS, *HOW_TO, *TUTORIALS), "no test runs the code of this page"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_parts_of_cells_are_parts_of_a_cell(page):
+    for language, block in blocks(PAGES[page]):
+        if language == "toml":
+            part = tomllib.loads(block)
+            parse_config({**tomllib.loads(cell_template()), **part}, Path(page))
+
+
 @pytest.mark.slow
-def test_commands_and_python_of_the_pages(cli, tmp_path, monkeypatch):
+def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (steps,) = (
-        block
-        for block in blocks(PAGES["docs/how-to/commands.md"])
-        if block.startswith("posedesign new")
-    )
-    lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
+    lines = [words for _, block in blocks(PAGES[STEPS]) for words in commands_of(block)]
     assert len(lines) == 18
-    for line in lines:
-        words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
-        assert words.pop(0) == "posedesign"
-        if words[:2] == ["study", "accuracy"]:
-            words += ["--draws", "10"]
-        if words[0] == "calibrate":
-            words += ["--no-images"]
-        if words[0] == "import":
+    for words in lines:
+        if words[1] == "import":
             touched_up(Path("run/poses.csv"), Path("CALIB01.LS"))
-        said = cli(*words)
-        assert said.code == 0, (line, said.err)
-        if words[0] == "new":
-            Path("cell.toml").write_text(said.out)
-        if words[0] == "plan":
+        run_line(glance, [word for word in words if word not in ("--robot", "arm.urdf")])
+        if words[1] == "plan":
             shutil.copy("run/poses.csv", "my_poses.csv")
-    found: dict[str, Any] = {}
-    (by_sight,) = blocks(PAGES["docs/how-to/by_sight.md"], "python")
-    (python,) = blocks(PAGES["docs/how-to/robots.md"], "python")
-    exec(by_sight, found)  # noqa: S102  our own page
-    assert callable(found["calibrate_robot"])
-    assert found["MyRobot"]() is not None
-    exec(python, found)  # noqa: S102
-    assert found["plan"].reached
-    assert found["result"].status == "converged"
-    assert found["X_Z"].covariance.shape == (12, 12)
+    found = {name: run_page(glance, name) for name in HOW_TO}
+    assert found["docs/how-to/by_sight.md"]["MyRobot"]() is not None
+    python = found["docs/how-to/python.md"]
+    assert python["plan"].reached
+    assert python["result"].status == "converged"
+    assert python["X_Z"].covariance.shape == (12, 12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", TUTORIALS)
+def test_code_of_a_tutorial(page, glance, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(glance, page)
 
 
 def test_the_two_commands_are_what_the_makefile_has():

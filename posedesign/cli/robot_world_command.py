@@ -120,6 +120,15 @@ Certify = Annotated[
         "side, the same in all directions: that of B where no sizes are given.",
     ),
 ]
+Transforms = Annotated[
+    bool,
+    typer.Option(
+        "--transforms",
+        help="Write X and Z for other tools, too, where they are to be trusted: "
+        "transforms.launch.xml (ROS 2), camera.urdf (a fixed joint), camera.calib (easy_handeye2), "
+        "transforms.json (cv2.FileStorage).",
+    ),
+]
 TrustLengths = Annotated[
     bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
 ]
@@ -147,6 +156,7 @@ def robot_world(
     estimate_scale: EstimateScale = False,
     certify: Certify = False,
     out: OutFolder = Path(),
+    transforms: Transforms = False,
     as_json: AsJson = False,
     verbose: Verbose = False,
     trust_units: TrustLengths = False,
@@ -161,6 +171,7 @@ def robot_world(
     from posedesign.pairs.certificate import refuse_uncertifiable
     from posedesign.pairs.results import methods_of, reached
     from posedesign.pairs.tables import outcome_as_dict
+    from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
 
     refuse_fixed_opencv(camera, convention)
@@ -176,6 +187,7 @@ def robot_world(
     found = source.read()
     noise = asked_noise(found, camera, noise_deg, noise_mm, noise_on)
     results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    claims = claim_transforms(results) if transforms else []
     outcomes = _solved(
         found,
         results,
@@ -188,6 +200,12 @@ def robot_world(
     rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
     files = [str(out / name) for name in ("robot_world.csv", "robot_world_pairs.csv")]
+    trusted = outcomes[0].result if reached(outcomes) else None
+    if claims and trusted is not None:
+        write_transforms(claims, trusted, camera)
+        files += [str(claim.path) for claim in claims]
+    else:
+        results.remove(*TRANSFORMS)
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
     content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]

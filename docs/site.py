@@ -108,7 +108,7 @@ def _filled(nav: Any, pages: list[str]) -> Any:
         items = []
         for item in nav:
             if isinstance(item, str) and "*" in item:
-                items += [page for page in pages if fnmatch(page, item)]
+                items += [page for page in pages if fnmatch(page, item) and page not in items]
             else:
                 items.append(_filled(item, pages))
         return [item for item in items if item]

@@ -15,6 +15,7 @@ from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
+from tests.cli.conftest import below_comments
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -122,6 +123,17 @@ def test_parts_of_cells_are_parts_of_a_cell(page):
             parse_config({**tomllib.loads(cell_template()), **part}, Path(page))
 
 
+def check_columns_said(written: Path, other: str) -> None:
+    """Check that the reference has the columns of a table, but for those that a pattern fits."""
+    section = PAGES["docs/reference/files.md"].split(f"\n## {written.name}\n")[1].split("\n## ")[0]
+    cells = re.findall(r"^\| (`[^|]*`) \|", section, flags=re.MULTILINE)
+    said = {word for cell in cells if ".." not in cell for word in re.findall(r"\w+", cell)}
+    (header, *_) = below_comments(written.read_text()).splitlines()
+    columns = set(header.split(","))
+    assert said - columns <= {"sigma_NAME_UNIT"}
+    assert [c for c in columns - said if not other or not re.match(other, c)] == []
+
+
 @pytest.mark.slow
 def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -133,6 +145,14 @@ def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
         run_line(glance, [word for word in words if word not in ("--robot", "arm.urdf")])
         if words[1] == "plan":
             shutil.copy("run/poses.csv", "my_poses.csv")
+    for written, other in (
+        ("run/rounds.csv", r"sigma_"),
+        ("run/predicted_accuracy.csv", ""),
+        ("rehearsal/robot_world.csv", r"(sigma_)?[xz]_"),
+        ("rehearsal/robot_world_pairs.csv", ""),
+        ("run/accuracy_vs_condition.csv", ""),
+    ):
+        check_columns_said(Path(written), other)
     found = {name: run_page(glance, name) for name in HOW_TO}
     assert found["docs/how-to/by_sight.md"]["MyRobot"]() is not None
     python = found["docs/how-to/python.md"]

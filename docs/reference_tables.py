@@ -1,8 +1,7 @@
 """Hooks of mkdocs that fill the reference pages from the code: cell, files, commands.
 
-A page has a comment where a table is to stand: ``<!-- cell -->``, ``<!-- template -->``,
-``<!-- commands -->``, or ``<!-- table of MODULE -->``, which is the first
-table in its docstring.
+A page has a comment where something is to stand: ``<!-- cell -->``, ``<!-- template -->``,
+``<!-- commands -->``, or ``<!-- table of MODULE -->`` for the first table in its docstring.
 """
 
 from __future__ import annotations
@@ -24,12 +23,14 @@ from plain_docstrings import plain_names
 from posedesign.cell import cell_template
 from posedesign.cell.schema import CellConfig
 from posedesign.cli.main import app
-from posedesign.files import LARGEST_NUMBER
 
 ROOT = Path(__file__).parents[1]
 
 _MARK = re.compile(r"^<!-- (cell|commands|template|table of ([\w.]+)) -->$", re.MULTILINE)
 _TABLE = re.compile(r"^(=+ [= ]*=)\n(.*?)^\1\n?(?:(.*?)^\1\n?)?", re.MULTILINE | re.DOTALL)
+
+_NO_BOUND = 1e6
+"""Size from which on a bound only keeps nonsense out."""
 
 _UNITS = {
     "urad_nm": "µrad/(N m)",
@@ -222,7 +223,7 @@ def _bounds(field: Mapping[str, Any]) -> str:
     bounds = [
         f"{sign} {field[key]:g}"
         for key, sign in signs.items()
-        if key in field and abs(field[key]) < min(1e6, LARGEST_NUMBER)
+        if key in field and abs(field[key]) < _NO_BOUND
     ]
     return f" {', '.join(bounds)}" if bounds else ""
 

@@ -20,10 +20,9 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 DOCS = "docs/"
-_LOG = get_plugin_logger("site")
 OUTSIDE = ("README.md", "CHANGELOG.md", "studies/README.md", "studies/*/README.md")
-FIGURES = "studies/*/*.png"
 
+_LOG = get_plugin_logger("site")
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>(?:[^\[\]]|\[[^\]]*\])*)\]\((?P<to>[^()\s:]+)\)")
 _FETCHED = re.compile(r"<(?!a\b)[^>]*?(?:src|href)=[\"']?((?:https?:)?//[^\"'\s>]+)")
 _STUDY = re.compile(r"studies/(\d+)_")
@@ -38,8 +37,14 @@ def on_config(config: MkDocsConfig) -> None:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
-    """Add what stands outside the folder of the documentation."""
-    for path in (*_outside(), *_found(FIGURES)):
+    """Add pages that stand outside the folder of the documentation, and the figures in them."""
+    figures = (
+        posixpath.join(posixpath.dirname(page), link["to"])
+        for page in _outside()
+        for link in _LINK.finditer((ROOT / page).read_text(encoding="utf-8"))
+        if link["image"] and not link["to"].startswith(DOCS)
+    )
+    for path in (*_outside(), *figures):
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
 
 
@@ -71,7 +76,8 @@ def relinked(markdown: str, page: str, files: Files) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(here), path))
         uri = target.removeprefix(DOCS)
         if files.get_file_from_path(uri) is None:
-            return link["text"] if (ROOT / target).exists() else link[0]
+            is_source = not link["image"] and (ROOT / target).exists()
+            return link["text"] if is_source else link[0]
         to = posixpath.relpath(uri, posixpath.dirname(page) or ".")
         return f"{link['image']}[{link['text']}]({to}{mark}{anchor})"
 

@@ -38,13 +38,13 @@ def on_config(config: MkDocsConfig) -> None:
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
     """Add pages that stand outside the folder of the documentation, and the figures in them."""
-    figures = (
+    figures = {
         posixpath.join(posixpath.dirname(page), link["to"])
         for page in _outside()
         for link in _LINK.finditer((ROOT / page).read_text(encoding="utf-8"))
         if link["image"] and not link["to"].startswith(DOCS)
-    )
-    for path in (*_outside(), *figures):
+    }
+    for path in (*_outside(), *sorted(figures)):
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from calib.errors import CalibError, FileFormatError, InputError, RobotModelError
 from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Scene, Solid, Sphere
 from calib.geometry.ways import WAY_TOLERANCE_M
-from calib.robots import Robot
+from calib.robots import Robot, preset_info
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
@@ -267,6 +267,7 @@ def what_may_be_wrong(cell: CellData) -> list[str]:
             f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
             "the tool point"
         )
+    said += _overload(cell)
     for body in (*cell.tool_bodies, *cell.obstacles):
         size = _largest_m(body.solid)
         if isinstance(body.solid, Mesh):
@@ -278,6 +279,20 @@ def what_may_be_wrong(cell: CellData) -> list[str]:
         elif size < SMALL_SOLID_M:
             said.append(f"{body.name} is {1e3 * size:.3g} mm large: is its size in mm?")
     return said
+
+
+def _overload(cell: CellData) -> list[str]:
+    """What weighs more than the robot carries, where its preset knows that."""
+    config = cell.config
+    if config.robot.preset is None:
+        return []
+    most = float(preset_info(config.robot.preset)["payload_kg"])
+    masses = [("the tool", config.tool.mass_kg), *((p.name, p.mass_kg) for p in config.payload)]
+    return [
+        f"{name} weighs {mass:g} kg, and the robot carries {most:g} kg at most"
+        for name, mass in masses
+        if mass > most
+    ]
 
 
 def _largest_m(solid: Solid) -> float:

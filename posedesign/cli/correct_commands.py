@@ -143,7 +143,7 @@ def predict(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    note_misfit(poses, listed)
+    note_misfit(poses, listed, loaded)
     results = results_in(out, "predict", cell, poses, overwrite=overwrite)
     with progress("predicting"):
         found = run(loaded, listed, asked, results, model)

@@ -1,4 +1,4 @@
-"""``posedesign``: the entry point, and the one place that turns errors into one line."""
+"""``posedesign``: the entry point, and the one place that turns errors into a sentence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from posedesign.cli import (
     study_commands,
     view_command,
 )
-from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, plain
+from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, note, plain
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -74,7 +74,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "posedesign"
-        print(f"error: {_one_line(error.format_message())} (see {command} --help)", file=sys.stderr)
+        note(f"error: {_cut(error.format_message())} (see {command} --help)")
         return BAD_INPUT
     except (typer.Abort, KeyboardInterrupt):
         return _stopped()
@@ -85,7 +85,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         told = str(error) if isinstance(error, CalibError) else _of_the_machine(error)
         if not told:
             raise
-        print(f"error: {_one_line(told)}", file=sys.stderr)
+        note(f"error: {_cut(told)}")
         return BAD_INPUT
     if code == STOPPED:  # typer turns Ctrl-C into this code
         return _stopped()
@@ -109,7 +109,7 @@ def _of_the_machine(error: Exception) -> str:
     return ""
 
 
-def _one_line(text: str) -> str:
+def _cut(text: str) -> str:
     line = plain(" ".join(text.split()))
     return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 4]} ..."
 

@@ -97,13 +97,14 @@ def print_json(content: object) -> None:
 def note(text: str) -> None:
     """Say something that is not the result, on standard error; nothing of an empty text."""
     if text:
-        print(plain(text), file=sys.stderr)
+        _print_line(Line("", text), sys.stderr)
 
 
-def note_misfit(path: Path, listed: PoseList) -> None:
-    """Warn of a list of poses that was changed after it was planned."""
-    if listed.misfit:
-        note(f"warning: {path}: {listed.misfit}")
+def note_misfit(path: Path, listed: PoseList, cell: Cell | None = None) -> None:
+    """Warn of a list of poses that was changed after it was planned, or is of another robot."""
+    for said in (listed.misfit, listed.other_robot(cell.robot) if cell else ""):
+        if said:
+            note(f"warning: {path}: {said}")
 
 
 def results_in(

@@ -110,10 +110,17 @@ def new(
 ) -> int:
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
+    from calib.robots import preset_info
     from posedesign.cell import Cell, cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
     made = Cell.from_text(text)
+    if robot is None:
+        note(
+            f"note: this is the reference cell, of a {preset_info(made.robot.name)['title']}; for "
+            "your own robot: posedesign new --robot PRESET or FILE.urdf (posedesign robots lists "
+            "the presets)"
+        )
     for said in made.robot.notices:
         note(f"note: {said}")
     try:
@@ -147,17 +154,24 @@ def plan(
     ] = None,
     target_accuracy: Annotated[
         str | None,
-        typer.Option(help="Largest rms error of the tool point over the task box, e.g. 0.2mm."),
+        typer.Option(
+            help="Largest rms error of the tool point over the task box: 0.2mm or 200um; in mm "
+            "where no unit is given."
+        ),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Value of the criterion that must be reached.")
+        float | None,
+        typer.Option(
+            help="Value of the criterion that must be reached: in mm for tcp and tcp-worst, in mm "
+            "or deg for sigma:NAME; the others have no unit."
+        ),
     ] = None,
     wanted_sigma_mm: Annotated[
         float | None,
-        typer.Option(help="Largest standard deviation of every length that is identified."),
+        typer.Option(help="Largest standard deviation of every length that is identified [mm]."),
     ] = None,
     wanted_sigma_deg: Annotated[
-        float | None, typer.Option(help="The same for every angle; may be given together.")
+        float | None, typer.Option(help="The same for every angle [deg]; may be given together.")
     ] = None,
     validation: Annotated[
         int, typer.Option(help="Poses to choose besides, to be kept out of the fit.")
@@ -238,7 +252,11 @@ def next_poses(
         typer.Option(help="Part of the error of the tool point that a pose must gain, or stop."),
     ] = 0.02,
     target_accuracy: Annotated[
-        str | None, typer.Option(help="Error of the tool point at which to stop, e.g. 0.2mm.")
+        str | None,
+        typer.Option(
+            help="Error of the tool point at which to stop: 0.2mm or 200um; in mm where no unit is "
+            "given."
+        ),
     ] = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -351,7 +369,7 @@ def check(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    note_misfit(poses, listed)
+    note_misfit(poses, listed, loaded)
     with knowing(loaded), progress("checking poses and motions"):
         verdicts = check_poses(loaded, listed)
         measured = listed.measured
@@ -391,7 +409,7 @@ def score(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    note_misfit(poses, listed)
+    note_misfit(poses, listed, loaded)
     with knowing(loaded):
         scored = score_poses(loaded, listed.measured)
     scaling = scaling_of(loaded.model())

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 USUAL_NAME = "CALIB01"
 
+MOST_SHOWN = 9
+"""Problems of a file that are read at a glance."""
+
 Files = Annotated[list[Path], typer.Argument(help="Program files, backups, or lists in CSV.")]
 
 
@@ -67,7 +70,7 @@ def program(
     ] = None,
     approach_deg: Annotated[
         float | None,
-        typer.Option(help="Let every joint come from one side to each pose, by this angle."),
+        typer.Option(help="Let every joint come from one side to each pose, by this angle [deg]."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
@@ -162,13 +165,26 @@ def validate(
         ),
     ] = None,
     as_json: AsJson = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Print all problems of each file."),
+    ] = False,
 ) -> int:
     """Check program files strictly against the rules of their controllers."""
+    from calib.errors import FileFormatError
+    from posedesign.files import origin_of
     from posedesign.programs import Level
     from posedesign.programs.registry import dialect_of
 
     found = []
     for path in files:
+        origin = origin_of(path) if path.suffix.lower() == ".csv" else None
+        if origin is not None:
+            raise FileFormatError(
+                f"holds {origin.purpose}, not a program",
+                path=path,
+                hint="poses are checked by: posedesign check CELL POSES",
+            )
         chosen = dialect_of(path, dialect)
         levels = chosen.levels_of(path)
         if measuring is not None:
@@ -196,13 +212,16 @@ def validate(
         )
         return DONE if good else NOT_REACHED
     for path, chosen, levels, problems, notes in found:
-        for remark in notes:
-            note(f"{path}: note: {remark}")
-        for problem in problems:
-            say(f"{path}: {problem}")
         asked = "" if "measuring" in levels else " that a controller would refuse"
         verdict = f"{len(problems)} problem(s)" if problems else "no problem found"
         say(f"{path}: {chosen.title}: {verdict}{asked}")
+        told = problems if verbose else problems[:MOST_SHOWN]
+        for problem in told:
+            say(f"- {problem}")
+        if len(told) < len(problems):
+            say(f"- and {len(problems) - len(told)} more: see --verbose")
+        for remark in notes:
+            note(f"{path}: note: {remark}")
     return DONE if good else NOT_REACHED
 
 
@@ -236,7 +255,7 @@ def import_positions(
     plan = None
     if poses is not None:
         plan = read_poses(poses, loaded.robot.n, controller=loaded.robot.controller)
-        note_misfit(poses, plan)
+        note_misfit(poses, plan, loaded)
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
     with progress("reading programs"):
@@ -300,7 +319,7 @@ def record(
             "and 0 before it moves on: 36 to 43, or 12 to 19."
         ),
     ] = 36,
-    timeout_s: Annotated[float, typer.Option(help="Longest time without a pose.")] = 3600.0,
+    timeout_s: Annotated[float, typer.Option(help="Longest time without a pose [s].")] = 3600.0,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
@@ -320,7 +339,7 @@ def record(
     loaded = Cell.load(cell)
     controller = loaded.robot.controller
     plan = read_poses(poses, loaded.robot.n, controller=controller, trust_units=trust_units)
-    note_misfit(poses, plan)
+    note_misfit(poses, plan, loaded)
     check_recorded(loaded, plan)
     arriving = told_poses(host, register, timeout_s, note)
     results = results_in(make_folder(out), "record", poses, overwrite=overwrite)
@@ -398,7 +417,7 @@ def convert(
     listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
     for said in outside_limits(loaded, listed.names, listed.postures):
         note(f"warning: {poses}: {said}")
-    note_misfit(poses, listed)
+    note_misfit(poses, listed, loaded)
     write_pose_list(
         file,
         listed,

@@ -88,10 +88,10 @@ MethodOption = Annotated[
 ]
 NoiseDeg = Annotated[
     float | None,
-    typer.Option(help="Standard deviation of rotations; default: from the residuals."),
+    typer.Option(help="Standard deviation of rotations [deg]; default: from the residuals."),
 ]
 NoiseMm = Annotated[
-    float | None, typer.Option(help="Standard deviation of translations, likewise.")
+    float | None, typer.Option(help="Standard deviation of translations [mm], likewise.")
 ]
 NoiseOnOption = Annotated[
     NoiseSide | None,

@@ -59,7 +59,7 @@ def view(
         listed = read_poses(
             poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
         )
-        note_misfit(poses, listed)
+        note_misfit(poses, listed, loaded)
     measured = None if pairs is None else read_pairs(pairs, trust_units=trust_units)
     note(rehearsed_words(poses, pairs))
     claims = []

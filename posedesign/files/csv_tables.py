@@ -97,7 +97,7 @@ def write_table(
         run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
         commas such a line can be cut and put together again (:func:`read_table`).
     """
-    lines = ["# " + _comment(text) for text in comments]
+    lines = ["# " + comment_text(text) for text in comments]
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
     return write_text_atomic(path, "\n".join([*lines, ""]))
@@ -249,7 +249,8 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
     return out
 
 
-def _comment(text: str) -> str:
+def comment_text(text: str) -> str:
+    """A text as a comment before a table holds it: on one line, with nothing that ends a cell."""
     without = _BARE_COMMA.sub(" ", _NO_COMMENT.sub(" ", text)).replace(";", ",")
     return " ".join(without.split())
 

@@ -309,13 +309,10 @@ def _frees_scale(words: Sequence[str], whole: CalibrationModel, table: Measureme
 
 
 def left_out(cell: Cell) -> list[str]:
-    """Models that the cell asks for and cannot have, with the reason."""
+    """Models that the cell asks for and cannot have, with the reason: all in one, or none."""
     able = asked_for(cell)
-    return [
-        f"{name_of(words)}: the masses of the links are not known"
-        for words in cell.config.parameters.models
-        if words not in able
-    ]
+    names = [name_of(words) for words in cell.config.parameters.models if words not in able]
+    return [f"{', '.join(names)}: the masses of the links are not known"] if names else []
 
 
 def held_only(cell: Cell, table: MeasurementTable) -> list[str]:

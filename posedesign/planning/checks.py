@@ -54,8 +54,15 @@ def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: fl
 def check_fit(cell: Cell, poses: PoseList) -> None:
     """Refuse poses that the robot is to be sent to and that do not belong to this cell.
 
-    Those are outside the joint limits, or have the tool point far from the target.
+    Those are of a robot of another name, outside the joint limits, or have the tool point far from
+    the target.
     """
+    if other := poses.other_robot(cell.robot):
+        raise InputError(
+            other,
+            hint="plan in this cell, or, if it is the same arm, change the name before the header",
+            name="poses",
+        )
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
     measured = poses.measured

@@ -61,7 +61,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.errors import FileFormatError, InputError, near_names
+from calib.errors import FileFormatError, InputError, near_names, one_line
 from calib.robots import Controller, Robot
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.constraints import (
@@ -81,6 +81,7 @@ from posedesign.files.csv_tables import (
     Table,
     as_read,
     check_columns,
+    comment_text,
     read_table,
     write_table,
 )
@@ -127,6 +128,9 @@ STOPS_SHORT = "stop short [mm]"
 
 ALL_CHECKED = "nothing that the cell asks for"
 """Said in their place where there are none, so that a list without any is one that nobody knows."""
+
+_OF = " of "
+"""Before the robot's name in the first comment of a list."""
 
 POSE_AXES = (*PLACE, *TURN)
 
@@ -299,6 +303,14 @@ class PoseList:
         """
         return self.header.get("fingerprint", "")
 
+    def other_robot(self, robot: Robot) -> str:
+        """That the file says it is of another robot, in words; empty where it does not."""
+        said = self.header.get("posedesign", "")
+        if _OF not in said or said.endswith(_OF + comment_text(robot.name)):
+            return ""
+        name = said.partition(_OF)[2]
+        return f"the poses are of the robot {one_line(name)}, not of {one_line(robot.name)}"
+
     @property
     def misfit(self) -> str:
         """That the fingerprint is not that of the postures, in words; empty where it is."""
@@ -332,7 +344,7 @@ def write_poses(
     stop, for the same.
     """
     listed = PoseList.of_route(poses, route)
-    comments = [f"posedesign: {title} of {robot.name}", f"fingerprint: {listed.fingerprint}"]
+    comments = [f"posedesign: {title}{_OF}{robot.name}", f"fingerprint: {listed.fingerprint}"]
     if robot.controller is not None:
         comments.append(f"controller: {robot.controller.maker}")
     if indices is not None:
@@ -367,7 +379,7 @@ def write_pose_list(
     """
     comments = [c for c in poses.comments if c.partition(":")[0].strip() not in _WRITTEN_ANEW]
     if not comments:
-        comments = [f"posedesign: poses of {robot.name}"]
+        comments = [f"posedesign: poses{_OF}{robot.name}"]
     if not poses.fingerprint_written:
         comments.append(f"fingerprint: {poses.fingerprint}")
     return _write(path, poses, robot, tool_m, form, margins, comments)

@@ -127,16 +127,29 @@ def test_validate_says_line_and_rule(cli: Cli, work: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"CALL MEASURE(3)", b"CALL MEASURE(-3)"))
     said = cli("validate", path)
     assert said.code == 1
-    assert re.search(r"CALIB01\.LS: line \d+: .* \[negative-argument\]\n", said.out)
-    assert said.out.endswith("FANUC teach pendant program in ASCII: 1 problem(s)\n")
+    verdict, problem = said.out.splitlines()
+    assert verdict == f"{path}: FANUC teach pendant program in ASCII: 1 problem(s)"
+    assert re.fullmatch(r"- line \d+: .* \[negative-argument\]", problem)
     answer = json.loads(cli("validate", path, "--json").out)
     assert (answer["valid"], answer["files"][0]["format"]) == (False, "fanuc-ls")
     assert answer["files"][0]["problems"][0]["rule"] == "negative-argument"
 
 
-def test_validate_of_what_is_no_program(refuse: Refuse, work: Path) -> None:
+def test_validate_says_the_verdict_first_and_all_rows_on_request(glance: Cli, work: Path) -> None:
+    path = work / "list.csv"
+    path.write_text("1,2,3,4,5,6,text\n" * 40)
+    short = glance("validate", path).out.splitlines()
+    assert short[0].endswith("40 problem(s) that a controller would refuse")
+    assert len(short) <= 12
+    assert short[-1] == "- and 31 more: see --verbose"
+    assert len(glance("validate", path, "--verbose").out.splitlines()) == 41
+
+
+def test_validate_of_what_is_no_program(cli: Cli, refuse: Refuse, work: Path) -> None:
     refuse("validate", work / "cell.toml").says("no controller's programs end in .toml")
     refuse("validate", work / "none.LS").says("none.LS", "cannot be read")
+    assert cli("plan", work / "cell.toml", "--out", work / "run").code == 0
+    refuse("validate", work / "run" / "poses.csv").says("holds measuring poses", "posedesign check")
     (work / "x.yaml").write_text("a: 1\n")
     refuse("validate", work / "x.yaml").says("x.yaml", "is none of", "--format")
 

@@ -184,3 +184,27 @@ def test_poses_that_were_changed_after_planning_are_told(cli, work, words):
     out = ["--out", work / "out"] * (words[0] not in ("check", "score"))
     err = cli(*said, *out).err
     assert f"warning: {poses}: the postures are others than those that were planned" in err
+
+
+def test_poses_of_another_robot_are_refused_by_name(cli, refuse, work, tmp_path):
+    """Both arms take most of these joint values: limits alone say nothing."""
+    poses = work / "poses.csv"
+    head = "# posedesign: measuring poses of m20ia\n"
+    poses.write_text(head + poses.read_text())
+    for command in (
+        ("program", poses, "--cell", work / "cell.toml"),
+        ("simulate", work / "cell.toml", poses),
+    ):
+        refuse(*command, "--out", tmp_path / "out").says("robot 'm20ia', not of 'r2000ic165f'")
+    said = cli("check", work / "cell.toml", poses)
+    assert "warning" in said.err
+    assert "robot 'm20ia', not of 'r2000ic165f'" in said.err
+    poses.write_text(poses.read_text().replace("m20ia", "r2000ic165f"))
+    assert "not of" not in cli("check", work / "cell.toml", poses).err
+
+
+def test_a_tool_heavier_than_the_robot_carries_is_warned_of(cli, change_cell, work):
+    assert "carries" not in cli("check", work / "cell.toml", work / "poses.csv").err
+    change_cell({"tool.mass_kg": "1060.0"})
+    said = cli("check", work / "cell.toml", work / "poses.csv")
+    assert "warning: the tool weighs 1060 kg, and the robot carries 165 kg at most" in said.err

@@ -124,12 +124,13 @@ def test_what_needs_masses_is_left_out_without_them(tmp_path, lab, make_cell):
     light = make_cell(
         robot={"preset": "r2000ib210f"},
         tool={"mass_kg": 0.0},
-        parameters={"models": [["zero_offsets"], ["compliance"]]},
+        parameters={"models": [["zero_offsets"], ["compliance"], ["lost_motion"]]},
         truth={"deflection": False},
     )
     assert not light.robot.link_mass.any()
     assert [c.name for c in candidates(light, table)] == [FRAMES_ONLY, "offsets"]
-    assert left_out(light) == ["compliance: the masses of the links are not known"]
+    # one cause, one sentence
+    assert left_out(light) == ["compliance, lost motion: the masses of the links are not known"]
     heavy = replace(light, config=make_cell(tool={"mass_kg": 50.0}).config)
     assert not any(w in reference(heavy, table)[0].model.names for w in ("compliance.joint_2",))
 

@@ -101,8 +101,9 @@ def note(text: str) -> None:
 
 
 def note_misfit(path: Path, listed: PoseList, cell: Cell | None = None) -> None:
-    """Warn of a list of poses that was changed after it was planned, or is of another robot."""
-    for said in (listed.misfit, listed.other_robot(cell.robot) if cell else ""):
+    """Warn of a list of poses that was changed after it was planned, or looks like another's."""
+    other = listed.other_robot(cell.robot) if cell else ""
+    for said in (listed.misfit, other, *listed.mistyped):
         if said:
             note(f"warning: {path}: {said}")
 

@@ -348,6 +348,8 @@ def record(
         (claimed,) = results.claim("measured", TOUCH_UPS)
         recording = Recording.resume(loaded, plan, claimed)
         total = len(recording.plan.names)
+        if recording.by_hand:
+            note(f"warning: {claimed}: {recording.by_hand}")
         if recording.rows:
             note(f"{claimed}: goes on, {len(recording.missing)} of {total} poses are missing")
         for told in arriving if recording.missing else ():

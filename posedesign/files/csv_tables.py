@@ -8,6 +8,7 @@ usual engine; with ``engine="python"`` quotes do not protect it.
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import json
 import math
@@ -182,6 +183,21 @@ def _check_separator(path: Path, line: int, columns: Sequence[str]) -> None:
             row=line,
             hint="save it with commas between cells and a point in numbers",
         )
+
+
+def mistyped(columns: Iterable[str], known: Iterable[str]) -> list[str]:
+    """Columns that are kept and not read, and look like one that would be, in words."""
+    free = [name for name in known if name not in columns]
+    near = {c: difflib.get_close_matches(c.casefold(), free, n=1, cutoff=_ALIKE) for c in columns}
+    return [
+        f"the column {column[:LONGEST_SHOWN]} is not read: is it meant to be {meant[0]}?"
+        for column, meant in near.items()
+        if meant and column not in known
+    ]
+
+
+_ALIKE = 0.8
+"""Similarity of names from which one looks like a slip of the other: a letter of five."""
 
 
 def check_columns(

@@ -47,6 +47,7 @@ from posedesign.files.csv_tables import (
     Row,
     as_read,
     check_columns,
+    mistyped,
     numbers_of,
     read_rows,
     write_table,
@@ -247,7 +248,7 @@ def read_measurements(
     lines = tuple(row.line for row in rows)
     known = {*_LABELS, *_EVERY_READ, *joint_columns(n), *pendant_columns(n)}
     extra = {c: tuple(row.cells[c] for row in rows) for c in columns if c not in known}
-    notes = tuple(_not_read(rows, kinds, of_kind))
+    notes = (*mistyped(columns, known), *_not_read(rows, kinds, of_kind))
     return MeasurementTable(data, kinds, lines, path, notes, extra)
 
 

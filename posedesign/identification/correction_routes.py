@@ -116,6 +116,13 @@ class Routes:
     def __getitem__(self, name: str) -> Route:
         return next(route for route in self.routes if route.name == name)
 
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """Names of the ways that leave as little as the best one, but for `NEAR`."""
+        best, *others = (route.expected.rms_m for route in self.routes)
+        most = NEAR * min(best, *others)
+        return tuple(route.name for route in self.routes[1:] if route.expected.rms_m <= most)
+
     def rows(self) -> list[dict[str, object]]:
         """One row a route, in mm."""
         return [

@@ -82,6 +82,7 @@ from posedesign.files.csv_tables import (
     as_read,
     check_columns,
     comment_text,
+    mistyped,
     read_table,
     write_table,
 )
@@ -310,6 +311,11 @@ class PoseList:
             return ""
         name = said.partition(_OF)[2]
         return f"the poses are of the robot {one_line(name)}, not of {one_line(robot.name)}"
+
+    @property
+    def mistyped(self) -> list[str]:
+        """Columns that are kept and not read, and look like one that would be, in words."""
+        return mistyped(self.extra, [*_LABELS, *MARGIN_COLUMNS])
 
     @property
     def misfit(self) -> str:

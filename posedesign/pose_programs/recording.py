@@ -13,15 +13,19 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.files import Claim, origin_of
+from posedesign.files import Claim
 from posedesign.files.csv_tables import as_read, read_table, write_table
 from posedesign.files.measurements import read_measurements
+from posedesign.files.origin import read_whole
 from posedesign.files.postures import joint_columns
 from posedesign.planning import NEAR_TARGET_M, off_target, outside_limits
 from posedesign.planning.poses_file import PoseList
 from posedesign.pose_programs.from_plan import arm_of, check_names_differ, stopping_short
 from posedesign.pose_programs.touch_ups import UNMOVED_DEG, near_others, tool_moved_m
 from posedesign.programs import find_dialect
+
+_BY_HAND = "changed by hand:"
+"""Begins the comment of a list that holds such rows."""
 
 TARGET = "T1"
 """What touch-ups touch where nobody says more, as in imported ones."""
@@ -44,6 +48,8 @@ class Recording:
     """The touch-ups of a plan so far, and the file that they are kept in.
 
     ``rows``: by column, in the order of arrival; those of an earlier start first, as they are.
+    ``by_hand``: that rows of an earlier start stood in a file that was changed since it was
+    written, in words that the file then says; empty where none did.
     """
 
     cell: Cell
@@ -51,6 +57,7 @@ class Recording:
     file: Claim
     columns: list[str]
     rows: list[dict[str, object]]
+    by_hand: str = ""
 
     @classmethod
     def resume(cls, cell: Cell, plan: PoseList, file: Claim) -> Recording:
@@ -63,7 +70,8 @@ class Recording:
         """
         columns = ["target", *joint_columns(cell.robot.n), "pose"]
         rows: list[dict[str, object]] = []
-        there = origin_of(file.path)
+        by_hand = ""
+        there, intact = read_whole(file.path)
         if there is not None and (there.command, there.inputs) == (
             file.origin.command,
             file.origin.inputs,
@@ -72,7 +80,13 @@ class Recording:
             table = read_table(file.path)
             columns += [column for column in table.columns if column not in columns]
             rows = [{c: as_read(cell) for c, cell in row.cells.items()} for row in table.rows]
-        return cls(cell, plan.measured, file, columns, rows)
+            by_hand = next((said for said in table.comments if said.startswith(_BY_HAND)), "")
+            if not intact:
+                names = ", ".join(str(row.get("pose")) for row in rows)
+                by_hand = (
+                    f"{_BY_HAND} the file of these rows was, and they are as they stood: {names}"
+                )
+        return cls(cell, plan.measured, file, columns, rows, by_hand)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -115,6 +129,6 @@ class Recording:
             raise InputError(doubts[0], hint="is it the program of another plan?")
         row = dict(zip(joint_columns(arm.n), np.degrees(q[0]).tolist(), strict=True))
         rows = [*self.rows, {"target": TARGET, **row, "pose": name}]
-        write_table(self.file, self.columns, rows)
+        write_table(self.file, self.columns, rows, [self.by_hand] if self.by_hand else [])
         self.rows = rows
         return name, float(tool_moved_m(self.cell, q, planned)[0])

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from posedesign.files import csv_tables
+from tests.cli.conftest import offsets_only
 
 Refuse = Callable[..., Any]
 
@@ -190,3 +191,16 @@ def test_poses_that_were_all_dropped(refuse, work):
 def test_arguments_swapped(refuse, work):
     line = refuse("score", work / "poses.csv", work / "cell.toml")
     line.says("poses.csv", "no valid TOML")
+
+
+def test_a_mistyped_column_that_is_not_needed_is_named(cli, work):
+    """Without the word, a pose that is to be passed through would be measured."""
+    poses, touch_ups = work / "poses.csv", work / "touchups.csv"
+    poses.write_text(poses.read_text().replace("status", "stauts", 1))
+    said = cli("check", work / "cell.toml", poses)
+    assert f"warning: {poses}: the column stauts is not read: is it meant to be status?" in said.err
+    touch_ups.write_text(touch_ups.read_text().replace(",pose", ",Pose", 1))
+    said = cli("identify", offsets_only(work / "cell.toml"), touch_ups, "--out", work)
+    assert f"{touch_ups}: the column Pose is not read: is it meant to be pose?" in said.err
+    touch_ups.write_text(touch_ups.read_text().replace(",Pose", ",shift", 1))
+    assert "not read" not in cli("identify", work / "cell.toml", touch_ups, "--out", work).err

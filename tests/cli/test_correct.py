@@ -1,6 +1,7 @@
 """correct and predict as a person types them."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -136,7 +137,8 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified
     at = [next(i for i, line in enumerate(lines) if f"│ {way} " in line) for way in WAYS]
     assert at == sorted(at)
     assert at[-1] < next(i for i, line in enumerate(lines) if line.startswith("best: "))
-    assert "best: corrected poses" in lines
+    (verdict,) = (line for line in lines if line.startswith("best: "))
+    assert re.fullmatch(r"best: corrected poses, [\d.]+ times less error than description", verdict)
     assert "a cube of 559 mm about the target" in said.out
     answer = json.loads(
         cli("correct", work / "cell.toml", identified, "--out", work / "b", "--json").out
@@ -144,7 +146,11 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified
     rms = {row["route"]: row["rms_mm"] for row in answer["routes"]}
     assert list(rms) == WAYS
     assert list(rms.values()) == sorted(rms.values())
-    assert answer["verdict"] == "best: corrected poses (give poses.csv to have them)"
+    times = rms["description"] / rms["corrected poses"]
+    assert answer["verdict"] == (
+        f"best: corrected poses (give poses.csv to have them), {times:.2g} times less error than "
+        "description"
+    )
     # every file says for which box, how good it is, and which tool goes with it
     for name, way in (("mastering.csv", "mastering"), ("corrected.urdf", "description")):
         head = (out / name).read_text()[:2000]
@@ -580,3 +586,13 @@ def test_poses_that_identify_nothing_are_refused(refuse, work):
         "predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"
     )
     said.says("2 measurements give 6 equations")
+
+
+def test_ways_that_leave_the_same_are_named_beside_the_plainest(cli, work, identified):
+    """Zero offsets are carried whole by each: the controller's own way is put first."""
+    typed = ("correct", work / "cell.toml", identified, "--model", "offsets", "--json")
+    answer = json.loads(cli(*typed, "--out", work / "out").out)
+    assert answer["verdict"] == (
+        "best: mastering, the plainest of those that leave the same within 2 %: so do description "
+        "and corrected poses (give poses.csv to have them)"
+    )

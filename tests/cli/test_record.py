@@ -16,6 +16,7 @@ from posedesign.cell import Cell, cell_template
 from posedesign.files.measurements import read_measurements
 from posedesign.planning.poses_file import PoseList, write_pose_list
 from posedesign.programs.ur_script import live, rtde_process
+from tests.cli.conftest import below_comments
 from tests.rtde_server import PAUSED, STOPPED, Raw, RtdeServer, Stage, package
 
 pytest.importorskip("rtde_receive", reason="the extra ur is not installed")
@@ -159,10 +160,18 @@ def test_a_row_that_a_person_took_out_is_measured_again(record, ur):
         said = record(server)
         assert said.code == 2
         assert "was changed since it was written" in said.err
-        assert record(server, "--overwrite").code == 0
+        said = record(server, "--overwrite")
+    assert said.code == 0
     assert list(kept(ur)) == ["P02", "P01", "P03"]
-    assert [line.split(",")[-1] for line in path.read_text().splitlines()[2:]] == ["+1", "+1", ""]
+    rows = below_comments(path.read_text()).splitlines()
+    assert [line.split(",")[-1] for line in rows[1:]] == ["+1", "+1", ""]
     assert (ur / "touchups.csv.1").exists()
+    # nobody takes them for recorded ones: the command says it, the file says it, now and later
+    by_hand = "changed by hand: the file of these rows was, and they are as they stood: P02, P01"
+    assert f"warning: {path}: {by_hand}" in said.err
+    assert f"# {by_hand}\n" in path.read_text()
+    with RtdeServer([]) as server:
+        assert by_hand in record(server).err
 
 
 def test_measurements_of_others_are_left_alone(record, ur):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from posedesign.planning.loop import plan
     from posedesign.planning.optimal import OptimalPlan, Request, plan_fewest, plan_optimal
     from posedesign.planning.pose_plan import PosePlan
+    from posedesign.report.plots import plot
     from posedesign.selection import indices, select
 else:
     __getattr__ = load_when_asked(__name__)
@@ -32,6 +33,7 @@ __all__ = [
     "plan",
     "plan_fewest",
     "plan_optimal",
+    "plot",
     "programs",
     "select",
     "selection",

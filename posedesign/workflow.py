@@ -24,7 +24,7 @@ from posedesign.identification.comparison import without_repeats
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
-from posedesign.pairs.tables import DEFAULT_METHODS, solve_and_write
+from posedesign.pairs.tables import DEFAULT_METHODS, pair_rows, solve_and_write, solver_row
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
@@ -34,6 +34,14 @@ from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
+from posedesign.report.figures import draw
+from posedesign.report.identification_json import IdentificationFile
+from posedesign.report.plots import (
+    figure_of_identification,
+    figure_of_pairs,
+    figure_of_plan,
+    visited,
+)
 from posedesign.selection import Indices
 from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
@@ -44,6 +52,13 @@ ROUNDS = ("rounds.csv", "rounds of a plan")
 TOUCH_UPS = ("touchups.csv", "touch-ups")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
+PLANNED, IDENTIFIED, SOLVED = (
+    ("plan", "figure of a plan"),
+    ("identification", "figure of an identification"),
+    ("robot_world", "figure of A X = Z B"),
+)
+"""Figures: what their names begin with, and what they say that they are."""
+
 STUDY = (
     ("accuracy_vs_condition.csv", "accuracy study"),
     ("accuracy_vs_condition.png", "accuracy study"),
@@ -93,12 +108,13 @@ def depending(poses: Path) -> str:
 def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None) -> PosePlan:
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
     results = Results.of(out, "plan")
-    poses, rounds = claim_plan(results, POSES, ROUNDS)
+    poses, rounds, *drawn = claim_plan(results, POSES, ROUNDS, *_files(PLANNED))
     result = plan(cell, progress)
     _write_poses(poses, cell, result.poses, result.route, result.indices)
     rows = result.round_rows()
     write_table(rounds, list(rows[0]), rows)
     results.remove(VALIDATION)
+    draw(results, drawn, lambda: figure_of_plan(cell, result.model, visited(result)))
     return result
 
 
@@ -123,7 +139,7 @@ def plan_optimal_poses(
     """
     wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
-    claims = claim_plan(results, *wanted)
+    *claims, png, svg = claim_plan(results, *wanted, *_files(PLANNED))
     kept = None
     if keep is not None:
         check_fit(cell, keep)
@@ -139,7 +155,15 @@ def plan_optimal_poses(
         if poses is not None and route is not None:
             _write_poses(path, cell, poses, route, indices)
             results.remove(ROUNDS, *({VALIDATION} - {*wanted}))
+    if result.route is not None:
+        draw(results, (png, svg), lambda: figure_of_plan(cell, result.model, visited(result)))
     return result
+
+
+def _files(figure: tuple[str, str]) -> list[tuple[str, str]]:
+    """The two files of a figure, and what they say that they are."""
+    stem, purpose = figure
+    return [(f"{stem}.png", purpose), (f"{stem}.svg", purpose)]
 
 
 def plan_next_poses(
@@ -235,7 +259,10 @@ def identify_file(
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
-    (file,) = Results.of(out, "identify").claim("computed", IDENTIFICATION, inputs=[measurements])
+    results = Results.of(out, "identify")
+    file, *drawn = results.claim(
+        "computed", IDENTIFICATION, *_files(IDENTIFIED), inputs=[measurements]
+    )
     robot = cell.robot
     table = read_measurements(
         measurements,
@@ -261,7 +288,10 @@ def identify_file(
         warn(f"{measurements}: {line}")
     source = origin_of(measurements)
     data = {"file": measurements.name, "origin": None if source is None else str(source)}
-    write_json_atomic(file, {"data": data, **results_as_dict(cell, identified)})
+    content = {"data": data, **results_as_dict(cell, identified)}
+    write_json_atomic(file, content)
+    shown, q_deg = IdentificationFile.model_validate(content), np.rad2deg(table.data.postures)
+    draw(results, drawn, lambda: figure_of_identification(shown, q_deg))
     return identified
 
 
@@ -272,7 +302,29 @@ def solve_file(
     noise: Noise | NoiseShown | None = None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
-    return solve_and_write(read_pairs(pairs), out, methods, noise, inputs=[pairs])
+    return solve_and_draw(read_pairs(pairs), out, methods, noise, inputs=[pairs])
+
+
+def solve_and_draw(
+    pairs: Pairs,
+    out: Path | Results,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    noise: Noise | NoiseShown | None = None,
+    advance: Advance = lambda what, part: None,
+    inputs: Sequence[Path] = (),
+    *,
+    estimate_scale: bool = False,
+) -> tuple[SolverOutcome, ...]:
+    """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
+    results = Results.of(out, "robot-world")
+    drawn = results.claim("computed", *_files(SOLVED), inputs=inputs)
+    outcomes = solve_and_write(
+        pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
+    )
+
+    rows = [solver_row(outcome) for outcome in outcomes]
+    draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
+    return outcomes
 
 
 def camera_noise(cell: Cell) -> PairNoise:

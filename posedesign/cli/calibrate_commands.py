@@ -110,7 +110,9 @@ def identify(
         then = (
             command_line("correct", cell, file, "--out", out) if identified.is_of_this_robot else ""
         )
-        answer = answer_of_identification(identified, [str(file)])
+        drawn = file.with_suffix(".png")
+        files = [str(path) for path in (file, drawn) if path.is_file()]
+        answer = answer_of_identification(identified, files)
         tell(answer, verbose=verbose, then=then, first=rehearsed)
     return DONE if identified.is_of_this_robot else NOT_REACHED
 

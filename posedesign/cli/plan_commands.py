@@ -229,9 +229,8 @@ def plan(
         note_misfit(keep, own)
     with knowing(loaded), progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, request, advance, own)
-    files = [str(out / "poses.csv")] if result.route is not None else []
-    if result.validation is not None:
-        files.append(str(out / "validation.csv"))
+    names = ("poses.csv", *["validation.csv"] * (result.validation is not None), "plan.png")
+    files = [str(out / name) for name in names if result.route is not None]
     tell(
         answer_of_choice(loaded, result, files),
         verbose=verbose,
@@ -312,7 +311,7 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
             ),
         )
         outlook = outlook_of(loaded, result.model, result.postures)
-    files = [str(out.folder / name) for name in ("poses.csv", "rounds.csv")]
+    files = [str(out.folder / name) for name in ("poses.csv", "rounds.csv", "plan.png")]
     tell(
         told_plan(loaded, result, outlook, files),
         verbose=verbose,

@@ -199,7 +199,8 @@ def robot_world(
     )
     rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
-    files = [str(out / name) for name in ("robot_world.csv", "robot_world_pairs.csv")]
+    names = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
+    files = [str(out / name) for name in names if (out / name).is_file()]
     trusted = outcomes[0].result if reached(outcomes) else None
     if claims and trusted is not None:
         write_transforms(claims, trusted, camera)
@@ -247,14 +248,14 @@ def _solved(
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
     from posedesign.pairs.results import certified
-    from posedesign.pairs.tables import solve_and_write
+    from posedesign.workflow import solve_and_draw
 
     shown: AbstractContextManager[Advance] = (
         nullcontext(_say_nothing) if quiet else progress("A X = Z B")
     )
     try:
         with shown as advance:
-            outcomes = solve_and_write(
+            outcomes = solve_and_draw(
                 pairs, out, methods, noise, advance, estimate_scale=estimate_scale
             )
             return certified(pairs, outcomes) if certify else outcomes

@@ -251,6 +251,8 @@ def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
         truth_rows(results),
     )
     error = steps["identified"].figures.get("expected error", "")
+    pictures = sum(name.endswith(".png") for name in files)
+    tables = [name for name in files if not name.endswith((".png", ".svg"))]
     return Answer(
         f"planned: {plan.verdict}",
         {
@@ -265,7 +267,7 @@ def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
         not_checked=plan.not_checked,
         details=[_TRUTH, *(text for step in steps.values() for text in step.details)],
         tables=[table for step in steps.values() for table in step.tables] + [truth],
-        files=[f"into {out}: {', '.join(files)}"],
+        files=[f"into {out}: {', '.join(tables)}, {pictures} pictures"],
     )
 
 

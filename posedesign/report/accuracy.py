@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,18 +13,13 @@ from calib.identification import DISPLAY
 from calib.robot_world import PAPER_METHODS
 from posedesign.files import StrPath, write_bytes_atomic
 from posedesign.report.answer import Answer, Table
+from posedesign.report.figures import COLOURS, GREY, MARKS, plain_numbers
 from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-"""Okabe and Ito's palette: told apart by people who do not see red and green alike."""
-
-GREY = "#555555"
-MARKERS = ("o", "s", "^", "D")
 ESTIMATORS = ("touch-up weighted", "touch-up unweighted", "view line")
 
 
@@ -43,7 +38,6 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
     scatter is shown is the first that has a prediction; the truth is that of the first finding.
     """
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter
 
     # built without pyplot: no global state, no window system
     figure = Figure(figsize=(11.0, 9.6), dpi=120, layout="constrained")
@@ -52,8 +46,6 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
     _plate(panels[0, 1], findings)
     _robot_world(panels[1, 0], findings, "X rotation", "deg")
     _robot_world(panels[1, 1], findings, "X translation", "mm")
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
     for panel in panels.flat:
         panel.set_xlabel("condition number C_G (Eq. 9-12); better poses to the right")
         if not panel.lines:  # a logarithmic axis cannot be drawn without data
@@ -62,8 +54,7 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.invert_xaxis()
-        panel.yaxis.set_major_formatter(plain)
-        panel.yaxis.set_minor_formatter(few)
+        plain_numbers(panel)
         panel.grid(True, which="both", alpha=0.25)
     draws = f"{findings[0].draws} noise draws for each pose set"
     title = f"Accuracy against condition number: {arm}, {draws}"
@@ -74,7 +65,7 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
 def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
     """Scatter of one parameter over the draws with its interval, and the prediction as a line."""
     leading = next(f for f in findings if np.isfinite(f.predicted_sigma))
-    for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKERS, strict=False):
+    for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKS, strict=False):
         found = pick(findings, findings[0].truth, estimator, leading.quantity)
         if not found:
             continue
@@ -84,7 +75,8 @@ def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
             spread - [f.spread_low for f in found],
             [f.spread_high for f in found] - spread,
         ]
-        panel.errorbar(c_g, spread, yerr=interval, fmt=marker, color=colour, capsize=2, ms=4)
+        marks = {"color": colour, "capsize": 2, **_drawn(marker)}
+        panel.errorbar(c_g, spread, yerr=interval, fmt=marker, **marks)
         panel.plot(c_g, [f.predicted_sigma for f in found], "-", color=colour, lw=1)
     panel.set_ylabel(f"standard deviation of {leading.quantity} [{leading.unit}]")
     panel.set_title("Scatter, with its 95 % interval; lines: predicted beforehand", fontsize=10)
@@ -95,7 +87,7 @@ def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
     """Worst distance error on the plate: median over the draws."""
     estimators, colours = (*ESTIMATORS, "uncalibrated"), (*COLOURS[:3], GREY)
     styles = (("deflecting arm", "-"), ("rigid arm", ":"))
-    for estimator, colour, marker in zip(estimators, colours, MARKERS, strict=True):
+    for estimator, colour, marker in zip(estimators, colours, MARKS[:4], strict=True):
         for truth, style in styles:
             found = pick(findings, truth.split()[0], estimator, "plate distance worst")
             _line(panel, found, style, colour, marker)
@@ -107,23 +99,35 @@ def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
 def _robot_world(panel: Axes, findings: Sequence[Finding], quantity: str, unit: str) -> None:
     """Median error of every solver, with the controller's arm and with the identified one."""
     styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
-    for solver, colour, marker in zip(PAPER_METHODS, COLOURS, MARKERS, strict=True):
-        for suffix, (_, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
+    refused = []
+    # none of the colours of the estimators, which the panels above have
+    colours = ("black", COLOURS[3], COLOURS[4], COLOURS[5])
+    for solver, colour, marker in zip(PAPER_METHODS, colours, MARKS[:4], strict=True):
+        for suffix, (words, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
             found = pick(findings, findings[0].truth, solver + suffix, quantity)
-            _line(panel, found, style, colour, marker)
+            missing = len(found) - _line(panel, found, style, colour, marker)
+            if missing:
+                refused.append(f"{solver}, {words}: {missing} of {len(found)} sets")
+    if refused:
+        said = "not drawn, since most draws are refused:\n" + "\n".join(refused)
+        panel.text(0.02, 0.02, said, fontsize=7, transform=panel.transAxes)
     panel.set_ylabel(f"error of {quantity} [{unit}]")
     panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)
-    _legend(panel, PAPER_METHODS, COLOURS, styles)
+    _legend(panel, PAPER_METHODS, colours, styles)
 
 
-def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> None:
-    """Median errors against C_G; sets in which most draws failed are left out."""
+def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> int:
+    """Draw median errors against C_G but for sets in which most draws failed: how many it drew."""
     good = [f for f in found if f.failed < f.draws / 2]
-    if not good:
-        return
     c_g, error = [f.c_g for f in good], [f.error_median for f in good]
-    hollow = {"mfc": "none", "ms": 7} if marker == MARKERS[2] else {"ms": 4}  # seen under others
-    panel.plot(c_g, error, style + marker, color=colour, lw=1.2, **hollow)
+    if good:
+        panel.plot(c_g, error, style + marker, color=colour, lw=1.2, **_drawn(marker))
+    return len(good)
+
+
+def _drawn(marker: str) -> dict[str, Any]:
+    """How a mark is drawn: the third is hollow and large, to be seen under others."""
+    return {"mfc": "none", "ms": 7} if marker == MARKS[2] else {"ms": 4}
 
 
 def _legend(
@@ -136,8 +140,8 @@ def _legend(
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color=colour, marker=marker, ms=4, lw=0, label=name)
-        for name, colour, marker in zip(names, colours, MARKERS, strict=False)
+        Line2D([], [], color=colour, marker=marker, lw=0, label=name, **_drawn(marker))
+        for name, colour, marker in zip(names, colours, MARKS, strict=False)
     ]
     handles += [Line2D([], [], color=GREY, ls=style, label=name) for name, style in styles]
     panel.legend(
@@ -164,7 +168,7 @@ def answer_of_study(study: AccuracyStudy, files: Sequence[str] = ()) -> Answer:
 
     spread = next(title for title in rows[0] if " sd weighted " in title)
     return Answer(
-        f"from C_G {worst['C_G']:.3g} to {best['C_G']:.3g}: the scatter of {name} falls from "
+        f"from C_G {worst['C_G']:.3g} to {best['C_G']:.3g}: the scatter of {name} goes from "
         f"{change(spread)}",
         {
             "plate": change("after [mm]")

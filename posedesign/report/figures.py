@@ -1,41 +1,80 @@
 """Figures of a calibration: what a plan promises, what is left over before and after.
 
-Each takes arrays and words and gives a figure; :func:`as_svg` makes it part of a page.
+Each takes arrays and words and draws into a figure, or a part of one.
 """
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.errors import CalibError
 from calib.se3 import BoolArray, FloatArray
+from posedesign.files import Claim, Results, write_bytes_atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
 
 GREY = "#555555"
-WIDTH_IN = 8.0
+MARKS = ("o", "s", "^", "D", "v", "P")
+_MODELS = (GREY, *COLOURS)
+MOST_NUMBERS = 60
+"""Fields of a map that have their number written in."""
+
+MOST_NAMED = 10
+"""Outliers that are named."""
+
+WIDTH_IN, DPI = 8.0, 130
 
 
-def new_figure(height_in: float = 3.0, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """An empty figure as wide as a page, with panels side by side."""
+def new_figure(height_in: float = 3.0) -> Figure:
+    """An empty figure as wide as a page."""
     from matplotlib.figure import Figure
 
     # built without pyplot: no global state, no window system
-    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    return Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+
+
+def panels_of(figure: Figure | SubFigure, columns: int = 1) -> list[Axes]:
+    """Panels side by side."""
     panels = figure.subplots(1, columns, squeeze=False)[0]
     for panel in panels:
         panel.grid(True, alpha=0.25)
         panel.set_axisbelow(True)
-    return figure, list(panels)
+    return list(panels)
+
+
+def draw(out: Results, files: Sequence[Claim], figure: Callable[[], Figure | None]) -> None:
+    """Write a figure as picture and as drawing, the two files that were claimed for it.
+
+    Where there is nothing to be drawn, the figure of an earlier time goes.
+    """
+    try:
+        drawn = figure()
+    except CalibError:  # no place of the box can be reached, say: results stand without it
+        drawn = None
+    if drawn is None:
+        out.remove(*((file.path.name, file.origin.purpose) for file in files))
+        return
+    picture, drawing = files
+    data = io.BytesIO()
+    drawn.savefig(data, format="png")
+    write_bytes_atomic(picture, data.getvalue())
+    write_bytes_atomic(drawing, as_svg(drawn).encode())
+
+
+def rows_of(figure: Figure, heights: Sequence[float]) -> list[SubFigure]:
+    """Parts one below the other, as high as these against each other."""
+    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
+    return [part for (part,) in parts]
 
 
 def as_svg(figure: Figure) -> str:
@@ -50,36 +89,46 @@ def as_svg(figure: Figure) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def error_by_poses(error_m: Sequence[FloatArray], labels: Sequence[str]) -> Figure:
-    """Predicted error of the tool point against the number of poses.
+def error_by_poses(
+    figure: Figure | SubFigure,
+    error: Mapping[str, FloatArray],
+    what: str,
+    *,
+    first: int = 1,
+) -> None:
+    """Draw predicted errors against the number of poses.
 
     Parameters
     ----------
-    error_m : sequence of array (N,)
-        Root mean square error [m] of 1, 2, .. N poses; NaN where they do not suffice.
-    labels : sequence of str
-        What the orders are.
+    error : mapping of str to array (N,)
+        By what the order of the poses is: of 1, 2, .. N of them; NaN where they do not suffice.
+    what : str
+        What stands beside the axis, with its unit.
+    first : int
+        How many poses the first error is that of.
     """
-    figure, (panel,) = new_figure()
-    for values, label, colour in zip(error_m, labels, COLOURS, strict=False):
-        panel.plot(
-            range(1, len(values) + 1),
-            1e3 * np.asarray(values),
-            "o-",
-            ms=3,
-            color=colour,
-            label=label,
-        )
+    (panel,) = panels_of(figure)
+    most = 0
+    for (label, values), colour, mark, size in zip(
+        error.items(), COLOURS, MARKS, (6, 3, 3, 3, 3, 3), strict=False
+    ):
+        at = first + np.arange(len(values))
+        most = max(most, int(at[-1]))
+        # the first is seen below another
+        panel.plot(at, values, "-", marker=mark, ms=size, color=colour, label=label)
+        if np.isfinite(values[-1]):
+            text, end = f"{values[-1]:.2g}", (float(at[-1]), float(values[-1]))
+            panel.annotate(text, end, (5, 0), textcoords="offset points", va="center", fontsize=8)
     panel.set_yscale("log")
-    _plain_numbers(panel)
+    plain_numbers(panel)
+    panel.set_xlim(right=1.07 * most)
     panel.set_xlabel("number of poses")
-    panel.set_ylabel("error of the tool point\nover the box, rms [mm]")
+    panel.set_ylabel(what)
     panel.legend(fontsize=8)
-    return figure
 
 
-def error_over_box(points_m: FloatArray, error_m: FloatArray) -> Figure:
-    """Error of the tool point over a box, from above and from the side.
+def error_over_box(figure: Figure | SubFigure, points_m: FloatArray, error_m: FloatArray) -> None:
+    """Draw the error of the tool point over a box, from above and from the side.
 
     Parameters
     ----------
@@ -88,98 +137,151 @@ def error_over_box(points_m: FloatArray, error_m: FloatArray) -> Figure:
     error_m : array (N,)
         [m]; NaN where the point cannot be reached. Of points behind each other the largest counts.
     """
-    figure, panels = new_figure(3.4, 2)
-    least, most = 1e3 * np.nanmin(error_m), 1e3 * np.nanmax(error_m)
+    panels = panels_of(figure, 2)
+    finite = 1e3 * error_m[np.isfinite(error_m)]
+    least, most = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     for panel, (a, b, title) in zip(
         panels, ((0, 1, "from above"), (0, 2, "from the side")), strict=True
     ):
         xs, ys = (np.unique(points_m[:, axis].round(6)) for axis in (a, b))
         values = np.full((len(ys), len(xs)), np.nan)
-        for k, x in enumerate(xs):
-            for i, y in enumerate(ys):
-                here = np.isclose(points_m[:, a], x) & np.isclose(points_m[:, b], y)
-                found = 1e3 * error_m[here & np.isfinite(error_m)]
-                values[i, k] = found.max() if found.size else np.nan
+        column, row = (np.searchsorted(v, points_m[:, k].round(6)) for v, k in ((xs, a), (ys, b)))
+        np.fmax.at(values, (row, column), 1e3 * error_m)
         image = panel.pcolormesh(
             1e3 * xs, 1e3 * ys, values, cmap="viridis_r", vmin=least, vmax=most, shading="nearest"
         )
-        for k, x in enumerate(xs):
-            for i, y in enumerate(ys):
-                value = values[i, k]
-                panel.text(
-                    1e3 * x,
-                    1e3 * y,
-                    f"{value:.3g}" if np.isfinite(value) else "out of\nreach",
-                    ha="center",
-                    va="center",
-                    fontsize=8,
-                    color="black" if value < (least + most) / 2 or np.isnan(value) else "white",
-                )
+        few = values.size <= MOST_NUMBERS
+        for (i, k), value in np.ndenumerate(values if few else np.empty((0, 0))):
+            panel.text(
+                float(1e3 * xs[k]),
+                float(1e3 * ys[i]),
+                f"{value:.3g}" if np.isfinite(value) else "out of\nreach",
+                ha="center",
+                va="center",
+                fontsize=8,
+                color="white" if value > (least + most) / 2 else "black",
+            )
         panel.grid(False)
         panel.set_title(title, fontsize=10)
         panel.set_xlabel(f"{'xyz'[a]} [mm]")
         panel.set_ylabel(f"{'xyz'[b]} [mm]")
-    figure.colorbar(image, ax=panels, label="error, rms [mm]")
-    return figure
+    figure.colorbar(image, ax=panels, label="error of the tool point\nrms, predicted [mm]")
 
 
 def residuals_by_pose(
-    names: Sequence[str], residuals_mm: Mapping[str, FloatArray], outliers: BoolArray
-) -> Figure:
-    """What is left over at each pose by each model, outliers marked.
+    figure: Figure | SubFigure,
+    names: Sequence[str],
+    residuals: Mapping[str, FloatArray],
+    outliers: BoolArray,
+    unit: str = "mm",
+) -> None:
+    """Draw the residual at each pose by each model, outliers marked and named.
 
     Parameters
     ----------
     names : sequence of str
         Of the poses, N of them.
-    residuals_mm : mapping of str to array (N,)
-        By the name of the model.
+    residuals : mapping of str to array (N,)
+        By the name of the model, in the unit.
     outliers : array (N,) of bool
+        Of the last model.
     """
-    figure, (panel,) = new_figure(3.2)
+    (panel,) = panels_of(figure)
     at = np.arange(len(names))
-    for (label, values), colour in zip(residuals_mm.items(), (GREY, *COLOURS), strict=False):
-        panel.plot(at, values, "o", ms=4, color=colour, label=label)
+    for (label, values), colour, mark in zip(residuals.items(), _MODELS, MARKS, strict=False):
         median = float(np.median(values))
+        panel.plot(at, values, mark, ms=4, color=colour, label=f"{label}: median {median:.2g}")
         panel.axhline(median, color=colour, lw=1, ls="--")
+    last = list(residuals.values())[-1]
     if outliers.any():
-        last = list(residuals_mm.values())[-1]
         panel.plot(at[outliers], last[outliers], "o", ms=11, mfc="none", mec="red", label="outlier")
-    panel.set_yscale("log")
-    _plain_numbers(panel)
+    for k in np.flatnonzero(outliers)[:MOST_NAMED]:
+        panel.annotate(
+            names[k],
+            (float(at[k]), float(last[k])),
+            (8, 4),
+            textcoords="offset points",
+            fontsize=8,
+            color="red",
+            parse_math=False,
+        )
+    if all((values > 0).all() for values in residuals.values()):
+        panel.set_yscale("log")
+        plain_numbers(panel)
     step = max(1, -(-len(names) // 40))
     panel.set_xticks(at[::step], list(names)[::step], rotation=90, fontsize=7, parse_math=False)
-    panel.set_ylabel("left over [mm]; dashed: median")
-    panel.legend(fontsize=8)
-    return figure
+    panel.set_ylabel(f"residual [{unit}]")
+    panel.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
 
 
 def residuals_by_joint(
-    joints: Sequence[str], q_deg: FloatArray, residuals_mm: Mapping[str, FloatArray]
-) -> Figure:
-    """What is left over against each joint's angle: a slope or a bow is what a model leaves out.
+    figure: Figure | SubFigure,
+    joints: Sequence[str],
+    q_deg: FloatArray,
+    residuals_mm: Mapping[str, FloatArray],
+) -> None:
+    """Draw residuals against each joint's angle: a slope or a bow is what a model leaves out.
 
     Parameters
     ----------
     q_deg : array (N, n)
     residuals_mm : mapping of str to array (N,)
     """
-    figure, panels = new_figure(2.4, len(joints))
+    panels = panels_of(figure, len(joints))
     for k, (panel, joint) in enumerate(zip(panels, joints, strict=True)):
-        for (label, values), colour in zip(residuals_mm.items(), (GREY, *COLOURS), strict=False):
-            panel.plot(q_deg[:, k], values, "o", ms=3, color=colour, label=label)
+        for values, colour, mark in zip(residuals_mm.values(), _MODELS, MARKS, strict=False):
+            panel.plot(q_deg[:, k], values, mark, ms=3, color=colour)
         panel.set_yscale("log")
-        _plain_numbers(panel)
+        plain_numbers(panel)
         panel.set_xlabel(f"{joint} [deg]", fontsize=8, parse_math=False)
         panel.tick_params(labelsize=7)
         if k:
             panel.sharey(panels[0])
             panel.tick_params(labelleft=False, which="both")
-    panels[0].set_ylabel("left over [mm]", fontsize=8)
-    return figure
+    panels[0].set_ylabel("residual [mm]", fontsize=8)
 
 
-def _plain_numbers(panel: Axes) -> None:
+def answers_beside_the_first(
+    figure: Figure | SubFigure,
+    first: str,
+    off: Mapping[str, FloatArray],
+    sigma: FloatArray | None,
+    refused: Sequence[str],
+) -> None:
+    """Draw how far the answers of methods are from that of the first, a row for each.
+
+    Parameters
+    ----------
+    first : str
+        The method that the others are compared with.
+    off : mapping of str to array (2,)
+        By method: distance [mm] and angle [deg].
+    sigma : array (2,), optional
+        Largest standard deviations of the first along an axis [mm], and about one [deg].
+    refused : sequence of str
+        Methods without an answer to be trusted; they have rows, too.
+    """
+    panels = panels_of(figure, 2)
+    names = [*off, *refused]
+    rows = np.arange(len(names))
+    for k, (panel, title, unit) in enumerate(
+        zip(panels, ("position of X", "rotation of X"), ("mm", "deg"), strict=True)
+    ):
+        values = np.array([each[k] for each in off.values()])
+        panel.barh(rows[: len(values)], values, 0.6, color=COLOURS[0], zorder=2)
+        for row in rows[len(values) :]:
+            panel.text(0.0, row, " no answer to be trusted", va="center", fontsize=8, color="red")
+        if sigma is not None:
+            panel.axvspan(0.0, 2.0 * sigma[k], color=COLOURS[4], alpha=0.35, lw=0, zorder=1)
+            title += f"; shaded: two standard deviations of {first}"
+        panel.set_yticks(rows, names if k == 0 else [""] * len(names), fontsize=8)
+        panel.set_ylim(len(names) - 0.4, -0.6)
+        panel.set_xlim(left=0.0)
+        panel.set_xlabel(f"off {first} [{unit}]")
+        panel.set_title(title, fontsize=8)
+
+
+def plain_numbers(panel: Axes) -> None:
     """Numbers on a logarithmic axis as people write them."""
     from matplotlib.ticker import FuncFormatter
 

@@ -7,18 +7,19 @@ checks, the measurements and the identification, X and Z, and where every file i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as resources
+from json import JSONDecodeError
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.identification import covariance_of
 from calib.se3 import FloatArray
-from posedesign.candidates import box_of_cell, functions_over_box
+from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.task_box import predict_box
 from posedesign.files import (
@@ -32,24 +33,33 @@ from posedesign.files import (
 from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.origin import checksum, read_whole
-from posedesign.planning import off_target
+from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
-from posedesign.report.plans import answer_of_check
+from posedesign.report.identification_json import (
+    FittedModel,
+    IdentificationFile,
+    Parameter,
+    Residual,
+)
+from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
+from posedesign.report.plots import (
+    SIGMA_AXES,
+    figure_of_identification,
+    figure_of_pairs,
+    figure_of_plan,
+)
 
 PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"
 MEASUREMENTS = ("touchups.csv", "measurements.csv")
-ROBOT_WORLD = "robot_world.csv"
+ROBOT_WORLD, ROBOT_WORLD_PAIRS = "robot_world.csv", "robot_world_pairs.csv"
 SCENE = "scene.html"
 """What `posedesign view` writes of a cell."""
 MOST_BYTES = 50_000_000
 """Of a file that is named in the list of files; a larger one is listed without its checksum."""
-
-SINGULAR = 1e12
-"""Condition of the normalised information from which on poses do not suffice."""
 
 _POSE_COLUMNS = (
     *("name", "order", "status", "reason", "configuration"),
@@ -134,14 +144,7 @@ def _sections(folder: Path) -> Iterator[Section]:
         (ROBOT_WORLD, _section_of_pairs),
     ):
         if (folder / name).is_file():
-            try:
-                yield section_of(folder)
-            except (KeyError, TypeError, AttributeError, ValueError) as error:
-                raise FileFormatError(
-                    f"does not have what a report needs: {error}"[:300],
-                    path=folder / name,
-                    hint="write it again",
-                ) from error
+            yield section_of(folder)
 
 
 def _out_of_date(folder: Path) -> Iterator[str]:
@@ -236,65 +239,21 @@ def _section_of_answer(title: str, answer: Answer) -> Section:
 
 
 def _promise(cell: Cell, q: FloatArray, section: Section) -> None:
-    """Predicted error over the box, and against the number of poses."""
+    """What to expect of an identification at these poses, from the noise alone."""
     model = cell.model()
-    box, words = box_of_cell(cell)
     covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
-    found = predict_box(cell, model, covariance, box)
-    section.lines += [
-        f"tool point, predicted from the noise alone over {words}: {found.summary()}",
-        found.reference,
-    ]
-    svg = figures.as_svg(figures.error_over_box(found.points_m, found.rms_m))
-    section.figures.append((f"Predicted error of the tool point over {words}", svg))
-    errors = _errors(model.linearise(q).white_jacobian, functions_over_box(cell, model)[0])
-    figure = figures.error_by_poses(
-        errors, ("the first poses of the tour", "the best of these poses")
-    )
-    section.figures.append(("What each further pose is worth", figures.as_svg(figure)))
-
-
-def _errors(white: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Error of the tool point [m] of the first poses of a tour, and of the best of all of it.
-
-    Parameters
-    ----------
-    white : array (N, m, p)
-        Whitened blocks.
-    functions : array (K, 3, p)
-        How the tool point moves with the parameters.
-
-    Returns
-    -------
-    first, best : array (N,)
-        For 1, 2, .. N poses; NaN where they do not suffice. The best are found by leaving out, one
-        after the other, the pose that is missed least.
-    """
-    blocks = np.einsum("nmp,nmq->npq", white, white)
-    wanted = np.einsum("kip,kiq->pq", functions, functions) / len(functions)
-    first = _error(np.cumsum(blocks, axis=0), wanted)
-    best = np.full(len(white), np.nan)
-    left = np.arange(len(white))
-    best[-1] = first[-1]
-    while len(left) > 1:
-        error = _error(blocks[left].sum(axis=0) - blocks[left], wanted)
-        if np.isnan(error).all():
-            break
-        left = np.delete(left, np.nanargmin(error))
-        best[len(left) - 1] = np.nanmin(error)
-    return first, best
-
-
-def _error(information: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Root mean square error ``(N,)`` [m] by information ``(N, p, p)``; NaN where singular."""
-    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
-    normal = information / (scale[:, :, None] * scale[:, None, :])
-    known = np.linalg.cond(normal) < SINGULAR
-    out = np.full(len(information), np.nan)
-    weight = wanted / (scale[known][:, :, None] * scale[known][:, None, :])
-    spread = np.linalg.inv(normal[known])
-    out[known] = np.sqrt(np.einsum("npq,nqp->n", spread, weight))
-    return out
+    if not cell.is_hand_eye:  # X and Z are no errors of the arm
+        box, words = box_of_cell(cell)
+        found = predict_box(cell, model, covariance, box)
+        section.lines += [
+            f"tool point, predicted from the noise alone over {words}: {found.summary()}",
+            found.reference,
+        ]
+    svg = figures.as_svg(figure_of_plan(cell, model, q))
+    section.figures.append(("Predicted from the noise alone", svg))
+    section.lines += frame_notes(model)
+    sigma = np.sqrt(np.diag(covariance))
+    section.tables.append(sigma_table(displayed(model, sigma)))
 
 
 def _pose_table(folder: Path) -> Table:
@@ -306,106 +265,143 @@ def _pose_table(folder: Path) -> Table:
 
 
 def _section_of_identification(folder: Path) -> Section:
-    content: dict[str, Any] = load_json(
-        read_bytes_bounded(folder / IDENTIFICATION, most_bytes=MOST_BYTES)
-    )
-    models = {model["name"]: model for model in content.get("models", [])}
-    taken = content.get("recommended")
+    content = _read_identification(folder / IDENTIFICATION)
+    chosen = content.chosen
     section = Section(
-        "Identification",
-        [f"recommended: {taken or 'none'}", str(content.get("reason", ""))],
+        "Identification", [f"recommended: {content.recommended or 'none'}", content.reason or ""]
     )
-    section.lines += [f"warning: {text}" for text in content.get("warnings", [])]
-    section.lines += [f"warning: {each['text']}" for each in content.get("findings", [])]
-    section.tables.append(Table("Models", [_model_row(model) for model in models.values()]))
-    if taken not in models:
+    section.lines += [f"warning: {text}" for text in content.warnings]
+    section.lines += [f"warning: {each.text}" for each in content.findings]
+    section.tables.append(Table("Models", [_model_row(model) for model in content.models]))
+    if chosen is None:
         return section
-    chosen, before = models[taken], next(iter(models.values()))
-    left = {
-        model["name"]: np.array([row["mm"] for row in model["residuals"]], dtype=float)
-        for model in (before, chosen)
-    }
-    outliers = np.array([bool(row.get("outlier")) for row in chosen["residuals"]])
-    names = [str(row["pose"]) for row in chosen["residuals"]]
-    if left and all(len(v) == len(names) and np.isfinite(v).all() for v in left.values()):
-        by_pose = figures.residuals_by_pose(names, left, outliers)
-        section.figures.append(("Left over at each pose", figures.as_svg(by_pose)))
-        q = _measured_deg(folder, content)
-        if q is not None and len(q) == len(names):
-            by_joint = figures.residuals_by_joint(content["joints"], q, left)
-            section.figures.append(("Left over against each joint", figures.as_svg(by_joint)))
+    figure = figure_of_identification(content, _measured_deg(folder, content))
+    if figure is not None:
+        svg = figures.as_svg(figure)
+        section.figures.append(("Residuals by pose and by joint, before and after", svg))
     section.tables += [
-        Table(f"Parameters of {taken}", [_parameter_row(row) for row in chosen["parameters"]]),
+        Table(f"Parameters of {chosen.name}", [_parameter_row(row) for row in chosen.parameters]),
         Table(
-            f"Left over at each pose, by {taken}", [_residual_row(r) for r in chosen["residuals"]]
+            f"Residual at each pose, by {chosen.name}",
+            [_residual_row(row) for row in chosen.residuals],
         ),
     ]
     return section
 
 
-def _model_row(model: Mapping[str, Any]) -> dict[str, object]:
+def _read_identification(path: Path) -> IdentificationFile:
+    """What an identification.json has of what is shown.
+
+    Raises
+    ------
+    FileFormatError
+    """
+    data = read_bytes_bounded(path, most_bytes=MOST_BYTES)
+    try:
+        return IdentificationFile.model_validate(load_json(data))
+    except JSONDecodeError as error:
+        raise FileFormatError(f"is no JSON: {error}", path=path, hint="write it again") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise FileFormatError(
+            f"does not have what a report needs: {where}: {first['msg']}",
+            path=path,
+            hint="write it again",
+        ) from error
+
+
+def _model_row(model: FittedModel) -> dict[str, object]:
     return {
-        "model": model["name"],
-        "parameters": len(model["parameters"]),
-        "rms [mm]": model["rms_mm"],
-        "leave-one-out [mm]": model["leave_one_out_rms_mm"],
-        "expected error [mm]": model.get("expected_box_mm"),
-        "residual / noise": model["noise_scale"],
-        "said": model["message"],
+        "model": model.name,
+        "parameters": len(model.parameters),
+        "rms [mm]": model.rms_mm,
+        "leave-one-out [mm]": model.leave_one_out_rms_mm,
+        "expected error [mm]": model.expected_box_mm,
+        "residual / noise": model.noise_scale,
+        "said": model.message,
     }
 
 
-def _parameter_row(row: Mapping[str, Any]) -> dict[str, object]:
+def _parameter_row(row: Parameter) -> dict[str, object]:
     return {
-        "parameter": row["name"],
-        "value": row["value"],
-        "change": row.get("change"),
-        "sigma": row["sigma"],
-        "95 % from": row.get("low"),
-        "to": row.get("high"),
-        "unit": row["unit"],
+        "parameter": row.name,
+        "value": row.value,
+        "change": row.change,
+        "sigma": row.sigma,
+        "95 % from": row.low,
+        "to": row.high,
+        "unit": row.unit,
     }
 
 
-def _residual_row(row: Mapping[str, Any]) -> dict[str, object]:
+def _residual_row(row: Residual) -> dict[str, object]:
     return {
-        "pose": row["pose"],
-        "target": row.get("target"),
-        "left over [mm]": row["mm"],
-        "when left out [mm]": row.get("leave_one_out_mm"),
-        "weight": row.get("weight"),
-        "outlier": row.get("outlier"),
+        "pose": row.pose,
+        "target": row.target,
+        "residual [mm]": row.mm,
+        "when left out [mm]": row.leave_one_out_mm,
+        "weight": row.weight,
+        "outlier": row.outlier,
     }
 
 
-def _measured_deg(folder: Path, content: Mapping[str, Any]) -> FloatArray | None:
+def _measured_deg(folder: Path, content: IdentificationFile) -> FloatArray | None:
     """Joint values (N, n) [deg] of the measurements, where their table is there."""
-    name = Path(str(content.get("data", {}).get("file", ""))).name
-    path = folder / name
-    if name not in MEASUREMENTS or not path.is_file():
+    path = folder / Path(content.data.file).name
+    if path.name not in MEASUREMENTS or not path.is_file():
         return None
-    data = read_measurements(path, len(content["joints"])).data
-    return np.rad2deg(data.postures)
+    return np.rad2deg(read_measurements(path, len(content.joints)).data.postures)
 
 
 def _section_of_pairs(folder: Path) -> Section:
-    rows = [row.cells for row in read_table(folder / ROBOT_WORLD).rows]
+    answers = _rows_of(folder / ROBOT_WORLD, _ANSWER)
     section = Section("A X = Z B")
-    good = [row for row in rows if row["status"] == "ok"]
-    if good:
-        first = good[0]
-        for letter in "xz":
-            place, turn = (
-                ", ".join(f"{float(first[f'{letter}_{axis}']):.3f}" for axis in axes)
-                for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
-            )
-            section.lines.append(
-                f"{letter.upper()} by {first['method']}: ({place}) mm, W P R ({turn}) deg"
-            )
-    section.lines += [f"{row['method']}: {row['message']}" for row in rows]
-    keys = [key for key in rows[0] if key.startswith(("x_", "z_")) or key in ("method", "status")]
-    section.tables.append(Table("X and Z", [{key: row[key] for key in keys} for row in rows]))
+    first = answers[0]
+    for letter in "xz" if first["status"] == "ok" else "":
+        place, turn = (
+            ", ".join(first[f"{letter}_{axis}"] for axis in axes)
+            for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
+        )
+        section.lines.append(
+            f"{letter.upper()} by {first['method']}: ({place}) mm, W P R ({turn}) deg"
+        )
+    section.lines += [f"{row['method']}: {row['message']}" for row in answers]
+    each = folder / ROBOT_WORLD_PAIRS
+    figure = figure_of_pairs(answers, _rows_of(each, _PAIR)) if each.is_file() else None
+    if figure is not None:
+        svg = figures.as_svg(figure)
+        section.figures.append(("Residuals of the pairs, and how far methods differ", svg))
+    keys = [*_ANSWER[:2], *(k for k in answers[0] if k.startswith(("x_", "z_", "sigma_")))]
+    section.tables.append(Table("X and Z", [{key: row[key] for key in keys} for row in answers]))
     return section
+
+
+_ANSWER = (
+    *("method", "status", "message"),
+    *(f"{x}_{axis}" for x in "xz" for axis in POSE_AXES),
+    *(f"sigma_x_{axis}_{unit}" for unit, axes in SIGMA_AXES for axis in axes),
+)
+_PAIR = ("method", "pose", "used", "residual_mm", "residual_deg")
+
+
+def _rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Rows of a table that has to have some columns.
+
+    Raises
+    ------
+    FileFormatError
+        One is missing, or there is no row.
+    """
+    table = read_table(path)
+    missing = [name for name in columns if name not in table.columns]
+    if missing or not table.rows:
+        raise FileFormatError(
+            f"does not have what a report needs: {missing[0] if missing else 'rows'}",
+            path=path,
+            hint="write it again",
+        )
+    return [row.cells for row in table.rows]
 
 
 def _files_of(folder: Path) -> Iterator[Path]:

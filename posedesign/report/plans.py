@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from posedesign.planning.pose_plan import displayed
 from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
@@ -40,14 +42,17 @@ def answer_of_plan(
     cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()
 ) -> Answer:
     """The answer of the paper's loop: whether the threshold was reached, and what that is worth."""
-    tool_point = (
-        f"{1e3 * outlook.tcp_m:.3g} mm rms predicted over {outlook.box_words}, "
+    promised = {
+        "tool point": f"{1e3 * outlook.tcp_m:.3g} mm rms predicted over {outlook.box_words}, "
         f"{1e3 * outlook.tcp_worst_m:.3g} mm where it is largest"
-    )
+    }
+    if cell.is_hand_eye:  # nothing of the arm is identified
+        promised = _camera_and_target(result.sigma_displayed())
     better = ""
     if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
         better = (
-            f"about {1e3 * outlook.chosen_tcp_m:.2g} mm with as many poses chosen out of a pool, "
+            f"{'X' if cell.is_hand_eye else 'about'} {1e3 * outlook.chosen_tcp_m:.2g} mm with as "
+            "many poses chosen out of a pool, "
             f"{outlook.tcp_m / outlook.chosen_tcp_m:.2g} times less"
         )
     poses = result.poses
@@ -55,7 +60,7 @@ def answer_of_plan(
     return Answer(
         result.verdict,
         {
-            "tool point": tool_point,
+            **promised,
             "better": better,
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
@@ -76,6 +81,18 @@ def answer_of_plan(
     )
 
 
+def _camera_and_target(sigma: Sequence[tuple[str, str, float]]) -> dict[str, str]:
+    """Predicted standard deviations of X and Z, the axes of each together."""
+    said = {}
+    for letter, thing in (("X", "tool."), ("Z", "target.")):
+        place, turn = (
+            math.hypot(*(v for name, own, v in sigma if name.startswith(thing) and own == unit))
+            for unit in ("mm", "deg")
+        )
+        said[letter] = f"{place:.2g} mm and {turn:.2g} deg predicted, one standard deviation"
+    return said
+
+
 def _short_names(row: Mapping[str, object]) -> dict[str, object]:
     """A round without the deviations of target and tool, which the next table has for the best."""
     return {
@@ -88,15 +105,17 @@ def _short_names(row: Mapping[str, object]) -> dict[str, object]:
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
-    tool_point = (
-        f"{1e3 * found.tcp_m:.3g} mm rms predicted over {result.box_words}, "
+    promised = {
+        "tool point": f"{1e3 * found.tcp_m:.3g} mm rms predicted over {result.box_words}, "
         f"{1e3 * found.tcp_worst_m:.3g} mm where it is largest"
-    )
+    }
+    if cell.is_hand_eye:
+        promised = _camera_and_target(displayed(result.model, found.sigma))
     time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
     return Answer(
         result.verdict,
         {
-            "tool point": tool_point,
+            **promised,
             "time": time,
             "pool": result.pool_words,
             "target": cell.whereabouts.words,

@@ -144,7 +144,7 @@ def test_plan_reaches_the_threshold_at_40_deg(cli, work):
         assert f"\n{line}\n" in said.out
     assert "threshold reached: C_G 9.719e+04 (asked for 1e+05) with 27 poses" in said.out
     assert "40/40/40 deg" in said.out
-    assert f"wrote: {out / 'poses.csv'}, {out / 'rounds.csv'}" in said.out
+    assert f"wrote: {out / 'poses.csv'}, {out / 'rounds.csv'}," in said.out
     rounds = rows_of(out / "rounds.csv")
     assert [float(row["d_w_deg"]) for row in rounds] == [5, 10, 15, 20, 25, 30, 35, 40]
     assert float(rounds[-2]["c_g"]) > 1e5 > float(rounds[-1]["c_g"])
@@ -193,7 +193,12 @@ def test_plan_without_out_writes_here(cli, work, monkeypatch):
     (work / "here").mkdir()
     monkeypatch.chdir(work / "here")
     assert cli("plan", work / "cell.toml").code == 0
-    assert sorted(p.name for p in (work / "here").iterdir()) == ["poses.csv", "rounds.csv"]
+    assert sorted(p.name for p in (work / "here").iterdir()) == [
+        "plan.png",
+        "plan.svg",
+        "poses.csv",
+        "rounds.csv",
+    ]
 
 
 @pytest.mark.parametrize(

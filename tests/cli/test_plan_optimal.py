@@ -41,7 +41,9 @@ def test_a_plan_out_of_a_pool(cli, cell, tmp_path):
     robots = told["other_robots"]
     assert robots["nominal"] == pytest.approx(found["value"], rel=1e-6)
     assert robots["median"] <= robots["worst"]
-    assert told["files"] == [str(out / "poses.csv"), str(out / "validation.csv")]
+    assert told["files"] == [
+        str(out / name) for name in ("poses.csv", "validation.csv", "plan.png")
+    ]
     # what was written is what was promised
     scored = strict_json(cli("score", cell, out / "poses.csv", "--json").out)
     for ours, theirs in zip(told["predicted"], scored["predicted"], strict=True):

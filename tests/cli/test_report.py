@@ -26,7 +26,7 @@ def page(cli, work):
 def test_one_file_says_it_all(page, work, cli):
     titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
     assert titles == ["At a glance", "Cell", "Poses", "Motions", "Identification", "Files"]
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 2
     glance = page[: page.index("Cell</h2>")]
     assert "Motions: 27 poses: 0 cannot be taken; 0 motions between them not clear" in glance
     assert "Identification: recommended: offsets + compliance" in glance
@@ -99,5 +99,31 @@ def test_pages_of_nothing_and_of_damaged_files_are_refused(refuse, work, tmp_pat
     refuse("report", tmp_path / "empty").says("nothing to report of", "cell.toml")
     (work / "identification.json").write_text('{"models": [{"name": "a"}], "recommended": "a"}')
     refuse("report", work).says("identification.json", "does not have what a report needs")
+    (work / "identification.json").write_text('{"models": [{"name": "a", "parameters": 3}]}')
+    refuse("report", work).says("models.0.parameters: Input should be a valid list")
     (work / "identification.json").write_text("{")
     refuse("report", work).says("identification.json")
+
+
+def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, cli, refuse):
+    assert cli("robot-world", work / "pairs.csv", "--out", work).code == 0
+    assert cli("report", work).code == 0
+    page = (work / "report.html").read_text()
+    assert "X by ml: (" in page
+    assert "Residuals of the pairs, and how far methods differ" in page
+    text = (work / "robot_world.csv").read_text()
+    (work / "robot_world.csv").write_text(text.replace("x_w_deg", "x_v_deg"))
+    refuse("report", work).says("robot_world.csv", "does not have what a report needs: x_w_deg")
+
+
+def test_poses_for_a_camera_promise_x_and_z_and_no_tool_point(work, cli, change_cell):
+    change_cell({"measurement.kind": '"camera-pose"', "plan.condition_threshold": "50.0"})
+    out = work / "camera"
+    said = cli("plan", work / "cell.toml", "--out", out)
+    assert "tool point:" not in said.out
+    assert re.search(r"^X: [\d.]+ mm and [\d.]+ deg predicted", said.out, re.MULTILINE)
+    assert cli("report", out).code == 0
+    page = (out / "report.html").read_text()
+    assert "tool point, predicted" not in page
+    assert "<td>tool.rx</td>" in page
+    assert "X = T_flange_camera" in page

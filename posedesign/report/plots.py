@@ -1,0 +1,306 @@
+"""Pictures of plans and results: what they promise, what is left over, how far methods differ.
+
+:func:`plot` draws any result. The commands write the same figures beside their tables, and a page
+has them from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.identification import IdentificationResult, covariance_of
+from calib.model import CalibrationModel
+from calib.robot_world import RobotWorldResult
+from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
+from posedesign.candidates import box_of_cell, functions_over_box
+from posedesign.cell import Cell
+from posedesign.cell.task_box import BoxAccuracy, predict_box
+from posedesign.planning.optimal import NextPoses, OptimalPlan
+from posedesign.planning.pose_plan import PosePlan, named_stops
+from posedesign.report import figures
+from posedesign.report.identification_json import IdentificationFile
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SINGULAR = 1e12
+"""Condition of the normalised information from which on poses do not suffice."""
+
+
+@singledispatch
+def plot(result: object) -> Figure:
+    """Draw a result; a notebook shows the figure that is returned.
+
+    Plans: predicted standard deviations against the number of poses. Identifications: residuals by
+    pose. A X = Z B: residuals by pair. The accuracy over a box: a map of it. Next poses: the error
+    of the tool point after each.
+
+    Raises
+    ------
+    InputError
+        There is no figure of such a thing.
+    """
+    raise InputError(
+        f"there is no figure of a {type(result).__name__}",
+        hint="plans and results have one",
+        name="result",
+    )
+
+
+@plot.register(PosePlan)
+def _plot_plan(result: PosePlan) -> Figure:
+    return figure_of_sigmas(result.model, visited(result))
+
+
+@plot.register(OptimalPlan)
+def _plot_choice(result: OptimalPlan) -> Figure:
+    return figure_of_sigmas(result.model, visited(result))
+
+
+@plot.register(NextPoses)
+def _plot_next_poses(result: NextPoses) -> Figure:
+    figure = figures.new_figure()
+    error = {"with each further pose": 1e3 * result.tcp_m}
+    figures.error_by_poses(figure, error, _TOOL_POINT, first=0)
+    return figure
+
+
+@plot.register(BoxAccuracy)
+def _plot_box(result: BoxAccuracy) -> Figure:
+    figure = figures.new_figure(3.4)
+    figures.error_over_box(figure, result.points_m, result.rms_m)
+    return figure
+
+
+@plot.register(IdentificationResult)
+def _plot_identification(result: IdentificationResult) -> Figure:
+    figure = figures.new_figure(3.2)
+    left = {result.model: 1e3 * np.array(result.distances_m)}
+    figures.residuals_by_pose(figure, result.poses, left, result.outliers)
+    return figure
+
+
+@plot.register(RobotWorldResult)
+def _plot_robot_world(result: RobotWorldResult) -> Figure:
+    figure = figures.new_figure(5.0)
+    names = [str(k + 1) for k in range(len(result.used))]
+    for part, values, unit in zip(
+        figures.rows_of(figure, (1.0, 1.0)),
+        (1e3 * result.residual_translation_m, np.rad2deg(result.residual_rotation_rad)),
+        ("mm", "deg"),
+        strict=True,
+    ):
+        figures.residuals_by_pose(part, names, {result.method: values}, ~result.used, unit)
+    return figure
+
+
+def visited(plan: PosePlan | OptimalPlan) -> FloatArray:
+    """Postures ``(N, n)`` that are measured at, in the order of the visit [rad]."""
+    if plan.route is None:
+        return plan.postures
+    return np.array([q for _, q, via in named_stops(plan.poses, plan.route) if not via])
+
+
+def figure_of_plan(cell: Cell, model: CalibrationModel, q: FloatArray) -> Figure:
+    """Predicted error of the tool point by the number of poses, and over the task box.
+
+    Of poses for a camera, the standard deviations of X and Z.
+
+    Parameters
+    ----------
+    q : array (N, n)
+        Postures in the order of the visit [rad].
+    """
+    if cell.is_hand_eye:
+        return figure_of_sigmas(model, q, {"tool": "X", "target": "Z"})
+    box, words = box_of_cell(cell)
+    weighted = cell.config.measurement.weighted
+    found = predict_box(cell, model, covariance_of(model, q, weighted=weighted), box)
+    figure = figures.new_figure(6.6 if weighted else 3.6)
+    top, bottom = figures.rows_of(figure, (1.0, 1.0)) if weighted else (None, figure)
+    if top is not None:
+        first, best = errors_of_fewer(
+            model.linearise(q).white_jacobian, functions_over_box(cell, model)[0]
+        )
+        error = {"the first poses of the tour": 1e3 * first, "the best of these poses": 1e3 * best}
+        figures.error_by_poses(top, error, _TOOL_POINT)
+    figures.error_over_box(bottom, found.points_m, found.rms_m)
+    bottom.suptitle(f"over {words}", fontsize=10)
+    return figure
+
+
+_TOOL_POINT = "error of the tool point over\nthe box, rms, predicted [mm]"
+
+
+def figure_of_sigmas(
+    model: CalibrationModel, q: FloatArray, called: Mapping[str, str] | None = None
+) -> Figure:
+    """Predicted standard deviations against the number of poses, lengths and angles apart.
+
+    Parameters
+    ----------
+    q : array (N, n)
+        [rad]
+    called : mapping of str to str, optional
+        What to call tool and targets.
+    """
+    white = model.linearise(q).white_jacobian
+    of = np.array([name.rpartition(".")[0] for name in model.names])
+    units = np.array(model.units)
+    kinds = [kind for kind in _KINDS if kind[0] in model.units]
+    figure = figures.new_figure(3.0 * len(kinds))
+    parts = figures.rows_of(figure, [1.0] * len(kinds))
+    for part, (unit, title, factor) in zip(parts, kinds, strict=True):
+        error = {}
+        for thing in dict.fromkeys(of[units == unit].tolist()):
+            rows = np.eye(model.p)[(units == unit) & (of == thing)]
+            label = (called or {}).get(thing.partition(".")[0], thing)
+            error[label] = factor * errors_of_fewer(white, rows[None])[0]
+        figures.error_by_poses(part, error, title)
+    return figure
+
+
+_KINDS = (
+    ("m", "standard deviation, axes\ntogether, predicted [mm]", 1e3),
+    ("rad", "standard deviation, axes\ntogether, predicted [deg]", float(np.rad2deg(1.0))),
+)
+
+
+def errors_of_fewer(white: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Error [SI] of the first poses of a tour, and of the best of all of it.
+
+    Parameters
+    ----------
+    white : array (N, m, p)
+        Whitened blocks.
+    functions : array (K, r, p)
+        How what is asked for moves with the parameters, at K places.
+
+    Returns
+    -------
+    first, best : array (N,)
+        Root mean square over the places, for 1, 2, .. N poses; NaN where they do not suffice. The
+        best are found by leaving out, one after the other, the pose that is missed least.
+    """
+    blocks = np.einsum("nmp,nmq->npq", white, white)
+    wanted = np.einsum("kip,kiq->pq", functions, functions) / len(functions)
+    first = _error(np.cumsum(blocks, axis=0), wanted)
+    best = np.full(len(white), np.nan)
+    left = np.arange(len(white))
+    best[-1:] = first[-1:]
+    while len(left) > 1:
+        error = _error(blocks[left].sum(axis=0) - blocks[left], wanted)
+        if np.isnan(error).all():
+            break
+        left = np.delete(left, np.nanargmin(error))
+        best[len(left) - 1] = np.nanmin(error)
+    return first, best
+
+
+def _error(information: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Root mean square error ``(N,)`` by information ``(N, p, p)``; NaN where singular."""
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
+    normal = information / (scale[:, :, None] * scale[:, None, :])
+    known = np.linalg.cond(normal) < SINGULAR
+    out = np.full(len(information), np.nan)
+    weight = wanted / (scale[known][:, :, None] * scale[known][:, None, :])
+    spread = np.linalg.inv(normal[known])
+    out[known] = np.sqrt(np.einsum("npq,nqp->n", spread, weight))
+    return out
+
+
+def figure_of_identification(
+    content: IdentificationFile, q_deg: FloatArray | None
+) -> Figure | None:
+    """Residuals by pose and by joint, before and after; None where no model is recommended.
+
+    Parameters
+    ----------
+    q_deg : array (N, n), optional
+        Postures that were measured at [deg].
+    """
+    chosen = content.chosen
+    if chosen is None:
+        return None
+    both = dict.fromkeys((content.models[0].name, chosen.name))
+    models = [model for model in content.models if model.name in both]
+    left = {model.name: np.array([row.mm for row in model.residuals]) for model in models}
+    names = [row.pose for row in chosen.residuals]
+    if any(len(v) != len(names) or not np.isfinite(v).all() for v in left.values()):
+        return None
+    by_joint = q_deg is not None and q_deg.shape == (len(names), len(content.joints))
+    figure = figures.new_figure(6.0 if by_joint else 3.4)
+    top, bottom = figures.rows_of(figure, (3.0, 2.0)) if by_joint else (figure, None)
+    outliers = np.array([row.outlier for row in chosen.residuals])
+    figures.residuals_by_pose(top, names, left, outliers)
+    if bottom is not None and q_deg is not None:
+        figures.residuals_by_joint(bottom, content.joints, q_deg, left)
+    return figure
+
+
+SIGMA_AXES = (("mm", ("x", "y", "z")), ("deg", ("rx", "ry", "rz")))
+"""Of the standard deviations of X, as columns have them."""
+
+
+def figure_of_pairs(
+    answers: Sequence[Mapping[str, object]], each: Sequence[Mapping[str, object]]
+) -> Figure | None:
+    """Residuals of the pairs by the first method, and how far X of the others is from its X.
+
+    None where the first has no answer.
+
+    Parameters
+    ----------
+    answers, each : sequence of mapping
+        Rows of robot_world.csv and robot_world_pairs.csv.
+    """
+    first = answers[0]
+    own = [row for row in each if row["method"] == first["method"]]
+    if first["status"] != "ok" or not own:
+        return None
+    if len(answers) == 1:
+        heights: tuple[float, ...] = (2.6, 2.6)
+    else:
+        heights = (2.6, 2.6, 1.0 + 0.18 * len(answers))
+    figure = figures.new_figure(sum(heights))
+    parts = figures.rows_of(figure, heights)
+    used = np.array([row["used"] == "yes" for row in own])
+    names = [str(row["pose"]) for row in own]
+    for part, unit in zip(parts, ("mm", "deg"), strict=False):
+        left = {str(first["method"]): np.array([_number(row[f"residual_{unit}"]) for row in own])}
+        figures.residuals_by_pose(part, names, left, ~used, unit)
+    if len(answers) == 1:
+        return figure
+    X = _transform_of(first)
+    off = {}
+    for row in answers[1:]:
+        if row["status"] == "ok":
+            place, R = _transform_of(row)
+            angle = float(np.rad2deg(rotation_angle(X[1].T @ R)))
+            off[str(row["method"])] = np.array([np.linalg.norm(place - X[0]), angle])
+    sigma = [
+        max(_number(first[f"sigma_x_{axis}_{unit}"]) for axis in axes) for unit, axes in SIGMA_AXES
+    ]
+    refused = [str(row["method"]) for row in answers[1:] if row["status"] != "ok"]
+    known = np.array(sigma) if np.isfinite(sigma).all() else None
+    figures.answers_beside_the_first(parts[-1], str(first["method"]), off, known, refused)
+    return figure
+
+
+def _number(value: object) -> float:
+    """A number of a table, which may be empty."""
+    return float(str(value)) if value not in (None, "") else float("nan")
+
+
+def _transform_of(row: Mapping[str, object]) -> tuple[FloatArray, FloatArray]:
+    """Position [mm] and rotation of X."""
+    place, wpr = (
+        np.array([_number(row[f"x_{axis}"]) for axis in axes])
+        for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
+    )
+    return place, rotation_from_wpr(np.deg2rad(wpr))

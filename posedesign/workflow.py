@@ -53,11 +53,14 @@ TOUCH_UPS = ("touchups.csv", "touch-ups")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
 PLANNED, IDENTIFIED, SOLVED = (
-    ("plan", "figure of a plan"),
-    ("identification", "figure of an identification"),
-    ("robot_world", "figure of A X = Z B"),
+    ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
+    for stem, purpose in (
+        ("plan", "figure of a plan"),
+        ("identification", "figure of an identification"),
+        ("robot_world", "figure of A X = Z B"),
+    )
 )
-"""Figures: what their names begin with, and what they say that they are."""
+"""Figures, as picture and as drawing."""
 
 STUDY = (
     ("accuracy_vs_condition.csv", "accuracy study"),
@@ -108,7 +111,7 @@ def depending(poses: Path) -> str:
 def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None) -> PosePlan:
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
     results = Results.of(out, "plan")
-    poses, rounds, *drawn = claim_plan(results, POSES, ROUNDS, *_files(PLANNED))
+    poses, rounds, *drawn = claim_plan(results, POSES, ROUNDS, *PLANNED)
     result = plan(cell, progress)
     _write_poses(poses, cell, result.poses, result.route, result.indices)
     rows = result.round_rows()
@@ -139,7 +142,7 @@ def plan_optimal_poses(
     """
     wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
-    *claims, png, svg = claim_plan(results, *wanted, *_files(PLANNED))
+    *claims, png, svg = claim_plan(results, *wanted, *PLANNED)
     kept = None
     if keep is not None:
         check_fit(cell, keep)
@@ -158,12 +161,6 @@ def plan_optimal_poses(
     if result.route is not None:
         draw(results, (png, svg), lambda: figure_of_plan(cell, result.model, visited(result)))
     return result
-
-
-def _files(figure: tuple[str, str]) -> list[tuple[str, str]]:
-    """The two files of a figure, and what they say that they are."""
-    stem, purpose = figure
-    return [(f"{stem}.png", purpose), (f"{stem}.svg", purpose)]
 
 
 def plan_next_poses(
@@ -260,9 +257,7 @@ def identify_file(
     twice, poses that are not there.
     """
     results = Results.of(out, "identify")
-    file, *drawn = results.claim(
-        "computed", IDENTIFICATION, *_files(IDENTIFIED), inputs=[measurements]
-    )
+    file, *drawn = results.claim("computed", IDENTIFICATION, *IDENTIFIED, inputs=[measurements])
     robot = cell.robot
     table = read_measurements(
         measurements,
@@ -317,7 +312,7 @@ def solve_and_draw(
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
     results = Results.of(out, "robot-world")
-    drawn = results.claim("computed", *_files(SOLVED), inputs=inputs)
+    drawn = results.claim("computed", *SOLVED, inputs=inputs)
     outcomes = solve_and_write(
         pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
     )

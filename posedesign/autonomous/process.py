@@ -33,7 +33,9 @@ from posedesign.planning import PoseList, PosePlan
 from posedesign.simulation import circle_target
 from posedesign.workflow import (
     IDENTIFICATION,
+    IDENTIFIED,
     PAIRS,
+    PLANNED,
     POSES,
     ROUNDS,
     TOUCH_UPS,
@@ -156,9 +158,9 @@ class SessionFiles:
         (found,) = results.claim(made, FOUND_CELL, check=check)
         touch_ups, *pairs = results.claim(kind, *measured[: 1 + pictures], check=check)
         known = [found.path]
-        planned = results.claim("planned", POSES, ROUNDS, inputs=known, check=check)
+        planned = results.claim("planned", POSES, ROUNDS, *PLANNED, inputs=known, check=check)
         identified = results.claim(
-            "computed", IDENTIFICATION, inputs=[*known, touch_ups.path], check=check
+            "computed", IDENTIFICATION, *IDENTIFIED, inputs=[*known, touch_ups.path], check=check
         )
         return cls(found, touch_ups, pairs[0] if pairs else None, (*planned, *identified))
 

@@ -49,7 +49,11 @@ WORDS = (
 FILES = {
     "found_cell.toml",
     "identification.json",
+    "identification.png",
+    "identification.svg",
     "journal.jsonl",
+    "plan.png",
+    "plan.svg",
     "poses.csv",
     "rounds.csv",
     "running.lock",

@@ -164,11 +164,16 @@ def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli, work):
     assert cli("plan", cell, "--out", out).code == 0
     said = cli("plan", cell, *OPTIMAL, "--out", out)
     assert f"{out / 'rounds.csv'} was of an earlier time: removed" in said.err
-    assert sorted(path.name for path in out.iterdir()) == ["poses.csv", "validation.csv"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "plan.png",
+        "plan.svg",
+        "poses.csv",
+        "validation.csv",
+    ]
     (out / "validation.csv").write_text((out / "validation.csv").read_text() + "mine\n")
     said = cli("plan", cell, "--out", out)
     assert f"{out / 'validation.csv'} is of an earlier time" in said.err
-    names = ["poses.csv", "rounds.csv", "validation.csv"]
+    names = ["plan.png", "plan.svg", "poses.csv", "rounds.csv", "validation.csv"]
     assert sorted(path.name for path in out.iterdir()) == names
 
 

@@ -75,7 +75,13 @@ def test_console_script_answers_with_exit_codes(tmp_path):
     assert said.returncode == 1
     assert said.stderr == ""  # all that the cell asks for is checked
     assert json.loads(said.stdout)["stop"] == "variation limit"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cell.toml", "poses.csv", "rounds.csv"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "cell.toml",
+        "plan.png",
+        "plan.svg",
+        "poses.csv",
+        "rounds.csv",
+    ]
 
 
 def test_error_goes_to_standard_error_alone(tmp_path):

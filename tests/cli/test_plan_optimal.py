@@ -72,7 +72,7 @@ def test_a_plan_reads_well_in_a_narrow_terminal(cli, cell, tmp_path, monkeypatch
         assert "proven: no 8 poses of the pool are " in said.out
         assert "8, refined" in said.out
         assert "nan" not in said.out.lower()
-        assert f"\nwrote: {out / 'poses.csv'}\n" in said.out
+        assert f"\nwrote: {out / 'poses.csv'}, " in said.out
 
 
 def test_the_fewest_poses_for_an_accuracy_of_the_tool_point(cli, cell, tmp_path):

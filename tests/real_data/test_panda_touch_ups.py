@@ -87,7 +87,7 @@ def test_a_joint_that_the_data_cannot_know_is_refused_by_name(panda, capsys, joi
     said = capsys.readouterr().err
     assert code == 2
     assert f"cannot identify zero_offset.panda_joint{hidden}:" in said
-    assert said.count("\n") == 1
+    assert said.count("error: ") == 1  # one answer, folded where it is long
     if path.exists():  # of an earlier test, not of this one; the reference holds it by a prior
         models = [m for m in json.loads(path.read_text())["models"] if "priors" not in m["name"]]
         names = [p["name"] for m in models for p in m["parameters"]]

@@ -180,7 +180,7 @@ class Language:
     name: str = "grammar.lark"
     signed: bool = False
     letters: str = ""
-    _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+    _builders: dict[tuple[str, str, int], Build] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)
     _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
@@ -249,9 +249,11 @@ class Language:
             if found[2]:
                 return " "
             slots.append(found[0])
-            return '""' if found[1] else _FORM.sub("0", found[0].lstrip("-"))
+            return '""' if found[1] else _FORM.sub("\0", found[0].lstrip("-"))
 
-        shape = f"{rule} {pieces.sub(slot, line.text).strip()}"
+        form = pieces.sub(slot, line.text).strip()
+        # J0 is no slot, and J10 is one: equal forms are equal statements with as many slots only
+        shape = (rule, form, len(slots))
         build = self._builders.get(shape)
         if build is None:
             text = pieces.sub(

@@ -215,7 +215,7 @@ def _alternate(
     loss: Loss,
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Linearise, maximise, solve and weigh: standard deviations, parameters, weights, passes."""
-    rows = np.array([kind.rows for kind in model.measurements])[data.setup.kind]
+    rows = model.rows_read(data.setup)
     weights = np.ones(data.count)
     moved = np.inf
     for passes in range(_PASSES):

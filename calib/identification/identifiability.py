@@ -22,7 +22,15 @@ RANK_TOLERANCE = 1e-9
 Analytic Jacobians leave about 1e-15 where a direction is invisible, and the worst measuring sets
 met in practice stay above 1e-6."""
 
-LARGEST_SIGMA: dict[Unit, float] = {"rad": 0.2, "m": 0.2, "rad/Nm": 1e-3, "rad/rad": 0.2}
+LARGEST_SIGMA: dict[Unit, float] = {
+    "rad": 0.2,
+    "m": 0.2,
+    "rad/Nm": 1e-3,
+    "rad/rad": 0.2,
+    "px": 500.0,
+    "1": 10.0,
+    "s": 1.0,
+}
 """Standard deviations beyond which a number says nothing: a fifth of a radian or of a metre is
 farther than the linear model, and any arm that is switched on, reaches."""
 
@@ -309,7 +317,7 @@ def leave_one_out(
             len(members), size, m
         )
     if weighted:
-        return np.asarray((linear.noise_root @ out[..., None])[..., 0])
+        return linear.coloured(out)
     return out * equal_sigma(linear.model)
 
 
@@ -419,7 +427,15 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     return information_root(model.linearise(q, x, setup), x)
 
 
-WORTH_HAVING: dict[Unit, float] = {"m": 5e-3, "rad": 1e-2, "rad/Nm": 1e-4, "rad/rad": 1e-2}
+WORTH_HAVING: dict[Unit, float] = {
+    "m": 5e-3,
+    "rad": 1e-2,
+    "rad/Nm": 1e-4,
+    "rad/rad": 1e-2,
+    "px": 100.0,
+    "1": 1.0,
+    "s": 0.1,
+}
 """Standard deviation, all parameters taken in before being free as well, beyond which a parameter
 is left out: what an arm is built to is well inside, so nothing would be learnt. It is also what
 makes axes parallel that are so but for the rounding of a description: a column that differs by

@@ -136,5 +136,5 @@ def _placed_by_others(
     step[~held] = np.nan
     predicted = rows + np.einsum("kmi,ki->km", J, step[group])
     if weighted:
-        return np.asarray((linear.noise_root @ predicted[..., None])[..., 0])
+        return linear.coloured(predicted)
     return np.asarray(predicted * equal_sigma(model))

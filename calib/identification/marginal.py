@@ -182,8 +182,9 @@ def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) 
 
 def _there(model: CalibrationModel, data: Measurements) -> BoolArray:
     """Rows ``(N, m)`` that measurements have, others fill the block."""
-    count = np.array([kind.rows for kind in model.measurements])[data.setup.kind]
-    return np.arange(model.rows) < count[:, None]
+    if data.setup.seen is not None:
+        return data.setup.seen
+    return np.arange(model.rows) < model.rows_read(data.setup)[:, None]
 
 
 def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:

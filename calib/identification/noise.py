@@ -42,7 +42,7 @@ _TINY = np.finfo(float).tiny
 
 def rows_of(model: CalibrationModel, data: Measurements) -> IntArray:
     """Rows of each measurement ``(N,)``."""
-    return np.array([kind.rows for kind in model.measurements])[data.setup.kind]
+    return model.rows_read(data.setup)
 
 
 def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
@@ -78,7 +78,8 @@ def redundancy(
     stacked = np.concatenate([J.reshape(rows.size, model.p), known])
     length = np.linalg.norm(stacked, axis=0)
     Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0][: rows.size]
-    return rows, 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
+    free = 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
+    return rows, free if data.setup.seen is None else free * data.setup.seen
 
 
 def noise_scales(
@@ -172,10 +173,11 @@ def rescaled(model: CalibrationModel, scales: list[FloatArray]) -> CalibrationMo
 
 def spread(model: CalibrationModel, data: Measurements, s2: FloatArray) -> FloatArray:
     """Variance over the noise given, by the median of a kind, of each measurement ``(N,)``."""
-    found = []
-    for k, kind in enumerate(model.measurements):
-        own = s2[data.setup.kind == k]
-        found.append(float(np.median(own) / chi2_quantile(0.5, kind.rows)) if own.size else 1.0)
+    found, rows = [], np.maximum(rows_of(model, data), 1)
+    for k in range(len(model.measurements)):
+        own = data.setup.kind == k
+        usual = chi2_quantile(0.5, rows[own])
+        found.append(float(np.median(s2[own] / usual)) if own.any() else 1.0)
     return _at_least_given(model, found)[data.setup.kind]
 
 

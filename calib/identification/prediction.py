@@ -161,7 +161,15 @@ ALIKE = 0.01
 brings them nearer to the values as identified: over a small box different sets of values do nearly
 the same, and some of them lie far off."""
 
-NATURAL: dict[Unit, float] = {"m": 1e-3, "rad": 1e-3, "rad/Nm": 1e-6, "rad/rad": 1e-3}
+NATURAL: dict[Unit, float] = {
+    "m": 1e-3,
+    "rad": 1e-3,
+    "rad/Nm": 1e-6,
+    "rad/rad": 1e-3,
+    "px": 1.0,
+    "1": 1e-2,
+    "s": 1e-3,
+}
 """Changes of parameters that count as equally far: each moves the tool of a large arm by about a
 millimetre."""
 

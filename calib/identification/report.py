@@ -149,7 +149,12 @@ def _angles(linear: Linearisation) -> BoolArray:
 def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
     return tuple(
         KindNoise(
-            kind.name, kind.sigma, kind.estimated or kind.found, float(scale), k in test.doubted
+            kind.name,
+            kind.sigma,
+            kind.estimated or kind.found,
+            float(scale),
+            k in test.doubted,
+            kind.unit,
         )
         for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
     )
@@ -158,7 +163,7 @@ def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
 def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
     rows = np.where(_angles(linear), 0.0, linear.rows)[_trusted(solved)]
     rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
-    if rms > ANOTHER_ROBOT_M:
+    if rms > ANOTHER_ROBOT_M and all(kind.unit == "m" for kind in solved.model.measurements):
         return (
             f"the residuals are {rms * 1e3:.0f} mm: these measurements are not of this robot, this "
             "tool or these joint signs"
@@ -228,9 +233,10 @@ def stand_out(linear: Linearisation, left: FloatArray) -> IntArray:
     left : array (N, m)
         Rows of each when predicted from the other poses [m, rad].
     """
-    white = np.linalg.pinv(linear.noise_root) @ np.nan_to_num(left)[..., None]
+    last = np.ascontiguousarray(np.nan_to_num(left).T)
+    white = linear.view.posture_first(linear.model.whiten_last(last, linear.view))
     # rᵀ(I - H)⁻¹r: a pose that the fit hangs on is not suspected for what it alone tells
-    size = np.sqrt(np.maximum(np.sum(white[..., 0] * linear.white_rows, axis=1), 0.0))
+    size = np.sqrt(np.maximum(np.sum(white * linear.white_rows, axis=1), 0.0))
     kinds = linear.view.setup.kind
     for k in np.unique(kinds):
         middle = float(np.median(size[kinds == k]))
@@ -368,6 +374,8 @@ def noise_test(linear: Linearisation, x: FloatArray) -> NoiseTest:
     count, m = linear.white_rows.shape
     left = rows[: count * m].reshape(count, m)
     free = 1.0 - used[: count * m].reshape(count, m)
+    if linear.view.setup.seen is not None:
+        free = free * linear.view.setup.seen
     kinds = linear.view.setup.kind
     squares, redundancy = [], []
     for k, kind in enumerate(linear.model.measurements):

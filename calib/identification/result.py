@@ -17,6 +17,9 @@ DISPLAY: dict[Unit, tuple[str, float]] = {
     "m": ("mm", 1e3),
     "rad/Nm": ("urad/Nm", 1e6),
     "rad/rad": ("mrad/rad", 1e3),
+    "px": ("px", 1.0),
+    "1": ("", 1.0),
+    "s": ("ms", 1e3),
 }
 """Unit in which people read a parameter, and the factor from SI to it."""
 
@@ -45,6 +48,8 @@ class KindNoise:
     doubted : bool
         Whether the noise does not explain them: the covariance then takes it ``scale`` times as
         large.
+    unit : str
+        Of the rows that are no angles.
     """
 
     kind: str
@@ -52,6 +57,7 @@ class KindNoise:
     estimated: bool
     scale: float
     doubted: bool
+    unit: Literal["m", "px"] = "m"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -249,6 +255,8 @@ class IdentificationResult(Shown):
 
     @property
     def headline(self) -> str:
+        if any(kind.unit == "px" for kind in self.noise):
+            return f"{self.model}: {self.noise_scale:.3f} times the noise"
         return (
             f"{self.model}: {self.rms_m * 1e3:.4f} mm rms, {self.max_m * 1e3:.4f} mm max, "
             f"leave-one-out {self.leave_one_out_rms_m * 1e3:.4f} mm rms"

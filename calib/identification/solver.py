@@ -38,7 +38,15 @@ from calib.se3 import FloatArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
 
-FINITE_DIFFERENCE: dict[Unit, float] = {"rad": 1e-6, "m": 1e-6, "rad/Nm": 1e-9, "rad/rad": 1e-6}
+FINITE_DIFFERENCE: dict[Unit, float] = {
+    "rad": 1e-6,
+    "m": 1e-6,
+    "rad/Nm": 1e-9,
+    "rad/rad": 1e-6,
+    "px": 1e-3,
+    "1": 1e-6,
+    "s": 1e-6,
+}
 """The Δp of Eq. 5: balances truncation against rounding for arms of a few metres, and of torques
 of some thousand Nm."""
 

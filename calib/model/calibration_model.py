@@ -130,7 +130,13 @@ class CalibrationModel:
 
     def equations(self, setup: Setup) -> int:
         """Equations that measurements give: rows that are not there to fill a block."""
-        return int(np.array([kind.rows for kind in self.measurements])[setup.kind].sum())
+        return int(self.rows_read(setup).sum())
+
+    def rows_read(self, setup: Setup) -> IntArray:
+        """Rows that were read of each measurement, ``(N,)``."""
+        if setup.seen is not None:
+            return np.asarray(setup.seen.sum(axis=1))
+        return np.array([kind.rows for kind in self.measurements])[setup.kind]
 
     @property
     def knows_besides(self) -> bool:
@@ -285,13 +291,16 @@ class CalibrationModel:
         """Each kind with its columns among the S, and the view of these alone."""
         if len(self.measurements) == 1:
             return [(self.measurements[0], slice(None), view)]
-        found = []
+        if "by kind" in view.found:
+            return list(view.found["by kind"])
+        found: list[tuple[Measurement, slice | IntArray, MeasurementContext]] = []
         for k, kind in enumerate(self.measurements):
             own = np.flatnonzero(view.setup.kind == k)
             if own.size:
                 trials = view.q.shape[1] // view.setup.count
                 columns = (own + view.setup.count * np.arange(trials)[:, None]).ravel()
                 found.append((kind, columns, view.part(columns, own)))
+        view.found["by kind"] = found
         return found
 
     def jacobian(
@@ -332,6 +341,12 @@ class CalibrationModel:
             difference = _difference(kind, own, readings, columns)
             rows[: kind.rows, columns] = difference
             moved = kind.differentiate(motion[:, :, columns], own, difference)
+            for block, part in zip(self.parameters, self.slices, strict=True):
+                by_reading = (
+                    kind.differentiate_reading(block.reading, own) if block.reading else None
+                )
+                if by_reading is not None:
+                    moved[part] += block.picked(by_reading)
             if len(self.measurements) == 1:
                 J = moved
             else:
@@ -405,7 +420,9 @@ def _difference(
     """Residuals ``(m, S)`` of one kind, of readings ``(M, S)`` of all; predictions without them."""
     predicted = kind.predict(view)
     if readings is not None:
-        return kind.difference(predicted, readings[: kind.rows, columns])
+        rows = kind.difference(predicted, readings[: kind.rows, columns])
+        seen = view.seen_last
+        return rows if seen is None else np.where(seen[: kind.rows], rows, 0.0)
     rows = predicted.copy()
     rows[kind.rows - kind.turns :] = 0.0
     return rows
@@ -501,6 +518,14 @@ class Linearisation:
     def white_jacobian(self) -> FloatArray:
         """Blocks ``(..., N, m, p)`` over the noise."""
         return self.view.posture_first(self.white_last[1])
+
+    def coloured(self, white: FloatArray) -> FloatArray:
+        """Rows ``(..., N, m)`` of these over the noise: the inverse of whitening."""
+        last = _last(white, self.view)
+        out = np.zeros_like(last)
+        for kind, columns, part in self.model.by_kind(self.view):
+            out[: kind.rows, columns] = kind.colour(last[: kind.rows, columns], part)
+        return self.view.posture_first(out)
 
     @property
     def noise_root(self) -> FloatArray:

@@ -7,6 +7,7 @@ of T trials, trial after trial.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,12 +43,16 @@ class Setup:
         Into its target labels: what it was measured from.
     payload : array (N,)
         Into the payloads of its compliance.
+    seen : array (N, m) of bool or None
+        Which rows of each were read, where a reading may be a part of what its kind gives: the
+        points of a board in a picture. None: all.
     """
 
     kind: IntArray
     tool: IntArray
     target: IntArray
     payload: IntArray
+    seen: BoolArray | None = None
 
     @classmethod
     def of(
@@ -93,7 +98,8 @@ class Setup:
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Setup:
         """Set-up of some of the measurements."""
-        return Setup(self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows])
+        seen = None if self.seen is None else self.seen[rows]
+        return Setup(self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows], seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +135,8 @@ class ArmErrors:
         What is measured from, in the order of the model's target labels; in the base frame.
     lengths : dict of array (S,)
         What is shown more than the distance from a target, by its label [m].
+    readings : dict of array (k, S)
+        What an instrument reads by: the values of a lens, say, by its label.
     """
 
     joints: FloatArray
@@ -136,6 +144,7 @@ class ArmErrors:
     tools: list[Feature] = field(default_factory=list)
     targets: list[Feature] = field(default_factory=list)
     lengths: dict[str, FloatArray] = field(default_factory=dict)
+    readings: dict[str, FloatArray] = field(default_factory=dict)
 
     def displace(self, joint: int, six: FloatArray) -> None:
         """Displace the frame of a joint by ``(6, S)``, besides what others displace it by."""
@@ -180,6 +189,8 @@ class MeasurementContext:
         Origin of the target in the base frame [m].
     target : array (3, 3, S) or (3, 3, 1)
         Columns of ``R_base_target``.
+    found : dict
+        What kinds of measurement have computed here, for themselves.
     """
 
     robot: Robot
@@ -196,6 +207,7 @@ class MeasurementContext:
     tool: FloatArray
     origin: FloatArray
     target: FloatArray
+    found: dict[Any, Any] = field(default_factory=dict)
 
     @property
     def error(self) -> FloatArray:
@@ -221,6 +233,7 @@ class MeasurementContext:
             joints=cut(self.errors.joints),
             displaced={joint: cut(six) for joint, six in self.errors.displaced.items()},
             lengths={label: cut(more) for label, more in self.errors.lengths.items()},
+            readings={label: cut(values) for label, values in self.errors.readings.items()},
         )
         walk = Walk(
             columns=cut(self.walk.columns),
@@ -240,7 +253,16 @@ class MeasurementContext:
             origin=cut(self.origin),
             target=cut(self.target),
             errors=errors,
+            found={},
         )
+
+    @property
+    def seen_last(self) -> BoolArray | None:
+        """Which rows were read, ``(m, S)``; None for all."""
+        seen = self.setup.seen
+        if seen is None:
+            return None
+        return np.tile(seen.T, self.q.shape[1] // max(self.setup.count, 1))
 
     def posture_first(self, array: FloatArray) -> FloatArray:
         """``(..., m, S)`` as ``(*batch, N, m, ...)``: posture first, and parameters last."""

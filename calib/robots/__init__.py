@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from calib.robots.bounds import CoupledLimit
     from calib.robots.chain import ChainState, SerialChain
     from calib.robots.controller import POSITIVE_AXES, Controller
+    from calib.robots.flange_poses import flange_robot, posture_of_pose
     from calib.robots.inverse import InverseSolutions
     from calib.robots.presets import find_preset, preset_info, preset_names
     from calib.robots.robot import Robot
@@ -28,6 +29,8 @@ __all__ = [
     "Robot",
     "SerialChain",
     "find_preset",
+    "flange_robot",
+    "posture_of_pose",
     "preset_info",
     "preset_names",
 ]

@@ -110,7 +110,7 @@ class Held:
 
     def lengths_m(self, rows: FloatArray) -> FloatArray:
         """Distances ``(N,)`` [m] of rows ``(N, m)`` over the noise; angles apart."""
-        whole = (self.linear.noise_root @ rows[..., None])[..., 0]
+        whole = self.linear.coloured(rows)
         for k, kind in enumerate(self.model.measurements):
             whole[self.data.setup.kind == k, kind.rows - kind.turns :] = 0.0
         return np.asarray(np.linalg.norm(whole, axis=1))
@@ -131,7 +131,7 @@ def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
     U = U[:, singular > _RANK * singular.max(initial=0.0)]
     right = np.concatenate([rows.ravel(), known[0]])
     right = right - U @ (U.T @ right)  # the last step: exact where the model is linear
-    there = np.array([kind.rows for kind in model.measurements])[data.setup.kind].sum()
+    there = model.equations(data.setup)
     freedom = float(there + len(known[0]) - U.shape[1])
     return Held(
         linear,

@@ -1,6 +1,7 @@
 """Measurements: what each kind sees, its noise, and its simulation."""
 
 from calib.model.context import Setup
+from calib.model.measurements.board_view import BoardShape, BoardView, board_views
 from calib.model.measurements.data import Measurements, touch_ups
 from calib.model.measurements.kinds import (
     CameraPose,
@@ -19,6 +20,8 @@ KINDS = {
 
 __all__ = [
     "KINDS",
+    "BoardShape",
+    "BoardView",
     "CameraPose",
     "Distance",
     "Measurement",
@@ -29,5 +32,6 @@ __all__ = [
     "Setup",
     "TouchUp",
     "ViewLine",
+    "board_views",
     "touch_ups",
 ]

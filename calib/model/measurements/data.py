@@ -30,8 +30,9 @@ class Measurements:
     tools : tuple of str
         Names that ``setup.tool`` has indices into.
     observed : array (..., N, m) or None
-        What was read [m, rad], as :meth:`CalibrationModel.predict` has it; None where the arm was
-        moved until tool and target met.
+        What was read [m, rad, px], as :meth:`CalibrationModel.predict` has it; None where the arm
+        was moved until tool and target met. Rows that ``setup.seen`` says were not read count for
+        nothing, whatever stands in them.
     names : tuple of str
         Of the poses; measurements of one pose share a name. ``P01`` onwards by default.
     """
@@ -69,12 +70,18 @@ class Measurements:
                     f"{self.postures.shape}",
                     name="measurements",
                 )
-            if not np.isfinite(self.observed).all():
-                raise InputError("a reading is not a finite number", name="measurements")
+            self._check_readings(self.observed)
         if not self.names:
             object.__setattr__(self, "names", tuple(f"P{i + 1:02d}" for i in range(count)))
         if len(self.names) != count:
             raise InputError(f"{len(self.names)} names for {count} measurements", name="names")
+
+    def _check_readings(self, observed: FloatArray) -> None:
+        if self.setup.seen is not None:
+            observed = np.where(self.setup.seen, observed, 0.0)
+            object.__setattr__(self, "observed", observed)
+        if not np.isfinite(observed).all():
+            raise InputError("a reading is not a finite number", name="measurements")
 
     @property
     def count(self) -> int:

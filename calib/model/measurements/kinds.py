@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,10 +59,13 @@ class Measurement(ABC):
         Whether the noise is to be estimated.
     found : bool
         Whether it was found from residuals, and not given.
+    unit : str
+        Of the rows that are no angles.
     """
 
     name: str
     rows: int
+    unit: Literal["m", "px"] = "m"
     turns: int = 0
     reads: bool = True
     sees_rotation: bool = False
@@ -115,6 +119,13 @@ class Measurement(ABC):
         The derivative of :meth:`difference` where that is ``rows`` (m, S). There are only the
         first three rows of a twist for kinds that see no rotation.
         """
+
+    def differentiate_reading(self, label: str, view: MeasurementContext) -> FloatArray | None:
+        """Rows ``(k, m, S)`` by the values of ``view.errors.readings[label]``.
+
+        None where this kind does not read by them.
+        """
+        return None
 
     def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise: unit variance, uncorrelated."""

@@ -25,21 +25,25 @@ from calib.model.parameters.joints import (
     ZeroOffsets,
 )
 from calib.model.parameters.links import AXES, BearingCompliance, LinkGeometry
+from calib.model.parameters.readings import BoardErrors, LensParameters, ReadingParameters
 
 __all__ = [
     "AXES",
     "BearingCompliance",
+    "BoardErrors",
     "Frames",
     "GravityLoad",
     "JointCompliance",
     "JointHarmonics",
     "JointScale",
     "LengthOffsets",
+    "LensParameters",
     "LinkGeometry",
     "LostMotion",
     "ParameterBlock",
     "Part",
     "Payload",
+    "ReadingParameters",
     "TargetFrame",
     "TargetPlane",
     "TargetPoints",

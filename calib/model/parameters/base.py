@@ -21,7 +21,7 @@ from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.robots import Robot
 from calib.se3 import FloatArray
 
-Unit = Literal["rad", "m", "rad/Nm", "rad/rad"]
+Unit = Literal["rad", "m", "rad/Nm", "rad/rad", "px", "1", "s"]
 
 
 class ParameterBlock(ABC):
@@ -42,6 +42,9 @@ class ParameterBlock(ABC):
     prior : array (size,)
         Standard deviation, about the nominal value, that is known before measuring [SI]; infinite
         where nothing is.
+    reading : str
+        Label of what an instrument reads by that these are values of: a lens, say. Empty for
+        parameters that move the tool against its target.
     beyond_chain : str
         What no kinematic chain can hold of it, in words. Empty for blocks that displace the arm
         alike in every posture, or not at all: see
@@ -55,6 +58,7 @@ class ParameterBlock(ABC):
     targets: tuple[str, ...] = ()
     measured_from: tuple[str, ...] = ()
     prior: FloatArray
+    reading: str = ""
     beyond_chain: str = "errors that change from posture to posture"
 
     @property
@@ -79,6 +83,10 @@ class ParameterBlock(ABC):
         the target's frame there [m per unit]; rows 3 to 5: angular velocity; in base axes. There
         are only rows 0 to 2 where no measurement looks at the tool's orientation.
         """
+
+    def picked(self, rows: FloatArray) -> FloatArray:
+        """Rows ``(size, ...)`` of the parameters, of those ``(k, ...)`` of all of a reading."""
+        return rows
 
     def scaling(self, values: FloatArray) -> FloatArray:
         """Change ``(size,)`` of the parameters when all lengths of the arm grow by their own size.
@@ -155,7 +163,7 @@ class Part(ParameterBlock):
         self.units = tuple(whole.units[k] for k in self._kept)
         self.prior = whole.prior[self._kept]
         self.nuisance = whole.nuisance
-        self.beyond_chain = whole.beyond_chain
+        self.beyond_chain, self.reading = whole.beyond_chain, whole.reading
         self.tools, self.targets = whole.tools, whole.targets
 
     @property
@@ -176,6 +184,9 @@ class Part(ParameterBlock):
         every = np.zeros((self.whole.size, *out.shape[1:]))
         self.whole.move(self._all(values), view, every)
         out[...] = every[self._kept]
+
+    def picked(self, rows: FloatArray) -> FloatArray:
+        return self.whole.picked(rows)[self._kept]
 
     def scaling(self, values: FloatArray) -> FloatArray:
         return self.whole.scaling(self._all(values[:, None])[:, 0])[self._kept]

@@ -147,7 +147,8 @@ def test_whose_arm_it_is(tmp_path, lab, make_cell, offset_deg, shift_m, model, n
 
 
 def test_every_unit_has_a_bound():
-    assert set(BELIEVABLE) == set(DISPLAY)
+    of_readings = {"px", "1", "s"}  # of lenses, boards and clocks: no arm has them
+    assert set(BELIEVABLE) == set(DISPLAY) - of_readings
 
 
 @pytest.mark.slow

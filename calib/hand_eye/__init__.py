@@ -1,0 +1,15 @@
+"""Hand-eye calibration from pictures: camera, board, lens and robot in one estimate over pixels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
+
+if TYPE_CHECKING:
+    from calib.hand_eye.estimate import Pictures, calibrate
+    from calib.hand_eye.result import HandEyeResult
+else:
+    __getattr__ = load_when_asked(__name__)
+
+__all__ = ["HandEyeResult", "Pictures", "calibrate"]

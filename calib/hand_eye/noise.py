@@ -1,0 +1,162 @@
+"""How far pixels scatter, and how far the arm stops from where it says: from the pictures.
+
+Within a picture points scatter about the best pose of the board: that is the noise of the pixels.
+From picture to picture these poses are off what arm, camera and board say: by the pixels' noise,
+and by the arm. The deviation of the arm is found by restricted maximum likelihood (Patterson and
+Thompson, Biometrika 58, 1971): without the restriction the parameters would take their share of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardView, Measurements
+from calib.se3 import FloatArray
+
+LEAST_ARM = (1e-7, 1e-7)
+"""Deviation of an arm below which it counts as none [m, rad]."""
+
+_MOST_ARM = (0.05, 0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Each picture taken apart: what its own pose explains, and what is left within.
+
+    Attributes
+    ----------
+    off : array (N, 6)
+        By how much the tip would have to be shifted [m] and turned [rad] for the best fit of each
+        picture, base axes.
+    by_parameters : array (N, 6, p)
+        The same by the parameters.
+    covariance : array (N, 6, 6)
+        Of ``off``, by pixels alone, for pixels of the noise of the model.
+    within : array (N,)
+        Squares of what is left in each picture over the pixels' noise.
+    within_rows : array (N,)
+        Rows of each less the six of its pose.
+    within_blocks, within_right : array (N, p, p), (N, p)
+        What the inside of each picture says of the parameters, of the lens above all: ``JᵀJ`` and
+        ``Jᵀr``.
+    known_block, known_right : array (p, p), (p,)
+        The same of what is known besides.
+    """
+
+    off: FloatArray
+    by_parameters: FloatArray
+    covariance: FloatArray
+    within: FloatArray
+    within_rows: FloatArray
+    within_blocks: FloatArray
+    within_right: FloatArray
+    known_block: FloatArray
+    known_right: FloatArray
+
+
+def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
+    """Deviations at parameters ``(p,)``, of views of boards."""
+    view = model.view(data.postures, x, data.setup)
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    rows, J = linear.rows, linear.jacobian
+    N, m = J.shape[:2]
+    D = np.zeros((N, m, 6))
+    for kind, columns, part in model.by_kind(view):
+        if not isinstance(kind, BoardView):
+            raise TypeError("deviations are those of views of boards")
+        own = np.arange(N) if isinstance(columns, slice) else columns
+        k = kind.rows
+        D[own, :k] = kind.by_deviation(part).transpose(2, 0, 1) / kind.sigma[None, :, None]
+        rows[own, :k] /= kind.sigma
+        J[own, :k] /= kind.sigma[None, :, None]
+    scale = np.linalg.norm(D, axis=1)
+    scale = np.where(scale > 0, scale, 1.0)
+    Q, R = np.linalg.qr(D / scale[:, None])
+    root = np.linalg.inv(R) / scale[:, :, None]  # (N, 6, 6): off = root Qᵀ r
+    inner, inner_J = np.einsum("nmt,nm->nt", Q, rows), np.einsum("nmt,nmp->ntp", Q, J)
+    left = rows - np.einsum("nmt,nt->nm", Q, inner)
+    left_J = J - np.einsum("nmt,ntp->nmp", Q, inner_J)
+    known, K = (part[0] for part in model.known(x[None]))
+    return Deviations(
+        off=-np.einsum("nij,nj->ni", root, inner),
+        by_parameters=-root @ inner_J,
+        covariance=root @ np.swapaxes(root, 1, 2),
+        within=np.sum(left**2, axis=1),
+        within_rows=model.rows_read(data.setup).astype(float) - 6.0,
+        within_blocks=np.swapaxes(left_J, 1, 2) @ left_J,
+        within_right=np.einsum("nmp,nm->np", left_J, left),
+        known_block=K.T @ K,
+        known_right=K.T @ known,
+    )
+
+
+def pixel_scale(parts: Deviations) -> float:
+    """Noise of the pixels over that of the model: what is left within pictures, lens fitted."""
+    H, g = parts.within_blocks.sum(axis=0), parts.within_right.sum(axis=0)
+    scale = np.sqrt(np.diag(H))
+    used = scale > 1e-9 * scale.max(initial=1e-300)
+    if not used.any():
+        rank, gain = 0, 0.0
+    else:
+        scaled = H[np.ix_(used, used)] / np.outer(scale[used], scale[used])
+        values, vectors = np.linalg.eigh(scaled)
+        kept = values > 1e-9
+        along = vectors[:, kept].T @ (g[used] / scale[used])
+        rank, gain = int(kept.sum()), float(np.sum(along**2 / values[kept]))
+    freedom = max(float(parts.within_rows.sum()) - rank, 1.0)
+    return float(np.sqrt(max(float(parts.within.sum()) - gain, 0.0) / freedom))
+
+
+def arm_deviation(parts: Deviations) -> tuple[float, float]:
+    """Standard deviations of where the tip stops: along each axis [m], about each axis [rad].
+
+    Zero where the pixels' noise explains all of it.
+    """
+    from scipy.optimize import minimize
+
+    y, H = parts.off, parts.by_parameters
+    within = parts.within_blocks.sum(axis=0) + parts.known_block
+    unit = np.sqrt(np.maximum(np.einsum("nip,nip->p", H, H), np.diag(within) * 1e-12))
+    unit = np.where(unit > 0, unit, 1.0)
+    H, within = H / unit, within / np.outer(unit, unit)
+    right = (parts.within_right.sum(axis=0) + parts.known_right) / unit
+
+    def unlikely(log_sigma: FloatArray) -> float:
+        variance = np.repeat(np.exp(2.0 * log_sigma), 3)
+        V = parts.covariance + np.diag(variance)
+        L = np.linalg.cholesky(V)
+        white, columns = np.linalg.solve(L, y[..., None])[..., 0], np.linalg.solve(L, H)
+        A = np.einsum("nip,niq->pq", columns, columns) + within
+        b = np.einsum("nip,ni->p", columns, white) + right
+        values, vectors = np.linalg.eigh(A)
+        kept = values > 1e-12 * values[-1]
+        explained = float(np.sum((vectors[:, kept].T @ b) ** 2 / values[kept]))
+        log_det = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum()
+        log_det += np.log(values[kept]).sum()
+        return float(log_det + np.sum(white**2) - explained)
+
+    low, high = np.log(LEAST_ARM), np.log(_MOST_ARM)
+    start = np.log(np.clip([y[:, :3].std() / 2, y[:, 3:].std() / 2], LEAST_ARM, _MOST_ARM))
+    best = min(
+        (
+            minimize(unlikely, at, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)))
+            for at in (start, np.array([start[0], low[1]]), np.array([low[0], start[1]]))
+        ),
+        key=lambda found: float(found.fun),
+    )
+    sigma = np.exp(best.x)
+    m, rad = (
+        0.0 if value < 2.0 * least else float(value)
+        for value, least in zip(sigma, LEAST_ARM, strict=True)
+    )
+    return m, rad
+
+
+def squares_of_pictures(parts: Deviations, arm_sigma: tuple[float, float]) -> FloatArray:
+    """Squares ``(N,)`` of the deviation of each picture over its noise: χ² of six."""
+    V = parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
+    weighed = np.linalg.solve(V, parts.off[..., None])[..., 0]
+    return np.asarray(np.sum(parts.off * weighed, axis=1))

@@ -1,0 +1,152 @@
+"""What pictures of a board said of camera, board, lens and robot, and how far to believe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.identification import IdentificationResult
+from calib.lens import Lens
+from calib.model.measurements.board_view import Carried
+from calib.robot_world import RobotWorldResult
+from calib.se3 import BoolArray, FloatArray
+from calib.shown import Shown
+
+PictureStatus = Literal["used", "contradicts the others", "no board", "no posture"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HandEyeResult(Shown):
+    """Camera and board, lens and robot, from pictures.
+
+    Attributes
+    ----------
+    carried : {"camera", "board"}
+        What is on the flange.
+    X, Z : array (4, 4)
+        ``T_flange_camera`` and ``T_base_board``, or ``T_flange_board`` and ``T_base_camera`` [m].
+    lens : Lens
+    lens_estimated : bool
+    estimate : IdentificationResult
+        All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
+        ``board.*``, and those of the robot.
+    sigma_px : float
+        Noise of a coordinate of a point.
+    arm_sigma : tuple of two floats
+        How far the arm stops from where it says: along each axis [m], about each axis [rad].
+    names : tuple of str
+        Of all N pictures.
+    status : tuple of str
+        Of each: used, or why not.
+    rms_px : array (N,)
+        Rms of a coordinate of the points of each picture; NaN without board or posture.
+    scatter_px : array (N,)
+        The same about the best pose of the board in that picture alone.
+    off : array (N, 6)
+        By how much the flange seems to have been off in each picture [m, rad], base axes.
+    left_out_px : array (N,)
+        As ``rms_px``, with the picture left out of the estimate.
+    distance_m : float
+        Of the board from the camera, median.
+    point_sigma_m : float
+        Standard deviation, root of the sum over three axes, of where the camera says that a point
+        in the middle of its picture at this distance is, seen from the flange (eye-in-hand) or
+        from the base: what X, or Z, and the lens leave unknown.
+    scale : tuple of two floats
+        By how much larger the board seems to be than described, as a share, and its standard
+        deviation.
+    start : RobotWorldResult
+        The solution of A X = Z B that it started from.
+    warnings : tuple of str
+        What looks wrong, the worst first.
+    """
+
+    carried: Carried
+    X: FloatArray
+    Z: FloatArray
+    lens: Lens
+    lens_estimated: bool
+    estimate: IdentificationResult
+    sigma_px: float
+    arm_sigma: tuple[float, float]
+    names: tuple[str, ...]
+    status: tuple[PictureStatus, ...]
+    rms_px: FloatArray
+    scatter_px: FloatArray
+    off: FloatArray
+    left_out_px: FloatArray
+    distance_m: float
+    point_sigma_m: float
+    scale: tuple[float, float]
+    start: RobotWorldResult
+    warnings: tuple[str, ...]
+
+    @property
+    def used(self) -> BoolArray:
+        """Pictures that the estimate rests on, ``(N,)``."""
+        return np.array([status == "used" for status in self.status])
+
+    @property
+    def outliers(self) -> tuple[str, ...]:
+        """Names of the pictures that contradict the others."""
+        pairs = zip(self.names, self.status, strict=True)
+        return tuple(name for name, status in pairs if status == "contradicts the others")
+
+    @property
+    def camera_is(self) -> str:
+        """``T_flange_camera`` or ``T_base_camera``: what one looks for."""
+        return "T_flange_camera" if self.carried == "camera" else "T_base_camera"
+
+    @property
+    def T_camera(self) -> FloatArray:
+        """Pose ``(4, 4)`` of the camera, on the flange or in the base."""
+        return self.X if self.carried == "camera" else self.Z
+
+    def covariance_of(self, name: Literal["X", "Z"]) -> FloatArray:
+        """Covariance ``(6, 6)`` of X or Z.
+
+        Of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
+        """
+        stem = "tool" if name == "X" else "target"
+        own = [k for k, n in enumerate(self.estimate.names) if n.split(".")[0] == stem]
+        return self.estimate.covariance[np.ix_(own, own)]
+
+    def sigma_of(self, name: Literal["X", "Z"]) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations of the place [m] and the orientation [rad], ``(3,)`` each."""
+        sigma = np.sqrt(np.diag(self.covariance_of(name)))
+        return sigma[:3], sigma[3:]
+
+    @property
+    def headline(self) -> str:
+        place, turn = self.sigma_of("X" if self.carried == "camera" else "Z")
+        return (
+            f"{self.camera_is} from {int(self.used.sum())} of {len(self.names)} pictures: +- "
+            f"{1e3 * float(np.linalg.norm(place)):.3f} mm, "
+            f"{float(np.degrees(np.linalg.norm(turn))):.4f} deg"
+        )
+
+    def rows(self) -> list[dict[str, object]]:
+        """One row a picture."""
+        return [
+            {
+                "picture": name,
+                "status": status,
+                "rms_px": rms,
+                "left_out_px": left,
+                "scatter_px": scatter,
+                "off_mm": 1e3 * far,
+                "off_deg": turn,
+            }
+            for name, status, rms, left, scatter, far, turn in zip(
+                self.names,
+                self.status,
+                self.rms_px.tolist(),
+                self.left_out_px.tolist(),
+                self.scatter_px.tolist(),
+                np.linalg.norm(self.off[:, :3], axis=1).tolist(),
+                np.degrees(np.linalg.norm(self.off[:, 3:], axis=1)).tolist(),
+                strict=True,
+            )
+        ]

@@ -1,0 +1,257 @@
+"""Lenses as functions of their parameters: pixels of points, and the derivatives of both.
+
+Conventions are those of :mod:`calib.vision.camera.lens`: z along the optical axis, x to the right,
+y down, pixels from the left upper corner of the image, whose first pixel has its middle at
+(0.5, 0.5). Distortions are OpenCV's, in its order [OpenCV]_:
+
+- ``pinhole``: k1 k2 p1 p2 k3 [Brown1971]_;
+- ``rational``: the same with k4 k5 k6 in the denominator of the radial factor;
+- ``fisheye``: k1 k2 k3 k4 over the angle from the axis [Kannala2006]_.
+
+Arrays have the posture last: K points at S postures are ``(3, K, S)``.
+
+References
+----------
+.. [OpenCV] Camera calibration and 3D reconstruction, detailed description; fisheye camera model.
+.. [Brown1971] D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37, 1971.
+.. [Kannala2006] J. Kannala, S. Brandt, A generic camera model and calibration method for
+   conventional, wide-angle, and fish-eye lenses, IEEE TPAMI 28, 2006.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from calib.errors import InputError, near_names
+from calib.se3 import FloatArray
+
+LensName = Literal["pinhole", "rational", "fisheye"]
+
+LINEAR = ("fx", "fy", "cx", "cy")
+"""Focal lengths and principal point [px], the first of all parameters."""
+
+DISTORTION: dict[str, tuple[str, ...]] = {
+    "pinhole": ("k1", "k2", "p1", "p2", "k3"),
+    "rational": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+}
+"""Terms of each distortion, in OpenCV's order."""
+
+NEAREST_M = 1e-3
+"""Depth that points nearer to the lens, or behind it, are taken to have: a fit that starts badly
+then sees a large residual and not none."""
+
+
+class Projection(NamedTuple):
+    """Pixels of points and their derivatives.
+
+    Attributes
+    ----------
+    pixels : array (2, K, S)
+    by_point : array (2, 3, K, S)
+        [px/m]
+    by_lens : array (L, 2, K, S)
+        By the parameters of the lens.
+    """
+
+    pixels: FloatArray
+    by_point: FloatArray
+    by_lens: FloatArray
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens with its values.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of the image.
+    values : tuple of float
+        fx, fy, cx, cy [px], then the distortion in OpenCV's order.
+
+    Raises
+    ------
+    InputError
+        An unknown model, another number of values, or values that no lens has.
+    """
+
+    name: LensName
+    width_px: int
+    height_px: int
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.name not in DISTORTION:
+            raise InputError(
+                f"there is no lens {self.name!r}",
+                hint=near_names(self.name, tuple(DISTORTION)),
+                name="lens",
+            )
+        names = self.names
+        if len(self.values) != len(names):
+            raise InputError(
+                f"a {self.name} lens has {len(names)} values, {len(self.values)} were given",
+                hint=" ".join(names),
+                name="lens",
+            )
+        if not (np.isfinite(self.values).all() and min(self.values[:2]) > 0):
+            raise InputError(
+                f"a lens with the values {', '.join(f'{v:g}' for v in self.values)} cannot be",
+                hint="focal lengths are above zero",
+                name="lens",
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the values."""
+        return (*LINEAR, *DISTORTION[self.name])
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Distortion in OpenCV's order."""
+        return self.values[len(LINEAR) :]
+
+    def with_values(self, values: FloatArray) -> Lens:
+        """The same lens with other values."""
+        return replace(self, values=tuple(float(value) for value in values))
+
+    @classmethod
+    def from_opencv(
+        cls, name: LensName, size_px: tuple[int, int], K: FloatArray, distortion: FloatArray
+    ) -> Lens:
+        """A lens from OpenCV's camera matrix ``(3, 3)`` and distortion; missing terms are zero."""
+        terms = np.zeros(len(DISTORTION[name]))
+        given = np.ravel(distortion)
+        if np.any(given[len(terms) :]):
+            raise InputError(
+                f"a {name} lens has {len(terms)} terms of distortion, {given.size} were given",
+                name="lens",
+            )
+        terms[: given.size] = given[: len(terms)]
+        linear = (K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5)
+        return cls(name, *size_px, tuple(float(v) for v in (*linear, *terms)))
+
+    def to_opencv(self) -> tuple[FloatArray, FloatArray]:
+        """OpenCV's camera matrix ``(3, 3)`` and distortion."""
+        fx, fy, cx, cy = self.values[:4]
+        K = np.array([[fx, 0.0, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]])
+        return K, np.array(self.distortion)
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(..., 2)`` of points ``(..., 3)`` [m]; NaN behind the lens."""
+        flat = np.reshape(points, (-1, 3)).T[:, :, None]
+        pixels = project(self.name, np.array(self.values)[:, None], flat).pixels[:, :, 0].T
+        pixels = np.where(flat[2] > 0, pixels, np.nan)
+        return np.asarray(pixels.reshape(*np.shape(points)[:-1], 2))
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels ``(..., 2)`` lie on the plane z = 1, ``(..., 2)``, by OpenCV; NaN stays."""
+        import cv2
+
+        K, distortion = self.to_opencv()
+        flat = np.reshape(pixels, (-1, 1, 2)) - 0.5
+        known = np.isfinite(flat).all(axis=(1, 2))
+        out = np.full((len(flat), 2), np.nan)
+        if known.any():
+            ends = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
+            if self.name == "fisheye":
+                found = cv2.fisheye.undistortPoints(flat[known], K, distortion, criteria=ends)
+            else:
+                found = cv2.undistortPointsIter(
+                    flat[known], K, distortion, np.eye(3), np.eye(3), ends
+                )
+            out[known] = found.reshape(-1, 2)
+        return out.reshape(*np.shape(pixels)[:-1], 2)
+
+
+def project(name: str, values: FloatArray, points: FloatArray) -> Projection:
+    """Project points ``(3, K, S)`` [m] in the frame of the camera.
+
+    Parameters
+    ----------
+    name : str
+        Of the lens.
+    values : array (L, S) or (L, 1)
+    """
+    depth = np.maximum(points[2], NEAREST_M)
+    x, y = points[0] / depth, points[1] / depth
+    distort = _fisheye if name == "fisheye" else _radial
+    image, slope, by_terms = distort(values[4:, None, :], x, y)
+    f = values[:2, None, :]
+    pixels = f * image + values[2:4, None, :]
+    by_lens = np.zeros((len(values), 2, *x.shape))
+    for k in range(2):
+        by_lens[k, k] = image[k]
+        by_lens[2 + k, k] = 1.0
+    by_lens[4:] = by_terms * f
+    by_point = np.empty((2, 3, *x.shape))
+    for row in range(2):
+        for k in range(2):
+            by_point[row, k] = f[row] * slope[row][k] / depth
+        by_point[row, 2] = -(by_point[row, 0] * x + by_point[row, 1] * y)
+    by_point[:, 2] *= points[2] > NEAREST_M
+    return Projection(pixels, by_point, by_lens)
+
+
+_Distorted = tuple[FloatArray, list[list[FloatArray]], FloatArray]
+"""Image ``(2, K, S)`` in focal lengths, its derivative by x and y, and by the terms."""
+
+
+def _radial(terms: FloatArray, x: FloatArray, y: FloatArray) -> _Distorted:
+    """Brown's distortion, with a denominator where the terms are eight."""
+    k1, k2, p1, p2, k3 = terms[:5]
+    r2 = x * x + y * y
+    above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    above_slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)
+    below, below_slope = 1.0, 0.0
+    if len(terms) > 5:
+        k4, k5, k6 = terms[5:]
+        below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        below_slope = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6)
+    radial = above / below
+    slope = 2.0 * (above_slope - radial * below_slope) / below  # of the factor, over x or y
+    xy, xx, yy = x * y, x * x, y * y
+    image = np.stack(
+        [
+            x * radial + 2.0 * p1 * xy + p2 * (r2 + 2.0 * xx),
+            y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * xy,
+        ]
+    )
+    cross = xy * slope + 2.0 * (p1 * x + p2 * y)
+    by_xy = [
+        [radial + xx * slope + 2.0 * p1 * y + 6.0 * p2 * x, cross],
+        [cross, radial + yy * slope + 6.0 * p1 * y + 2.0 * p2 * x],
+    ]
+    by_terms = np.empty((len(terms), 2, *x.shape))
+    powers = (r2 / below, r2 * r2 / below, r2**3 / below)
+    for k, power in zip((0, 1, 4), powers, strict=True):
+        by_terms[k] = x * power, y * power
+    by_terms[2] = 2.0 * xy, r2 + 2.0 * yy
+    by_terms[3] = r2 + 2.0 * xx, 2.0 * xy
+    for k, power in zip(range(5, len(terms)), powers, strict=False):
+        by_terms[k] = -radial * x * power, -radial * y * power
+    return image, by_xy, by_terms
+
+
+def _fisheye(terms: FloatArray, x: FloatArray, y: FloatArray) -> _Distorted:
+    """Kannala's distortion: the image is as far out as a polynomial of the angle says."""
+    r2 = np.maximum(x * x + y * y, 1e-24)
+    r = np.sqrt(r2)
+    angle = np.arctan(r)
+    a2 = angle * angle
+    k1, k2, k3, k4 = terms
+    far = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+    far_slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
+    factor = far / r
+    slope = (far_slope / (1.0 + r2) - factor) / r2  # of the factor, over x or y
+    by_xy = [
+        [factor + x * x * slope, x * y * slope],
+        [x * y * slope, factor + y * y * slope],
+    ]
+    powers = np.stack([angle ** (2 * k + 3) / r for k in range(4)])
+    by_terms = np.stack([powers * x, powers * y], axis=1)
+    return np.stack([x * factor, y * factor]), by_xy, by_terms

@@ -1,0 +1,127 @@
+"""Parameters of what reads: the values of a lens, the errors of a printed board."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, near_names
+from calib.lens import LINEAR, Lens
+from calib.model.context import ArmErrors, MeasurementContext, Setup
+from calib.model.parameters.base import ParameterBlock, Unit, prior_of
+from calib.se3 import FloatArray
+
+
+class ReadingParameters(ParameterBlock):
+    """Values that an instrument reads by; they move nothing.
+
+    Parameters
+    ----------
+    reading : str
+        Label under which a kind of measurement looks for them.
+    values : array_like (k,)
+        Nominal values of all of them.
+    names, units : sequence of str
+        Of all k; the label goes before the names.
+    free : sequence of str, optional
+        Names of those to identify; all by default.
+    prior : array_like, optional
+        Standard deviation known before measuring, one for all k or one for each.
+    """
+
+    nuisance = True
+    beyond_chain = ""
+
+    def __init__(
+        self,
+        reading: str,
+        values: ArrayLike,
+        names: Sequence[str],
+        units: Sequence[Unit],
+        free: Sequence[str] | None = None,
+        prior: float | FloatArray | None = None,
+    ) -> None:
+        self.reading = reading
+        self.values = np.asarray(values, dtype=float)
+        wanted = list(names) if free is None else list(free)
+        for name in wanted:
+            if name not in names:
+                raise InputError(
+                    f"{reading} has no {name!r}", hint=near_names(name, tuple(names)), name=name
+                )
+        self._free = [k for k, name in enumerate(names) if name in wanted]
+        self.names = tuple(f"{reading}.{names[k]}" for k in self._free)
+        self.units = tuple(units[k] for k in self._free)
+        every = prior_of(prior, len(names))
+        self.prior = every[self._free]
+
+    @property
+    def nominal(self) -> FloatArray:
+        return self.values[self._free]
+
+    def all_values(self, values: FloatArray) -> FloatArray:
+        """All values ``(k, S)`` from those of the parameters ``(size, S)``."""
+        every = np.repeat(self.values[:, None], values.shape[1], axis=1)
+        every[self._free] = values
+        return every
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        errors.readings[self.reading] = self.all_values(values)
+
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
+        """Nothing moves: see :meth:`calib.model.measurements.Measurement.differentiate_reading`."""
+
+    def picked(self, rows: FloatArray) -> FloatArray:
+        return rows[self._free]
+
+
+class LensParameters(ReadingParameters):
+    """Focal lengths, principal point and distortion of a camera.
+
+    Parameters
+    ----------
+    lens : Lens
+    label : str
+        Name of the camera.
+    free : sequence of str, optional
+        Of the names of the lens; all by default.
+    """
+
+    def __init__(
+        self,
+        lens: Lens,
+        label: str = "camera",
+        free: Sequence[str] | None = None,
+        prior: float | FloatArray | None = None,
+    ) -> None:
+        px: Unit = "px"
+        one: Unit = "1"
+        units = [px] * len(LINEAR) + [one] * len(lens.distortion)
+        super().__init__(f"lens.{label}", lens.values, lens.names, units, free, prior)
+        self.lens = lens
+
+
+class BoardErrors(ReadingParameters):
+    """What a printed board is off its description.
+
+    ``scale``: how much larger it is, as a share of its size. ``bend_x``, ``bend_y``: by how much
+    its left and right edges, and its upper and lower ones, lie behind its middle [m], as parabolas.
+
+    Parameters
+    ----------
+    label : str
+        Name of the board.
+    free : sequence of str
+        Of ``scale``, ``bend_x``, ``bend_y``.
+    """
+
+    def __init__(
+        self,
+        label: str = "board",
+        free: Sequence[str] = ("scale",),
+        prior: float | FloatArray | None = None,
+    ) -> None:
+        names: tuple[str, ...] = ("scale", "bend_x", "bend_y")
+        super().__init__(f"board.{label}", np.zeros(3), names, ("1", "m", "m"), free, prior)

@@ -115,6 +115,8 @@ class Cell(CellData):
                 key="parameters.tool_axes",
                 hint='set it to "xy"',
             )
+        with naming(path, "board"):
+            cell.board  # noqa: B018  what cannot be is said now
         check_cell(cell, lambda: cell.scene, path)
         return cell
 

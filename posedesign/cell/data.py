@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +30,9 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell.schema import CellConfig
 from posedesign.cell.schema_sections import NoiseSection
+
+if TYPE_CHECKING:
+    from calib.vision.boards import Board
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """The target's z points at the camera: turned by 180 deg about x against the tool."""
@@ -67,6 +71,25 @@ class CellData:
     def measurement(self) -> Measurement:
         """The measurement with its noise."""
         return make_measurement(self.config, self.T_tip_camera[:3, :3])
+
+    @cached_property
+    def board(self) -> Board | None:
+        """The calibration board that a camera sees; None where the cell describes none.
+
+        Raises
+        ------
+        InputError
+            A board that cannot be.
+        """
+        section = self.config.board
+        if section is None:
+            return None
+        from calib.vision.boards import make_board  # not loaded for cells without
+
+        given = section.model_dump(exclude_none=True)
+        lengths = {key: given.pop(key) for key in list(given) if key.endswith("_mm")}
+        metres = {f"{key.removesuffix('mm')}m": length / 1e3 for key, length in lengths.items()}
+        return make_board(**given, **metres)
 
     @property
     def is_hand_eye(self) -> bool:

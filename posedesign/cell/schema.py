@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, StrictBool, ValidationError, model_
 
 from calib.errors import FileFormatError, near_names
 from posedesign.cell.schema_sections import (
+    BoardSection,
     BoxSteps,
     Finite,
     ImagingSection,
@@ -506,6 +507,7 @@ class CellConfig(Section):
     base_pose: BasePoseSection
     target: TargetSection = TargetSection()
     camera: CameraSection | None = None
+    board: BoardSection | None = None
     obstacle: tuple[SolidSection, ...] = ()
     constraints: ConstraintSection = ConstraintSection()
     variations: VariationSection = VariationSection()

@@ -232,6 +232,45 @@ class TargetSection(Section):
         return self
 
 
+Across = Annotated[int, Field(strict=True, ge=1, le=100)]
+
+
+class BoardSection(Section):
+    """A calibration board that a camera sees: what is printed on it.
+
+    ``posedesign board`` prints it to scale. Squares, markers or circles are counted and measured;
+    the black square of a marker is its side.
+    """
+
+    kind: Literal[
+        "charuco", "aruco-grid", "apriltag-grid", "chessboard", "circles", "asymmetric-circles"
+    ]
+    """``charuco``: a chessboard with markers in its white squares. ``aruco-grid`` and
+    ``apriltag-grid``: rows and columns of markers. ``chessboard``; ``circles``: rows and columns of
+    circles; ``asymmetric-circles``: every second row moved by half a step."""
+    columns: Across
+    """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across."""
+    rows: Across
+    """The same, down."""
+    square_mm: Size | None = None
+    """Side of the squares of ``charuco`` and ``chessboard``."""
+    spacing_mm: Size | None = None
+    """From marker to marker or from circle to circle, the white between them included; of
+    ``asymmetric-circles`` from row to row."""
+    marker_mm: Size | None = None
+    """Side of the black square of a marker."""
+    diameter_mm: Size | None = None
+    """Of circles; half the distance of neighbours by default."""
+    dictionary: Name | None = None
+    """Dictionary of the markers as OpenCV names it, DICT_5X5_100 or 5x5_100; that of
+    ``apriltag-grid`` is 36h11 by default."""
+    first_id: Annotated[int, Field(strict=True, ge=0, le=10_000)] | None = None
+    """Number of the left upper marker, 0 by default; the others count on, row by row."""
+    legacy: StrictBool = False
+    """A ``charuco`` of OpenCV before 4.6: with an even number of rows its left upper square is
+    white."""
+
+
 class ImagingSection(Section):
     """How the simulated camera takes pictures."""
 

@@ -66,6 +66,18 @@ name = "T1"
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
 {surroundings}
+# [board]                         # a calibration board that a camera sees: posedesign board
+# kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
+# columns = 8                     # asymmetric-circles; squares (not inner corners), markers or
+# rows = 6                        # circles, across and down
+# square_mm = 25.0                # of charuco and chessboard;
+# spacing_mm = 35.0               # of the others: from marker to marker, from circle to circle
+# marker_mm = 18.0                # side of the black square of a marker
+# diameter_mm = 15.0              # of circles; default: half the distance of neighbours
+# dictionary = "DICT_5X5_100"     # of the markers
+# first_id = 0                    # of the left upper marker
+# legacy = false                  # true: a charuco of OpenCV before 4.6
+
 [constraints]
 collisions = {collisions}                 # of arm, tool and obstacles
 ways = true                       # check the straight joint moves from pose to pose, too

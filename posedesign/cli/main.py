@@ -14,6 +14,7 @@ import typer
 
 from posedesign import __version__
 from posedesign.cli import (
+    board_command,
     calibrate_commands,
     correct_commands,
     plan_commands,
@@ -45,6 +46,7 @@ correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
 view_command.register(app)
+board_command.register(app)
 
 
 def _say_version(asked: bool) -> None:

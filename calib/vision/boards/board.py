@@ -1,0 +1,738 @@
+"""Calibration boards: what is printed on them, and where their points are.
+
+The frame of a board is OpenCV's for that kind: x to the right along the print, y down, z into the
+board, away from who looks at it. A board that a camera looks at squarely has the axes of the
+camera. Its origin is
+
+- for ChArUco the left upper corner of the left upper square,
+- for grids of markers the left upper corner of the left upper marker,
+- for a chessboard the first inner corner, one square right of and below the left upper corner,
+- for grids of circles the centre of the left upper circle.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, check_type, near_names
+from calib.se3 import BoolArray, FloatArray
+
+DICTIONARIES = tuple(
+    name
+    for name in sorted(dir(cv2.aruco))
+    if name.startswith("DICT_") and name == name.upper()  # 36h11 and 36H11 are the same
+)
+"""Names of the dictionaries of markers, as OpenCV has them."""
+
+APRILTAG = "DICT_APRILTAG_36H11"
+"""Dictionary of AprilTag grids where no other is given."""
+
+MOST_ACROSS = 100
+"""Squares, markers or circles along a side."""
+
+Print = tuple[FloatArray, FloatArray]
+"""What is black: rectangles ``(M, 4)`` of left, top, right and bottom, and discs ``(D, 3)`` of
+centre and radius [m] in the board's frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Board(ABC):
+    """A flat calibration board, black on white.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Squares of ChArUco and chessboards, markers, or circles, across and down.
+    """
+
+    name: ClassVar[str]
+    """Kind of the board, as :func:`make_board` takes it."""
+
+    columns: int
+    rows: int
+
+    def __post_init__(self) -> None:
+        for key in ("columns", "rows"):
+            _check_count(getattr(self, key), key, self.name, least=1)
+
+    @property
+    @abstractmethod
+    def points(self) -> FloatArray:
+        """Corners or centres that can be seen ``(K, 3)`` [m] in the board's frame, with z = 0."""
+
+    @property
+    @abstractmethod
+    def printed(self) -> Print:
+        """What is black on the board."""
+
+    @property
+    @abstractmethod
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of the printed pattern ``(4,)`` [m] in its frame."""
+
+    @property
+    @abstractmethod
+    def cell_m(self) -> float:
+        """Distance between neighbouring points [m]."""
+
+    @property
+    @abstractmethod
+    def clear_m(self) -> tuple[float, float]:
+        """How far the edges at a point run on, and how far beside them nothing else is [m]."""
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """The board in words, lengths in mm."""
+
+    @property
+    def ambiguous_half_turn(self) -> bool:
+        """Whether the board looks the same after half a turn about its normal."""
+        return False
+
+    def is_black(self, xy: FloatArray) -> BoolArray:
+        """Whether points ``(N, 2)`` [m] in the board's frame are black ``(N,)``."""
+        rectangles, discs = self.printed
+        black = np.zeros(len(xy), dtype=bool)
+        for left, top, right, bottom in rectangles:
+            x, y = xy.T
+            black |= (x >= left) & (x < right) & (y >= top) & (y < bottom)
+        for x, y, radius in discs:
+            black |= ((xy - [x, y]) ** 2).sum(axis=1) < radius**2
+        return black
+
+    @cached_property
+    def quadrants(self) -> FloatArray:
+        """Blackness ``(K, 2, 2)`` of the quarters about each point: [k, 1, 0] is right above."""
+        step = min(self.clear_m) / 4 * np.array([-1.0, 1.0])
+        x, y = self.points[:, 0], self.points[:, 1]
+        shape = (len(x), 2, 2)
+        across = np.broadcast_to(x[:, None, None] + step[:, None], shape)
+        down = np.broadcast_to(y[:, None, None] + step, shape)
+        quarters = np.stack([across.ravel(), down.ravel()], axis=1)
+        return self.is_black(quarters).astype(float).reshape(shape)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height of the printed pattern [m]."""
+        left, top, right, bottom = self.box.tolist()
+        return right - left, bottom - top
+
+    @property
+    def outline(self) -> FloatArray:
+        """Corners of the printed pattern ``(4, 3)`` [m], clockwise from the left upper one."""
+        left, top, right, bottom = self.box
+        corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
+        return np.column_stack([np.array(corners), np.zeros(4)])
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerBoard(Board):
+    """A board with markers, each of which tells which one it is.
+
+    Attributes
+    ----------
+    marker_m : float
+        Side of the black square of a marker.
+    dictionary : str
+        One of :data:`DICTIONARIES`.
+    first_id : int
+        Number of the left upper marker; the others count on, row by row.
+    """
+
+    marker_m: float
+    dictionary: str
+    first_id: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_length(self.marker_m, "marker_m")
+        if self.dictionary not in DICTIONARIES:
+            raise InputError(
+                f"there is no dictionary {self.dictionary!r}",
+                hint=near_names(self.dictionary, DICTIONARIES),
+                name="dictionary",
+            )
+        _check_count(self.first_id, "first_id", self.name, least=0, most=10_000)
+
+    @property
+    @abstractmethod
+    def marker_places(self) -> FloatArray:
+        """Left upper corners of the markers ``(M, 2)`` [m]."""
+
+    @property
+    def marker_corners(self) -> FloatArray:
+        """Corners of the markers ``(M, 4, 2)`` [m], clockwise from the left upper one."""
+        square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        return np.asarray(self.marker_places[:, None] + self.marker_m * square)
+
+    @property
+    def ids(self) -> range:
+        """Numbers of the markers."""
+        return range(self.first_id, self.first_id + len(self.marker_places))
+
+    @property
+    def markers(self) -> cv2.aruco.Dictionary:
+        """The dictionary itself."""
+        return dictionary_of(self.dictionary)
+
+    def _check_ids(self) -> None:
+        known = len(self.markers.bytesList)
+        if self.ids.stop > known:
+            raise InputError(
+                f"the board has markers {self.ids.start} to {self.ids.stop - 1}, "
+                f"{self.dictionary} has {known}",
+                hint="take a larger dictionary, fewer markers or another first_id",
+                name="dictionary",
+            )
+
+    def _printed_markers(self) -> FloatArray:
+        """Rectangles ``(M, 4)`` that are black in the markers."""
+        cells = self.markers.markerSize + 2
+        side = self.marker_m / cells
+        found = []
+        for place, number in zip(self.marker_places, self.ids, strict=True):
+            bits = self.markers.generateImageMarker(number, cells) == 0
+            found.append(side * _runs(bits) + np.tile(place, 2))
+        return np.vstack(found)
+
+    @property
+    def _marker_words(self) -> str:
+        return (
+            f"markers {self.ids.start} to {self.ids.stop - 1} of {self.dictionary}, "
+            f"{1e3 * self.marker_m:g} mm"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CharucoBoard(MarkerBoard):
+    """A chessboard with markers in its white squares.
+
+    Attributes
+    ----------
+    square_m : float
+        Side of the squares.
+    legacy : bool
+        The pattern of OpenCV before 4.6: with an even number of rows the left upper square is
+        white and has a marker.
+    """
+
+    name: ClassVar[str] = "charuco"
+    square_m: float = 0.0
+    legacy: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_length(self.square_m, "square_m")
+        if not self.marker_m < self.square_m:
+            raise InputError(
+                f"markers of {1e3 * self.marker_m:g} mm do not go into squares of "
+                f"{1e3 * self.square_m:g} mm",
+                hint="markers are smaller than squares: 0.7 to 0.8 of them is usual",
+                name="marker_m",
+            )
+        if min(self.columns, self.rows) < 2 or self.columns * self.rows < 6:
+            raise InputError(
+                f"a ChArUco board of {self.columns} x {self.rows} squares has "
+                f"{(self.columns - 1) * (self.rows - 1)} inner corners",
+                hint="columns and rows count squares: take 3 x 3 at least",
+                name="columns",
+            )
+        self._check_ids()
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Inner corners ``(K, 3)`` [m], row by row."""
+        return _lattice(self.columns - 1, self.rows - 1, self.square_m, (1.0, 1.0))
+
+    @cached_property
+    def marker_places(self) -> FloatArray:
+        """Left upper corners of the markers ``(M, 2)`` [m]."""
+        margin = (self.square_m - self.marker_m) / 2
+        white = ~_checks(self.columns, self.rows, self._first_is_black)
+        rows, columns = np.nonzero(white)
+        return np.asarray(self.square_m * np.stack([columns, rows], axis=1) + margin)
+
+    @property
+    def _first_is_black(self) -> bool:
+        return not (self.legacy and self.rows % 2 == 0)
+
+    @cached_property
+    def printed(self) -> Print:
+        """Black squares, and what is black of the markers."""
+        squares = _squares(self.columns, self.rows, self.square_m, self._first_is_black)
+        return np.vstack([squares, self._printed_markers()]), np.empty((0, 3))
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of all squares ``(4,)`` [m]."""
+        return np.array([0.0, 0.0, self.columns * self.square_m, self.rows * self.square_m])
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a square [m]."""
+        return self.square_m
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """Half a square along its sides, and the white about its marker.
+
+        Markers lie on both sides of an edge by turns, so what is seen of them cancels out.
+        """
+        white = (self.square_m - self.marker_m) / 2
+        return 0.45 * self.square_m, max(0.9 * white, 0.12 * self.square_m)
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        return (
+            f"ChArUco board of {self.columns} x {self.rows} squares of "
+            f"{1e3 * self.square_m:g} mm, {self._marker_words}" + ", legacy pattern" * self.legacy
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerGrid(MarkerBoard):
+    """Rows and columns of markers.
+
+    Attributes
+    ----------
+    spacing_m : float
+        From the left side of a marker to that of the next.
+    """
+
+    spacing_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_length(self.spacing_m, "spacing_m")
+        if not self.marker_m < self.spacing_m:
+            raise InputError(
+                f"markers of {1e3 * self.marker_m:g} mm do not go side by side every "
+                f"{1e3 * self.spacing_m:g} mm",
+                hint="spacing is from marker to marker, the white between them included",
+                name="spacing_m",
+            )
+        self._check_ids()
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Corners of the markers ``(K, 3)`` [m], four for each, clockwise from left upper."""
+        corners = self.marker_corners.reshape(-1, 2)
+        return np.column_stack([corners, np.zeros(len(corners))])
+
+    @cached_property
+    def marker_places(self) -> FloatArray:
+        """Left upper corners of the markers ``(M, 2)`` [m]."""
+        return _lattice(self.columns, self.rows, self.spacing_m)[:, :2]
+
+    @cached_property
+    def printed(self) -> Print:
+        """What is black of the markers."""
+        return self._printed_markers(), np.empty((0, 3))
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of all markers ``(4,)`` [m]."""
+        across, down = (self.spacing_m * (n - 1) for n in (self.columns, self.rows))
+        return np.array([0.0, 0.0, across + self.marker_m, down + self.marker_m])
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a marker, or the white between two [m]."""
+        return min(self.marker_m, self.spacing_m - self.marker_m)
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """Half a side, and the black border of a marker or the white between two."""
+        border = self.marker_m / (self.markers.markerSize + 2)
+        return 0.45 * self.marker_m, 0.9 * min(border, self.spacing_m - self.marker_m)
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        title = "AprilTag grid" if self.name == AprilTagGrid.name else "ArUco grid"
+        return (
+            f"{title} of {self.columns} x {self.rows} every {1e3 * self.spacing_m:g} mm, "
+            f"{self._marker_words}"
+        )
+
+
+class ArucoGrid(MarkerGrid):
+    """Rows and columns of ArUco markers."""
+
+    name: ClassVar[str] = "aruco-grid"
+
+
+class AprilTagGrid(MarkerGrid):
+    """Rows and columns of AprilTags."""
+
+    name: ClassVar[str] = "apriltag-grid"
+
+
+@dataclass(frozen=True, eq=False)
+class Chessboard(Board):
+    """A chessboard; its left upper square is black.
+
+    Attributes
+    ----------
+    square_m : float
+        Side of the squares.
+    """
+
+    name: ClassVar[str] = "chessboard"
+    square_m: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_length(self.square_m, "square_m")
+        if min(self.columns, self.rows) < 4:
+            raise InputError(
+                f"a chessboard of {self.columns} x {self.rows} squares is too small to be found",
+                hint="columns and rows count squares, not inner corners: 4 x 4 at least",
+                name="columns",
+            )
+        if self.columns == self.rows and self.columns % 2:
+            _refuse_quarter_turn(self, "squares")
+
+    @property
+    def ambiguous_half_turn(self) -> bool:
+        """Whether opposite corner squares have the same colour."""
+        return (self.columns + self.rows) % 2 == 0
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Inner corners ``(K, 3)`` [m], row by row."""
+        return _lattice(self.columns - 1, self.rows - 1, self.square_m)
+
+    @cached_property
+    def printed(self) -> Print:
+        """Black squares."""
+        squares = _squares(self.columns, self.rows, self.square_m, True) - self.square_m
+        return squares, np.empty((0, 3))
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of all squares ``(4,)`` [m]."""
+        return self.square_m * np.array([-1.0, -1.0, self.columns - 1, self.rows - 1])
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a square [m]."""
+        return self.square_m
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """Half a square each."""
+        return 0.45 * self.square_m, 0.45 * self.square_m
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        return (
+            f"chessboard of {self.columns} x {self.rows} squares of {1e3 * self.square_m:g} mm "
+            f"({self.columns - 1} x {self.rows - 1} inner corners)"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CircleGrid(Board):
+    """Rows and columns of black circles.
+
+    Attributes
+    ----------
+    spacing_m : float
+        From centre to centre, across and down.
+    diameter_m : float
+        Of the circles.
+    """
+
+    name: ClassVar[str] = "circles"
+    spacing_m: float
+    diameter_m: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_length(self.spacing_m, "spacing_m")
+        _check_length(self.diameter_m, "diameter_m")
+        if min(self.columns, self.rows) < 3:
+            raise InputError(
+                f"{self.columns} x {self.rows} circles are too few to be told from others",
+                hint="take 3 x 3 at least",
+                name="columns",
+            )
+        if not self.diameter_m < 0.9 * self.cell_m:
+            raise InputError(
+                f"circles of {1e3 * self.diameter_m:g} mm are {1e3 * self.cell_m:.4g} mm apart",
+                hint="leave white between them: half the distance is a good diameter",
+                name="diameter_m",
+            )
+        self._check_order()
+
+    def _check_order(self) -> None:
+        if self.columns == self.rows:
+            _refuse_quarter_turn(self, "circles")
+
+    @property
+    def ambiguous_half_turn(self) -> bool:
+        """A grid of circles always looks the same after half a turn."""
+        return True
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Centres ``(K, 3)`` [m], row by row."""
+        return _lattice(self.columns, self.rows, self.spacing_m)
+
+    @cached_property
+    def printed(self) -> Print:
+        """The circles."""
+        discs = self.points.copy()
+        discs[:, 2] = self.diameter_m / 2
+        return np.empty((0, 4)), discs
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of all circles ``(4,)`` [m]."""
+        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
+        return np.concatenate([low - self.diameter_m / 2, high + self.diameter_m / 2])
+
+    @property
+    def cell_m(self) -> float:
+        """Distance between neighbours [m]."""
+        return self.spacing_m
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """The whole circle, and what is inside or between circles."""
+        return self.diameter_m, 0.45 * min(self.diameter_m, self.cell_m - self.diameter_m)
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        return (
+            f"grid of {self.columns} x {self.rows} circles of {1e3 * self.diameter_m:g} mm every "
+            f"{1e3 * self.spacing_m:g} mm"
+        )
+
+
+class AsymmetricCircleGrid(CircleGrid):
+    """Rows of black circles, every second one moved to the right by half a step.
+
+    ``spacing_m`` is the distance of the rows, and half of that from centre to centre in a row.
+    """
+
+    name: ClassVar[str] = "asymmetric-circles"
+
+    def _check_order(self) -> None:
+        """A half turn is all that can be hidden: rows and columns are not at the same distance."""
+
+    @property
+    def ambiguous_half_turn(self) -> bool:
+        """Whether the number of rows is even: first and last row then change places."""
+        return self.rows % 2 == 0
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Centres ``(K, 3)`` [m], row by row."""
+        row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        grid = np.stack([2 * column + row % 2, row, np.zeros_like(row)], axis=1)
+        return np.asarray(self.spacing_m * grid)
+
+    @property
+    def cell_m(self) -> float:
+        """Distance between neighbours, which are diagonal [m]."""
+        return float(np.sqrt(2.0)) * self.spacing_m
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        return (
+            f"asymmetric grid of {self.rows} rows of {self.columns} circles of "
+            f"{1e3 * self.diameter_m:g} mm, rows {1e3 * self.spacing_m:g} mm apart"
+        )
+
+
+BOARDS: dict[str, type[Board]] = {
+    kind.name: kind
+    for kind in (
+        CharucoBoard, ArucoGrid, AprilTagGrid, Chessboard, CircleGrid, AsymmetricCircleGrid
+    )
+}  # fmt: skip
+"""Kinds of boards by their names."""
+
+_LENGTHS = {
+    "charuco": ("square_m", "marker_m"),
+    "aruco-grid": ("spacing_m", "marker_m"),
+    "apriltag-grid": ("spacing_m", "marker_m"),
+    "chessboard": ("square_m",),
+    "circles": ("spacing_m",),
+    "asymmetric-circles": ("spacing_m",),
+}
+"""Lengths that a kind has to be given."""
+
+_MARKED = ("charuco", "aruco-grid", "apriltag-grid")
+
+
+def make_board(
+    kind: str,
+    *,
+    columns: int,
+    rows: int,
+    square_m: float | None = None,
+    spacing_m: float | None = None,
+    marker_m: float | None = None,
+    diameter_m: float | None = None,
+    dictionary: str | None = None,
+    first_id: int | None = None,
+    legacy: bool = False,
+) -> Board:
+    """The board of a kind, all that belongs to it given.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`BOARDS`.
+    columns, rows : int
+        Across and down: squares of ``charuco`` and ``chessboard``, not their inner corners;
+        markers; circles.
+    square_m : float, optional
+        Side of a square of ``charuco`` and ``chessboard``.
+    spacing_m : float, optional
+        From marker to marker, or from circle to circle; for ``asymmetric-circles`` from row to row.
+    marker_m : float, optional
+        Side of the black square of a marker.
+    diameter_m : float, optional
+        Of circles; half the distance of neighbours by default.
+    dictionary : str, optional
+        Of the markers, one of :data:`DICTIONARIES`, without ``DICT_`` if you like; that of
+        AprilTag grids is 36h11 by default.
+    first_id : int, optional
+        Number of the first marker; 0 by default.
+    legacy : bool
+        A ``charuco`` as OpenCV before 4.6 has it.
+
+    Raises
+    ------
+    InputError
+        An unknown kind or dictionary, something missing or of another kind, or a board that
+        cannot be.
+    """
+    check_type(kind, str, "kind")
+    if kind not in BOARDS:
+        raise InputError(
+            f"there is no board {kind!r}", hint=near_names(kind, BOARDS), name="kind", value=kind
+        )
+    given: dict[str, object] = {"square_m": square_m, "spacing_m": spacing_m, "marker_m": marker_m}
+    wanted: dict[str, object] = {key: given.pop(key) for key in _LENGTHS[kind]}
+    for key, value in wanted.items():
+        if value is None:
+            raise InputError(f"a {kind} needs {key}", hint="give this length", name=key)
+    given |= {"diameter_m": diameter_m, "dictionary": dictionary, "first_id": first_id}
+    if kind in _MARKED:
+        wanted |= {"dictionary": _dictionary_name(kind, given.pop("dictionary"))}
+        wanted |= {"first_id": given.pop("first_id") or 0}
+    elif kind.endswith("circles"):
+        _check_length(spacing_m, "spacing_m")
+        near = np.sqrt(2.0) if kind == AsymmetricCircleGrid.name else 1.0
+        half = float(near * (spacing_m or 0.0) / 2)
+        size = given.pop("diameter_m")
+        wanted |= {"diameter_m": half if size is None else size}
+    if kind == CharucoBoard.name:
+        wanted |= {"legacy": bool(legacy)}
+    elif legacy:
+        given |= {"legacy": True}
+    for key, value in given.items():
+        if value is not None:
+            raise InputError(f"a {kind} has no {key}", hint="leave it out", name=key)
+    return BOARDS[kind](columns=columns, rows=rows, **wanted)
+
+
+def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+    """A dictionary of OpenCV by its name."""
+    return cv2.aruco.getPredefinedDictionary(int(getattr(cv2.aruco, name)))
+
+
+def _dictionary_name(kind: str, given: object) -> str:
+    if given is None:
+        if kind == AprilTagGrid.name:
+            return APRILTAG
+        raise InputError(
+            f"a {kind} needs the dictionary of its markers",
+            hint="for example DICT_5X5_100; it stands on most boards",
+            name="dictionary",
+        )
+    check_type(given, str, "dictionary")
+    name = str(given).upper().replace("-", "_")
+    for full in (name, f"DICT_{name}", f"DICT_APRILTAG_{name}", f"DICT_ARUCO_{name}"):
+        if full in DICTIONARIES:
+            return full
+    raise InputError(
+        f"there is no dictionary {given!r}",
+        hint=near_names(f"DICT_{name.removeprefix('DICT_')}", DICTIONARIES),
+        name="dictionary",
+    )
+
+
+def _refuse_quarter_turn(board: Board, what: str) -> None:
+    raise InputError(
+        f"a board of {board.columns} x {board.rows} {what} looks the same after a quarter turn",
+        hint="take one more column than rows",
+        name="columns",
+    )
+
+
+def _check_count(
+    value: object, key: str, kind: str, *, least: int, most: int = MOST_ACROSS
+) -> None:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
+        raise InputError(
+            f"{key} of the {kind} is {value!r}",
+            hint=f"give a whole number from {least} to {most}",
+            name=key,
+        )
+
+
+def _check_length(value: object, key: str) -> None:
+    number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+    if not number or not 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
+        raise InputError(
+            f"{key} of the board is {value!r}",
+            hint="give it in metres, from 0.0001 to 10",
+            name=key,
+        )
+
+
+def _lattice(
+    columns: int, rows: int, step: float, first: tuple[float, float] = (0.0, 0.0)
+) -> FloatArray:
+    """Points ``(rows * columns, 3)``, row by row."""
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    grid = [column + first[0], row + first[1], np.zeros(rows * columns)]
+    return np.asarray(step * np.stack(grid, axis=1))
+
+
+def _checks(columns: int, rows: int, first: bool) -> BoolArray:
+    """Which squares ``(rows, columns)`` are black."""
+    return np.asarray((np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0) == first)
+
+
+def _squares(columns: int, rows: int, side: float, first: bool) -> FloatArray:
+    row, column = np.nonzero(_checks(columns, rows, first))
+    return np.asarray(side * np.stack([column, row, column + 1, row + 1], axis=1))
+
+
+def _runs(black: ArrayLike) -> FloatArray:
+    """Rectangles ``(M, 4)`` in cells that are black together: runs of each row."""
+    padded = np.pad(np.asarray(black, dtype=np.int8), ((0, 0), (1, 1)))
+    step = np.diff(padded, axis=1)
+    row, left = np.nonzero(step == 1)
+    right = np.nonzero(step == -1)[1]
+    return np.stack([left, row, right, row + 1], axis=1).astype(float)

@@ -1,0 +1,141 @@
+"""The map from a flat board to its picture: a homography, and what a lens bends.
+
+A lens bends the picture of a plane by a few pixels, and smoothly: a polynomial of third order over
+the picture takes that up to some hundredths of a pixel, without knowing the lens. Points that do
+not lie on such a map are not of the board.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calib.se3 import BoolArray, FloatArray
+
+_ORDERS = ((30, 3), (16, 2))
+"""Points from which on the polynomial has an order; with fewer there is the homography alone."""
+
+_ROUNDS = 12
+_FIRST_MISS = 0.35
+"""Distance from the homography of points that may be the board's, in parts of the distance of
+neighbours: a lens bends by less, and a point that is further off is nearer to another."""
+
+_SIGMAS = 5.0
+"""Standard deviations beyond which a point is another."""
+
+_FLOOR_PX = 0.3
+"""Points nearer than that to the map are never others: what the polynomial does not take of a lens
+is less."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoardMap:
+    """Where points of a board are seen, in OpenCV's pixels.
+
+    Attributes
+    ----------
+    homography : ndarray (3, 3)
+        From the board [m].
+    bend : ndarray (terms, 2)
+        Coefficients [px] of the polynomial, for terms of order two and three.
+    center, scale : ndarray (2,), float
+        Of the pixels that the polynomial is written in.
+    """
+
+    homography: FloatArray
+    bend: FloatArray
+    center: FloatArray
+    scale: float
+
+    def __call__(self, xy: FloatArray) -> FloatArray:
+        """Pixels ``(..., 2)`` of points ``(..., 2)`` [m]."""
+        flat = _projected(self.homography, np.asarray(xy))
+        if not len(self.bend):
+            return flat
+        terms = _terms((flat - self.center) / self.scale, len(self.bend))
+        return np.asarray(flat + terms @ self.bend)
+
+    def slope(self, xy: FloatArray, step_m: float) -> FloatArray:
+        """Derivatives ``(..., 2, 2)`` [px/m], columns by x and y."""
+        right, down = np.array([step_m, 0.0]), np.array([0.0, step_m])
+        by_x = self(xy + right) - self(xy - right)
+        by_y = self(xy + down) - self(xy - down)
+        return np.stack([by_x, by_y], axis=-1) / (2 * step_m)
+
+
+def fit_map(
+    xy: FloatArray, px: FloatArray, near_px: float, *, refined: bool = False
+) -> tuple[BoardMap, BoolArray] | None:
+    """The map that most of the points keep to, and which do.
+
+    Parameters
+    ----------
+    xy, px : ndarray (K, 2)
+        Points on the board [m] and in the picture.
+    near_px : float
+        Distance of neighbours in the picture.
+    refined : bool
+        The points are known to a fraction of a pixel.
+
+    Returns
+    -------
+    tuple or None
+        None where fewer than four points keep to any map.
+    """
+    if len(xy) < 4:
+        return None
+    first, kept = cv2.findHomography(
+        xy, px, cv2.RANSAC, max(_FIRST_MISS * near_px, 2.0), maxIters=500
+    )
+    if first is None or kept is None:
+        return None
+    inside = kept.ravel() > 0
+    floor = _FLOOR_PX if refined else max(0.06 * near_px, 1.0)
+    found: BoardMap | None = None
+    for k in range(_ROUNDS):
+        if np.count_nonzero(inside) < 4:
+            return None
+        found = _fit(xy[inside], px[inside])
+        if found is None:
+            return None
+        miss = np.linalg.norm(found(xy) - px, axis=1)
+        usual = _SIGMAS * 1.2 * float(np.median(miss[inside]))
+        least = max(floor, 0.5**k * _FIRST_MISS * near_px)
+        now = miss <= max(usual if refined else floor, least)
+        if k > 2 and np.array_equal(now, inside) and least <= floor:
+            break
+        inside = now
+    if found is None or np.count_nonzero(inside) < 4:
+        return None
+    return found, inside
+
+
+def _fit(xy: FloatArray, px: FloatArray) -> BoardMap | None:
+    solved, _ = cv2.findHomography(xy, px, 0)
+    if solved is None or not np.isfinite(solved).all():
+        return None
+    homography = np.asarray(solved, dtype=float)
+    flat = _projected(homography, xy)
+    center = flat.mean(axis=0)
+    scale = float(np.abs(flat - center).max()) or 1.0
+    order = next((order for least, order in _ORDERS if len(xy) >= least), 0)
+    if not order:
+        return BoardMap(homography, np.empty((0, 2)), center, scale)
+    count = (order + 1) * (order + 2) // 2
+    terms = _terms((flat - center) / scale, count)
+    bend = np.asarray(np.linalg.lstsq(terms, px - flat, rcond=1e-4)[0], dtype=float)
+    return BoardMap(homography, bend, center, scale)
+
+
+def _projected(homography: FloatArray, xy: FloatArray) -> FloatArray:
+    out = xy @ homography[:, :2].T + homography[:, 2]
+    return np.asarray(out[..., :2] / out[..., 2:])
+
+
+def _terms(at: FloatArray, count: int) -> FloatArray:
+    """Powers of the pixels ``(..., count)``, all orders from zero on."""
+    x, y = at[..., 0], at[..., 1]
+    powers = [x**i * y ** (n - i) for n in range(4) for i in range(n + 1)]
+    return np.stack(powers[:count], axis=-1)

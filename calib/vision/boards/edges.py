@@ -1,0 +1,340 @@
+"""Points of a board to a fraction of a pixel, by the edges that meet there or go around them.
+
+The board's map (:mod:`calib.vision.boards.board_map`) says where edges should be. Grey levels are
+read along lines across them, and a blurred step is fitted by least squares: how far it is from
+where it should be moves the point. As the lines follow the map, neither perspective nor a lens
+moves the middle of a circle, and edges are as straight as they are on the board.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from calib.se3 import BoolArray, FloatArray
+from calib.vision.boards.board import Board
+from calib.vision.boards.board_map import BoardMap
+
+SAMPLES = 15
+"""Grey levels that are read across an edge."""
+
+ALONG = 10
+"""Lines across a straight edge."""
+
+ANGLES = 32
+"""Lines across the rim of a circle."""
+
+LONGEST_PX = 18.0
+"""Of an edge beside a corner, what is looked at: further on a lens bends it."""
+
+WIDEST_PX = 7.0
+"""To each side of an edge; three times the blur where that is known."""
+
+FIRST_SIGMA_PX = 1.5
+"""Blur that edges are looked for with."""
+
+LEAST_LIKENESS = 0.8
+"""Correlation of grey levels with a step below which there is no edge of the board."""
+
+LEAST_CONTRAST = 10.0
+"""Grey levels between black and white."""
+
+LEAST_OF_USUAL = 0.25
+"""Contrast of an edge, in parts of that of most: light may fall off over the board."""
+
+_STEPS = 6
+_INV_SQRT_2PI = 0.3989422804014327
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Points as the picture shows them.
+
+    Attributes
+    ----------
+    px : ndarray (K, 2)
+        In OpenCV's pixels.
+    good : ndarray (K,) of bool
+        All edges of the point are there.
+    sigma_px : float
+        Standard deviation of the blur.
+    dark, light : ndarray (K,)
+        Grey levels of both sides.
+    """
+
+    px: FloatArray
+    good: BoolArray
+    sigma_px: float
+    dark: FloatArray
+    light: FloatArray
+
+
+def refine(
+    picture: NDArray[np.float32],
+    board: Board,
+    which: NDArray[np.intp],
+    board_map: BoardMap,
+    start_px: FloatArray,
+    sigma_px: float | None = None,
+) -> Refined:
+    """Points of the board to a fraction of a pixel.
+
+    Parameters
+    ----------
+    picture : ndarray (height, width) of float32
+    which : ndarray (K,)
+        Points of the board that are looked for.
+    start_px : ndarray (K, 2)
+        Where they are, to a pixel or two.
+    sigma_px : float, optional
+        Blur, where it is known.
+    """
+    lines = _lines(board, which, board_map, sigma_px)
+    px = start_px.copy()
+    sigma = np.full(lines.group.max(initial=0) + 1, sigma_px or FIRST_SIGMA_PX)
+    step = _Steps.empty(lines.group.shape)
+    inside = np.ones(len(which), dtype=bool)
+    for k in range(_STEPS):
+        profiles, within = lines.read(picture, px)
+        inside &= within
+        # the blur is fitted once the edges are where they are looked for
+        step = _fit_steps(profiles, lines.distance, sigma[lines.group], free=k > 1)
+        if k > 1:
+            for group in range(len(sigma)):
+                known = step.sound & (lines.group == group) & inside[:, None]
+                if known.any():
+                    sigma[group] = np.clip(np.median(step.sigma[known]), 0.4, 6.0)
+        offset = np.clip(step.offset, -WIDEST_PX / 2, WIDEST_PX / 2)
+        moved = np.einsum("kij,kj->ki", lines.mover, np.where(np.isfinite(offset), offset, 0.0))
+        px += moved
+        if k > 2 and np.abs(moved).max(initial=0.0) < 2e-3:
+            break
+    wanted = lines.wanted
+    contrast = step.contrast
+    usual = float(np.median(contrast[wanted & step.sound])) if (wanted & step.sound).any() else 0.0
+    clear = contrast >= max(LEAST_CONTRAST, LEAST_OF_USUAL * usual)
+    like = step.likeness >= LEAST_LIKENESS
+    share = (clear & like & wanted).sum(axis=1) / wanted.sum(axis=1)
+    good = inside & (share >= lines.share) & np.isfinite(px).all(axis=1)
+    good &= np.linalg.norm(px - start_px, axis=1) < WIDEST_PX
+    return Refined(
+        px,
+        good,
+        float(np.sqrt(np.mean(sigma**2))),
+        np.nanmean(np.where(wanted, step.base, np.nan), axis=1),
+        np.nanmean(np.where(wanted, step.base + contrast, np.nan), axis=1),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines across the edges of points, E for each.
+
+    Attributes
+    ----------
+    shift : ndarray (K, E, A, V, 2)
+        From the point to where grey levels are read [px]; A lines across an edge are averaged.
+    sign : ndarray (K, E, A)
+        Light is towards larger distances (1), or smaller ones (-1); 0 for no edge.
+    distance : ndarray (K, E, V)
+        Across the edge [px].
+    mover : ndarray (K, 2, E)
+        What an edge's offset moves the point by.
+    group : ndarray (K, E)
+        Edges with a blur of their own: those along x, along y.
+    share : float
+        Of the edges, how many must be seen.
+    """
+
+    shift: FloatArray
+    sign: FloatArray
+    distance: FloatArray
+    mover: FloatArray
+    group: NDArray[np.intp]
+    share: float
+
+    @property
+    def wanted(self) -> BoolArray:
+        """Edges that there are ``(K, E)``."""
+        return np.asarray((self.sign != 0.0).any(axis=2))
+
+    def read(self, picture: NDArray[np.float32], px: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Grey levels ``(K, E, V)``, dark to light, and which points lie wholly in the picture."""
+        at = px[:, None, None, None] + self.shift
+        grey, inside = read_grey(picture, at)
+        used = self.sign != 0.0
+        whole = (inside | ~used[..., None]).all(axis=(1, 2, 3))
+        # edges that are light on the other side are turned in grey about their own middle, so
+        # that what is the same on both sides of a corner cancels out
+        middle = grey.mean(axis=-1, keepdims=True)
+        turned = self.sign[..., None] * (grey - middle) + middle * used[..., None]
+        count = np.maximum(used.sum(axis=2), 1)
+        return np.asarray(turned.sum(axis=2) / count[..., None]), whole
+
+
+def _lines(
+    board: Board, which: NDArray[np.intp], board_map: BoardMap, sigma_px: float | None
+) -> _Lines:
+    xy = board.points[which, :2]
+    slope = board_map.slope(xy, board.cell_m / 10)
+    wide = WIDEST_PX if sigma_px is None else np.clip(3.0 * sigma_px + 1.0, 3.0, WIDEST_PX)
+    make = _lines_of_circles if len(board.printed[1]) else _lines_of_corners
+    return make(board, which, xy, slope, board_map, float(wide), sigma_px or FIRST_SIGMA_PX)
+
+
+def _lines_of_corners(
+    board: Board,
+    which: NDArray[np.intp],
+    xy: FloatArray,
+    slope: FloatArray,
+    board_map: BoardMap,
+    wide_px: float,
+    sigma_px: float,
+) -> _Lines:
+    long_m, clear_m = board.clear_m
+    dark = board.quadrants[which]
+    area = np.abs(np.linalg.det(slope))
+    shifts, signs, distances = [], [], []
+    for axis in range(2):  # edges along x, then along y
+        along_px = np.linalg.norm(slope[:, :, axis], axis=1)
+        across_px = area / along_px  # across the edge, of a metre along the other axis
+        reach = np.minimum(long_m, LONGEST_PX / along_px)
+        # beside the corner itself the other edge is seen
+        near = np.minimum(1.5 * sigma_px / along_px, reach / 3)
+        places = near[:, None] + (reach - near)[:, None] * (np.arange(ALONG) + 0.5) / ALONG
+        places = np.concatenate([-places, places], axis=1)  # (K, A)
+        half = np.minimum(clear_m, wide_px / across_px)
+        across = half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)  # (K, V)
+        offset = np.empty((*places.shape, SAMPLES, 2))
+        offset[..., axis] = places[:, :, None]
+        offset[..., 1 - axis] = across[:, None]
+        here = board_map(xy)
+        shifts.append(board_map(xy[:, None, None] + offset) - here[:, None, None])
+        light = dark[:, :, 0] - dark[:, :, 1] if axis == 0 else dark[:, 0] - dark[:, 1]
+        signs.append(np.repeat(light, ALONG, axis=1))
+        distances.append(across * across_px[:, None])
+    # an edge that is d px off along its normal moves the point by d over px a metre, in metres
+    mover = np.empty((len(xy), 2, 2))
+    for axis in range(2):
+        across_px = area / np.linalg.norm(slope[:, :, axis], axis=1)
+        mover[:, :, axis] = slope[:, :, 1 - axis] / across_px[:, None]
+    group = np.broadcast_to(np.arange(2), (len(xy), 2))
+    return _Lines(
+        np.stack(shifts, axis=1),
+        np.stack(signs, axis=1),
+        np.stack(distances, axis=1),
+        mover,
+        group,
+        1.0,
+    )
+
+
+def _lines_of_circles(
+    board: Board,
+    which: NDArray[np.intp],
+    xy: FloatArray,
+    slope: FloatArray,
+    board_map: BoardMap,
+    wide_px: float,
+    sigma_px: float,
+) -> _Lines:
+    radius = board.printed[1][which, 2]
+    _, clear_m = board.clear_m
+    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (E, 2)
+    tangent = np.stack([-out[:, 1], out[:, 0]], axis=1)
+    area = np.abs(np.linalg.det(slope))
+    along_px = np.linalg.norm(np.einsum("kij,ej->kei", slope, tangent), axis=2)
+    across_px = area[:, None] / along_px  # (K, E), of a metre outwards
+    half = np.minimum(clear_m, wide_px / across_px)
+    outwards = half[..., None] * np.linspace(-1.0, 1.0, SAMPLES)  # (K, E, V)
+    places = (radius[:, None, None] + outwards)[..., None] * out[:, None]
+    shift = board_map(xy[:, None, None] + places) - board_map(xy)[:, None, None]
+    # the mean of cos² over a circle is one half
+    moved_m = 2.0 / ANGLES * out.T / across_px[:, None]  # (K, 2, E)
+    shape = (len(xy), ANGLES)
+    return _Lines(
+        shift[:, :, None],
+        np.ones((*shape, 1)),
+        outwards * across_px[..., None],
+        slope @ moved_m,
+        np.zeros(shape, dtype=np.intp),
+        0.85,
+    )
+
+
+def read_grey(picture: NDArray[np.float32], at: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Grey levels at pixels ``(..., 2)`` between those of the four about them."""
+    height, width = picture.shape
+    x, y = at[..., 0], at[..., 1]
+    with np.errstate(invalid="ignore"):
+        inside = (x >= 0.0) & (x <= width - 1.001) & (y >= 0.0) & (y <= height - 1.001)
+    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+    column, row = x.astype(np.intp), y.astype(np.intp)
+    right, down = x - column, y - row
+    flat, first = picture.ravel(), row * width + column
+    above = flat[first] * (1.0 - right) + flat[first + 1] * right
+    below = flat[first + width] * (1.0 - right) + flat[first + width + 1] * right
+    return np.asarray(above * (1.0 - down) + below * down, dtype=float), inside
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps fitted to grey levels, arrays ``(K, E)``; ``sound`` where the fit can be used."""
+
+    offset: FloatArray
+    contrast: FloatArray
+    base: FloatArray
+    sigma: FloatArray
+    likeness: FloatArray
+    sound: BoolArray
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> _Steps:
+        nothing = np.zeros(shape)
+        return cls(nothing, nothing, nothing, nothing, nothing, nothing > 1.0)
+
+
+def _fit_steps(
+    profiles: FloatArray, distance: FloatArray, sigma: FloatArray, *, free: bool
+) -> _Steps:
+    """One step of least squares for base, contrast, offset (and blur) of steps at zero.
+
+    ``base + contrast * Phi((distance - offset) / sigma)``, linear in the first two, linearised in
+    the others.
+    """
+    scaled = distance / sigma[..., None]
+    step = ndtr(scaled)
+    bell = _INV_SQRT_2PI * np.exp(-0.5 * scaled * scaled) / sigma[..., None]
+    columns = [np.ones_like(step), step, -bell]
+    if free:
+        columns.append(-bell * scaled)
+    rows = np.stack(columns, axis=-1)  # (K, E, V, 3 or 4)
+    normal = np.einsum("kevi,kevj->keij", rows, rows)
+    size = normal.shape[-1]
+    normal += 1e-9 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(size)
+    right = np.einsum("kevi,kev->kei", rows, profiles)
+    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    contrast = found[..., 1]
+    sound = contrast > LEAST_CONTRAST / 2
+    safe = np.where(sound, contrast, np.inf)
+    largest = sigma * 1.5
+    offset = np.clip(found[..., 2] / safe, -largest, largest)
+    blur = sigma + np.clip(found[..., 3] / safe, -sigma / 2, sigma) if free else sigma
+    centred = profiles - profiles.mean(axis=-1, keepdims=True)
+    ideal = step - step.mean(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        likeness = (centred * ideal).sum(axis=-1) / np.sqrt(
+            (centred**2).sum(axis=-1) * (ideal**2).sum(axis=-1)
+        )
+    return _Steps(
+        np.where(sound, offset, 0.0),
+        contrast,
+        found[..., 0],
+        blur,
+        np.nan_to_num(likeness),
+        sound,
+    )

@@ -1,0 +1,64 @@
+"""The ideal picture of a board: what stands on the paper, in pixels."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+from calib.vision.boards.board import Board
+
+_FRACTION_BITS = 10
+"""Bits of a pixel's fraction that OpenCV draws with."""
+
+LARGEST_PX = 20_000
+
+
+def board_picture(board: Board, px_per_m: float, margin_m: float = 0.0) -> NDArray[np.uint8]:
+    """The printed pattern as a picture ``(height, width)``, black 0 on white 255.
+
+    The left upper corner of :attr:`Board.box`, less the margin, is the left upper corner of the
+    picture; edges between pixels are drawn in between.
+
+    Parameters
+    ----------
+    px_per_m : float
+        Pixels in a metre.
+    margin_m : float
+        White about the pattern [m].
+
+    Raises
+    ------
+    InputError
+        A picture without pixels, or of too many.
+    """
+    left, top, right, bottom = board.box + margin_m * np.array([-1.0, -1.0, 1.0, 1.0])
+    width, height = (int(np.ceil(side * px_per_m - 1e-6)) for side in (right - left, bottom - top))
+    if not (0 < width <= LARGEST_PX and 0 < height <= LARGEST_PX):
+        raise InputError(
+            f"a picture of the board at {px_per_m:g} px/m has {width} x {height} pixels",
+            hint=f"choose px_per_m so that it has at most {LARGEST_PX} along a side",
+            name="px_per_m",
+        )
+    # four times as fine, then averaged: edges between pixels come out grey by their share
+    picture = np.full((4 * height, 4 * width), 255, dtype=np.uint8)
+    rectangles, discs = board.printed
+    corners = np.rint((rectangles - [left, top, left, top]) * (4 * px_per_m)).astype(int)
+    for x0, y0, x1, y1 in corners:
+        picture[y0:y1, x0:x1] = 0
+    scale = 4 * px_per_m * 2**_FRACTION_BITS
+    for x, y, radius in discs:
+        # OpenCV counts from the middle of a pixel
+        center = np.rint(scale * np.array([x - left, y - top]) - 2 ** (_FRACTION_BITS - 1))
+        cv2.circle(
+            picture,
+            (int(center[0]), int(center[1])),
+            int(np.rint(scale * radius)),
+            0,
+            -1,
+            cv2.LINE_AA,
+            _FRACTION_BITS,
+        )
+    averaged = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(averaged, dtype=np.uint8)

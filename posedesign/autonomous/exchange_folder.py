@@ -3,43 +3,23 @@
 Files go out whole and all of an order before its last one; results are taken when they do not
 change any more and can be read. Names that files come with are compared with those that are looked
 for, and never used to make others.
-
-Pictures from files that may come from anywhere: whole, of a known kind and size, then decoded.
-
-PNG, PGM, BMP, JPEG and TIFF, in the forms that cameras write. Pillow reads them; its first bytes
-say which format a file has, not its name. A few bytes can claim a picture that fills the memory,
-or keep a decoder at work for hours, and a picture that is still being copied looks like one that
-is damaged. So what Pillow has read of the header decides before any pixel is decoded.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import stat
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
-
-import numpy as np
-from PIL import Image, UnidentifiedImageError
-from PIL.TiffImagePlugin import TiffImageFile
+from typing import TypeVar
 
 from calib.errors import FileFormatError, InputError, OutputError
-from posedesign.files import read_bytes_bounded
 from posedesign.programs.program import in_range
-
-if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
-
-    from calib.vision.camera.rendering import GreyImage
-
 
 LONGEST_S = 7 * 24 * 3600.0
 """Longest wait: over a week-end that nobody is at the cell, and some days more."""
@@ -309,120 +289,3 @@ def _not_written(place: Path, error: OSError) -> OutputError:
         hint="check that it is there, can be written and has free space",
         name=str(place),
     )
-
-
-MOST_PIXELS = 50_000_000
-"""Cameras that a flange carries have 1 to 20 million, the largest for inspection about 45."""
-
-LARGEST_PICTURE_BYTES = 4 * MOST_PIXELS
-"""The largest picture, without compression and with a byte for transparency."""
-
-ENDINGS = (".png", ".pgm", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
-"""Of files that hold such pictures; the one that loses details for its size last."""
-
-_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
-
-_EIGHT_BITS = ("L", "LA", "P", "RGB", "RGBA", "RGBX", "BGR", "BGRA", "BGRX")
-"""How Pillow calls a byte for each colour of a pixel, in the order of the file."""
-
-_DECODERS = ("raw", "zip", "jpeg", "libtiff")
-
-_TIFF_LOSSLESS = ("raw", "packbits", "tiff_lzw", "tiff_deflate", "tiff_adobe_deflate")
-_TIFF_TURNED, _TIFF_TILES, _TIFF_SIGNS = 274, 322, 339
-
-_MOST_SCANS = 8
-"""Of a baseline JPEG: one a component, and as many of a thumbnail. Each of a picture without
-details costs little in the file and as much as a whole picture to decode."""
-
-
-class _Unusable(ValueError):
-    """Why a file is no such picture, in words that follow its name."""
-
-
-def read_picture(path: Path | str) -> GreyImage:
-    """Read a picture as grey levels.
-
-    Colours become grey by their brightness (ITU-R BT.601). Pixels stay where the sensor had them: a
-    note in the file that it was held upright or on its side is not followed, since an arm holds its
-    camera in every way.
-
-    Pictures of 16 bits are refused and not scaled: files do not say which 10, 12 or 16 of the bits
-    the camera filled, so that the same scene would come out in another brightness.
-
-    Damage to the pixels themselves a PNG shows by its checksums. JPEG and TIFF have none: bytes of
-    them that were changed, not cut off, may come out as other pixels.
-
-    Parameters
-    ----------
-    path : Path or str
-        A file of 8 bits a colour: PNG without animation, PGM (binary, of 255 levels), BMP without
-        compression, baseline JPEG, or TIFF in strips, without compression or with one that loses
-        nothing.
-
-    Returns
-    -------
-    ndarray of uint8 (height, width)
-
-    Raises
-    ------
-    FileFormatError
-        There is no such file, it is too large, not a picture of these kinds, or not whole.
-    """
-    data = read_bytes_bounded(path, most_bytes=LARGEST_PICTURE_BYTES)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # Pillow reads on where it only warns
-            return _decoded(data)
-    except Exception as error:  # its readers let anything through that their arithmetic raises
-        why = str(error) if isinstance(error, _Unusable) else f"cannot be decoded: {error}"
-        raise FileFormatError(
-            " ".join(why.split()),
-            path=path,
-            hint=f"save it whole, as PNG of 8 bits, at most {MOST_PIXELS / 1e6:g} million pixels",
-        ) from error
-
-
-def _decoded(data: bytes) -> GreyImage:
-    if data.count(b"iCCP") > 1:  # each may unfold to a megabyte; a PNG has one
-        raise _Unusable("holds several colour profiles")
-    try:
-        picture = Image.open(io.BytesIO(data), formats=_FORMATS)
-        picture.verify()
-        picture = Image.open(io.BytesIO(data), formats=_FORMATS)  # what was verified is closed
-    except UnidentifiedImageError as error:
-        known = "is no PNG, PGM, BMP, JPEG or TIFF, or damaged in its header"
-        raise _Unusable(known if data else "is empty") from error
-    _check_header(picture, data)
-    picture.draft("L", None)  # a JPEG holds the brightness itself
-    picture.load()
-    picture.info.pop("transparency", None)
-    return np.asarray(picture.convert("L"), dtype=np.uint8)
-
-
-def _check_header(picture: ImageFile, data: bytes) -> None:
-    """Refuse what cameras do not write, before any pixel is decoded."""
-    width, height = picture.size
-    if not 0 < width * height <= MOST_PIXELS:
-        raise _Unusable(f"claims {width} by {height} pixels")
-    covered = 0
-    for decoder, extents, _, args in picture.tile:
-        order = args[0] if isinstance(args, tuple) else args
-        if decoder not in _DECODERS or order not in _EIGHT_BITS:
-            raise _Unusable(f"has pixels of the kind {decoder} {order}, not 8 bits a colour")
-        left, top, right, bottom = extents or (0, 0, 0, 0)
-        covered += (right - left) * (bottom - top)
-    if covered != width * height:
-        raise _Unusable("is cut off: it does not hold each pixel once")
-    if picture.format in ("JPEG", "MPO") and (
-        "progressive" in picture.info or data.count(b"\xff\xda") > _MOST_SCANS
-    ):
-        raise _Unusable("is no baseline JPEG, or of too many scans")
-    if picture.format in ("PNG", "TIFF") and getattr(picture, "is_animated", False):
-        raise _Unusable("holds several pictures")
-    if isinstance(picture, TiffImageFile) and (
-        picture.info["compression"] not in _TIFF_LOSSLESS
-        or picture.tag_v2.get(_TIFF_TURNED, 1) != 1
-        or set(picture.tag_v2.get(_TIFF_SIGNS, (1,))) != {1}
-        or _TIFF_TILES in picture.tag_v2
-    ):
-        raise _Unusable("is a TIFF of another kind than upright strips in grey or colours")

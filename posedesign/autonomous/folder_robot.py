@@ -30,10 +30,11 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from calib.vision.touch_up import Arms, Drive, RobotAdapter
 from calib.vision.touch_up.drive import LARGEST_CORRECTION_RAD, Refuses, check_shown
-from posedesign.autonomous.exchange_folder import ENDINGS, ExchangeFolder, number_of, read_picture
+from posedesign.autonomous.exchange_folder import ExchangeFolder, number_of
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
 from posedesign.files import write_text_atomic
+from posedesign.files.pictures import ENDINGS, read_picture
 from posedesign.motion import Router
 from posedesign.planning.poses_file import PoseList, read_robot_poses, write_pose_list
 from posedesign.pose_programs import chosen_dialect, program_options

@@ -65,11 +65,14 @@ class Table:
     ----------
     comments : list of str
         The lines before the header that start with #, without it.
+    notes : tuple of str
+        In what another form it was written than with commas between cells and a point in numbers.
     """
 
     columns: list[str]
     rows: list[Row]
     comments: list[str]
+    notes: tuple[str, ...] = ()
 
 
 class AsItIs(str):
@@ -110,13 +113,16 @@ def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[R
     return table.columns, table.rows
 
 
-def read_table(path: Path, header: Sequence[str] = ()) -> Table:
+def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -> Table:
     """Header and rows of a CSV file, and the lines with # before them.
 
     Parameters
     ----------
     header : sequence of str
         Names of the columns, for a file without a header line.
+    loose : bool
+        Take semicolons, tabs or spaces between the cells, too, and commas in numbers then, with a
+        note; without it they are refused.
 
     Raises
     ------
@@ -131,7 +137,10 @@ def read_table(path: Path, header: Sequence[str] = ()) -> Table:
         raise FileFormatError(
             "is not UTF-8 text", path=path, hint="save it as CSV (UTF-8)"
         ) from error
-    reader = csv.reader(io.StringIO(text), strict=True)
+    mark = _separator(text) if loose else ","
+    if mark == " ":
+        text = "\n".join(" ".join(line.split()) for line in text.split("\n"))
+    reader = csv.reader(io.StringIO(text), strict=True, delimiter=mark)
     columns = list(header)
     rows: list[Row] = []
     comments: list[str] = []
@@ -170,15 +179,62 @@ def read_table(path: Path, header: Sequence[str] = ()) -> Table:
         raise FileFormatError("appears twice", path=path, column=double, hint="rename one")
     if not rows:
         raise FileFormatError("has no rows of data", path=path, hint="is it the right file?")
-    return Table(columns, rows, comments)
+    if mark == ",":
+        return Table(columns, rows, comments)
+    rows, changed = _with_points(path, rows)
+    note = f"{path}: {_SEPARATORS[mark]} stand between the cells"
+    return Table(columns, rows, comments, (note + ", and commas in numbers" * changed,))
+
+
+_SEPARATORS = {";": "semicolons", "\t": "tabs", " ": "spaces"}
+
+_WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?", re.ASCII)
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number as tables have them, with a point or a comma."""
+    return bool(_NUMBER.fullmatch(text) or _WITH_COMMA.fullmatch(text))
+
+
+def _separator(text: str) -> str:
+    """What stands between the cells, by the first line that is no comment."""
+    lines = (line.strip() for line in text.splitlines())
+    first = next((line for line in lines if line and not line.startswith("#")), "")
+    for mark in ";\t":
+        if mark in first:
+            return mark
+    words = first.split()
+    spaces = len(words) > 1 and ("," not in first or all(map(is_number, words)))
+    return " " if spaces else ","
+
+
+def _with_points(path: Path, rows: list[Row]) -> tuple[list[Row], bool]:
+    """Rows with a point in numbers that have a comma, and whether any has."""
+    found: dict[bool, int] = {}
+    for row in rows:
+        for cell in row.cells.values():
+            if is_number(cell) and ("." in cell or "," in cell):
+                found.setdefault("," in cell, row.line)
+    if len(found) > 1:
+        raise FileFormatError(
+            f"has numbers with a comma, and line {found[False]} has some with a point",
+            path=path,
+            row=found[True],
+            hint="save it with a point in all numbers",
+        )
+    if True not in found:
+        return rows, False
+    return [
+        Row(r.line, {k: c.replace(",", ".") if is_number(c) else c for k, c in r.cells.items()})
+        for r in rows
+    ], True
 
 
 def _check_separator(path: Path, line: int, columns: Sequence[str]) -> None:
-    found = next((c for c in (";", "\t") if len(columns) == 1 and c in columns[0]), None)
+    found = next((c for c in ";\t" if len(columns) == 1 and c in columns[0]), None)
     if found:
-        name = {";": "semicolons", "\t": "tabs"}[found]
         raise FileFormatError(
-            f"{name} stand between the cells",
+            f"{_SEPARATORS[found]} stand between the cells",
             path=path,
             row=line,
             hint="save it with commas between cells and a point in numbers",

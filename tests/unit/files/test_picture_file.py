@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import ImageFile
 
 from calib.errors import FileFormatError
-from posedesign.autonomous import exchange_folder
-from posedesign.autonomous.exchange_folder import ENDINGS, MOST_PIXELS, read_picture
+from posedesign.files import pictures
+from posedesign.files.pictures import ENDINGS, MOST_PIXELS, read_picture
 
 Picture = NDArray[np.uint8]
 FORMATS = (".png", ".pgm", ".bmp", ".tif", ".jpg")
@@ -250,7 +250,7 @@ def test_wrong_files(tmp_path, monkeypatch):
     for path in (tmp_path / "none.png", tmp_path):
         with pytest.raises(FileFormatError):
             read_picture(path)
-    monkeypatch.setattr(exchange_folder, "LARGEST_PICTURE_BYTES", 100)
+    monkeypatch.setattr(pictures, "LARGEST_PICTURE_BYTES", 100)
     assert "is larger" in refusal(encoded(".bmp"), tmp_path)
 
 

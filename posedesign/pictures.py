@@ -1,0 +1,416 @@
+"""Pictures of a calibration board with the joints, or the poses of the flange, of each.
+
+A table says them by the names of the pictures (column ``picture``), or in their order: the natural
+one of their names (2 before 10), or that of the times in their EXIF. A robot program or a list for
+ROS or RoboDK says them in order. What is taken for granted in this is said in a note.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+from typing import Literal
+
+import numpy as np
+
+from calib.errors import FileFormatError, InputError
+from calib.robots import Robot
+from calib.se3 import FloatArray
+from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, read_table
+from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
+from posedesign.files.postures import find_form, postures_in_any_form
+from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
+from posedesign.programs import Arm, find_dialect, postures_of
+from posedesign.programs.registry import dialect_of
+
+__all__ = ["PictureSet", "read_grey", "read_picture_set"]
+
+Order = Literal["name", "time"]
+
+_SHOWN = 5
+"""Names that a message lists."""
+
+_TABLES = (".csv", ".txt", ".tsv", ".dat")
+"""Endings of tables; all others are of programs and lists."""
+
+
+@dataclass(frozen=True, eq=False)
+class PictureSet:
+    """Pictures by one lens, and how the arm stood when each was taken.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        Their files, in order.
+    names : tuple of str
+        Names of the files; each is there once.
+    size_px : tuple of int
+        Width and height of all.
+    postures : array (N, n) or None
+        Joint values [rad]; NaN for a picture without, which serves the lens only. None where poses
+        of the flange are given, or nothing.
+    T_base_flange : array (N, 4, 4) or None
+        Poses of the flange in the base frame [m], likewise.
+    notes : tuple of str
+        What is odd about them, or was taken for granted, in words.
+    """
+
+    paths: tuple[Path, ...]
+    names: tuple[str, ...]
+    size_px: tuple[int, int]
+    postures: FloatArray | None
+    T_base_flange: FloatArray | None
+    notes: tuple[str, ...]
+
+
+def read_picture_set(
+    pictures: Path | Sequence[Path],
+    poses: Path | None = None,
+    robot: Robot | None = None,
+    *,
+    order: Order = "name",
+    trust_units: bool = False,
+) -> PictureSet:
+    """Read which pictures there are, and the joints or poses that belong to them.
+
+    The pixels are read later, one picture at a time, by `read_grey`.
+
+    Parameters
+    ----------
+    pictures : Path or sequence of Path
+        A folder, or files and folders in any order.
+    poses : Path, optional
+        A table (CSV) with joint columns (:mod:`posedesign.files.postures`) or the pose of the
+        flange (:mod:`posedesign.pairs.forms`); a robot program, or a list for ROS or RoboDK, of
+        joint values. Without it the pictures serve the lens only.
+    robot : Robot, optional
+        The arm that joint values are of.
+    order : {"name", "time"}
+        Order of the pictures: by name, numbers in it by their value, or by the time in their EXIF.
+    trust_units : bool
+        Do not refuse values that look like those of another unit.
+
+    Raises
+    ------
+    FileFormatError
+        A picture cannot be read, has another size than the others, or is there twice at different
+        poses; rows do not fit the pictures, or hold something else than numbers.
+    InputError
+        There are no pictures, two have one name, or joint values and no robot.
+    """
+    paths, notes = _files_of([pictures] if isinstance(pictures, Path) else pictures, poses)
+    heads = _heads_of(paths)
+    if order == "time":
+        paths, heads = _by_time(paths, heads, notes)
+    turned = [path.name for path, head in zip(paths, heads, strict=True) if head.is_turned]
+    if turned:
+        notes.append(
+            f"{_listed(turned)}: a note in the file asks to turn the picture; it stays as the "
+            "sensor had it, as the lens does"
+        )
+    found = None
+    if poses is not None:
+        found = _Poses.read(poses, robot, trust_units).of_pictures(paths, order, notes)
+    kept = _without_copies(paths, heads, None if found is None else found.values, notes)
+    values = None if found is None else found.values[kept]
+    if values is not None:
+        without = [paths[i].name for i, v in zip(kept, values, strict=True) if np.isnan(v).any()]
+        if without:
+            notes.append(f"{_listed(without)}: no pose is given, used for the lens only")
+    return PictureSet(
+        tuple(paths[i] for i in kept),
+        tuple(paths[i].name for i in kept),
+        heads[0].size_px,
+        values if found is not None and found.joints else None,
+        values if found is not None and not found.joints else None,
+        tuple(notes),
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(name[:LONGEST_SHOWN] for name in names[:_SHOWN]) + more
+
+
+def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
+    """What names sort by: numbers in them by their value, capitals as small letters."""
+    parts = re.findall(r"[0-9]{1,18}|[^0-9]+", path.name.casefold())
+    return [(0, int(p)) if p[0] in "0123456789" else (1, p) for p in parts], path.name
+
+
+def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], list[str]]:
+    """The pictures in their natural order, and a note of what else is in their folders."""
+    paths: list[Path] = []
+    other: list[str] = []
+    for place in given:
+        if not place.is_dir():
+            paths.append(place)
+            continue
+        try:
+            entries = [e for e in place.iterdir() if not e.name.startswith(".") and e.is_file()]
+        except OSError as error:
+            raise FileFormatError(
+                f"cannot be listed: {error.strerror or error}",
+                path=place,
+                hint="check that the folder can be read",
+            ) from error
+        paths += [entry for entry in entries if entry.suffix.casefold() in ENDINGS]
+        other += [entry.name for entry in entries if entry.suffix.casefold() not in ENDINGS]
+    if not paths:
+        raise InputError(
+            "there are no pictures" + (f", only {_listed(sorted(other))}" if other else ""),
+            hint=f"name the folder with the files {' '.join(ENDINGS)}",
+            name="pictures",
+        )
+    paths = sorted(dict.fromkeys(paths), key=_natural)
+    double = [name for name, count in Counter(path.name for path in paths).items() if count > 1]
+    if double:
+        raise InputError(
+            f"several pictures have the name {_listed(double)}",
+            hint="rename those of one folder: rows and messages tell pictures by name",
+            name="pictures",
+            value=double[0],
+        )
+    passed = sorted(name for name in other if poses is None or name != poses.name)
+    return paths, [f"no pictures, passed over: {_listed(passed)}"] if passed else []
+
+
+def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
+    """What the files say of their pictures, all of which can be read and have one size."""
+    heads: list[PictureHead] = []
+    faults: list[FileFormatError] = []
+    for path in paths:
+        try:
+            heads.append(read_head(path))
+        except FileFormatError as error:
+            faults.append(error)
+    if faults:
+        more = [fault.path.name for fault in faults[1:]]
+        said = faults[0].message.removeprefix(f"{faults[0].path}: ")
+        raise FileFormatError(
+            said + (f"; nor can {_listed(more)} be read" if more else ""),
+            path=faults[0].path,
+            hint=f"{faults[0].hint}, or take it out",
+        ) from faults[0]
+    sizes = Counter(head.size_px for head in heads)
+    usual, count = sizes.most_common(1)[0]
+    odd = [i for i, head in enumerate(heads) if head.size_px != usual]
+    if odd:
+        width, height = heads[odd[0]].size_px
+        others = [paths[i].name for i in odd[1:]]
+        raise FileFormatError(
+            f"has {width} by {height} pixels, where {count} others have {usual[0]} by {usual[1]}"
+            + (f"; so have other sizes {_listed(others)}" if others else ""),
+            path=paths[odd[0]],
+            hint="it was turned when it was saved: save it as the camera gives it"
+            if (height, width) == usual
+            else "a lens is estimated from pictures of one size: take those of others out",
+        )
+    return heads
+
+
+def _by_time(
+    paths: list[Path], heads: list[PictureHead], notes: list[str]
+) -> tuple[list[Path], list[PictureHead]]:
+    silent = [path.name for path, head in zip(paths, heads, strict=True) if not head.taken]
+    if silent:
+        raise InputError(
+            f"{_listed(silent)}: the file does not say when it was taken (no time in its EXIF)",
+            hint="take the order of names",
+            name="order",
+        )
+    ranks = sorted(range(len(paths)), key=lambda i: heads[i].taken)  # keeps names in order
+    times = Counter(head.taken for head in heads)
+    same = [path.name for path, head in zip(paths, heads, strict=True) if times[head.taken] > 1]
+    if same:
+        notes.append(f"{_listed(same)}: taken at the same time as another, in the order of names")
+    return [paths[i] for i in ranks], [heads[i] for i in ranks]
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """Joint values or poses of the flange, row by row of a file.
+
+    Attributes
+    ----------
+    joints : bool
+        Whether they are joint values.
+    values : array (R, n) or (R, 4, 4)
+        NaN in rows that give none.
+    pictures : list of str
+        The picture of each row; empty where the file does not say.
+    """
+
+    path: Path
+    joints: bool
+    values: FloatArray
+    lines: list[int]
+    pictures: list[str]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path, robot: Robot | None, trust_units: bool) -> _Poses:
+        """Read a table, or a program of joint values."""
+        if path.suffix.casefold() not in _TABLES:
+            return cls._of_program(path, robot, None)
+        table = read_table(path, loose=True)
+        columns, rows = table.columns, table.rows
+        if all(is_number(name) for name in columns):
+            return cls._of_program(path, robot, "robodk-csv")
+        shown = POSE_COLUMNS & {*columns}
+        needed = () if robot is None else find_form(columns, robot)[1]
+        joints = robot is not None and bool({*needed} & {*columns} or not shown)
+        if not (joints or shown):
+            raise FileFormatError(
+                "has no pose of the flange, and joint values need the robot",
+                path=path,
+                row=1,
+                hint="name the robot, or call columns x_mm y_mm z_mm and w_deg p_deg r_deg, say",
+            )
+        taken = [column for column in columns if column in (needed if joints else shown)]
+        full = [not taken or any(row.cells[column] for column in taken) for row in rows]
+        posed = [row for row, is_full in zip(rows, full, strict=True) if is_full]
+        if not posed:
+            raise FileFormatError("gives no pose in any row", path=path, hint="fill its cells in")
+        notes = table.notes
+        if joints and robot is not None:
+            found = postures_in_any_form(path, columns, posed, robot, trust_units)
+            if shown:
+                notes += (f"{path} gives joints and poses: the joints are taken",)
+        else:
+            poses = read_poses_of(path, columns, posed, "", trust_units=trust_units)
+            found, notes = poses.T, notes + poses.notes
+        values = np.full((len(rows), *found.shape[1:]), np.nan)
+        values[full] = found
+        pictures = _pictures_of(path, columns, rows)
+        return cls(path, joints, values, [row.line for row in rows], pictures, notes)
+
+    @classmethod
+    def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
+        chosen = find_dialect(dialect) if dialect else dialect_of(path)
+        positions = chosen.read(path).measured
+        lines = [position.line for position in positions]
+        posed = [line for p, line in zip(positions, lines, strict=True) if p.shown_deg is None]
+        if posed:
+            raise FileFormatError(
+                "is the pose of a tool, whose place on the flange it does not say",
+                path=path,
+                row=posed[0],
+                hint="give joint values, or poses of the flange in a table",
+            )
+        if robot is None:
+            raise InputError(
+                f"{path} gives joint values, and the robot is not known",
+                hint="name the robot, or give poses of its flange in a table",
+                name="robot",
+            )
+        postures = postures_of(positions, chosen.seen(Arm.of(robot)))
+        return cls(path, True, postures, lines, [])
+
+    def of_pictures(self, paths: Sequence[Path], order: Order, notes: list[str]) -> _Poses:
+        """The same, a row for each picture."""
+        notes += self.notes
+        if self.pictures:
+            return self._by_name(paths, notes)
+        if len(self.values) != len(paths):
+            raise FileFormatError(
+                f"has {len(self.values)} rows, and there are {len(paths)} pictures",
+                path=self.path,
+                hint="name the picture of each row in a column picture",
+                value=len(self.values),
+                bound=len(paths),
+            )
+        by = {"name": "names", "time": "times"}[order]
+        notes.append(
+            f"{self.path} does not name pictures: its rows are taken in the order of their {by}, "
+            f"from {paths[0].name} in line {self.lines[0]} to {paths[-1].name} in line "
+            f"{self.lines[-1]}"
+        )
+        return self
+
+    def _by_name(self, paths: Sequence[Path], notes: list[str]) -> _Poses:
+        index: dict[str, list[int]] = {}
+        for i, path in enumerate(paths):
+            for name in {path.name.casefold(), path.stem.casefold()}:
+                index.setdefault(name, []).append(i)
+        values = np.full((len(paths), *self.values.shape[1:]), np.nan)
+        lines: dict[int, int] = {}
+        lost: list[str] = []
+        for cell, value, line in zip(self.pictures, self.values, self.lines, strict=True):
+            name = PureWindowsPath(cell).name  # takes both slashes for what they are
+            exact = [i for i, path in enumerate(paths) if path.name == name]
+            fits = exact or index.get(name.casefold(), [])
+            if not fits:
+                lost.append(f"line {line} {cell[:LONGEST_SHOWN]!r}")
+                continue
+            if len(fits) > 1:
+                raise self._fault(line, f"may be {_listed([paths[i].name for i in fits])}")
+            if fits[0] in lines:
+                raise self._fault(
+                    line, f"gives a second pose of {name}, after line {lines[fits[0]]}"
+                )
+            lines[fits[0]] = line
+            values[fits[0]] = value
+        if not lines:
+            raise self._fault(
+                self.lines[0], f"no row names a picture that is there; the first is {paths[0].name}"
+            )
+        if lost:
+            notes.append(f"{self.path}: there is no such picture, passed over: {_listed(lost)}")
+        return _Poses(self.path, self.joints, values, [], [])
+
+    def _fault(self, line: int, message: str) -> FileFormatError:
+        return FileFormatError(
+            message,
+            path=self.path,
+            row=line,
+            column="picture",
+            hint="name each picture in one row, by its file with the ending",
+        )
+
+
+def _pictures_of(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> list[str]:
+    """The picture of each row; FileFormatError where a column of another name has them."""
+    for column in columns:
+        if column.casefold() == "picture":
+            return [row.cells[column] for row in rows]
+    for column in columns:
+        if rows[0].cells[column].casefold().endswith(ENDINGS):
+            raise FileFormatError(
+                "names pictures, and is not called picture",
+                path=path,
+                row=1,
+                column=column,
+                hint="call the column picture",
+            )
+    return []
+
+
+def _without_copies(
+    paths: Sequence[Path],
+    heads: Sequence[PictureHead],
+    values: FloatArray | None,
+    notes: list[str],
+) -> list[int]:
+    """Which pictures to keep, each once; FileFormatError where one is there at two poses."""
+    bare = np.full(len(paths), False)
+    if values is not None:
+        bare = np.asarray(np.isnan(values).reshape(len(paths), -1).any(axis=1))
+    first: dict[str, int] = {}
+    for i in sorted(range(len(paths)), key=lambda i: bool(bare[i])):  # those with a pose first
+        k = first.setdefault(heads[i].digest, i)
+        if k == i:
+            continue
+        if values is not None and not bare[i] and not np.array_equal(values[i], values[k]):
+            raise FileFormatError(
+                f"is the same file as {paths[k].name}, byte for byte, at another pose of the arm",
+                path=paths[i],
+                hint="did the camera stand still? take out those whose pose is not theirs",
+            )
+        notes.append(
+            f"{paths[i].name} is left out: the same file as {paths[k].name}, byte for byte"
+        )
+    return sorted(first.values())

@@ -15,7 +15,19 @@ import numpy as np
 
 from calib import se3
 from calib.chance import chi2_quantile
-from calib.errors import InputError
+from calib.errors import ConvergenceError, InputError
+from calib.hand_eye.checks import (
+    Step,
+    Suspicion,
+    explain_misfit,
+    find_half_turns,
+    step_with,
+    suspicion_of_arm,
+    suspicion_of_board,
+    suspicion_of_lens,
+    suspicion_of_move,
+    unmirrored_poses,
+)
 from calib.hand_eye.noise import (
     Deviations,
     arm_deviation,
@@ -60,6 +72,8 @@ _SETTLED = 0.01
 _NOTHING = np.array([1e-3, 1e-6, 1e-6])
 """Change of the noise that is none, relative and absolute [px, m, rad]."""
 
+_MOST_NAMED = 8
+
 _USUAL_PX = 0.3
 _USUAL_ARM = (1e-3, 2e-3)
 """Noise to start from [px, m, rad]."""
@@ -85,6 +99,9 @@ class Pictures:
         What is on the flange.
     names : tuple of str
         Of the pictures.
+    half_turn : bool
+        Whether the board looks the same after half a turn, so that pictures show it either way
+        round: its points then stand in the opposite order.
     """
 
     robot: Robot
@@ -94,6 +111,7 @@ class Pictures:
     size_px: tuple[int, int]
     carried: Carried = "camera"
     names: tuple[str, ...] = ()
+    half_turn: bool = False
 
     def __post_init__(self) -> None:
         postures, pixels = (
@@ -182,13 +200,46 @@ def calibrate(
     is_free = given is None if free_lens is None else free_lens
     pixels, postures = pictures.pixels[usable], pictures.postures[usable]
     poses, found = board_poses(first, pictures.board, pixels)
-    start = _solved_pairs(pictures, postures[found], poses[found])
+    if pictures.half_turn:
+        pixels, poses = _the_same_way_round(pictures, postures, pixels, poses, found)
     data = board_views(postures, pixels, [pictures.names[i] for i in usable])
     problem = _Problem(pictures, data, first, is_free, tuple(free), tuple(board_errors))
-    good = found.copy()
-    good[found] = start.used
-    fit = _fitted(problem, start.X, start.Z, good, sigma_px, arm_sigma)
+    try:
+        start = _solved_pairs(pictures, postures[found], poses[found])
+        good = found.copy()
+        good[found] = start.used
+        fit = _fitted(problem, start.X, start.Z, good, sigma_px, arm_sigma)
+    except (InputError, ConvergenceError) as error:
+        why = explain_misfit(
+            pictures.robot.fk(postures[found]),
+            poses[found],
+            pictures.carried,
+            [name for name, there in zip(data.names, found, strict=True) if there],
+            unmirrored_poses(first, pictures.board, pixels[found]),
+        )
+        if not why:
+            raise
+        raise InputError(f"the pictures do not fit together: {why}", name="pictures") from error
     return _result(problem, fit, start, usable)
+
+
+def _the_same_way_round(
+    pictures: Pictures,
+    postures: FloatArray,
+    pixels: FloatArray,
+    poses: FloatArray,
+    found: BoolArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels and poses with the points of a board in one order that looks alike half turned."""
+    middle = (pictures.board.max(axis=0) + pictures.board.min(axis=0)) / 2.0
+    half = se3.transform(np.diag([-1.0, -1.0, 1.0]), 2.0 * middle * [1.0, 1.0, 0.0])
+    flips = np.zeros(len(poses), dtype=bool)
+    A = pictures.robot.fk(postures[found])
+    flips[found] = find_half_turns(A, poses[found], half, pictures.carried)
+    return (
+        np.where(flips[:, None, None], pixels[:, ::-1], pixels),
+        np.where(flips[:, None, None], poses @ half, poses),
+    )
 
 
 def _lens_of(pictures: Pictures, name: LensName) -> Lens:
@@ -353,6 +404,8 @@ def _result(
         status[i] = "used" if good else "contradicts the others"
     N = len(pictures.names)
     distance = _distance(pictures, data, poses[0], poses[1])
+    board, suspicions = _suspicions(problem, fit)
+    warnings = [*_outliers_in_words(data.names, fit.good), *suspicions]
     return HandEyeResult(
         carried=pictures.carried,
         X=poses[0],
@@ -372,10 +425,72 @@ def _result(
         left_out_px=_spread(N, usable, left),
         distance_m=distance,
         point_sigma_m=_point_sigma(fit.model, estimate, pictures.carried, lens, distance),
-        scale=(0.0, np.inf),
+        scale=_scale(estimate, board),
         start=start,
-        warnings=(),
+        warnings=tuple(warnings),
     )
+
+
+def _suspicions(problem: _Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
+    """What errors of the board would be, and what looks wrong, what explains most first."""
+    kept = np.flatnonzero(fit.good)
+    data, found = problem.data[kept], list[Suspicion | None]()
+    fitted = dict(zip(fit.model.names, fit.x, strict=True))
+
+    def tried(model: CalibrationModel, new: set[str]) -> Step:
+        pairs = zip(model.names, model.nominal, strict=True)
+        x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
+        return step_with(model, data, x, [name for name in model.names if name in new])
+
+    X, Z = (block.T_nominal[0] for block in fit.model.parameters[:2] if isinstance(block, Frames))
+    board = None
+    if not problem.board_errors:
+        every = BoardErrors(free=("scale", "bend_x", "bend_y"))
+        model = problem.model(
+            X, Z, fit.sigma_px, fit.arm_sigma, board_errors=("scale", "bend_x", "bend_y")
+        )
+        board = tried(model, set(every.names))
+        found.append(suspicion_of_board(board))
+    if not problem.free_lens:
+        model = problem.model(X, Z, fit.sigma_px, fit.arm_sigma, free_lens=True)
+        step = tried(model, set(LensParameters(problem.lens).names))
+        found.append(suspicion_of_lens(step, problem.lens))
+    in_hand = problem.pictures.carried == "camera"
+    words = ("camera", "board") if in_hand else ("board", "camera")
+    frames = dict(zip(words, np.arange(12).reshape(2, 6), strict=True))
+    parts = deviations(fit.model, data, fit.x)
+    found.append(suspicion_of_move(parts, fit.arm_sigma, frames, data.names))
+    found.append(suspicion_of_arm(fit.arm_sigma))
+    order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
+    return board, [one.text for one in order]
+
+
+def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:
+    """How much larger the board seems to be, and its standard deviation."""
+    name = "board.board.scale"
+    if name in estimate.names:
+        return estimate.value(name), float(estimate.sigma[estimate.names.index(name)])
+    return (0.0, np.inf) if board is None else (float(board.values[0]), float(board.sigma[0]))
+
+
+def _outliers_in_words(names: Sequence[str], good: BoolArray) -> list[str]:
+    """Pictures that contradict the others, and whether all of them are at one end."""
+    out = np.flatnonzero(~good)
+    if not len(out):
+        return []
+    first, last = int(out[0]), int(out[-1])
+    is_block = len(out) > 2 and last - first + 1 == len(out) and last == len(good) - 1
+    if is_block:
+        return [
+            f"all pictures from {names[first]} on contradict those before: the board or the camera "
+            "was moved; they take no part"
+        ]
+    shown = ", ".join(names[i] for i in out[:_MOST_NAMED].tolist())
+    more = f" and {len(out) - _MOST_NAMED} more" if len(out) > _MOST_NAMED else ""
+    return [
+        f"left out, as they contradict the others: {shown}{more} (wrong joints, or points in wrong "
+        "places?)"
+    ]
 
 
 def _rms(rows: FloatArray, setup: Setup) -> FloatArray:

@@ -89,6 +89,11 @@ class HandEyeResult(Shown):
         return np.array([status == "used" for status in self.status])
 
     @property
+    def is_ok(self) -> bool:
+        """Whether nothing looks wrong but single pictures, which take no part."""
+        return all(text.startswith("left out") for text in self.warnings)
+
+    @property
     def outliers(self) -> tuple[str, ...]:
         """Names of the pictures that contradict the others."""
         pairs = zip(self.names, self.status, strict=True)

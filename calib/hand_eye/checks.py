@@ -1,0 +1,319 @@
+"""What looks wrong with pictures and their postures, in words.
+
+After the fit each mistake that is known is tried as further parameters: a board of another size, a
+bent one, a lens that is not that of these pictures, a board or camera that was moved between two
+pictures. One step of least squares says how large it would be and how much it explains, in chi
+squares of the noise. Where there is no fit, the same is asked of A X = Z B.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import se3
+from calib.chance import chi2_quantile
+from calib.errors import CalibError
+from calib.hand_eye.noise import Deviations
+from calib.hand_eye.start import board_poses, start_lens
+from calib.lens import Lens
+from calib.model import CalibrationModel
+from calib.model.measurements import Measurements
+from calib.model.measurements.board_view import Carried
+from calib.robot_world import residuals, solve_batch
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+CHANCE = 1e-4
+"""Probability that noise alone makes one of the checks say something."""
+
+LEAST_SCALE = 1e-3
+LEAST_BEND_M = 5e-5
+LEAST_STEP_M, LEAST_STEP_RAD = 2e-4, 5e-4
+"""What is too small to matter, however surely it is there."""
+
+FAR_OFF_M, FAR_OFF_RAD = 2e-3, 5e-3
+"""Deviation of an arm that is no longer scatter: its zeros, or the model of it, are wrong."""
+
+FAR_BETTER = 0.3
+"""Residual, in parts of that of the pictures as given, of what is said to be meant."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something that would explain a part of the residuals.
+
+    Attributes
+    ----------
+    text : str
+        What it is, and what to do.
+    gain : float
+        By how much it lowers chi², over what noise alone is taken for.
+    """
+
+    text: str
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of least squares with some parameters more.
+
+    Attributes
+    ----------
+    values, sigma : array (k,)
+        Of the new parameters.
+    gain : float
+        By how much chi² is lower with them.
+    """
+
+    values: FloatArray
+    sigma: FloatArray
+    gain: float
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether noise alone gains as much less often than `CHANCE`."""
+        return self.over > 0
+
+    @property
+    def over(self) -> float:
+        """Gain over what noise alone gains."""
+        return self.gain - float(chi2_quantile(1.0 - CHANCE, len(self.values)))
+
+
+def step_with(
+    model: CalibrationModel, data: Measurements, x: FloatArray, new: Sequence[str]
+) -> Step:
+    """Try parameters that a model has beyond those of a fit; ``x`` (p,) has them at nominal."""
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    J, r = linear.white_jacobian.reshape(-1, model.p), linear.white_rows.ravel()
+    known, K = (part[0] for part in model.known(x[None]))
+    H, g = J.T @ J + K.T @ K, J.T @ r + K.T @ known
+    return _stepped(H, g, np.isin(model.names, new))
+
+
+def _stepped(H: FloatArray, g: FloatArray, new: np.ndarray) -> Step:
+    """The step of the new parameters, the others marginalised."""
+    unit = np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+    H, g = H / np.outer(unit, unit), g / unit
+    old = ~new
+    inner = np.linalg.lstsq(
+        H[np.ix_(old, old)], np.column_stack([H[old][:, new], g[old]]), rcond=1e-13
+    )[0]
+    S = H[np.ix_(new, new)] - H[new][:, old] @ inner[:, :-1]
+    b = g[new] - H[new][:, old] @ inner[:, -1]
+    values = -np.linalg.lstsq(S, b, rcond=1e-12)[0]
+    sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(S, rcond=1e-12)), 0.0))
+    return Step(values / unit[new], sigma / unit[new], float(-values @ b))
+
+
+def suspicion_of_board(step: Step) -> Suspicion | None:
+    """Of errors scale, bend_x, bend_y: the board is larger than described, or bent."""
+    scale, sigma = float(step.values[0]), float(step.sigma[0])
+    bend = step.values[1:]
+    k = int(np.argmax(np.abs(bend) / np.maximum(step.sigma[1:], np.finfo(float).tiny)))
+    if not step.is_sure:
+        return None
+    as_bend, as_scale = abs(bend[k]) / step.sigma[1 + k], abs(scale) / max(sigma, 1e-300)
+    if as_bend > as_scale and abs(bend[k]) > LEAST_BEND_M:
+        edges = ("left and right", "upper and lower")[k]
+        return Suspicion(
+            f"the board seems to be bent: its {edges} edges lie {1e3 * bend[k]:+.2g} mm behind its "
+            "middle; mount it on something flat, or estimate it (bend)",
+            step.over,
+        )
+    if abs(scale) > LEAST_SCALE and as_scale >= as_bend:
+        return Suspicion(
+            f"the board seems to be {100 * abs(scale):.2g} +- {100 * sigma:.1g} % "
+            f"{'larger' if scale > 0 else 'smaller'} than described, measured by the arm: check "
+            "the size of its squares, the printer's scaling, and the unit; or estimate it (scale)",
+            step.over,
+        )
+    return None
+
+
+def suspicion_of_lens(step: Step, lens: Lens) -> Suspicion | None:
+    """Of a lens that was given: it is not that of these pictures."""
+    if not step.is_sure:
+        return None
+    focal = lens.values[0]
+    return Suspicion(
+        f"the lens given is not that of these pictures: with a focal length of "
+        f"{focal + step.values[0]:.0f} in place of {focal:.0f} px and another distortion they fit "
+        "better; estimate it with them",
+        step.over,
+    )
+
+
+def suspicion_of_move(
+    parts: Deviations,
+    arm_sigma: tuple[float, float],
+    frames: Mapping[str, IntArray],
+    names: Sequence[str],
+) -> Suspicion | None:
+    """A board, or a camera, that was moved between two pictures.
+
+    Parameters
+    ----------
+    parts : Deviations
+        Of the pictures that were used, in their order.
+    frames : mapping of str to array (6,)
+        What may have been moved, and the columns of its place among the parameters.
+    """
+    N, _, p = parts.by_parameters.shape
+    if N < 8:
+        return None
+    V = parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
+    L = np.linalg.cholesky(V)
+    y = np.linalg.solve(L, parts.off[..., None])[..., 0]
+    H = np.linalg.solve(L, parts.by_parameters)
+    blocks, rights = np.einsum("nip,niq->npq", H, H), np.einsum("nip,ni->np", H, y)
+    base = blocks.sum(axis=0) + parts.within_blocks.sum(axis=0) + parts.known_block
+    right = rights.sum(axis=0) + parts.within_right.sum(axis=0) + parts.known_right
+    best: tuple[float, int, str, Step] | None = None
+    for split in range(3, N - 2):
+        behind, behind_right = blocks[split:].sum(axis=0), rights[split:].sum(axis=0)
+        for which, own in frames.items():
+            G = np.zeros((p + 6, p + 6))
+            G[:p, :p], G[:p, p:] = base, behind[:, own]
+            G[p:, :p], G[p:, p:] = behind[own], behind[np.ix_(own, own)]
+            step = _stepped(G, np.append(right, behind_right[own]), np.arange(p + 6) >= p)
+            if best is None or step.gain > best[0]:
+                best = step.gain, split, which, step
+    if best is None:
+        return None
+    gain, split, which, step = best
+    over = gain - float(chi2_quantile(1.0 - CHANCE / (2 * N), 6))
+    far, turn = (float(np.linalg.norm(part)) for part in (step.values[:3], step.values[3:]))
+    if over <= 0 or (far < LEAST_STEP_M and turn < LEAST_STEP_RAD):
+        return None
+    return Suspicion(
+        f"the {which} seems to have been moved before {names[split]}, by {1e3 * far:.2g} mm and "
+        f"{np.degrees(turn):.2g} deg: calibrate with the pictures before or after it alone",
+        over,
+    )
+
+
+def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:
+    """An arm that is farther off than arms stop."""
+    if arm_sigma[0] < FAR_OFF_M and arm_sigma[1] < FAR_OFF_RAD:
+        return None
+    return Suspicion(
+        f"the arm seems to be off by {1e3 * arm_sigma[0]:.2g} mm and "
+        f"{np.degrees(arm_sigma[1]):.2g} deg from picture to picture: are joints and pictures of "
+        "the same moment, and of this arm? If so, its zero offsets are to be identified, too",
+        0.0,
+    )
+
+
+def explain_misfit(
+    A: FloatArray,
+    poses: FloatArray,
+    carried: Carried,
+    names: Sequence[str],
+    mirrored: Iterator[FloatArray],
+) -> str:
+    """Say why no X and Z fit, by what would fit far better; empty where nothing does.
+
+    Parameters
+    ----------
+    A, poses : array (N, 4, 4)
+        ``T_base_flange`` and ``T_camera_board``.
+    mirrored : iterator of array (N, 4, 4)
+        The poses if the pictures are mirrored ones.
+    """
+    before = _misfit(A, poses, carried)
+    said, least = "", FAR_BETTER * before
+    for split in range(_FEWEST_APART, len(A) - _FEWEST_APART + 1):
+        halves = slice(0, split), slice(split, None)
+        worse = max(_misfit(A[own], poses[own], carried) for own in halves)
+        if worse < least:
+            least = worse
+            said = (
+                f"the pictures before {names[split]} fit each other, and those from it on: the "
+                "board or the camera was moved; calibrate with the pictures of one place alone"
+            )
+    if any(_misfit(A, turned, carried) < least for turned in mirrored):
+        said = "the pictures are mirrored: have the camera's driver not flip them"
+    return said
+
+
+_FEWEST_APART = 4
+"""Pictures before and behind a move, from which each part has X and Z of its own."""
+
+
+def _misfit(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
+    """Median rotation [rad] that A X = Z B leaves over."""
+    B = se3.inverse(poses) if carried == "camera" else poses
+    found = solve_batch(A[None], B[None], "shah")
+    if not np.isfinite(found.X).all():
+        return float("inf")
+    rows = residuals(A, B, found.X[0], found.Z[0])
+    return float(np.median(np.linalg.norm(rows[:, :3], axis=1)))
+
+
+def unmirrored_poses(lens: Lens, board: FloatArray, pixels: FloatArray) -> Iterator[FloatArray]:
+    """Poses ``(N, 4, 4)`` of the board if the pictures are mirrored.
+
+    Points of a board that looks alike in a mirror are then told in another order, too.
+    """
+    flipped = pixels.copy()
+    flipped[..., 0] = lens.width_px - flipped[..., 0]
+    turned = board.copy()
+    turned[:, 0] = board[:, 0].max() + board[:, 0].min() - board[:, 0]
+    size = lens.width_px, lens.height_px
+    for points in (board, turned):
+        with contextlib.suppress(CalibError):
+            straight = start_lens(lens.name, size, points, flipped)
+            poses, found = board_poses(straight, points, flipped)
+            if found.all():
+                yield poses
+
+
+def find_half_turns(
+    A: FloatArray, poses: FloatArray, half_turn: FloatArray, carried: Carried
+) -> BoolArray:
+    """Which pictures ``(N,)`` show a board the other way round that looks alike after half a turn.
+
+    The arm knows by how much it has turned between two pictures, and so by how much the board has
+    to have turned in them. The pictures agree with the one that most of them agree with.
+
+    Parameters
+    ----------
+    A, poses : array (N, 4, 4)
+        ``T_base_flange`` and ``T_camera_board``.
+    half_turn : array (4, 4)
+        Of the board, about its middle.
+    """
+    both = np.stack([poses, poses @ half_turn])
+    N = len(A)
+    turned = [_angles_between(both[0], other) for other in both]
+    arm = _angles_between(A, A)
+    off = np.array([np.abs(angles - arm) for angles in turned])  # (2, N, N)
+    cost = np.minimum(off.min(axis=0), _LARGE_RAD).sum(axis=1)
+    reference = int(np.argmin(cost))
+    flips = np.asarray(off[1, reference] < off[0, reference])
+    for _ in range(5):  # a turn by 90 deg says nothing alone
+        chosen = np.where(flips[:, None, None], both[1], both[0])
+        B = [se3.inverse(T) if carried == "camera" else T for T in (chosen, *both)]
+        found = solve_batch(A[None], B[0][None], "shah")
+        if not np.isfinite(found.X).all():
+            break
+        left = [np.linalg.norm(residuals(A, T, found.X[0], found.Z[0])[:, :3], axis=1) for T in B]
+        before, flips = flips, left[2] < left[1]
+        if (before == flips).all():
+            break
+    return flips if flips.sum() <= N - flips.sum() else ~flips
+
+
+_LARGE_RAD = 0.2
+"""Difference of turns that is counted as no more: of a wrong row of joints."""
+
+
+def _angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Angles ``(N, N)`` [rad] between rotations of poses ``(N, 4, 4)``."""
+    trace = np.einsum("iab,jab->ij", one[:, :3, :3], other[:, :3, :3])
+    return np.asarray(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))

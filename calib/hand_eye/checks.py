@@ -246,13 +246,18 @@ _FEWEST_APART = 4
 
 
 def _misfit(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
-    """Median rotation [rad] that A X = Z B leaves over."""
+    """Median of what A X = Z B leaves over: rotations [rad], and places in parts of the motion.
+
+    Rotations in mirrored pictures are conjugate to the true ones by half a turn, and fit as well.
+    """
     B = se3.inverse(poses) if carried == "camera" else poses
     found = solve_batch(A[None], B[None], "shah")
     if not np.isfinite(found.X).all():
         return float("inf")
     rows = residuals(A, B, found.X[0], found.Z[0])
-    return float(np.median(np.linalg.norm(rows[:, :3], axis=1)))
+    moved = float(np.linalg.norm(A[:, :3, 3].std(axis=0)))
+    turns, places = (np.median(np.linalg.norm(r, axis=1)) for r in (rows[:, :3], rows[:, 3:]))
+    return float(turns + places / max(moved, np.finfo(float).tiny))
 
 
 def unmirrored_poses(lens: Lens, board: FloatArray, pixels: FloatArray) -> Iterator[FloatArray]:

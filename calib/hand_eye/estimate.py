@@ -387,6 +387,7 @@ def _result(
     x = estimate.values
     every = fit.parts
     residuals = fit.model.linearise(data.postures, x, data.setup, data.observed).rows
+    observed = residuals if data.observed is None else data.observed
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
     poses = [
@@ -421,7 +422,9 @@ def _result(
         scatter_px=_spread(
             N, usable, fit.sigma_px * np.sqrt(every.within / np.maximum(every.within_rows, 1.0))
         ),
-        off=_spread(N, usable, every.off),
+        pixels=_spread(N, usable, _of_points(observed, data.setup)),
+        residuals_px=_spread(N, usable, _of_points(residuals, data.setup)),
+        off=_spread(N, usable, _at_board(pictures, data, every.off, poses[0], poses[1])),
         left_out_px=_spread(N, usable, left),
         distance_m=distance,
         point_sigma_m=_point_sigma(fit.model, estimate, pictures.carried, lens, distance),
@@ -467,7 +470,7 @@ def _suspicions(problem: _Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
 
 def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:
     """How much larger the board seems to be, and its standard deviation."""
-    name = "board.board.scale"
+    name = "board.scale"
     if name in estimate.names:
         return estimate.value(name), float(estimate.sigma[estimate.names.index(name)])
     return (0.0, np.inf) if board is None else (float(board.values[0]), float(board.sigma[0]))
@@ -498,6 +501,24 @@ def _rms(rows: FloatArray, setup: Setup) -> FloatArray:
     seen = np.ones(rows.shape, dtype=bool) if setup.seen is None else setup.seen
     squares = np.sum(np.where(seen, rows, 0.0) ** 2, axis=1)
     return np.asarray(np.sqrt(squares / np.maximum(seen.sum(axis=1), 1)))
+
+
+def _of_points(rows: FloatArray, setup: Setup) -> FloatArray:
+    """Residuals ``(N, K, 2)`` of the points of each picture; NaN where not seen."""
+    seen = np.ones(rows.shape, dtype=bool) if setup.seen is None else setup.seen
+    return np.where(seen, rows, np.nan).reshape(len(rows), -1, 2)
+
+
+def _at_board(
+    pictures: Pictures, data: Measurements, off: FloatArray, X: FloatArray, Z: FloatArray
+) -> FloatArray:
+    """Deviations ``(N, 6)`` with the shift that they make of where the board is."""
+    middle = np.append(pictures.board.mean(axis=0), 1.0)
+    flange = pictures.robot.fk(data.postures)
+    at = Z @ middle if pictures.carried == "camera" else (flange @ X) @ middle
+    out = off.copy()
+    out[:, :3] += np.cross(off[:, 3:], at[..., :3] - flange[:, :3, 3])
+    return out
 
 
 def _spread(count: int, rows: IntArray, values: FloatArray) -> FloatArray:

@@ -44,8 +44,13 @@ class HandEyeResult(Shown):
         Rms of a coordinate of the points of each picture; NaN without board or posture.
     scatter_px : array (N,)
         The same about the best pose of the board in that picture alone.
+    pixels : array (N, K, 2)
+        Where the points were seen, in the order of the board; NaN where they were not.
+    residuals_px : array (N, K, 2)
+        Of each point, what is shown by the result less what was seen; NaN where it was not.
     off : array (N, 6)
-        By how much the flange seems to have been off in each picture [m, rad], base axes.
+        By how much the flange seems to have been off in each picture [m, rad]: its place where the
+        board is, for a shift alone hardly differs from a turn; base axes.
     left_out_px : array (N,)
         As ``rms_px``, with the picture left out of the estimate.
     distance_m : float
@@ -75,6 +80,8 @@ class HandEyeResult(Shown):
     status: tuple[PictureStatus, ...]
     rms_px: FloatArray
     scatter_px: FloatArray
+    pixels: FloatArray
+    residuals_px: FloatArray
     off: FloatArray
     left_out_px: FloatArray
     distance_m: float

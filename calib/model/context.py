@@ -25,6 +25,12 @@ from calib.se3 import (
     transform,
 )
 
+
+def reading_label(kind: str, name: str, usual: str) -> str:
+    """Label of what an instrument reads by: ``lens``, or ``lens.left`` of one of several."""
+    return kind if name == usual else f"{kind}.{name}"
+
+
 NO_TURN = np.eye(3)[:, :, None]
 """Columns of the rotation of a point's frame, which is not turned: ``(3, 3, 1)``."""
 

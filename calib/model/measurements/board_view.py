@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from calib.batch_last import cross, turn, turn_back
 from calib.errors import InputError
 from calib.lens import Lens, project
-from calib.model.context import MeasurementContext, Setup
+from calib.model.context import MeasurementContext, Setup, reading_label
 from calib.model.measurements.data import Measurements
 from calib.model.measurements.kinds import Measurement
 from calib.se3 import BoolArray, FloatArray
@@ -123,7 +123,8 @@ class BoardView(Measurement):
         super().__init__(0.5 if sigma_px is None else sigma_px)
         self.estimated = sigma_px is None
         self.arm_sigma = arm_sigma
-        self._lens_label, self._board_label = f"lens.{camera_label}", f"board.{board_label}"
+        self._lens_label = reading_label("lens", camera_label, "camera")
+        self._board_label = reading_label("board", board_label, "board")
         self.border_px = border_px
 
     def predict(self, view: MeasurementContext) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
 from calib.lens import LINEAR, Lens
-from calib.model.context import ArmErrors, MeasurementContext, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup, reading_label
 from calib.model.parameters.base import ParameterBlock, Unit, prior_of
 from calib.se3 import FloatArray
 
@@ -99,7 +99,9 @@ class LensParameters(ReadingParameters):
         px: Unit = "px"
         one: Unit = "1"
         units = [px] * len(LINEAR) + [one] * len(lens.distortion)
-        super().__init__(f"lens.{label}", lens.values, lens.names, units, free, prior)
+        super().__init__(
+            reading_label("lens", label, "camera"), lens.values, lens.names, units, free, prior
+        )
         self.lens = lens
 
 
@@ -124,4 +126,6 @@ class BoardErrors(ReadingParameters):
         prior: float | FloatArray | None = None,
     ) -> None:
         names: tuple[str, ...] = ("scale", "bend_x", "bend_y")
-        super().__init__(f"board.{label}", np.zeros(3), names, ("1", "m", "m"), free, prior)
+        super().__init__(
+            reading_label("board", label, "board"), np.zeros(3), names, ("1", "m", "m"), free, prior
+        )

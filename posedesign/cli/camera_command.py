@@ -1,0 +1,122 @@
+"""The command that calibrates a camera from pictures of a board: camera."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, progress, rehearsed_words, results_in, tell
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits, Verbose
+from posedesign.cli.robot_world_command import CameraPlace, listed
+
+if TYPE_CHECKING:
+    from calib.lens import Lens, LensName
+
+PicturesArgument = Annotated[
+    Path, typer.Argument(help="A folder of pictures of the board that [board] describes.")
+]
+JointsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--joints",
+        help="Joints of each picture (j1_deg ..), or poses of the flange (x_mm .. r_deg and other "
+        "forms), by the column picture or in the order of the pictures; or a list for ROS or "
+        "RoboDK.",
+    ),
+]
+CameraOption = Annotated[
+    CameraPlace,
+    typer.Option(help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange."),
+]
+LensOption = Annotated[
+    str,
+    typer.Option(
+        help="Estimate a pinhole (5 terms of distortion), rational (8) or fisheye lens; or a file "
+        "of a lens that is known: camera.json, camera_info.yaml."
+    ),
+]
+FreeOption = Annotated[
+    str,
+    typer.Option(
+        "--free",
+        help="What of the robot to identify with it, with commas: zero_offsets, geometry, "
+        "compliance, priors.",
+    ),
+]
+BoardErrorsOption = Annotated[
+    str, typer.Option("--board-errors", help="Of the board: scale, bend_x, bend_y.")
+]
+PixelSigma = Annotated[
+    float | None,
+    typer.Option("--pixel-sigma", help="Noise of a point [px]; from the pictures by default."),
+]
+ArmMm = Annotated[
+    float | None,
+    typer.Option(
+        "--arm-mm", help="How far the arm stops from where it says [mm]; from the pictures."
+    ),
+]
+ArmDeg = Annotated[float | None, typer.Option("--arm-deg", help="The same of its turn [deg].")]
+OrderOption = Annotated[
+    Literal["name", "time"],
+    typer.Option(help="Order of the pictures: by name, or by the time that they were taken at."),
+]
+TransformsOption = Annotated[
+    bool,
+    typer.Option(
+        "--transforms",
+        help="Write camera, board and lens for other tools, too: ROS 2, URDF, easy_handeye2, "
+        "OpenCV, camera_info.yaml.",
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this module."""
+    app.command()(camera)
+
+
+def camera(
+    cell: CellFile,
+    pictures: PicturesArgument,
+    joints: JointsOption = None,
+    camera: CameraOption = "on-flange",
+    lens: LensOption = "pinhole",
+    free: FreeOption = "",
+    board_errors: BoardErrorsOption = "",
+    pixel_sigma: PixelSigma = None,
+    arm_mm: ArmMm = None,
+    arm_deg: ArmDeg = None,
+    order: OrderOption = "name",
+    out: OutFolder = Path(),
+    transforms: TransformsOption = False,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Calibrate a camera from pictures of a board: its place, its lens, and the board's place.
+
+    One estimate over all pixels, with standard deviations; pictures that contradict the others
+    take no part, and what looks wrong is named.
+    """
+    from posedesign.cell import Cell
+    from posedesign.hand_eye import Asked, calibrate_camera
+    from posedesign.hand_eye.calibration import result_as_dict
+    from posedesign.pictures import read_picture_set
+    from posedesign.report.hand_eye import answer_of_camera, figure_of_camera
+    from posedesign.workflow import CAMERA_DRAWN, draw_camera
+
+    loaded = Cell.load(cell)
+    asked = Asked(
+        camera,
+        lens_of(lens),
+        tuple(listed(free)),
+        tuple(listed(board_errors)),
+        pixel_sigma,
+        arm_sigma_of(arm_mm, arm_deg),
+    )
+    raise NotImplementedError

@@ -1,0 +1,278 @@
+"""The steps of the command ``camera``: pictures and poses in, camera, lens and tables out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.hand_eye import HandEyeResult, Pictures, calibrate
+from calib.identification import DISPLAY
+from calib.lens import Lens, LensName
+from calib.robots import flange_robot, posture_of_pose
+from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
+from calib.vision.boards import Board
+from posedesign.cell import Cell
+from posedesign.files import Claim, Results, write_json_atomic
+from posedesign.files.csv_tables import write_table
+from posedesign.hand_eye.sightings import Advance, Sightings, find_boards
+from posedesign.identification.models import robot_blocks
+from posedesign.pairs.certificate import Camera
+from posedesign.pictures import PictureSet
+
+CAMERA_FILES = (
+    ("camera.json", "calibrated camera"),
+    ("camera_pictures.csv", "pictures of a calibrated camera"),
+    ("camera_points.csv", "points of the board in pictures"),
+)
+"""Names of the files, and what they say that they are."""
+
+_DETECTING = 0.9
+"""Part of the work that finding the board is."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be estimated, and what is known.
+
+    Attributes
+    ----------
+    camera : {"on-flange", "fixed"}
+        Eye-in-hand, or eye-to-hand with the board on the flange.
+    lens : str or Lens
+        Model of a lens that is estimated, or one that is known.
+    free : tuple of str
+        Words of what of the robot is estimated, too, such as ``zero_offsets``.
+    board_errors : tuple of str
+        Of ``scale``, ``bend_x``, ``bend_y``.
+    pixel_sigma : float or None
+        Noise of a coordinate of a point [px]; from the pictures by default.
+    arm_sigma : tuple of two floats or None
+        How far the arm stops from where it says [m, rad]; likewise.
+    """
+
+    camera: Camera = "on-flange"
+    lens: LensName | Lens = "pinhole"
+    free: tuple[str, ...] = ()
+    board_errors: tuple[str, ...] = ()
+    pixel_sigma: float | None = None
+    arm_sigma: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """The result with what is to be said of its files.
+
+    Attributes
+    ----------
+    result : HandEyeResult
+    sightings : Sightings
+    notes : tuple of str
+        What is odd about the files.
+    """
+
+    result: HandEyeResult
+    sightings: Sightings
+    pictures: PictureSet
+    asked: Asked
+    notes: tuple[str, ...] = field(default=())
+
+
+def board_of(cell: Cell) -> Board:
+    """The calibration board of a cell; InputError where it describes none."""
+    if cell.board is None:
+        raise InputError(
+            "the cell describes no calibration board",
+            hint="add a section [board]; posedesign new shows one",
+            name="board",
+        )
+    return cell.board
+
+
+def calibrate_camera(
+    cell: Cell,
+    pictures: PictureSet,
+    asked: Asked,
+    out: Path | Results,
+    advance: Advance = lambda what, part: None,
+) -> Calibrated:
+    """Find the board, estimate, and write ``camera.json`` and the tables beside it.
+
+    Raises
+    ------
+    InputError
+        No poses, no board in the pictures, or nothing that fits them.
+    NotIdentifiableError
+        The motion, or the views, do not tell what is asked for.
+    """
+    board = board_of(cell)
+    claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES, inputs=pictures.paths[:0])
+    if pictures.postures is None and pictures.T_base_flange is None:
+        raise InputError(
+            "the pictures have no joints and no poses of the flange",
+            hint="give the table that has them",
+            name="joints",
+        )
+    found = find_boards(pictures.paths, board, lambda what, part: advance(what, _DETECTING * part))
+    if not found.shown:
+        raise InputError(
+            f"none of {len(pictures.paths)} pictures shows the board: {pictures.names[0]}: "
+            f"{found.reasons[0]}",
+            hint=f"the cell describes: {board.words}",
+            name="pictures",
+        )
+    advance("camera, board and lens", _DETECTING)
+    result = calibrate(
+        _seen(cell, pictures, board, found.pixels, asked),
+        asked.lens,
+        free=robot_blocks(cell, asked.free) if asked.free else (),
+        sigma_px=asked.pixel_sigma,
+        arm_sigma=asked.arm_sigma,
+        board_errors=asked.board_errors,
+    )
+    calibrated = Calibrated(result, found, pictures, asked, pictures.notes)
+    _write(calibrated, board, claims)
+    return calibrated
+
+
+def _seen(
+    cell: Cell, pictures: PictureSet, board: Board, pixels: FloatArray, asked: Asked
+) -> Pictures:
+    """What the estimate takes: joints of the arm of the cell, or poses of its flange alone."""
+    if pictures.postures is not None:
+        robot, postures = cell.robot, pictures.postures
+    else:
+        if asked.free:
+            raise InputError(
+                "poses of the flange say nothing of the joints: the robot cannot be identified",
+                hint="give the joints of each picture",
+                name="joints",
+            )
+        T = pictures.T_base_flange
+        robot, postures = flange_robot(), np.full((len(pictures.names), 6), np.nan)
+        if T is not None:
+            known = np.isfinite(T).all(axis=(1, 2))
+            postures[known] = posture_of_pose(T[known])
+    return Pictures(
+        robot,
+        postures,
+        pixels,
+        board.points,
+        pictures.size_px,
+        "camera" if asked.camera == "on-flange" else "board",
+        pictures.names,
+        board.ambiguous_half_turn,
+    )
+
+
+def _write(calibrated: Calibrated, board: Board, claims: Sequence[Claim]) -> None:
+    camera, each, points = claims
+    result = calibrated.result
+    write_json_atomic(camera, result_as_dict(calibrated, board))
+    rows = [
+        row | {"reason": reason}
+        for row, reason in zip(result.rows(), calibrated.sightings.reasons, strict=True)
+    ]
+    write_table(each, list(rows[0]), rows)
+    pixels = np.where(np.isfinite(result.pixels), result.pixels, calibrated.sightings.pixels)
+    seen = np.argwhere(np.isfinite(pixels).all(axis=-1)).tolist()
+    left = result.residuals_px
+    write_table(
+        points,
+        ["picture", "point", "x_px", "y_px", "residual_x_px", "residual_y_px"],
+        [
+            {
+                "picture": result.names[i],
+                "point": k,
+                "x_px": round(float(pixels[i, k, 0]), 4),
+                "y_px": round(float(pixels[i, k, 1]), 4),
+                "residual_x_px": _or_none(left[i, k, 0]),
+                "residual_y_px": _or_none(left[i, k, 1]),
+            }
+            for i, k in seen
+        ],
+    )
+
+
+def _or_none(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+def result_as_dict(calibrated: Calibrated, board: Board) -> dict[str, Any]:
+    """The result for ``camera.json``: millimetres, degrees, pixels."""
+    result = calibrated.result
+    names = names_of(calibrated.asked.camera)
+    return {
+        "camera": calibrated.asked.camera,
+        "board": board.words,
+        "ok": result.is_ok,
+        "warnings": list(result.warnings),
+        names[0]: transform_as_dict(result.X, *result.sigma_of("X")),
+        names[1]: transform_as_dict(result.Z, *result.sigma_of("Z")),
+        "lens": lens_as_dict(result),
+        "noise": {
+            "pixel_sigma": result.sigma_px,
+            "arm_sigma_mm": 1e3 * result.arm_sigma[0],
+            "arm_sigma_deg": float(np.degrees(result.arm_sigma[1])),
+        },
+        "point_sigma_mm": 1e3 * result.point_sigma_m,
+        "distance_mm": 1e3 * result.distance_m,
+        "board_scale": {"value": result.scale[0], "sigma": result.scale[1]},
+        "parameters": [
+            {"name": name, "value": value, "unit": unit, "sigma": sigma}
+            for name, unit, value, _, sigma in result.estimate.displayed()
+        ],
+        "covariance": {
+            "names": list(result.estimate.names),
+            "units": [DISPLAY[unit][0] for unit in result.estimate.units],
+            "matrix": _displayed_covariance(result).tolist(),
+        },
+        "pictures": result.rows(),
+    }
+
+
+def _displayed_covariance(result: HandEyeResult) -> FloatArray:
+    factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
+    return np.asarray(result.estimate.covariance * np.outer(factor, factor))
+
+
+def names_of(camera: Camera) -> tuple[str, str]:
+    """Names of X and Z, with the frames by word."""
+    if camera == "on-flange":
+        return "T_flange_camera", "T_base_board"
+    return "T_flange_board", "T_base_camera"
+
+
+def transform_as_dict(T: FloatArray, sigma_m: FloatArray, sigma_rad: FloatArray) -> dict[str, Any]:
+    """A transform in the forms that people and programs take, with standard deviations."""
+    return {
+        "xyz_mm": (1e3 * T[:3, 3]).tolist(),
+        "wpr_deg": np.degrees(wpr_from_rotation(T[:3, :3])).tolist(),
+        "sigma_xyz_mm": (1e3 * sigma_m).tolist(),
+        "sigma_rotation_deg": np.degrees(sigma_rad).tolist(),
+        "quaternion_wxyz": quaternion_from_rotation(T[:3, :3]).tolist(),
+        "matrix_m": T.tolist(),
+    }
+
+
+def lens_as_dict(result: HandEyeResult) -> dict[str, Any]:
+    """The lens, by the convention of OpenCV and ROS: pixels count from the middle of the first."""
+    K, distortion = result.lens.to_opencv()
+    lens = result.lens
+    sigma = dict(zip(result.estimate.names, result.estimate.sigma.tolist(), strict=True))
+    return {
+        "model": lens.name,
+        "estimated": result.lens_estimated,
+        "width_px": lens.width_px,
+        "height_px": lens.height_px,
+        "fx": K[0, 0],
+        "fy": K[1, 1],
+        "cx": K[0, 2],
+        "cy": K[1, 2],
+        "distortion": dict(zip(lens.names[4:], distortion.tolist(), strict=True)),
+        "sigma": {name: sigma.get(f"lens.{name}") for name in lens.names},
+    }

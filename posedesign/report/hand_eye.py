@@ -1,0 +1,163 @@
+"""What a calibration from pictures answers: where the camera is, how well, what looks wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.hand_eye.calibration import names_of
+from posedesign.pairs.transforms import forms_of
+from posedesign.report import figures
+from posedesign.report.answer import Answer, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from calib.hand_eye import HandEyeResult
+    from posedesign.hand_eye import Calibrated
+
+LONG_ARROW = 0.06
+"""Length of the longest residual in a figure, in parts of the picture's width."""
+
+
+def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answer:
+    """The answer: X and Z with their uncertainty, the lens, what does not fit."""
+    result, asked = calibrated.result, calibrated.asked
+    names = names_of(asked.camera)
+    used, every = int(result.used.sum()), len(result.names)
+    of_camera, other = (names[0], names[1]) if asked.camera == "on-flange" else names[::-1]
+    transforms = dict(zip(names, (("X", result.X), ("Z", result.Z)), strict=True))
+    figures_: dict[str, str] = {}
+    for name in (of_camera, other):
+        letter, T = transforms[name]
+        place, turn = result.sigma_of("X" if letter == "X" else "Z")
+        figures_[name] = (
+            f"{_six(T)}, sigma {1e3 * place.max():.2g} mm and {np.degrees(turn).max():.2g} deg"
+        )
+    seen_from = "flange" if asked.camera == "on-flange" else "base"
+    figures_["a point that the camera sees"] = (
+        f"{1e3 * result.point_sigma_m:.2g} mm (sigma) seen from the {seen_from}, at "
+        f"{1e3 * result.distance_m:.0f} mm"
+    )
+    figures_["lens"] = _lens(result)
+    figures_["left over"] = (
+        f"{_rms(result.rms_px, result.used):.3g} px rms, of pictures left out "
+        f"{_rms(result.left_out_px, result.used):.3g} px; points scatter by {result.sigma_px:.2g} "
+        f"px, the arm by {1e3 * result.arm_sigma[0]:.2g} mm and "
+        f"{np.degrees(result.arm_sigma[1]):.2g} deg"
+    )
+    found = [name for name in result.estimate.names if name.startswith(_OF_SET_UP)]
+    robot = len(result.estimate.names) - len(found)
+    figures_["robot"] = f"{robot} parameters identified, in the tables" if robot else ""
+    unseen = [
+        f"{name}: {reason}"
+        for name, reason in zip(result.names, calibrated.sightings.reasons, strict=True)
+        if reason
+    ]
+    state = "calibrated" if result.is_ok else "not to be trusted"
+    return Answer(
+        f"{state}: camera and board from {used} of {every} pictures",
+        figures_,
+        warnings=result.warnings,
+        notes=[*calibrated.notes, *unseen],
+        details=[
+            f"{name}, {form}: {text}"
+            for name, (_, T) in transforms.items()
+            for form, text in forms_of(T, *name.split("_")[1:]).items()
+        ],
+        tables=[
+            Table("Parameters", _parameters(result)),
+            Table("Pictures", result.rows()),
+        ],
+        files=files,
+    )
+
+
+_OF_SET_UP = ("tool", "target", "lens", "board")
+
+
+def _parameters(result: HandEyeResult) -> list[dict[str, object]]:
+    return [
+        {"parameter": name, "value": value, "sigma": sigma, "unit": unit}
+        for name, unit, value, _, sigma in result.estimate.displayed()
+    ]
+
+
+def _six(T: FloatArray) -> str:
+    place, turn = 1e3 * T[:3, 3], np.degrees(wpr_from_rotation(T[:3, :3]))
+    said = (", ".join(f"{value:.3f}" for value in part) for part in (place, turn))
+    return "({}) mm, W P R ({}) deg".format(*said)
+
+
+def _lens(result: HandEyeResult) -> str:
+    if not result.lens_estimated:
+        return "as given"
+    estimate = result.estimate
+    values = {}
+    for name in ("fx", "fy", "cx", "cy"):
+        k = estimate.names.index(f"lens.{name}")
+        shift = 0.5 if name[0] == "c" else 0.0
+        values[name] = f"{estimate.values[k] - shift:.1f} +- {estimate.sigma[k]:.2g}"
+    return f"{result.lens.name}, " + ", ".join(f"{n} {v}" for n, v in values.items()) + " px"
+
+
+def _rms(values: FloatArray, used: np.ndarray) -> float:
+    known = values[used & np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def figure_of_camera(result: HandEyeResult) -> Figure:
+    """Residuals of all points over the picture, and of each picture with and without itself."""
+    figure = figures.new_figure(6.4)
+    top, bottom = figures.rows_of(figure, (1.6, 1.0))
+    (panel,) = figures.panels_of(top)
+    _draw_arrows(panel, result)
+    left = {
+        "in the estimate": np.nan_to_num(result.rms_px),
+        "left out of it": np.nan_to_num(result.left_out_px),
+    }
+    shown = np.isfinite(result.rms_px)
+    names = [name for name, is_shown in zip(result.names, shown, strict=True) if is_shown]
+    figures.residuals_by_pose(
+        bottom,
+        names,
+        {label: values[shown] for label, values in left.items()},
+        ~result.used[shown],
+        "px",
+    )
+    return figure
+
+
+def _draw_arrows(panel: object, result: HandEyeResult) -> None:
+    """Residuals of the points where they are in the picture, many times as long."""
+    from matplotlib.axes import Axes
+
+    if not isinstance(panel, Axes):
+        raise TypeError("a panel is drawn into")
+    off = result.residuals_px[result.used]
+    seen = result.pixels[result.used]
+    known = np.isfinite(off).all(axis=-1)
+    length = np.linalg.norm(off[known], axis=-1)
+    typical = float(np.quantile(length, 0.99)) if length.size else 1.0
+    longer = LONG_ARROW * result.lens.width_px / max(typical, 1e-9)
+    panel.quiver(
+        *seen[known].T,
+        *off[known].T,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0 / longer,
+        width=0.0012,
+        color=figures.COLOURS[0],
+    )
+    panel.set(
+        xlim=(0, result.lens.width_px),
+        ylim=(result.lens.height_px, 0),
+        aspect="equal",
+        xlabel="x [px]",
+        ylabel="y [px]",
+        title=f"residuals of points, {longer:.0f} times as long: no pattern is what is hoped for",
+    )
+    panel.title.set_fontsize(10)

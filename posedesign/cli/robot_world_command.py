@@ -40,8 +40,8 @@ PairsFile = Annotated[
     typer.Argument(
         help="Pairs A, B of A X = Z B. A table, each pose as x_mm y_mm z_mm or x_m y_m z_m "
         "with w_deg p_deg r_deg, qw qx qy qz, rx_rad ry_rad rz_rad (a rotation vector) or r11 "
-        ".. r33, and a_ or b_ before each name, in capitals or not; or a MATLAB file (.mat) with "
-        "arrays 4x4xN."
+        ".. r33, and a_ or b_ before each name, in capitals or not; matrices in MATLAB's .mat, "
+        "NumPy's .npz or OpenCV's .xml, .yaml, .json; samples of MoveIt or easy_handeye."
     ),
 ]
 FileA = Annotated[Path | None, typer.Option("--a", help="Or A in a file of its own,")]
@@ -55,10 +55,10 @@ Columns = Annotated[
     ),
 ]
 Variables = Annotated[
-    str, typer.Option(help="Names of A and B in a MATLAB file, say T_hand,T_cam.")
+    str, typer.Option(help="Names of A and B in a file of matrices, say T_hand,T_cam.")
 ]
 LengthUnit = Annotated[
-    Literal["mm", "m"] | None, typer.Option(help="Unit of length in a MATLAB file.")
+    Literal["mm", "m"] | None, typer.Option(help="Unit of length in a file of matrices.")
 ]
 CameraOption = Annotated[
     CameraPlace,
@@ -78,7 +78,7 @@ ConventionOption = Annotated[
     Naming,
     typer.Option(
         help="opencv: A is world2cam and B is base2gripper, as calibrateRobotWorldHandEye takes "
-        "them, in tables (a_, b_) or MATLAB files; its base2world and gripper2cam are printed "
+        "them, in tables (a_, b_) or files of matrices; its base2world and gripper2cam are printed "
         "too. Where B is gripper2base: with --invert b."
     ),
 ]
@@ -125,8 +125,8 @@ Transforms = Annotated[
     typer.Option(
         "--transforms",
         help="Write X and Z for other tools, too, where they are to be trusted: "
-        "transforms.launch.xml (ROS 2), camera.urdf (a fixed joint), camera.calib (easy_handeye2), "
-        "transforms.json (cv2.FileStorage).",
+        "transforms.launch.xml (ROS 2), camera.launch (ROS 1), camera.urdf (a fixed joint), "
+        "camera.calib (easy_handeye2), transforms.json (cv2.FileStorage).",
     ),
 ]
 TrustLengths = Annotated[
@@ -176,7 +176,16 @@ def robot_world(
 
     refuse_fixed_opencv(camera, convention)
     source = PairSource(
-        pairs, a, b, listed(columns), listed(variables), unit, invert, convention, trust_units
+        pairs,
+        a,
+        b,
+        listed(columns),
+        listed(variables),
+        unit,
+        invert,
+        convention,
+        trust_units,
+        camera,
     )
     methods = methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
@@ -199,8 +208,8 @@ def robot_world(
     )
     rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
-    names = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
-    files = [str(out / name) for name in names if (out / name).is_file()]
+    made = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
+    files = [str(out / name) for name in made if (out / name).is_file()]
     trusted = outcomes[0].result if reached(outcomes) else None
     if claims and trusted is not None:
         write_transforms(claims, trusted, camera)

@@ -137,6 +137,11 @@ def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -
         raise FileFormatError(
             "is not UTF-8 text", path=path, hint="save it as CSV (UTF-8)"
         ) from error
+    return parse_table(path, text, header, loose=loose)
+
+
+def parse_table(path: Path, text: str, header: Sequence[str] = (), *, loose: bool = False) -> Table:
+    """The table in a text that is the content of a file; see :func:`read_table`."""
     mark = _separator(text) if loose else ","
     if mark == " ":
         text = "\n".join(" ".join(line.split()) for line in text.split("\n"))
@@ -204,7 +209,7 @@ def _separator(text: str) -> str:
         if mark in first:
             return mark
     words = first.split()
-    spaces = len(words) > 1 and ("," not in first or all(map(is_number, words)))
+    spaces = len(words) > 1 and all("," not in word or is_number(word) for word in words)
     return " " if spaces else ","
 
 

@@ -148,7 +148,7 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         Text in UTF-8, or a PNG.
     name : str
         Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml``,
-        ``.html``, ``.svg`` or ``.png``.
+        ``.launch``, ``.html``, ``.svg`` or ``.png``.
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()
@@ -159,7 +159,7 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         text = b"tEXtComment\0" + f"origin: {line}".encode()
         chunk = struct.pack(">I", len(text) - 4) + text + bytes(4)
         data = data[:_PNG_HEAD] + chunk + data[_PNG_HEAD:]
-    elif ending in (".urdf", ".xml", ".html", ".svg"):
+    elif ending in (".urdf", ".xml", ".launch", ".html", ".svg"):
         declared = re.match(rb"(?i)<(?:\?xml|!doctype)[^>]*>\s*", data)
         at = declared.end() if declared else 0
         data = data[:at] + f"<!-- origin: {line} -->\n".encode() + data[at:]

@@ -37,15 +37,23 @@ class Place:
         Lines of a table.
     variable : str
         Name of a variable, in a file that is no table.
+    marks : tuple of (str, str)
+        What stands around the number of a pose, behind the name.
+    first : int
+        Number of the first pose.
     """
 
     path: Path
     lines: tuple[int, ...] = ()
     variable: str = ""
+    marks: tuple[str, str] = ("(:,:,", ")")
+    first: int = 1
 
     def name(self, i: int) -> str:
-        """``line 7``, or ``T_cam(:,:,6)`` as MATLAB counts."""
-        return f"{self.variable}(:,:,{i + 1})" if self.variable else f"line {self.lines[i]}"
+        """``line 7``, or ``T_cam(:,:,6)`` as MATLAB counts, ``T_cam[5]`` as Python does."""
+        if not self.variable:
+            return f"line {self.lines[i]}"
+        return f"{self.variable}{self.marks[0]}{i + self.first}{self.marks[1]}"
 
     def error(
         self,

@@ -18,12 +18,24 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib import se3
-from calib.errors import InputError, near_names
+from calib.errors import FileFormatError, InputError, near_names
 from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
+from posedesign.files.trees import read_tree
+from posedesign.pairs.certificate import Camera
 from posedesign.pairs.checks import repeats
-from posedesign.pairs.file import Pairs, joined, open_mat, pick_one, pick_two, read_side, read_sides
+from posedesign.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.pairs.forms import METRES, Poses
+from posedesign.pairs.samples import Samples, samples_of
+from posedesign.pairs.stacks import (
+    StackFile,
+    open_blocks,
+    open_mat,
+    open_npz,
+    open_opencv,
+    pick_one,
+    pick_two,
+)
 
 FEWEST_PAIRS = 5
 """Pairs from which a fit says something: three fit many a wrong reading."""
@@ -183,6 +195,12 @@ FEWEST_DISTINCT = 3
 
 _SHOWN = 5
 
+_STACKS = (".mat", ".npz", ".xml")
+"""Endings of files that hold matrices under names."""
+
+_TREES = (".xml", ".yaml", ".yml", ".json", ".samples")
+"""Endings of files that hold such matrices, or samples."""
+
 
 @dataclass(frozen=True)
 class PairSource:
@@ -191,21 +209,24 @@ class PairSource:
     Attributes
     ----------
     pairs : Path or None
-        One file with both sides: a table, or a MATLAB file (``.mat``).
+        One file with both sides: a table, a file of matrices (:mod:`posedesign.pairs.stacks`), or
+        samples of MoveIt or easy_handeye (:mod:`posedesign.pairs.samples`).
     a, b : Path or None
         Two files with one side each, in place of it.
     columns : sequence of str
         Names of the columns of tables without a header line.
     variables : sequence of str
-        Names of A and B in MATLAB files.
+        Names of A and B in files of matrices.
     unit : {"mm", "m"} or None
-        Unit of length of MATLAB files.
+        Unit of length of files of matrices.
     invert : {"none", "a", "b", "both"}
         Sides that the files have the other way round.
     convention : {"axzb", "opencv"}
         Whose A and B the files have, once they are inverted.
     trust_units : bool
         Do not refuse angles and lengths that look like those of another unit.
+    camera : {"on-flange", "fixed"}
+        Where it is: tells A and B of samples.
     """
 
     pairs: Path | None = None
@@ -217,6 +238,7 @@ class PairSource:
     invert: Invert = "none"
     convention: Convention = "axzb"
     trust_units: bool = False
+    camera: Camera = "on-flange"
 
     def __post_init__(self) -> None:
         given = (self.pairs is not None, self.a is not None, self.b is not None)
@@ -240,27 +262,26 @@ class PairSource:
 
     def _check_options(self) -> None:
         """Refuse options that would be of no effect, and the lack of those that are needed."""
-        mat = [path for path in self._paths if _is_mat(path)]
-        if not mat and (self.unit or self.variables):
-            raise InputError(
-                "--unit and --variables are for MATLAB files (.mat)",
-                hint="the unit of a table stands in the names of its columns",
-                name="unit" if self.unit else "variables",
-            )
-        if self.columns and len(mat) == len(self._paths):
-            raise InputError("--columns is for tables, not for MATLAB files", name="columns")
-        if mat and self.unit is None:
-            raise InputError(
-                f"{mat[0]} does not say its unit of length",
-                hint="say it with --unit mm or --unit m",
-                name="unit",
-            )
+        stacks = [path for path in self._paths if path.suffix.casefold() in _STACKS]
+        if self.columns and len(stacks) == len(self._paths):
+            raise InputError("--columns is for tables, not for files of matrices", name="columns")
+        for path in stacks:
+            self._unit_of(path)
         if self.variables and len(self.variables) != 2:
             raise InputError(
                 f"--variables has {len(self.variables)} names",
                 hint="name A, then B, with a comma between them",
                 name="variables",
             )
+
+    def _unit_of(self, path: Path) -> str:
+        if self.unit is None:
+            raise InputError(
+                f"{path} does not say its unit of length",
+                hint="say it with --unit mm or --unit m",
+                name="unit",
+            )
+        return self.unit
 
     @property
     def _paths(self) -> list[Path]:
@@ -296,24 +317,59 @@ class PairSource:
         return A, B
 
     def _sides(self) -> tuple[Poses, Poses]:
+        files = [self._opened(path) for path in self._paths]
+        if (self.unit or self.variables) and not any(isinstance(f, StackFile) for f in files):
+            raise InputError(
+                "--unit and --variables are for files of matrices: MATLAB's, NumPy's, OpenCV's",
+                hint="the unit of a table stands in the names of its columns, samples are in m",
+                name="unit" if self.unit else "variables",
+            )
         if self.pairs is None:
-            return self._side(0), self._side(1)
-        if not _is_mat(self.pairs):
+            a, b = (self._side(k, *of) for k, of in enumerate(zip(self._paths, files, strict=True)))
+            return a, b
+        file = files[0]
+        if isinstance(file, Samples):
+            if self.convention == "opencv" or self.columns:
+                raise InputError(
+                    f"{self.pairs} says itself what A and B are",
+                    hint="leave --convention and --columns out",
+                    name="convention",
+                )
+            return file.a, file.b
+        if file is None:
             return read_sides(self.pairs, self.columns, trust_units=self.trust_units)
-        file = open_mat(self.pairs)
-        unit, trust = self.unit or "", self.trust_units
+        if file.lines:
+            raise FileFormatError(
+                "holds the poses of one side",
+                path=self.pairs,
+                hint="give it with --a or --b, and the other side likewise",
+            )
+        unit, trust = self._unit_of(self.pairs), self.trust_units
         a, b = (file.poses(n, unit, trust_units=trust) for n in pick_two(file, self.variables))
         return a, b
 
-    def _side(self, k: int) -> Poses:
-        path = (self.a, self.b)[k]
-        if path is None:
-            raise InputError("both --a and --b are needed", name="ab"[k])
-        if not _is_mat(path):
+    def _side(self, k: int, path: Path, file: StackFile | Samples | None) -> Poses:
+        if isinstance(file, Samples):
+            raise FileFormatError(
+                "holds both sides", path=path, hint="give it alone, without --a and --b"
+            )
+        if file is None:
             return read_side(path, "ab"[k], self.columns, trust_units=self.trust_units)
-        file = open_mat(path)
         name = pick_one(file, self.variables[k] if self.variables else "")
-        return file.poses(name, self.unit or "", trust_units=self.trust_units)
+        return file.poses(name, self._unit_of(path), trust_units=self.trust_units)
+
+    def _opened(self, path: Path) -> StackFile | Samples | None:
+        """A file that was looked into; None for a table."""
+        ending = path.suffix.casefold()
+        if ending == ".mat":
+            return open_mat(path)
+        if ending == ".npz":
+            return open_npz(path)
+        if ending in _TREES:
+            tree = read_tree(path)
+            samples = samples_of(tree, path, self.camera, trust_units=self.trust_units)
+            return samples or open_opencv(path, tree)
+        return None if self.columns else open_blocks(path)
 
 
 def without_repeats(pairs: Pairs) -> Pairs:
@@ -333,7 +389,3 @@ def without_repeats(pairs: Pairs) -> Pairs:
         (*pairs.notes, note),
         pairs.misread,
     )
-
-
-def _is_mat(path: Path) -> bool:
-    return path.suffix.casefold() == ".mat"

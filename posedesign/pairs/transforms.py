@@ -1,4 +1,4 @@
-"""X and Z in the forms and the files that other programs take: ROS, URDF, easy_handeye2, OpenCV.
+"""X and Z in the files of other programs: ROS, URDF, MoveIt, easy_handeye2, OpenCV.
 
 Frames are named as in `FRAMES`; who loads a file gives them the names of the robot's own tree.
 """
@@ -12,12 +12,14 @@ from calib.robot_world import RobotWorldResult
 from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
 from posedesign.files import Claim, Results, write_json_atomic, write_text_atomic
 from posedesign.pairs.certificate import FRAMES, Camera
+from posedesign.pairs.lenses import opencv_matrix
 
 DIGITS = 9
 """Decimals of metres and of quaternions: far below what anything measures."""
 
 TRANSFORMS = (
     ("transforms.launch.xml", "static transforms for ROS 2"),
+    ("camera.launch", "camera pose for ROS 1"),
     ("camera.urdf", "camera joint for URDF"),
     ("camera.calib", "camera pose for easy_handeye2"),
     ("transforms.json", "matrices for OpenCV"),
@@ -31,10 +33,13 @@ def claim_transforms(out: Results) -> list[Claim]:
 
 
 def write_transforms(claims: list[Claim], result: RobotWorldResult, camera: Camera) -> None:
-    """Write X and Z for ROS 2 and OpenCV, and where the camera is for URDF and easy_handeye2.
+    """Write X and Z for ROS 2 and OpenCV, and where the camera is for the others.
 
     - ``transforms.launch.xml``: ``ros2 launch`` of it publishes both with tf2's
       ``static_transform_publisher`` (its options since ROS 2 Humble).
+    - ``camera.launch``: ``roslaunch`` of it publishes where the camera is, in the form in which
+      MoveIt's calibration saves the camera's pose (``x y z qx qy qz qw parent child``, as tf2's
+      publisher takes them in ROS 1).
     - ``camera.urdf``: the camera's link and its fixed joint, for a ``xacro:include`` in the robot's
       description, which has the parent link.
     - ``camera.calib``: in ``~/.ros2/easy_handeye2/calibrations``, for ``ros2 launch easy_handeye2
@@ -49,7 +54,7 @@ def write_transforms(claims: list[Claim], result: RobotWorldResult, camera: Came
     named = {
         title.partition(":")[0]: T for title, T in ((frames.X, result.X), (frames.Z, result.Z))
     }
-    launch, urdf, easy_handeye2, opencv = claims
+    launch, ros_1, urdf, easy_handeye2, opencv = claims
     seen = "T_flange_camera" if camera == "on-flange" else "T_base_camera"
     parent = seen.split("_")[1]
     nodes = []
@@ -61,19 +66,22 @@ def write_transforms(claims: list[Claim], result: RobotWorldResult, camera: Came
             f'        args="{arguments}"/>\n'
         )
     write_text_atomic(launch, f"<launch>\n{''.join(nodes)}</launch>\n")
+    placed = forms_of(named[seen], parent, "camera")
+    numbers = placed["x y z [m], quaternion x y z w"].replace(",", "")
+    write_text_atomic(
+        ros_1,
+        '<launch>\n  <node pkg="tf2_ros" type="static_transform_publisher" '
+        f'name="camera_link_broadcaster"\n        args="{numbers} {parent} camera"/>\n</launch>\n',
+    )
     write_text_atomic(
         urdf,
         '<robot name="camera">\n  <link name="camera"/>\n'
         f'  <joint name="{parent}_to_camera" type="fixed">\n'
         f'    <parent link="{parent}"/>\n    <child link="camera"/>\n'
-        f"    {forms_of(named[seen], parent, 'camera')['URDF']}\n  </joint>\n</robot>\n",
+        f"    {placed['URDF']}\n  </joint>\n</robot>\n",
     )
     write_text_atomic(easy_handeye2, _easy_handeye2(named[seen], camera))
-    matrices = {
-        name: {"type_id": "opencv-matrix", "rows": 4, "cols": 4, "dt": "d", "data": T.ravel()}
-        for name, T in named.items()
-    }
-    write_json_atomic(opencv, matrices)
+    write_json_atomic(opencv, {name: opencv_matrix(T) for name, T in named.items()})
 
 
 def _easy_handeye2(T: FloatArray, camera: Camera) -> str:

@@ -332,7 +332,7 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "invert": (("p.csv", "--invert", "c"), "'--invert'"),
     "convention": (("p.csv", "--convention", "cv"), "'--convention'"),
     "unit": (("p.mat", "--unit", "cm"), "'--unit'"),
-    "unit of a table": (("p.csv", "--unit", "mm"), "are for MATLAB files"),
+    "unit of a table": (("p.csv", "--unit", "mm"), "are for files of matrices"),
     "no unit": (("p.mat",), "say it with --unit mm or --unit m"),
     "fixed, opencv": (
         ("p.csv", "--camera", "fixed", "--convention", "opencv"),

@@ -22,7 +22,13 @@ CAMERAS = {
     "on-flange": ("flange camera", "base target"),
     "fixed": ("flange target", "base camera"),
 }
-FILES = ("transforms.launch.xml", "camera.urdf", "camera.calib", "transforms.json")
+FILES = (
+    "transforms.launch.xml",
+    "camera.launch",
+    "camera.urdf",
+    "camera.calib",
+    "transforms.json",
+)
 WRITTEN = 2e-8
 """Digits that are written: nine decimals of quaternions, angles and metres."""
 
@@ -102,6 +108,18 @@ def test_the_launch_file_publishes_both_transforms_by_options_of_tf2(solved):
     assert published.keys() == expected.keys()
     for frames, T in expected.items():
         np.testing.assert_allclose(published[frames], T, atol=WRITTEN)
+
+
+@both_cameras
+def test_ros_1_publishes_the_camera_from_ten_words(solved):
+    """As MoveIt saves the camera's pose: x y z, qx qy qz qw, parent, child."""
+    _, folder, expected = solved
+    (node,) = ElementTree.parse(folder / "camera.launch").getroot().findall("node")
+    assert (node.get("pkg"), node.get("type")) == ("tf2_ros", "static_transform_publisher")
+    *numbers, parent, child = node.get("args", "").split()
+    assert (parent, child) == (camera_of(expected)[0], "camera")
+    x, y, z, *quaternion = map(float, numbers)
+    np.testing.assert_allclose(rigid([x, y, z], quaternion), camera_of(expected)[1], atol=WRITTEN)
 
 
 @both_cameras

@@ -108,6 +108,23 @@ def test_text_files_of_tabb(data_folder, tmp_path, capsys):
     assert "base2world" in capsys.readouterr().out
 
 
+def test_text_files_of_tabb_as_they_are(data_folder, tmp_path):
+    """Blocks of four lines with their count before them, and rows with spaces and a comment."""
+    folder = data_folder / "robot_world" / "tabb_ds1"
+    hand, seen = folder / "robot_cali.txt", folder / "cali_subset24.txt"
+    found = PairSource(a=hand, b=hand, unit="mm").read()
+    expected = blocks_of(hand)
+    np.testing.assert_allclose(found.A[:, :3, 3], expected[:, :3, 3] / 1e3, atol=1e-12)
+    np.testing.assert_allclose(found.A[:, :3, :3], expected[:, :3, :3], atol=2e-6)
+    assert found.places[1] == "line 7"
+    rotation = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    columns = ["-", *rotation, "x_mm", "y_mm", "z_mm"]
+    found = PairSource(a=seen, b=seen, columns=columns).read()
+    numbers = np.loadtxt(seen)
+    np.testing.assert_allclose(found.B[:, :3, 3], numbers[:, 10:] / 1e3, atol=1e-12)
+    assert any("spaces stand between the cells" in note for note in found.notes)
+
+
 def test_real_pairs_come_back_from_every_kind_of_file(data_folder, tmp_path):
     path = data_folder / "robot_world" / "ur3e_hand_camera" / "T_handcam_UR3e210506.mat"
     read = PairSource(path, variables=["T_hand", "T_cam"], unit="mm", invert="b").read()

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from posedesign.files.yaml_tree import Fault, Plain, documents, text_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.ros.rules import Entry, Layout, Walk
-from posedesign.programs.ros.tree import Fault, Plain, documents, text_of
 
 _COMMENT = re.compile(r"^[ \t]*#+(.*)$", re.MULTILINE)
 _LABEL = re.compile(r"(pose|via|hold)\s+(\d{1,7})(?::\s*(.*))?")

@@ -34,9 +34,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from posedesign.files.yaml_tree import Fault, Node, Plain, documents, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, number
 from posedesign.programs.recorded import Problem
-from posedesign.programs.ros.tree import Fault, Node, Plain, documents, text_of
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no list has one in each of its lines."""

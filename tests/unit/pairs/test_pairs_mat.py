@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 from calib import mat_file
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
-from posedesign.pairs import Pairs, PairSource
-from posedesign.pairs import file as pairs_file
+from posedesign.pairs import Pairs, PairSource, stacks, write_pairs
 from tests.marks import rest_in_slow
 
 
@@ -210,11 +209,6 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
         {"pairs": Path("p.mat"), "unit": "m", "columns": ["qw"]},
         "--columns is for tables",
     ),
-    "unit of a table": (
-        {"pairs": Path("p.csv"), "unit": "m"},
-        "for MATLAB files.*names of its col",
-    ),
-    "names of a table": ({"pairs": Path("p.csv"), "variables": ["A", "B"]}, "are for MATLAB files"),
     "nothing": ({}, "one file of pairs, or one with --a and one with --b"),
     "one side": ({"a": Path("a.csv")}, "one with --a and one with --b"),
     "everything": ({k: Path("p.csv") for k in ("pairs", "a", "b")}, "one file of pairs, or"),
@@ -228,6 +222,13 @@ def test_options_that_do_not_go_together(case):
     keys, words = case
     with pytest.raises(InputError, match=words):
         PairSource(**keys)
+
+
+@pytest.mark.parametrize("keys", [{"unit": "m"}, {"variables": ["A", "B"]}])
+def test_options_of_matrices_with_a_table(tmp_path, keys):
+    path = write_pairs(tmp_path / "p.csv", some_pairs())
+    with pytest.raises(InputError, match=r"for files of matrices.*names of its columns"):
+        PairSource(path, **keys).read()
 
 
 HEADER = b"MATLAB 5.0 MAT-file, made by a test".ljust(124) + b"\x00\x01IM"
@@ -276,7 +277,7 @@ def test_file_that_is_not_there(tmp_path):
 
 
 def test_few_bytes_that_unfold_to_many(save, monkeypatch):
-    for module in (mat_file, pairs_file):
+    for module in (mat_file, stacks):
         monkeypatch.setattr(module, "LARGEST_MAT_BYTES", 1_000_000)
     path = save(A=np.zeros((4, 4, 100_000)))
     assert path.stat().st_size < 30_000

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from calib.errors import FileFormatError
+from posedesign.files.yaml_tree import json_items
 from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose, RecordedProgram
-from posedesign.programs.ros.tree import json_items
 
 TRAJECTORY = DIALECTS["ros-trajectory"]
 

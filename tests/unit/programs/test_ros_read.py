@@ -9,13 +9,13 @@ import pytest
 
 from calib import Robot
 from calib.errors import FileFormatError, InputError
+from posedesign.files.yaml_tree import MOST_DEPTH
 from posedesign.programs import (
     Arm,
     RecordedProgram,
     find_dialect,
 )
 from posedesign.programs.registry import dialect_of
-from posedesign.programs.ros.tree import MOST_DEPTH
 from tests.unit.programs.dialects import changed, export, refused
 
 LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")

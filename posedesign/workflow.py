@@ -15,16 +15,28 @@ import numpy as np
 
 from calib.robot_world import Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
-from posedesign.files import MEASURED, Claim, Results, head_of, origin_of, write_json_atomic
+from posedesign.files import (
+    MEASURED,
+    Claim,
+    Results,
+    head_of,
+    origin_of,
+    write_json_atomic,
+    write_text_atomic,
+)
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.origin import checksum
+from posedesign.hand_eye import CAMERA_FILES, Asked, Calibrated, calibrate_camera
+from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
+from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
 from posedesign.pairs.tables import DEFAULT_METHODS, pair_rows, solve_and_write, solver_row
+from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
@@ -35,6 +47,7 @@ from posedesign.planning.poses_file import PoseList, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.report.figures import draw
+from posedesign.report.hand_eye import figure_of_camera
 from posedesign.report.identification_json import IdentificationFile
 from posedesign.report.plots import (
     figure_of_identification,
@@ -52,12 +65,13 @@ ROUNDS = ("rounds.csv", "rounds of a plan")
 TOUCH_UPS = ("touchups.csv", "touch-ups")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
-PLANNED, IDENTIFIED, SOLVED = (
+PLANNED, IDENTIFIED, SOLVED, CAMERA_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
         ("plan", "figure of a plan"),
         ("identification", "figure of an identification"),
         ("robot_world", "figure of A X = Z B"),
+        ("camera", "figure of a calibrated camera"),
     )
 )
 """Figures, as picture and as drawing."""
@@ -320,6 +334,46 @@ def solve_and_draw(
     rows = [solver_row(outcome) for outcome in outcomes]
     draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
     return outcomes
+
+
+def calibrate_from_pictures(
+    cell: Cell,
+    pictures: PictureSet,
+    asked: Asked,
+    out: Path | Results,
+    advance: Advance = lambda what, part: None,
+    *,
+    transforms: bool = False,
+) -> tuple[Calibrated, list[Path]]:
+    """Calibrate a camera as :func:`calibrate_camera` does, and draw what is left over.
+
+    Parameters
+    ----------
+    transforms : bool
+        Write camera, board and lens for other tools, too, where nothing looks wrong.
+
+    Returns
+    -------
+    Calibrated
+    list of Path
+        Files that were written.
+    """
+    results = Results.of(out, "camera")
+    drawn = results.claim("computed", *CAMERA_DRAWN)
+    for_others = results.claim("computed", *LENS_FILES) if transforms else []
+    placed = claim_transforms(results) if transforms else []
+    found = calibrate_camera(cell, pictures, asked, results, advance)
+    draw(results, drawn, lambda: figure_of_camera(found.result))
+    files = [results.folder / name for name, _ in (*CAMERA_FILES, CAMERA_DRAWN[0])]
+    if transforms and found.result.is_ok:
+        info, opencv = for_others
+        write_text_atomic(info, camera_info(found.result.lens))
+        write_json_atomic(opencv, opencv_lens(found.result.lens))
+        write_transforms(placed, found.result, asked.camera)
+        files += [claim.path for claim in (*for_others, *placed)]
+    else:
+        results.remove(*LENS_FILES, *TRANSFORMS)
+    return found, files
 
 
 def camera_noise(cell: Cell) -> PairNoise:

@@ -104,13 +104,14 @@ def camera(
     take no part, and what looks wrong is named.
     """
     from posedesign.cell import Cell
-    from posedesign.hand_eye import Asked, calibrate_camera
-    from posedesign.hand_eye.calibration import result_as_dict
-    from posedesign.pictures import read_picture_set
-    from posedesign.report.hand_eye import answer_of_camera, figure_of_camera
-    from posedesign.workflow import CAMERA_DRAWN, draw_camera
+    from posedesign.hand_eye import Asked
+    from posedesign.hand_eye.calibration import board_of, result_as_dict
+    from posedesign.hand_eye.pictures import read_picture_set
+    from posedesign.report.hand_eye import answer_of_camera
+    from posedesign.workflow import calibrate_from_pictures
 
     loaded = Cell.load(cell)
+    board = board_of(loaded)
     asked = Asked(
         camera,
         lens_of(lens),
@@ -119,4 +120,50 @@ def camera(
         pixel_sigma,
         arm_sigma_of(arm_mm, arm_deg),
     )
-    raise NotImplementedError
+    results = results_in(out, "camera", cell, joints, overwrite=overwrite)
+    shown = read_picture_set(pictures, joints, loaded.robot, order=order, trust_units=trust_units)
+    with progress("calibrating the camera", with_time_left=True) as advance:
+        found, files = calibrate_from_pictures(
+            loaded, shown, asked, results, advance, transforms=transforms
+        )
+    tell(
+        answer_of_camera(found, [str(path) for path in files]),
+        verbose=verbose,
+        first=rehearsed_words(joints),
+        content=result_as_dict(found, board) if as_json else None,
+    )
+    return DONE if found.result.is_ok else NOT_REACHED
+
+
+def lens_of(text: str) -> LensName | Lens:
+    """The model of a lens by its name, or the lens of a file."""
+    from calib.errors import InputError, near_names
+    from calib.lens import DISTORTION
+    from posedesign.hand_eye.lens_files import read_lens
+
+    name: LensName
+    for name in ("pinhole", "rational", "fisheye"):
+        if text == name:
+            return name
+    if not Path(text).exists() and "." not in text:
+        raise InputError(
+            f"--lens {text}: there is no such lens, and no such file",
+            hint=near_names(text, tuple(DISTORTION)),
+            name="lens",
+        )
+    return read_lens(Path(text))
+
+
+def arm_sigma_of(mm: float | None, deg: float | None) -> tuple[float, float] | None:
+    """How far the arm stops from where it says [m, rad], if both are given."""
+    from calib.errors import InputError
+
+    if mm is None and deg is None:
+        return None
+    if mm is None or deg is None or not (mm >= 0 and deg >= 0):
+        raise InputError(
+            "give both --arm-mm and --arm-deg, not below zero, or neither",
+            hint="without them both are found from the pictures",
+            name="arm",
+        )
+    return mm / 1e3, math.radians(deg)

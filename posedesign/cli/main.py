@@ -16,6 +16,7 @@ from posedesign import __version__
 from posedesign.cli import (
     board_command,
     calibrate_commands,
+    camera_command,
     correct_commands,
     plan_commands,
     program_commands,
@@ -46,6 +47,7 @@ correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
 view_command.register(app)
+camera_command.register(app)
 board_command.register(app)
 
 

@@ -19,10 +19,10 @@ from calib.vision.boards import Board
 from posedesign.cell import Cell
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
+from posedesign.hand_eye.pictures import PictureSet
 from posedesign.hand_eye.sightings import Advance, Sightings, find_boards
 from posedesign.identification.models import robot_blocks
 from posedesign.pairs.certificate import Camera
-from posedesign.pictures import PictureSet
 
 CAMERA_FILES = (
     ("camera.json", "calibrated camera"),
@@ -110,7 +110,7 @@ def calibrate_camera(
         The motion, or the views, do not tell what is asked for.
     """
     board = board_of(cell)
-    claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES, inputs=pictures.paths[:0])
+    claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
     if pictures.postures is None and pictures.T_base_flange is None:
         raise InputError(
             "the pictures have no joints and no poses of the flange",

@@ -5,14 +5,14 @@ Frames are named as in `FRAMES`; who loads a file gives them the names of the ro
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 import yaml
 
-from calib.robot_world import RobotWorldResult
 from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
 from posedesign.files import Claim, Results, write_json_atomic, write_text_atomic
 from posedesign.pairs.certificate import FRAMES, Camera
-from posedesign.pairs.lenses import opencv_matrix
 
 DIGITS = 9
 """Decimals of metres and of quaternions: far below what anything measures."""
@@ -32,7 +32,22 @@ def claim_transforms(out: Results) -> list[Claim]:
     return out.claim("computed", *TRANSFORMS)
 
 
-def write_transforms(claims: list[Claim], result: RobotWorldResult, camera: Camera) -> None:
+def opencv_matrix(M: FloatArray) -> dict[str, object]:
+    """A matrix in the JSON of OpenCV's persistence, row by row."""
+    rows, columns = M.shape
+    return {"type_id": "opencv-matrix", "rows": rows, "cols": columns, "dt": "d", "data": M.ravel()}
+
+
+class Solved(Protocol):
+    """What has an X and a Z ``(4, 4)`` [m]."""
+
+    @property
+    def X(self) -> FloatArray: ...
+    @property
+    def Z(self) -> FloatArray: ...
+
+
+def write_transforms(claims: list[Claim], result: Solved, camera: Camera) -> None:
     """Write X and Z for ROS 2 and OpenCV, and where the camera is for the others.
 
     - ``transforms.launch.xml``: ``ros2 launch`` of it publishes both with tf2's

@@ -19,31 +19,30 @@ formats".
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import yaml
 
-from calib.errors import FileFormatError, InputError, near_names
+from calib.errors import FileFormatError, InputError
+from calib.lens import DISTORTION, Lens, LensName
 from calib.se3 import FloatArray
 from posedesign.files.trees import number, numbers, read_tree
+from posedesign.pairs.transforms import opencv_matrix
+
+LENS_FILES = (("camera_info.yaml", "lens for ROS"), ("lens.json", "lens for OpenCV"))
+"""Names of the files, and what they say that they are."""
 
 _HALF = 0.5
 """From the corner of the first pixel to its middle [px]."""
 
-_MODELS: Mapping[str, tuple[str, int]] = MappingProxyType(
-    {
-        "pinhole": ("plumb_bob", 5),
-        "rational": ("rational_polynomial", 8),
-        "fisheye": ("equidistant", 4),
-    }
+_ROS_MODELS: Mapping[LensName, str] = MappingProxyType(
+    {"pinhole": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
 )
-"""Name of each model in ROS, and how many numbers of distortion it has there."""
 
-_KALIBR_MODELS: Mapping[str, tuple[str, int]] = MappingProxyType(
+_KALIBR_MODELS: Mapping[str, tuple[LensName, int]] = MappingProxyType(
     {"radtan": ("pinhole", 4), "equidistant": ("fisheye", 4), "none": ("pinhole", 0)}
 )
 
@@ -57,125 +56,135 @@ _TARGETS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = MappingProxyType(
 """Counts and sizes of each board of Kalibr; sizes in m, ``tagSpacing`` in tags."""
 
 
-class Lens(Protocol):
-    """What all lenses have: focal lengths and principal point [px], model, distortion."""
-
-    @property
-    def model(self) -> str: ...
-    @property
-    def fx(self) -> float: ...
-    @property
-    def fy(self) -> float: ...
-    @property
-    def cx(self) -> float: ...
-    @property
-    def cy(self) -> float: ...
-    @property
-    def distortion(self) -> Sequence[float]: ...
-
-
-@dataclass(frozen=True)
-class FileLens:
-    """A lens as it was read.
-
-    Attributes
-    ----------
-    model : {"pinhole", "rational", "fisheye"}
-    fx, fy, cx, cy : float
-        [px], from the left upper corner of the image.
-    distortion : tuple of float
-    size_px : tuple of int
-        Width and height of the image.
-    """
-
-    model: str
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...]
-    size_px: tuple[int, int]
-
-
-def camera_info(lens: Lens, size_px: tuple[int, int], name: str = "camera") -> str:
+def camera_info(lens: Lens, name: str = "camera") -> str:
     """A lens as ROS loads it (``camera_info_manager``): YAML.
 
     The image that ROS makes of it without distortion has the same focal lengths and centre.
-
-    Raises
-    ------
-    InputError
-        The model is unknown, or has not as many numbers of distortion.
     """
-    width, height = size_px
-    K, distortion = _opencv_numbers(lens)
+    K, distortion = lens.to_opencv()
     content = {
-        "image_width": width,
-        "image_height": height,
+        "image_width": lens.width_px,
+        "image_height": lens.height_px,
         "camera_name": name,
         "camera_matrix": _ros_matrix(K),
-        "distortion_model": _MODELS[lens.model][0],
-        "distortion_coefficients": _ros_matrix(distortion),
+        "distortion_model": _ROS_MODELS[lens.name],
+        "distortion_coefficients": _ros_matrix(distortion[None]),
         "rectification_matrix": _ros_matrix(np.eye(3)),
         "projection_matrix": _ros_matrix(np.hstack([K, np.zeros((3, 1))])),
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
 
 
-def opencv_lens(lens: Lens, size_px: tuple[int, int]) -> dict[str, object]:
+def opencv_lens(lens: Lens) -> dict[str, object]:
     """A lens for ``cv2.FileStorage``: its JSON, with the keys of OpenCV's calibration sample.
 
     ``fisheye_model`` is 1 where the numbers are for the functions of ``cv2.fisheye``.
-
-    Raises
-    ------
-    InputError
-        As of `camera_info`.
     """
-    K, distortion = _opencv_numbers(lens)
+    K, distortion = lens.to_opencv()
     return {
-        "image_width": size_px[0],
-        "image_height": size_px[1],
-        "fisheye_model": int(lens.model == "fisheye"),
+        "image_width": lens.width_px,
+        "image_height": lens.height_px,
+        "fisheye_model": int(lens.name == "fisheye"),
         "camera_matrix": opencv_matrix(K),
-        "distortion_coefficients": opencv_matrix(distortion),
+        "distortion_coefficients": opencv_matrix(distortion[None]),
     }
-
-
-def opencv_matrix(M: FloatArray) -> dict[str, object]:
-    """A matrix in the JSON of OpenCV's persistence, row by row."""
-    rows, columns = M.shape
-    return {"type_id": "opencv-matrix", "rows": rows, "cols": columns, "dt": "d", "data": M.ravel()}
-
-
-def _opencv_numbers(lens: Lens) -> tuple[FloatArray, FloatArray]:
-    """Camera matrix (3, 3) and distortion (1, k), counted from the middle of the first pixel."""
-    if lens.model not in _MODELS:
-        raise InputError(
-            f"there is no model {lens.model!r} of a lens",
-            hint=near_names(lens.model, _MODELS),
-            name="model",
-            value=lens.model,
-        )
-    count = _MODELS[lens.model][1]
-    given = list(lens.distortion)
-    if len(given) > count or len(given) not in (0, 4, 5, 8):
-        raise InputError(
-            f"a lens of the model {lens.model} has {count} numbers of distortion, not {len(given)}",
-            hint="give all that the model has, or the first 4 or 5, or none",
-            name="distortion",
-            value=len(given),
-            bound=count,
-        )
-    K = np.array([[lens.fx, 0, lens.cx - _HALF], [0, lens.fy, lens.cy - _HALF], [0, 0, 1.0]])
-    return K, np.array([given + [0.0] * (count - len(given))])
 
 
 def _ros_matrix(M: FloatArray) -> dict[str, object]:
     return {"rows": M.shape[0], "cols": M.shape[1], "data": M.ravel().tolist()}
 
 
-def read_camchain(path: Path) -> dict[str, FileLens]:
+def read_lens(path: Path) -> Lens:
+    """The lens of a ``camera.json``, of ROS's camera_info, of OpenCV, or the one of a camchain.
+
+    Raises
+    ------
+    FileFormatError
+        There is no lens in it, or more than one, or a number is missing.
+    """
+    tree = read_tree(path)
+    found = tree if isinstance(tree, dict) else {}
+    if isinstance(found.get("lens"), dict):
+        return _own_lens(path, found["lens"])
+    if "camera_matrix" in found and "image_width" in found:
+        return _ros_lens(path, found)
+    cameras = read_camchain(path)
+    if len(cameras) > 1:
+        raise FileFormatError(
+            f"holds the lenses of {', '.join(cameras)[:60]}: which is meant cannot be told",
+            path=path,
+            hint="keep one of them in it",
+        )
+    return next(iter(cameras.values()))
+
+
+def _own_lens(path: Path, found: Mapping[str, Any]) -> Lens:
+    terms = found.get("distortion")
+    values = [found.get(key) for key in ("fx", "fy", "cx", "cy")]
+    values += list(terms.values()) if isinstance(terms, dict) else []
+    shift = [0.0, 0.0, _HALF, _HALF, *(0.0 for _ in values[4:])]
+    size = [found.get("width_px"), found.get("height_px")]
+    return _lens(path, "lens", found.get("model"), values, shift, size)
+
+
+def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
+    """Of ROS, or of OpenCV's calibration sample, which names no model."""
+    models = {ros: name for name, ros in _ROS_MODELS.items()}
+    K, terms = (_data_of(found.get(k)) for k in ("camera_matrix", "distortion_coefficients"))
+    model = models.get(str(found.get("distortion_model")))
+    if "distortion_model" not in found:
+        fisheye = number(found.get("fisheye_model", 0)) > 0
+        model = "fisheye" if fisheye else ("rational" if len(terms) > 5 else "pinhole")
+    if len(K) != 9 or model is None:
+        raise FileFormatError(
+            "has no camera_matrix of nine numbers, or a distortion_model that is not known",
+            path=path,
+            key="camera_matrix",
+            hint=f"known are {', '.join(models)}",
+        )
+    count = len(DISTORTION[model])
+    terms = [*terms[:count], *(0.0 for _ in range(count - len(terms)))]
+    values = [K[0], K[4], K[2], K[5], *terms]
+    shift = [0.0, 0.0, _HALF, _HALF, *(0.0 for _ in terms)]
+    size = [found.get("image_width"), found.get("image_height")]
+    return _lens(path, "camera_matrix", model, values, shift, size)
+
+
+def _data_of(matrix: object) -> list[Any]:
+    """Numbers of a matrix, in the forms of ROS and OpenCV."""
+    if isinstance(matrix, dict):
+        matrix = matrix.get("data")
+    if isinstance(matrix, np.ndarray):
+        return list(matrix.ravel().tolist())
+    return list(matrix) if isinstance(matrix, list) else []
+
+
+def _lens(
+    path: Path,
+    key: str,
+    model: object,
+    values: Sequence[object],
+    shift: Sequence[float],
+    size: Sequence[object],
+) -> Lens:
+    """A lens of numbers that may be none."""
+    name = next((known for known in _ROS_MODELS if known == model), None)
+    given, pixels = numbers(list(values), len(values)), numbers(list(size), 2)
+    if name is None or given is None or pixels is None:
+        raise FileFormatError(
+            "has not all the numbers of a lens, or a model that is not known",
+            path=path,
+            key=key,
+            hint=f"models are {', '.join(_ROS_MODELS)}",
+        )
+    width, height = (int(value) for value in pixels)
+    try:
+        return Lens(name, width, height, tuple((given + np.array(shift)).tolist()))
+    except InputError as error:
+        raise FileFormatError(str(error), path=path, key=key, hint=error.hint) from error
+
+
+def read_camchain(path: Path) -> dict[str, Lens]:
     """Lenses of a camchain of Kalibr by the names of the cameras, say ``cam0``.
 
     Raises
@@ -196,7 +205,7 @@ def read_camchain(path: Path) -> dict[str, FileLens]:
     return {name: _kalibr_lens(path, name, value) for name, value in cameras.items()}
 
 
-def _kalibr_lens(path: Path, name: str, camera: Mapping[str, Any]) -> FileLens:
+def _kalibr_lens(path: Path, name: str, camera: Mapping[str, Any]) -> Lens:
     kind, distorted = (str(camera.get(f"{what}_model"))[:40] for what in ("camera", "distortion"))
     if kind != "pinhole" or distorted not in _KALIBR_MODELS:
         raise FileFormatError(
@@ -218,7 +227,8 @@ def _kalibr_lens(path: Path, name: str, camera: Mapping[str, Any]) -> FileLens:
         )
     fx, fy, cx, cy = found.tolist()
     width, height = (int(value) for value in size)
-    return FileLens(model, fx, fy, cx + _HALF, cy + _HALF, tuple(bent.tolist()), (width, height))
+    terms = [*bent.tolist(), *(0.0 for _ in range(len(DISTORTION[model]) - count))]
+    return Lens(model, width, height, (fx, fy, cx + _HALF, cy + _HALF, *terms))
 
 
 def read_kalibr_target(path: Path) -> dict[str, Any]:

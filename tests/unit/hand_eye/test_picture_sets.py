@@ -14,7 +14,7 @@ from PIL import Image
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray, quaternion_from_rotation, rotation_from_wpr, transform
-from posedesign.pictures import PictureSet, read_grey, read_picture_set
+from posedesign.hand_eye.pictures import PictureSet, read_grey, read_picture_set
 from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose, write
 
 ROBOT = Robot.preset("lrmate200id")

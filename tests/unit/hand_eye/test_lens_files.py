@@ -1,7 +1,6 @@
 """Lenses and boards of other tools: the same pixels by OpenCV, whoever wrote the numbers."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,59 +9,55 @@ import numpy as np
 import pytest
 import yaml
 
-from calib.errors import FileFormatError, InputError
+from calib.errors import FileFormatError
+from calib.lens import Lens
 from calib.se3 import FloatArray
 from calib.vision.camera import Camera
 from posedesign.files import write_json_atomic
-from posedesign.pairs.lenses import (
-    FileLens,
+from posedesign.hand_eye.lens_files import (
     camera_info,
     opencv_lens,
     read_camchain,
     read_kalibr_target,
+    read_lens,
 )
 
 SIZE = (640, 480)
-PINHOLE = FileLens("pinhole", 800.0, 790.0, 321.0, 242.5, (-0.2, 0.05, 1e-5, -0.002, 0.01), SIZE)
+LINEAR = (800.0, 790.0, 321.0, 242.5)
+PINHOLE = Lens("pinhole", *SIZE, (*LINEAR, -0.2, 0.05, 1e-5, -0.002, 0.01))
 LENSES = {
     "pinhole": PINHOLE,
-    "four numbers": replace(PINHOLE, distortion=(-0.2, 0.05, 0.001, -0.002)),
-    "none": replace(PINHOLE, distortion=()),
-    "rational": replace(
-        PINHOLE,
-        model="rational",
-        distortion=(0.2, 0.05, 0.001, -0.002, 0.01, 0.3, 0.02, 0.001),
-    ),
-    "fisheye": replace(PINHOLE, model="fisheye", distortion=(0.01, -0.02, 0.003, 1e-4)),
+    "rational": Lens("rational", *SIZE, (*LINEAR, 0.2, 0.05, 0.001, -0.002, 0.01, 0.3, 0.02, 1e-3)),
+    "fisheye": Lens("fisheye", *SIZE, (*LINEAR, 0.01, -0.02, 0.003, 1e-4)),
 }
 POINTS = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 0.9], [0.0, 0.0, 1.0], [0.15, -0.25, 0.8]])
 
 
-def projected(lens: FileLens, K: FloatArray, distortion: FloatArray) -> FloatArray:
+def projected(lens: Lens, K: FloatArray, distortion: FloatArray) -> FloatArray:
     points = POINTS[:, None]
-    project: Any = cv2.fisheye.projectPoints if lens.model == "fisheye" else cv2.projectPoints
+    project: Any = cv2.fisheye.projectPoints if lens.name == "fisheye" else cv2.projectPoints
     pixels, _ = project(points, np.zeros(3), np.zeros(3), K, distortion)
     return np.asarray(pixels[:, 0])
 
 
-def expected(lens: FileLens) -> FloatArray:
+def expected(lens: Lens) -> FloatArray:
     """By the numbers of the lens itself, from the corner of the image."""
-    distortion = np.array([*lens.distortion] or [0.0] * 4)
-    K = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1]])
-    return projected(lens, K, distortion) - 0.5
+    fx, fy, cx, cy, *distortion = lens.values
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return projected(lens, K, np.array(distortion)) - 0.5
 
 
 @pytest.mark.parametrize("name", LENSES)
 def test_ros_gets_the_same_pixels(name):
     lens = LENSES[name]
-    content = yaml.safe_load(camera_info(lens, SIZE, "hand_eye"))
+    content = yaml.safe_load(camera_info(lens, "hand_eye"))
 
     def matrix(key: str) -> FloatArray:
         found = content[key]
         return np.array(found["data"], dtype=float).reshape(found["rows"], found["cols"])
 
     models = {"pinhole": ("plumb_bob", 5), "rational": ("rational_polynomial", 8)}
-    model, count = models.get(lens.model, ("equidistant", 4))
+    model, count = models.get(lens.name, ("equidistant", 4))
     assert content["distortion_model"] == model
     assert matrix("distortion_coefficients").shape == (1, count)
     assert (content["image_width"], content["image_height"]) == SIZE
@@ -77,7 +72,7 @@ def test_ros_gets_the_same_pixels(name):
 @pytest.mark.parametrize("name", LENSES)
 def test_opencv_gets_the_same_pixels(tmp_path, name):
     lens = LENSES[name]
-    path = write_json_atomic(tmp_path / "lens.json", opencv_lens(lens, SIZE))
+    path = write_json_atomic(tmp_path / "lens.json", opencv_lens(lens))
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     K, distortion = (
         storage.getNode(key).mat() for key in ("camera_matrix", "distortion_coefficients")
@@ -85,34 +80,52 @@ def test_opencv_gets_the_same_pixels(tmp_path, name):
     np.testing.assert_allclose(projected(lens, K, distortion[0]), expected(lens), atol=1e-9)
     assert storage.getNode("image_width").real() == SIZE[0]
     assert storage.getNode("image_height").real() == SIZE[1]
-    assert storage.getNode("fisheye_model").real() == (lens.model == "fisheye")
+    assert storage.getNode("fisheye_model").real() == (lens.name == "fisheye")
 
 
 def test_our_own_camera_has_these_pixels():
-    camera = Camera(
-        *SIZE,
-        PINHOLE.fx,
-        PINHOLE.fy,
-        (PINHOLE.cx, PINHOLE.cy),
-        PINHOLE.distortion[:5],  # type: ignore[arg-type]
-    )
+    fx, fy, cx, cy, *distortion = PINHOLE.values
+    camera = Camera(*SIZE, fx, fy, (cx, cy), tuple(distortion))  # type: ignore[arg-type]
     np.testing.assert_allclose(camera.project(POINTS) - 0.5, expected(PINHOLE), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", LENSES)
+def test_what_is_written_is_read_again(tmp_path, name):
+    lens = LENSES[name]
+    ros = tmp_path / "camera_info.yaml"
+    ros.write_text(camera_info(lens))
+    opencv = write_json_atomic(tmp_path / "lens.json", opencv_lens(lens))
+    for path in (ros, opencv):
+        again = read_lens(path)
+        assert (again.name, again.width_px, again.height_px) == (name, *SIZE)
+        np.testing.assert_allclose(again.values, lens.values, atol=1e-12)
+
+
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("text", "said"),
     [
-        ({"model": "pinhol"}, "there is no model 'pinhol'"),
-        ({"distortion": (0.1,)}, "has 5 numbers of distortion, not 1"),
-        ({"distortion": (0.1,) * 8}, "has 5 numbers of distortion, not 8"),
-        ({"model": "fisheye", "distortion": (0.1,) * 5}, "has 4 numbers of distortion, not 5"),
+        ("{}", "holds no camera of Kalibr"),
+        ('{"camera_matrix": [1, 2], "image_width": 5}', "no camera_matrix of nine numbers"),
+        ('{"lens": {"model": "wide"}}', "not all the numbers of a lens"),
+        (
+            '{"lens": {"model": "pinhole", "fx": -1, "fy": 1, "cx": 1, "cy": 1, "width_px": 9, '
+            '"height_px": 9, "distortion": {"a": 0, "b": 0, "c": 0, "d": 0, "e": 0}}}',
+            "cannot be",
+        ),
     ],
 )
-def test_lenses_that_are_none(change, said):
-    for write in (camera_info, opencv_lens):
-        with pytest.raises(InputError, match=said) as caught:
-            write(replace(PINHOLE, **change), SIZE)
-        assert caught.value.hint
+def test_files_without_a_lens(tmp_path, text, said):
+    path = tmp_path / "lens.json"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=said):
+        read_lens(path)
+
+
+def test_several_lenses_are_refused(tmp_path):
+    path = tmp_path / "camchain.yaml"
+    path.write_text(camchain())
+    with pytest.raises(FileFormatError, match="which is meant cannot be told"):
+        read_lens(path)
 
 
 def camchain(**changes: Any) -> str:
@@ -133,9 +146,10 @@ def test_lenses_of_kalibr(tmp_path):
     path = tmp_path / "camchain.yaml"
     path.write_text(camchain())
     found = read_camchain(path)
-    assert found["cam0"] == LENSES["four numbers"]
-    assert found["cam1"] == replace(LENSES["four numbers"], model="fisheye")
-    assert found["cam2"] == LENSES["none"]
+    bent = (-0.2, 0.05, 0.001, -0.002)
+    assert found["cam0"] == Lens("pinhole", *SIZE, (*LINEAR, *bent, 0.0))
+    assert found["cam1"] == Lens("fisheye", *SIZE, (*LINEAR, *bent))
+    assert found["cam2"] == Lens("pinhole", *SIZE, (*LINEAR, *[0.0] * 5))
 
 
 @pytest.mark.parametrize(

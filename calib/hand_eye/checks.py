@@ -227,6 +227,13 @@ def explain_misfit(
     """
     before = _misfit(A, poses, carried)
     said, least = "", FAR_BETTER * before
+    if _misfit(A, poses, "board" if carried == "camera" else "camera") < least:
+        return {
+            "camera": "they do with the board on the flange and a camera that stands still "
+            "(eye-to-hand)",
+            "board": "they do with the camera on the flange and a board that stands still "
+            "(eye-in-hand)",
+        }[carried]
     for split in range(_FEWEST_APART, len(A) - _FEWEST_APART + 1):
         halves = slice(0, split), slice(split, None)
         worse = max(_misfit(A[own], poses[own], carried) for own in halves)

@@ -74,6 +74,8 @@ _NOTHING = np.array([1e-3, 1e-6, 1e-6])
 
 _MOST_NAMED = 8
 
+_LETTERS = "A are the poses of the flange, B those of the board in the pictures"
+
 _USUAL_PX = 0.3
 _USUAL_ARM = (1e-3, 2e-3)
 """Noise to start from [px, m, rad]."""
@@ -131,6 +133,11 @@ class Pictures:
             )
         if not self.names:
             object.__setattr__(self, "names", tuple(f"P{i + 1:02d}" for i in range(N)))
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What is on the flange, and what stands around the arm."""
+        return ("camera", "board") if self.carried == "camera" else ("board", "camera")
 
     @property
     def with_board(self) -> BoolArray:
@@ -202,7 +209,9 @@ def calibrate(
     poses, found = board_poses(first, pictures.board, pixels)
     if pictures.half_turn:
         pixels, poses = _the_same_way_round(pictures, postures, pixels, poses, found)
-    data = board_views(postures, pixels, [pictures.names[i] for i in usable])
+    on_flange, around = pictures.labels
+    names = [pictures.names[i] for i in usable]
+    data = board_views(postures, pixels, names, tools=[on_flange], targets=[around])
     problem = _Problem(pictures, data, first, is_free, tuple(free), tuple(board_errors))
     try:
         start = _solved_pairs(pictures, postures[found], poses[found])
@@ -218,6 +227,7 @@ def calibrate(
             unmirrored_poses(first, pictures.board, pixels[found]),
         )
         if not why:
+            error.hint = error.hint or _LETTERS
             raise
         raise InputError(f"the pictures do not fit together: {why}", name="pictures") from error
     return _result(problem, fit, start, usable)
@@ -278,7 +288,12 @@ class _Problem:
         """The model about X and Z."""
         errors = self.board_errors if board_errors is None else board_errors
         lens = self.free_lens if free_lens is None else free_lens
-        blocks: list[ParameterBlock] = [ToolFrame(X), TargetFrame(Z), *self.free]
+        on_flange, around = self.pictures.labels
+        blocks: list[ParameterBlock] = [
+            ToolFrame(X, on_flange),
+            TargetFrame(Z, around),
+            *self.free,
+        ]
         if lens:
             blocks.append(LensParameters(self.lens))
         if errors:
@@ -458,9 +473,7 @@ def _suspicions(problem: _Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
         model = problem.model(X, Z, fit.sigma_px, fit.arm_sigma, free_lens=True)
         step = tried(model, set(LensParameters(problem.lens).names))
         found.append(suspicion_of_lens(step, problem.lens))
-    in_hand = problem.pictures.carried == "camera"
-    words = ("camera", "board") if in_hand else ("board", "camera")
-    frames = dict(zip(words, np.arange(12).reshape(2, 6), strict=True))
+    frames = dict(zip(problem.pictures.labels, np.arange(12).reshape(2, 6), strict=True))
     parts = deviations(fit.model, data, fit.x)
     found.append(suspicion_of_move(parts, fit.arm_sigma, frames, data.names))
     found.append(suspicion_of_arm(fit.arm_sigma))

@@ -31,7 +31,7 @@ class HandEyeResult(Shown):
     lens_estimated : bool
     estimate : IdentificationResult
         All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
-        ``board.*``, and those of the robot.
+        ``board.*``, and those of the robot. cx and cy count from the corner of the image.
     sigma_px : float
         Noise of a coordinate of a point.
     arm_sigma : tuple of two floats

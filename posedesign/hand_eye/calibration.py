@@ -222,10 +222,7 @@ def result_as_dict(calibrated: Calibrated, board: Board) -> dict[str, Any]:
         "point_sigma_mm": 1e3 * result.point_sigma_m,
         "distance_mm": 1e3 * result.distance_m,
         "board_scale": {"value": result.scale[0], "sigma": result.scale[1]},
-        "parameters": [
-            {"name": name, "value": value, "unit": unit, "sigma": sigma}
-            for name, unit, value, _, sigma in result.estimate.displayed()
-        ],
+        "parameters": parameter_rows(result),
         "covariance": {
             "names": list(result.estimate.names),
             "units": [DISPLAY[unit][0] for unit in result.estimate.units],
@@ -233,6 +230,15 @@ def result_as_dict(calibrated: Calibrated, board: Board) -> dict[str, Any]:
         },
         "pictures": result.rows(),
     }
+
+
+def parameter_rows(result: HandEyeResult) -> list[dict[str, Any]]:
+    """Parameters as people read them; cx and cy as OpenCV and ROS count them."""
+    rows = []
+    for name, unit, value, _, sigma in result.estimate.displayed():
+        shift = 0.5 if name in ("lens.cx", "lens.cy") else 0.0
+        rows.append({"parameter": name, "value": value - shift, "sigma": sigma, "unit": unit})
+    return rows
 
 
 def _displayed_covariance(result: HandEyeResult) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.hand_eye.calibration import names_of
+from posedesign.hand_eye.calibration import names_of, parameter_rows
 from posedesign.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
@@ -69,7 +69,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             for form, text in forms_of(T, *name.split("_")[1:]).items()
         ],
         tables=[
-            Table("Parameters", _parameters(result)),
+            Table("Parameters", parameter_rows(result)),
             Table("Pictures", result.rows()),
         ],
         files=files,
@@ -77,13 +77,6 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
 
 
 _OF_SET_UP = ("tool", "target", "lens", "board")
-
-
-def _parameters(result: HandEyeResult) -> list[dict[str, object]]:
-    return [
-        {"parameter": name, "value": value, "sigma": sigma, "unit": unit}
-        for name, unit, value, _, sigma in result.estimate.displayed()
-    ]
 
 
 def _six(T: FloatArray) -> str:

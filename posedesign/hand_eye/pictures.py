@@ -37,6 +37,10 @@ _TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables; all others are of programs and lists."""
 
 
+_NOT_MEASURED = ("via", "dropped")
+"""Status of rows of a ``poses.csv`` at which no picture was taken."""
+
+
 @dataclass(frozen=True, eq=False)
 class PictureSet:
     """Pictures by one lens, and how the arm stood when each was taken.
@@ -257,7 +261,12 @@ class _Poses:
         if path.suffix.casefold() not in _TABLES:
             return cls._of_program(path, robot, None)
         table = read_table(path, loose=True)
-        columns, rows = table.columns, table.rows
+        columns, notes = table.columns, table.notes
+        rows = [row for row in table.rows if row.cells.get("status") not in _NOT_MEASURED]
+        if len(rows) < len(table.rows):
+            notes += (
+                f"{path}: {len(table.rows) - len(rows)} rows are via or dropped, passed over",
+            )
         if all(is_number(name) for name in columns):
             return cls._of_program(path, robot, "robodk-csv")
         shown = POSE_COLUMNS & {*columns}
@@ -275,7 +284,6 @@ class _Poses:
         posed = [row for row, is_full in zip(rows, full, strict=True) if is_full]
         if not posed:
             raise FileFormatError("gives no pose in any row", path=path, hint="fill its cells in")
-        notes = table.notes
         if joints and robot is not None:
             found = postures_in_any_form(path, columns, posed, robot, trust_units)
             if shown:
@@ -336,13 +344,13 @@ class _Poses:
         for i, path in enumerate(paths):
             for name in {path.name.casefold(), path.stem.casefold()}:
                 index.setdefault(name, []).append(i)
+        exact = {path.name: [i] for i, path in enumerate(paths)}
         values = np.full((len(paths), *self.values.shape[1:]), np.nan)
         lines: dict[int, int] = {}
         lost: list[str] = []
         for cell, value, line in zip(self.pictures, self.values, self.lines, strict=True):
             name = PureWindowsPath(cell).name  # takes both slashes for what they are
-            exact = [i for i, path in enumerate(paths) if path.name == name]
-            fits = exact or index.get(name.casefold(), [])
+            fits = exact.get(name) or index.get(name.casefold(), [])
             if not fits:
                 lost.append(f"line {line} {cell[:LONGEST_SHOWN]!r}")
                 continue

@@ -23,7 +23,7 @@ Both easy_handeye look up ``robot`` the other way round where the camera is fixe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,10 @@ def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> S
         )
     a = _poses(robot, Place(path, variable=names[0], marks=("[", "]"), first=0), trust_units)
     b = _poses(seen, Place(path, variable=names[1], marks=("[", "]"), first=0), trust_units)
+    if said is None:  # a wrong guess may fit, too, with X and Z in each other's place
+        taken = "fixed" if camera == "fixed" else "on the flange"
+        note = f"{path} does not say where the camera is: taken as {taken}, by --camera"
+        a = replace(a, notes=(note, *a.notes))
     if camera == "fixed":
         return Samples(_other_way(a) if inverted else a, b)
     return Samples(a, _other_way(b))

@@ -369,7 +369,7 @@ class PairSource:
             tree = read_tree(path)
             samples = samples_of(tree, path, self.camera, trust_units=self.trust_units)
             return samples or open_opencv(path, tree)
-        return None if self.columns else open_blocks(path)
+        return open_blocks(path)
 
 
 def without_repeats(pairs: Pairs) -> Pairs:

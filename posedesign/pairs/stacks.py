@@ -17,6 +17,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -184,6 +185,8 @@ def open_npz(path: Path) -> StackFile:
                     hint="save the two arrays alone",
                 )
             for part in parts:
+                if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError("packed otherwise than NumPy does")
                 variables[part.filename.removesuffix(".npy")] = _numpy_array(archive.read(part))
     except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
@@ -204,7 +207,12 @@ def _numpy_array(data: bytes) -> Variable:
     }
     if version not in readers:
         raise ValueError(f"an array of the version {version}")
-    shape, by_columns, kind = readers[version](stream)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            shape, by_columns, kind = readers[version](stream)
+    except Exception as error:  # it parses Python: anything may come out of that
+        raise ValueError(str(error)) from error
     if kind.kind not in "fc":
         return Variable("object" if kind.hasobject else kind.name, tuple(shape))
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(data) - stream.tell():

@@ -23,7 +23,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.pairs import results as pairs_results
 from posedesign.pairs.forms import PoseForm
-from tests.cli.conftest import rows_of
+from tests.cli.conftest import rows_of, unfolded
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
@@ -72,8 +72,16 @@ def test_every_way_in_gives_the_same_answer(cli, tmp_path, measured):
         text = "\n".join(",".join(map(repr, row)) for row in np.roll(q, 4, axis=1).tolist())
         path.write_text(text + "\n")
     mat = matlab(tmp_path / "m.mat", T_hand=pairs.A, T_cam=target2cam)
+    np.savez(tmp_path / "n.npz", A=pairs.A, B=pairs.B)
+    samples = [
+        {"effector_wrt_world": a.ravel().tolist(), "object_wrt_sensor": b.ravel().tolist()}
+        for a, b in zip(pairs.A, target2cam, strict=True)
+    ]
+    (tmp_path / "moveit.yaml").write_text(json.dumps(samples))
     ways: list[tuple[object, ...]] = [
         (table,),
+        (tmp_path / "n.npz", "--unit", "m"),
+        (tmp_path / "moveit.yaml",),
         (other, "--convention", "opencv"),
         ("--a", sides[0], "--b", sides[1], "--columns", "x_m,y_m,z_m,rx_rad,ry_rad,rz_rad"),
         ("--a", swapped[0], "--b", swapped[1], "--columns", quaternions, "--invert", "b"),
@@ -88,6 +96,22 @@ def test_every_way_in_gives_the_same_answer(cli, tmp_path, measured):
         np.testing.assert_allclose(answer["X"], expected.X, atol=1e-7)
         np.testing.assert_allclose(answer["Z"], expected.Z, atol=1e-7)
         assert ("opencv" in answer) == ("opencv" in way)
+
+
+def test_samples_of_a_fixed_camera(cli, tmp_path, measured):
+    """What was B of a camera on the flange is here the target as a fixed camera sees it."""
+    pairs, _, _ = measured
+    samples = [[a.tolist(), b.tolist()] for a, b in zip(pairs.A, pairs.B, strict=True)]
+    path = tmp_path / "moveit.json"
+    path.write_text(json.dumps(samples))
+    said = cli(
+        "robot-world", path, "--camera", "fixed", "--method", "shah", "--out", tmp_path, "--json"
+    )
+    (answer,) = json.loads(said.out)
+    np.testing.assert_allclose(answer["X"], solve(pairs.A, pairs.B, "shah").X, atol=1e-9)
+    said = cli("robot-world", path, "--method", "shah", "--out", tmp_path)
+    assert "no X and Z fit A and B as they were read" in said.err
+    assert "does not say where the camera is: taken as on the flange" in unfolded(said.err)
 
 
 def test_what_is_printed_and_written(cli, tmp_path, measured):

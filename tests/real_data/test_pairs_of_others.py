@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.errors import FileFormatError
 from calib.se3 import FloatArray, rotation_angle
 from posedesign.cli.main import run
 from posedesign.pairs import Pairs, PairSource, write_pairs
@@ -119,6 +120,9 @@ def test_text_files_of_tabb_as_they_are(data_folder, tmp_path):
     assert found.places[1] == "line 7"
     rotation = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
     columns = ["-", *rotation, "x_mm", "y_mm", "z_mm"]
+    # both kinds of file at once
+    with pytest.raises(FileFormatError, match=r"has 24 poses, .*robot_cali\.txt has 88"):
+        PairSource(a=hand, b=seen, columns=columns, unit="mm").read()
     found = PairSource(a=seen, b=seen, columns=columns).read()
     numbers = np.loadtxt(seen)
     np.testing.assert_allclose(found.B[:, :3, 3], numbers[:, 10:] / 1e3, atol=1e-12)

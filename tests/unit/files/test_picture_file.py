@@ -15,7 +15,7 @@ from PIL import ImageFile
 
 from calib.errors import FileFormatError
 from posedesign.files import pictures
-from posedesign.files.pictures import ENDINGS, MOST_PIXELS, read_picture
+from posedesign.files.pictures import ENDINGS, MOST_PIXELS, read_grey, read_head, read_picture
 
 Picture = NDArray[np.uint8]
 FORMATS = (".png", ".pgm", ".bmp", ".tif", ".jpg")
@@ -205,6 +205,34 @@ def test_bombs_are_refused_before_they_are_decoded(kind, tmp_path, monkeypatch):
     monkeypatch.setattr(ImageFile.ImageFile, "load", decode)
     message = refusal(bombs()[kind], tmp_path)
     assert kind != "jpeg, progressive" or "no baseline JPEG" in message
+
+
+@pytest.mark.parametrize("kind", bombs())
+def test_bombs_are_refused_by_their_heads(kind, tmp_path):
+    path = tmp_path / "picture"
+    path.write_bytes(bombs()[kind])
+    for reader in (read_head, read_grey):
+        with pytest.raises(FileFormatError):
+            reader(path)
+
+
+@settings(max_examples=150)
+@given(st.data())
+def test_notes_of_a_camera_that_are_damaged_change_no_picture(tmp_path_factory, data):
+    entry = struct.pack("<HHII", 0x8769, 4, 1, 26) + struct.pack("<HHII", 36867, 2, 20, 60)
+    exif = b"Exif\0\0II*\0" + struct.pack("<IH", 8, 2) + entry + b"2024:05:01 10:00:00\0" * 3
+    broken = bytearray(exif)
+    for _ in range(data.draw(st.integers(1, 6))):
+        broken[data.draw(st.integers(6, len(exif) - 1))] = data.draw(st.integers(0, 255))
+    jpeg = encoded(".jpg")
+    path = tmp_path_factory.getbasetemp() / "noted"
+    length = struct.pack(">H", len(broken) + 2)
+    path.write_bytes(jpeg[:2] + b"\xff\xe1" + length + broken + jpeg[2:])
+    try:
+        assert read_head(path).size_px == (37, 24)
+    except FileFormatError:
+        return
+    assert np.array_equal(read_grey(path), read_picture(path))
 
 
 @pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"tRNS", b"gAMA", b"iCCP"])

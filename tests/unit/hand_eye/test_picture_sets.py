@@ -197,6 +197,15 @@ def test_empty_cells_are_no_pose(folder):
     assert "no pose in any row" in refusal(folder, table(folder, "\n".join(text))).message
 
 
+def test_rows_of_a_plan_that_are_not_measured(folder):
+    text = joints(folder, degrees=DEGREES[[0, 2, 1, 1, 2]]).read_text().splitlines()
+    ends = (",status", ",grid", ",via", ",repaired", ",dropped", ",grid")
+    path = table(folder, "\n".join(line + end for line, end in zip(text, ends, strict=True)))
+    found = read(folder, path)
+    np.testing.assert_allclose(values(found), np.deg2rad(DEGREES))
+    assert found.notes[0].endswith("2 rows are via or dropped, passed over")
+
+
 def test_rows_of_pictures_that_are_not_there(folder):
     found = read(folder, joints(folder, ("img1", "img2", "img3")))
     assert "no such picture, passed over: line 4 'img3'" in found.notes[0]

@@ -15,16 +15,12 @@ import numpy as np
 from calib.errors import CalibError
 from calib.se3 import BoolArray, FloatArray
 from posedesign.files import Claim, Results, write_bytes_atomic
+from posedesign.report.drawing import COLOURS, GREY, MARKS, plain_numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's palette: told apart by people who do not see red and green alike."""
-
-GREY = "#555555"
-MARKS = ("o", "s", "^", "D", "v", "P")
 _MODELS = (GREY, *COLOURS)
 MOST_NUMBERS = 60
 """Fields of a map that have their number written in."""
@@ -279,13 +275,3 @@ def answers_beside_the_first(
         panel.set_xlim(left=0.0)
         panel.set_xlabel(f"off {first} [{unit}]")
         panel.set_title(title, fontsize=8)
-
-
-def plain_numbers(panel: Axes) -> None:
-    """Numbers on a logarithmic axis as people write them."""
-    from matplotlib.ticker import FuncFormatter
-
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
-    panel.yaxis.set_minor_formatter(few)
-    panel.tick_params(which="minor", labelsize=7)

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from calib.robot_world.methods import hirsh
 from calib.se3 import FloatArray, IntArray
+from posedesign.report.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 
 from . import hirsh_iterates as claims
 from .hirsh_iterates import (

@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calib.robot_world import PairNoise, residuals, solve
+from posedesign.report.drawing import GREY
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.drawing import GREY, log_ticks, rows_of_marks
+from studies.drawing import log_ticks, rows_of_marks
 from studies.real_data import MM, TABB, TAGS, UR3E, Sides, data_with, from_the_images, real_pairs
 from studies.writing import table_by, table_of
 

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from calib.se3 import FloatArray
+from posedesign.report.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION
 
 from . import visual_pin as pin
 from . import visual_tables as tables

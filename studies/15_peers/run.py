@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from posedesign.report.drawing import BLACK, GREY
 from posedesign.study import Options
 from studies import writing
-from studies.drawing import BLACK, GREY, MARKS, log_ticks
+from studies.drawing import MARKS, log_ticks
 from studies.writing import table_by, table_of
 
 from . import peer_fits as fits

@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from posedesign.report.drawing import BLUE, GREY, VERMILION
 from posedesign.study import Grid, Options, Store, call, read_table, run_grid
 from studies import writing
-from studies.drawing import BLUE, GREY, VERMILION
 
 from .recommended_arms import SETTINGS
 from .recommended_table import judged, models_taken, outcomes, summary, worst

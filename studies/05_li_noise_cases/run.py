@@ -221,8 +221,8 @@ def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row], said: Iterable[Row
     )
     set_answer(
         figure,
-        f"An average of ten tells little: with {rows[0]['poses']} poses it has the paper's order "
-        f"in {of} of the repetitions",
+        f"An average of ten tells little: with {rows[0]['poses']} poses so many of its repetitions "
+        f"have the paper's order: {of}",
         "Marks: averages of ten. Dotted: medians of many with their 95 % interval. Noise on A and "
         f"B, poses of {workspace}.",
     )

@@ -112,7 +112,7 @@ def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
         curve(panel, c_g, [f.spread for f in found], style._replace(line=""), name, ends=ends)
         panel.plot(c_g, [f.predicted_sigma for f in found], style.line, color=style.colour, lw=1.3)
         panel.set_ylabel(f"standard deviation of {quantity}\n[{found[0].unit}]")
-    panel.set_title("scatter with its 95 % interval; lines: predicted beforehand", fontsize=10)
+    panel.set_title("scatter with its 95 % interval; lines: predicted beforehand", fontsize=9)
 
 
 def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
@@ -127,7 +127,7 @@ def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
             ends = (errors, [f.error_p95 for f in found]) if name in ESTIMATORS else None
             curve(panel, [f.c_g for f in found], errors, style, label, ends=ends)
             by = f" by {after[0][0]}" if after else ""
-            panel.set_title(f"5 x 5 plate{by}: median, bars to the 95 % quantile", fontsize=10)
+            panel.set_title(f"5 x 5 plate{by}: median, bars to the 95 % quantile", fontsize=9)
     panel.set_ylabel("worst distance error on the plate\n[mm]")
 
 
@@ -141,12 +141,11 @@ def _robot_world(panel: Axes, findings: Sequence[Finding], suffix: str, title: s
             c_g, errors = [f.c_g for f in good], [f.error_median for f in good]
             curve(panel, c_g, errors, STYLES[solver], solver)
         if len(good) < len(found):
-            refused.append(f"{solver}: {len(found) - len(good)} of {len(found)} sets")
+            refused.append(f"{solver} in {len(found) - len(good)} of {len(found)} sets")
     if refused:
-        said = "not drawn, for most draws are refused as misfits:\n" + "\n".join(refused)
-        panel.text(0.02, 0.03, said, fontsize=8, transform=panel.transAxes)
+        title += "\nnot drawn, for most draws are refused as misfits: " + ", ".join(refused)
     panel.set_ylabel("error of X, translation, median\n[mm]")
-    panel.set_title(f"AX = ZB, camera on the flange: {title}", fontsize=10)
+    panel.set_title(f"AX = ZB, camera on the flange: {title}", fontsize=9)
 
 
 LEGEND = (

@@ -81,7 +81,8 @@ def _answer_of_figure(findings: Sequence[Finding]) -> str:
     (estimator, scatter), *_ = _found(findings, truth, ESTIMATORS, quantity)
     first, last = scatter[0], scatter[-1]
     said = (
-        f"from C_G {first.c_g:.2g} to {last.c_g:.2g} the scatter of {quantity} goes from "
+        f"from C_G {first.c_g:.2g} to {last.c_g:.2g} the standard "
+        f"deviation of {quantity} goes from "
         f"{first.spread:.2g} to {last.spread:.2g} {first.unit}"
     )
     plate = pick(findings, truth, estimator, WORST)
@@ -112,7 +113,9 @@ def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
         curve(panel, c_g, [f.spread for f in found], style._replace(line=""), name, ends=ends)
         panel.plot(c_g, [f.predicted_sigma for f in found], style.line, color=style.colour, lw=1.3)
         panel.set_ylabel(f"standard deviation of {quantity}\n[{found[0].unit}]")
-    panel.set_title("scatter with its 95 % interval; lines: predicted beforehand", fontsize=9)
+    panel.set_title(
+        "standard deviation with its 95 % interval; lines: predicted beforehand", fontsize=9
+    )
 
 
 def _plate(panel: Axes, findings: Sequence[Finding]) -> None:

@@ -18,7 +18,7 @@ COLOURS = BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = (
 )  # fmt: skip
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
 
-BLACK, GREY, LIGHT = "#000000", "#555555", "#BBBBBB"
+BLACK, GREY = "#000000", "#555555"
 MARKS = ("o", "s", "^", "D", "v", "P")
 
 SMALL = 8
@@ -49,7 +49,6 @@ STYLES = {
     "touch-up weighted": Style(BLUE, "-", "o"),
     "touch-up unweighted": Style(VERMILION, "--", "s"),
     "view line": Style(GREEN, "-.", "^"),
-    "touch-up, size left out": Style(PURPLE, ":", "D"),
     "uncalibrated": Style(GREY, "--", "x"),
     # methods of A X = Z B; those of rotations as quaternions give the same X, nearly
     "ml": Style(BLACK, "-", "o"),

@@ -262,7 +262,7 @@ def draw_identification(rows: pd.DataFrame) -> Figure:
         falling += spread.is_monotonic_decreasing and off.is_monotonic_decreasing
         gains.append(off.iloc[0] / off.iloc[-1])
     log_y(left, "standard deviation of the J2 offset\n[deg]")
-    left.set_title("spread with its 95 % interval; lines: predicted", fontsize=10)
+    left.set_title("with its 95 % interval; lines: predicted", fontsize=10)
     log_y(right, "error of the tool point elsewhere, rms\n[mm]")
     right.set_title("median, bars from 5 to 95 % of the trials", fontsize=10)
     for panel in panels:
@@ -270,7 +270,7 @@ def draw_identification(rows: pd.DataFrame) -> Figure:
         label_ends(panel)
     set_answer(
         figure,
-        f"The better the poses, the less spread and error, from each set to the next on {falling} "
+        f"From each pose set to the next better one standard deviation and error fall on {falling} "
         f"of {len(gains)} arms: the tool point is {min(gains):.0f} to {max(gains):.0f} times more "
         "accurate with the best set than with the worst, where noise is all there is",
     )

@@ -196,9 +196,8 @@ NAMES = {
     "touch-up": "touch-up unweighted",
     "touch-up, weighted": "touch-up weighted",
     "view line": "view line",
-    "touch-up, size left out": "touch-up, size left out",
 }
-"""Of the estimators, in the table of styles."""
+"""Of the estimators that are drawn, in the table of styles."""
 
 ASIDE = 1.06
 """Factor by which marks at one C_G are moved aside."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,30 +13,16 @@ import numpy as np
 from calib import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
+from posedesign.report.drawing import STYLES, curve
 from studies import writing
-from studies.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from studies.intervals import median_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-LOT = "#BBBBBB"
-STYLES = {
-    "I": (VERMILION, "o"),
-    "I at the sockets": (VERMILION, "o"),
-    "I at the site": (ORANGE, "s"),
-    "D of the arm": (BLUE, "D"),
-    "D": ("#56B4E9", "d"),
-    "A": (GREEN, "^"),
-    "E": (PURPLE, "v"),
-    "G": (BLACK, "P"),
-    "G at the site": (BLACK, "P"),
-    "C_G": ("#999999", "X"),
-    "cond_2": ("#F0E442", "*"),
-}
-"""Okabe and Ito's palette with a shape for each criterion."""
+SHOWN = {"I": "I", "I at the sockets": "I", "D of the arm": "D of the arm", "C_G": "C_G"}
+"""Criteria that are drawn, by their names in the table of styles; the tables have them all."""
 
 
 TOLERANCE = 5e-3
@@ -101,30 +87,33 @@ def range_text(quantiles: Sequence[float], digits: int = 3) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def draw_row(
-    panel: Axes, y: float, quantiles: Sequence[float], chosen: Sequence[tuple[str, float]]
+def draw_choices(
+    panel: Axes,
+    names: Sequence[str],
+    lots: Sequence[Sequence[float]],
+    chosen: Sequence[Mapping[str, float]],
+    *,
+    joined: bool,
 ) -> None:
-    """A row of a figure: what choices by lot leave, and what each criterion does."""
-    low, first, middle, third, high = quantiles
-    panel.plot([low, high], [y, y], color=LOT, lw=2.0, zorder=1)
-    panel.plot([first, third], [y, y], color=LOT, lw=9.0, zorder=1)
-    panel.plot(middle, y, "|", color=BLACK, ms=16, mew=2.0, zorder=2)
-    for k, (criterion, value) in enumerate(chosen):
-        colour, marker = STYLES[criterion]
-        at = y + 0.3 - 0.6 * (k + 0.5) / len(chosen)
-        panel.plot(value, at, marker, color=colour, ms=6, zorder=3)
+    """Draw what choices by lot leave, with 5 to 95 % of them, and what some criteria do.
 
-
-def draw_legend(figure: Figure, panel: Axes, names: Sequence[str], *others: Any) -> None:
-    """Below all panels: criteria, the lot, and other marks."""
-    marks = [
-        panel.plot([], [], STYLES[name][1], color=STYLES[name][0], ms=6, label=name)[0]
-        for name in STYLES
-        if name in names
-    ]
-    marks += [
-        panel.plot([], [], color=LOT, lw=6, label="lot: 5, 25, 75, 95 %")[0],
-        panel.plot([], [], "|", color=BLACK, ms=12, mew=2, label="lot: median")[0],
-        *others,
-    ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=6, frameon=False)
+    Parameters
+    ----------
+    names : sequence of str
+        What stands side by side.
+    lots : sequence of sequence of float
+        Of each, the quantiles.
+    chosen : sequence of mapping of str to float
+        Of each, by criterion.
+    """
+    at = np.arange(len(names))
+    low, _, middle, _, high = np.transpose(lots)
+    curve(panel, at, middle, STYLES["by lot"]._replace(line=""), "by lot, median", ends=(low, high))
+    drawn = [name for name in SHOWN if all(name in of for of in chosen)]
+    for k, name in enumerate(drawn):
+        style = STYLES[SHOWN[name]] if joined else STYLES[SHOWN[name]]._replace(line="")
+        aside = 0.09 * (k + 1)
+        curve(panel, at + aside, [of[name] for of in chosen], style, f"by {name}")
+    panel.set_xticks(at, names)
+    panel.set_xlim(-0.3, len(names) - 0.5)
+    panel.grid(visible=True, axis="y", alpha=0.3)

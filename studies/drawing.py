@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posedesign.report.drawing import BLACK, BLUE, GREEN, VERMILION
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
-BLACK, GREY = "#000000", "#555555"
-"""Okabe and Ito's palette, told apart by people who do not see red and green alike."""
 
 MARKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (BLACK, "D"))
 """A colour with a shape for each series."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import tomllib
@@ -143,11 +144,16 @@ def part_of(advance: Advance, k: int, count: int, name: str) -> Advance:
 def save(figure: Figure, out: Path, name: str) -> list[Path]:
     """Save a figure as PNG and SVG, the same bytes for the same figure."""
     import matplotlib
+    from PIL import Image
 
     make_folder(out)
     paths = [out / f"{name}.png", out / f"{name}.svg"]
-    with matplotlib.rc_context({"svg.hashsalt": name}):
-        figure.savefig(paths[0], dpi=150, metadata={"Software": None})
+    picture = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
+        figure.savefig(picture, dpi=130)
+        # lines in few colours: a palette takes a third of the room
+        few = Image.open(picture).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+        few.save(paths[0], optimize=True)
         figure.set_layout_engine("none")  # laid out once: it takes longer than the drawing
         figure.savefig(paths[1], metadata={"Date": None, "Creator": None})
     return paths

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,14 @@ from calib.identification import DISPLAY
 from calib.robot_world import PAPER_METHODS
 from posedesign.files import StrPath, write_bytes_atomic
 from posedesign.report.answer import Answer, Table
-from posedesign.report.figures import COLOURS, GREY, MARKS, plain_numbers
+from posedesign.report.drawing import (
+    STYLES,
+    condition_axis,
+    curve,
+    label_ends,
+    log_y,
+    set_answer,
+)
 from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 
 if TYPE_CHECKING:
@@ -21,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ESTIMATORS = ("touch-up weighted", "touch-up unweighted", "view line")
+WORST = "plate distance worst"
 
 
 def draw_accuracy(study: AccuracyStudy, path: StrPath) -> Path:
@@ -34,119 +42,113 @@ def draw_accuracy(study: AccuracyStudy, path: StrPath) -> Path:
 def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
     """Scatter, plate test, and X of every AX=ZB solver, from the findings of a study of an arm.
 
-    The C_G axis runs from poor sets on the left to good ones on the right. The parameter whose
-    scatter is shown is the first that has a prediction; the truth is that of the first finding.
+    Below, X stands by the arm of the controller, and by the one that was identified. The parameter
+    whose scatter is shown is the first that has a prediction; the truth is that of the first
+    finding. A solver that refuses most of its data is named where its line is missing.
     """
     from matplotlib.figure import Figure
 
     # built without pyplot: no global state, no window system
-    figure = Figure(figsize=(11.0, 9.6), dpi=120, layout="constrained")
+    figure = Figure(figsize=(11.0, 7.6), dpi=120, layout="constrained")
     panels = figure.subplots(2, 2)
     _scatter(panels[0, 0], findings)
     _plate(panels[0, 1], findings)
-    _robot_world(panels[1, 0], findings, "X rotation", "deg")
-    _robot_world(panels[1, 1], findings, "X translation", "mm")
+    _robot_world(panels[1, 0], findings, "", "A as the controller computes it")
+    _robot_world(panels[1, 1], findings, IDENTIFIED_ARM, "A by the identified arm")
+    if all(panel.lines for panel in panels[1]):
+        panels[1, 1].sharey(panels[1, 0])
+    drawn = [panel for panel in panels.flat if panel.lines]
     for panel in panels.flat:
-        panel.set_xlabel("condition number C_G (Eq. 9-12); better poses to the right")
         if not panel.lines:  # a logarithmic axis cannot be drawn without data
             panel.text(0.5, 0.5, "no data: see the notes", ha="center", transform=panel.transAxes)
-            continue
-        panel.set_xscale("log")
-        panel.set_yscale("log")
-        panel.invert_xaxis()
-        plain_numbers(panel)
-        panel.grid(True, which="both", alpha=0.25)
-    draws = f"{findings[0].draws} noise draws for each pose set"
-    title = f"Accuracy against condition number: {arm}, {draws}"
-    figure.suptitle(title, parse_math=False)  # a name from a file may hold anything
+    for panel in drawn:
+        condition_axis(panel)
+        log_y(panel, panel.get_ylabel())
+    for panel in drawn:
+        label_ends(panel)
+    note = f"{findings[0].draws} draws of the noise for each pose set"
+    set_answer(figure, f"{arm}: {_answer_of_figure(findings)}", note)
     return figure
+
+
+def _leading(findings: Sequence[Finding]) -> str:
+    return next(f.quantity for f in findings if np.isfinite(f.predicted_sigma))
+
+
+def _answer_of_figure(findings: Sequence[Finding]) -> str:
+    """What the figure tells: scatter and plate error at the largest and at the smallest C_G."""
+    truth, quantity = findings[0].truth, _leading(findings)
+    (estimator, scatter), *_ = _found(findings, truth, ESTIMATORS, quantity)
+    first, last = scatter[0], scatter[-1]
+    said = (
+        f"from C_G {first.c_g:.2g} to {last.c_g:.2g} the standard "
+        f"deviation of {quantity} goes from "
+        f"{first.spread:.2g} to {last.spread:.2g} {first.unit}"
+    )
+    plate = pick(findings, truth, estimator, WORST)
+    if plate:
+        best = min(plate, key=lambda f: f.error_median)
+        said += (
+            f", the plate's worst error from {plate[0].error_median:.2g} to "
+            f"{plate[-1].error_median:.2g} {best.unit}; it is least, {best.error_median:.2g} "
+            f"{best.unit}, at C_G {best.c_g:.2g}"
+        )
+    return said
+
+
+def _found(
+    findings: Sequence[Finding], truth: str, estimators: Sequence[str], quantity: str
+) -> list[tuple[str, list[Finding]]]:
+    """Findings of each estimator that has any."""
+    every = ((name, pick(findings, truth, name, quantity)) for name in estimators)
+    return [(name, found) for name, found in every if found]
 
 
 def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
     """Scatter of one parameter over the draws with its interval, and the prediction as a line."""
-    leading = next(f for f in findings if np.isfinite(f.predicted_sigma))
-    for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKS, strict=False):
-        found = pick(findings, findings[0].truth, estimator, leading.quantity)
-        if not found:
-            continue
-        c_g = [f.c_g for f in found]
-        spread = np.array([f.spread for f in found])
-        interval = [
-            spread - [f.spread_low for f in found],
-            [f.spread_high for f in found] - spread,
-        ]
-        marks = {"color": colour, "capsize": 2, **_drawn(marker)}
-        panel.errorbar(c_g, spread, yerr=interval, fmt=marker, **marks)
-        panel.plot(c_g, [f.predicted_sigma for f in found], "-", color=colour, lw=1)
-    panel.set_ylabel(f"standard deviation of {leading.quantity} [{leading.unit}]")
-    panel.set_title("Scatter, with its 95 % interval; lines: predicted beforehand", fontsize=10)
-    _legend(panel, ESTIMATORS, COLOURS, (("predicted", "-"),))
+    quantity = _leading(findings)
+    for name, found in _found(findings, findings[0].truth, ESTIMATORS, quantity):
+        style, c_g = STYLES[name], [f.c_g for f in found]
+        ends = [f.spread_low for f in found], [f.spread_high for f in found]
+        curve(panel, c_g, [f.spread for f in found], style._replace(line=""), name, ends=ends)
+        panel.plot(c_g, [f.predicted_sigma for f in found], style.line, color=style.colour, lw=1.3)
+        panel.set_ylabel(f"standard deviation of {quantity}\n[{found[0].unit}]")
+    panel.set_title(
+        "standard deviation with its 95 % interval; lines: predicted beforehand", fontsize=9
+    )
 
 
 def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
-    """Worst distance error on the plate: median over the draws."""
-    estimators, colours = (*ESTIMATORS, "uncalibrated"), (*COLOURS[:3], GREY)
-    styles = (("deflecting arm", "-"), ("rigid arm", ":"))
-    for estimator, colour, marker in zip(estimators, colours, MARKS[:4], strict=True):
-        for truth, style in styles:
-            found = pick(findings, truth.split()[0], estimator, "plate distance worst")
-            _line(panel, found, style, colour, marker)
-    panel.set_ylabel("worst distance error on the plate [mm]")
-    panel.set_title("5 x 5 plate, 100 mm pitch: worst distance error, median", fontsize=10)
-    _legend(panel, estimators, colours, styles)
+    """Worst distance error on the plate before and after: median, and what 95 % stay below."""
+    for truth, line in (("deflecting", "-"), ("rigid", ":")):
+        after = _found(findings, truth, ESTIMATORS, WORST)[:1]
+        before = _found(findings, truth, ("uncalibrated",), WORST)
+        for name, found in after + before:
+            label = f"{'calibrated' if name in ESTIMATORS else name}, {truth} arm"
+            style = STYLES[name]._replace(line=line)
+            errors = [f.error_median for f in found]
+            ends = (errors, [f.error_p95 for f in found]) if name in ESTIMATORS else None
+            curve(panel, [f.c_g for f in found], errors, style, label, ends=ends)
+            by = f" by {after[0][0]}" if after else ""
+            panel.set_title(f"5 x 5 plate{by}: median, bars to the 95 % quantile", fontsize=9)
+    panel.set_ylabel("worst distance error on the plate\n[mm]")
 
 
-def _robot_world(panel: Axes, findings: Sequence[Finding], quantity: str, unit: str) -> None:
-    """Median error of every solver, with the controller's arm and with the identified one."""
-    styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
+def _robot_world(panel: Axes, findings: Sequence[Finding], suffix: str, title: str) -> None:
+    """Median error of X by every solver, but for sets in which most draws were refused."""
     refused = []
-    # none of the colours of the estimators, which the panels above have
-    colours = ("black", COLOURS[3], COLOURS[4], COLOURS[5])
-    for solver, colour, marker in zip(PAPER_METHODS, colours, MARKS[:4], strict=True):
-        for suffix, (words, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
-            found = pick(findings, findings[0].truth, solver + suffix, quantity)
-            missing = len(found) - _line(panel, found, style, colour, marker)
-            if missing:
-                refused.append(f"{solver}, {words}: {missing} of {len(found)} sets")
+    for solver in PAPER_METHODS:
+        found = pick(findings, findings[0].truth, solver + suffix, "X translation")
+        good = [f for f in found if f.failed < f.draws / 2]
+        if good:
+            c_g, errors = [f.c_g for f in good], [f.error_median for f in good]
+            curve(panel, c_g, errors, STYLES[solver], solver)
+        if len(good) < len(found):
+            refused.append(f"{solver} in {len(found) - len(good)} of {len(found)} sets")
     if refused:
-        said = "not drawn, since most draws are refused:\n" + "\n".join(refused)
-        panel.text(0.02, 0.02, said, fontsize=7, transform=panel.transAxes)
-    panel.set_ylabel(f"error of {quantity} [{unit}]")
-    panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)
-    _legend(panel, PAPER_METHODS, colours, styles)
-
-
-def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> int:
-    """Draw median errors against C_G but for sets in which most draws failed: how many it drew."""
-    good = [f for f in found if f.failed < f.draws / 2]
-    c_g, error = [f.c_g for f in good], [f.error_median for f in good]
-    if good:
-        panel.plot(c_g, error, style + marker, color=colour, lw=1.2, **_drawn(marker))
-    return len(good)
-
-
-def _drawn(marker: str) -> dict[str, Any]:
-    """How a mark is drawn: the third is hollow and large, to be seen under others."""
-    return {"mfc": "none", "ms": 7} if marker == MARKS[2] else {"ms": 4}
-
-
-def _legend(
-    panel: Axes,
-    names: Sequence[str],
-    colours: Sequence[str],
-    styles: Sequence[tuple[str, str]],
-) -> None:
-    """Colours for what was compared, line styles for the conditions, below the panel."""
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=colour, marker=marker, lw=0, label=name, **_drawn(marker))
-        for name, colour, marker in zip(names, colours, MARKS, strict=False)
-    ]
-    handles += [Line2D([], [], color=GREY, ls=style, label=name) for name, style in styles]
-    panel.legend(
-        handles=handles, fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12)
-    )
+        title += "\nnot drawn, for most draws are refused as misfits: " + ", ".join(refused)
+    panel.set_ylabel("error of X, translation, median\n[mm]")
+    panel.set_title(f"AX = ZB, camera on the flange: {title}", fontsize=9)
 
 
 LEGEND = (

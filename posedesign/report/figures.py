@@ -15,16 +15,12 @@ import numpy as np
 from calib.errors import CalibError
 from calib.se3 import BoolArray, FloatArray
 from posedesign.files import Claim, Results, write_bytes_atomic
+from posedesign.report.drawing import COLOURS, GREY, MARKS, log_y
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's palette: told apart by people who do not see red and green alike."""
-
-GREY = "#555555"
-MARKS = ("o", "s", "^", "D", "v", "P")
 _MODELS = (GREY, *COLOURS)
 MOST_NUMBERS = 60
 """Fields of a map that have their number written in."""
@@ -119,11 +115,9 @@ def error_by_poses(
         if np.isfinite(values[-1]):
             text, end = f"{values[-1]:.2g}", (float(at[-1]), float(values[-1]))
             panel.annotate(text, end, (5, 0), textcoords="offset points", va="center", fontsize=8)
-    panel.set_yscale("log")
-    plain_numbers(panel)
+    log_y(panel, what)
     panel.set_xlim(right=1.07 * most)
     panel.set_xlabel("number of poses")
-    panel.set_ylabel(what)
     panel.legend(fontsize=8)
 
 
@@ -205,12 +199,11 @@ def residuals_by_pose(
             color="red",
             parse_math=False,
         )
+    panel.set_ylabel(f"residual [{unit}]")
     if all((values > 0).all() for values in residuals.values()):
-        panel.set_yscale("log")
-        plain_numbers(panel)
+        log_y(panel, panel.get_ylabel())
     step = max(1, -(-len(names) // 40))
     panel.set_xticks(at[::step], list(names)[::step], rotation=90, fontsize=7, parse_math=False)
-    panel.set_ylabel(f"residual [{unit}]")
     panel.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
 
 
@@ -231,14 +224,13 @@ def residuals_by_joint(
     for k, (panel, joint) in enumerate(zip(panels, joints, strict=True)):
         for values, colour, mark in zip(residuals_mm.values(), _MODELS, MARKS, strict=False):
             panel.plot(q_deg[:, k], values, mark, ms=3, color=colour)
-        panel.set_yscale("log")
-        plain_numbers(panel)
+        log_y(panel)
         panel.set_xlabel(f"{joint} [deg]", fontsize=8, parse_math=False)
         panel.tick_params(labelsize=7)
         if k:
             panel.sharey(panels[0])
             panel.tick_params(labelleft=False, which="both")
-    panels[0].set_ylabel("residual [mm]", fontsize=8)
+    panels[0].set_ylabel("residual [mm], log scale", fontsize=8)
 
 
 def answers_beside_the_first(
@@ -279,13 +271,3 @@ def answers_beside_the_first(
         panel.set_xlim(left=0.0)
         panel.set_xlabel(f"off {first} [{unit}]")
         panel.set_title(title, fontsize=8)
-
-
-def plain_numbers(panel: Axes) -> None:
-    """Numbers on a logarithmic axis as people write them."""
-    from matplotlib.ticker import FuncFormatter
-
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
-    panel.yaxis.set_minor_formatter(few)
-    panel.tick_params(which="minor", labelsize=7)

@@ -25,6 +25,7 @@ from posedesign.files import make_folder
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements
 from posedesign.identification import Identified, identify_models
+from posedesign.report.drawing import set_answer
 from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings
@@ -286,8 +287,15 @@ def plot(folder: Path) -> list[Path]:
     names = [f"{row['model']} ({row['parameters']:g})" for row in rows]
     drawing.rows_of_marks(axes, names, off)
     drawing.log_ticks(axes, [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
-    axes.set_xlabel("rms distance in configurations that took no part in the fit [mm]")
+    axes.set_xlabel("rms distance in configurations that took no part in the fit [mm], log scale")
     axes.legend(frameon=False)
+    best = min(rows, key=lambda row: row["leave_one_out_mm"])
+    before = next(row for row in rows if row["model"] == "frames only")
+    set_answer(
+        figure,
+        f"Configurations left out are predicted to {best['leave_one_out_mm']:.3f} mm by "
+        f"{best['model']}, to {before['leave_one_out_mm']:.2f} mm by {before['model']}",
+    )
     return writing.save(figure, folder, FIGURE)
 
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from calib.robot_world import METHODS, PairSets, residuals, solve_batch
 from calib.se3 import FloatArray
+from posedesign.report.drawing import STYLES, curve, label_ends, log_y, set_answer
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, log_ticks
+from studies.drawing import log_ticks
 from studies.intervals import median_interval
 from studies.real_data import Sides, data_folder, real_pairs
 
@@ -125,85 +125,113 @@ def _of_subsets(A: FloatArray, B: FloatArray, size: int) -> dict[str, Any]:
     return row
 
 
-STYLES = {
-    QUATERNION: (VERMILION, "-", "o"),
-    SAFE: (VERMILION, ":", ""),
-    DUAL: (BLUE, "-", "s"),
-    DUAL_M: (BLUE, ":", ""),
-    KRONECKER: (GREEN, "-", "^"),
-    KRONECKER_M: (GREEN, ":", ""),
-    SCALED: (PURPLE, "-", "D"),
-    FLOOR: (BLACK, "--", ""),
-}
-"""Dotted: the same method in another form."""
-
 OF_THE_PAPER = (QUATERNION, DUAL, KRONECKER)
-LABELS = {"rotation_deg": "rotation: X + Z [deg]", "translation_mm": "translation: X + Z [mm]"}
+AS = {
+    QUATERNION: "zhuang",
+    DUAL: "li-dual-quaternion",
+    DUAL_M: "li-dual-quaternion",
+    KRONECKER: "li-kronecker",
+    KRONECKER_M: "li-kronecker",
+    FLOOR: "ml",
+}
+"""Methods whose style each has."""
+
+UNITS = {"mm": (DUAL, KRONECKER), "m": (DUAL_M, KRONECKER_M)}
+"""Methods that the unit of the lengths matters to."""
+
+LABELS = {"rotation_deg": "rotation: X + Z, median\n[deg]"}
+LABELS["translation_mm"] = "translation: X + Z, median\n[mm]"
 """By the columns of the tables."""
 
-CASES = {"A": "(a) only A noisy", "B": "(b) only B noisy", "both": "(c) A and B noisy"}
+NOISY = "both"
+"""Side of the noise that is drawn."""
 
+MANY = 10
+"""Poses from which on methods are counted against each other."""
 
 Row = Mapping[str, Any]
+Panels = dict[tuple[str, str, str], dict[str, list[float]]]
 
 
 def draw_medians(rows: Iterable[Row]) -> Figure:
-    """Median of each error against the number of poses, with the 95 % interval as a band."""
+    """Median of each error against the number of poses, with lengths in mm and in metres."""
     found = _by_panel(rows)
-    workspaces = list(dict.fromkeys(workspace for workspace, *_ in found))
-    figure = Figure(figsize=(8.6, 9.8), layout="constrained")
-    panels = np.atleast_2d(
-        figure.subplots(2 * len(workspaces), len(CASES), sharex=True, sharey="row")
+    workspace = next(iter(found))[0]
+    figure = Figure(figsize=(10.0, 7.2), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True, sharey="row")
+    for (title, label), axes in zip(LABELS.items(), panels, strict=True):
+        for panel, (unit, methods) in zip(axes, UNITS.items(), strict=True):
+            for name in (QUATERNION, *methods, FLOOR):
+                of, style = found[workspace, NOISY, name], STYLES[AS[name]]
+                ends = of[f"{title}_median_low"], of[f"{title}_median_high"]
+                curve(panel, of["poses"], of[f"{title}_median"], style, name, ends=ends)
+            panel.set_title(f"lengths in {unit}", fontsize=10)
+        _dress(axes, of["poses"], label)
+    _finish(panels)
+    wins, best, cells, every = _counts(found)
+    set_answer(
+        figure,
+        f"From {MANY} poses on the Kronecker form beats the other two of the paper in "
+        f"{wins['mm']} of {cells} medians in mm, in {wins['m']} in metres; maximum likelihood is "
+        f"best in {best} of {every}",
+        f"Shown: noise on A and B, poses of {workspace}. Bars: 95 % intervals of the medians.",
     )
-    for row, axes in enumerate(panels):
-        workspace, (title, label) = workspaces[row // 2], list(LABELS.items())[row % 2]
-        for panel, (noisy, case) in zip(axes, CASES.items(), strict=True):
-            for name in SHOWN:
-                of = found[workspace, noisy, name]
-                colour, line, marker = STYLES[name]
-                _band(panel, of, title, colour)
-                panel.plot(
-                    of["poses"], of[f"{title}_median"], line, marker=marker, color=colour, ms=4,
-                    lw=1.3, label=name,
-                )  # fmt: skip
-            _dress(panel, of["poses"])
-            panel.set_title(f"{case}, {workspace}", fontsize=9)
-        axes[0].set_ylabel(label)
-    _legend(figure, panels, 4)
     return figure
 
 
-def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row]) -> Figure:
-    """The paper's three curves: averages of few problems, and median and mean of many."""
+def _counts(found: Panels) -> tuple[dict[str, int], int, int, int]:
+    """Medians in which Kronecker is before both others, and maximum likelihood before all.
+
+    Kronecker by unit and of many poses; then the number of such medians, and of all.
+    """
+    wins, best, cells, every = dict.fromkeys(UNITS, 0), 0, 0, 0
+    for workspace, noisy in dict.fromkeys(key[:2] for key in found):
+        for title in LABELS:
+            of = {n: np.array(found[workspace, noisy, n][f"{title}_median"]) for n in SHOWN}
+            many = np.array(found[workspace, noisy, FLOOR]["poses"]) >= MANY
+            for unit, (dual, kronecker) in UNITS.items():
+                less = np.minimum(of[dual], of[QUATERNION])
+                wins[unit] += int((of[kronecker] < less)[many].sum())
+            best += int((of[FLOOR] <= np.min(list(of.values()), axis=0)).sum())
+            cells, every = cells + int(many.sum()), every + len(many)
+    return wins, best, cells, every
+
+
+def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row], said: Iterable[Row]) -> Figure:
+    """The paper's three curves: averages of few problems beside the median of many."""
     found, few = _by_panel(rows), _by_panel(of_ten)
     workspace = next(iter(found))[0]
-    figure = Figure(figsize=(8.6, 5.8), layout="constrained")
-    panels = figure.subplots(2, len(CASES), sharex=True, sharey="row")
-    for (title, label), axes in zip(LABELS.items(), panels, strict=True):
-        for panel, (noisy, case) in zip(axes, CASES.items(), strict=True):
-            for name in OF_THE_PAPER:
-                own, many = few[workspace, noisy, name], found[workspace, noisy, name]
-                colour, _, marker = STYLES[name]
-                panel.plot(
-                    own["poses"], own[f"{title}_mean"], "-", marker=marker, color=colour, ms=5,
-                    label=f"{name}: average of 10",
-                )  # fmt: skip
-                _band(panel, many, title, colour)
-                panel.plot(many["poses"], many[f"{title}_median"], "--", color=colour, lw=1.2)
-                panel.plot(many["poses"], many[f"{title}_mean"], ":", color=colour, lw=1.6)
-            _dress(panel, many["poses"])
-            panel.set_title(case, fontsize=9)
-        axes[0].set_ylabel(label)
-    panels[0, 0].plot([], [], "--", color=GREY, label="median of many, 95 % interval")
-    panels[0, 0].plot([], [], ":", color=GREY, label="mean of many")
-    figure.suptitle(f"Poses: {workspace}", fontsize=11)
-    _legend(figure, panels, 3)
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for panel, (title, label) in zip(panels, LABELS.items(), strict=True):
+        for name in OF_THE_PAPER:
+            own, many = few[workspace, NOISY, name], found[workspace, NOISY, name]
+            style = STYLES[AS[name]]
+            curve(panel, own["poses"], own[f"{title}_mean"], style._replace(line="-"), name)
+            ends = many[f"{title}_median_low"], many[f"{title}_median_high"]
+            panel.fill_between(many["poses"], *ends, color=style.colour, alpha=0.25, lw=0)
+            panel.plot(many["poses"], many[f"{title}_median"], ":", color=style.colour)
+        _dress([panel], many["poses"], label.replace(", median", ""))
+    _finish(panels[None])
+    rows = [row for row in said if row["poses"] >= SETTINGS["table_1"]["poses"]]
+    shares = {row["error"]: row for row in rows[::-1] if row["poses"] == rows[0]["poses"]}
+    of = " and ".join(
+        f"{100 * row['least']:.0f} to {100 * row['most']:.0f} % in {error.partition('_')[0]}"
+        for error, row in sorted(shares.items())
+    )
+    set_answer(
+        figure,
+        f"An average of ten tells little: with {rows[0]['poses']} poses so many of its repetitions "
+        f"have the paper's order: {of}",
+        "Marks: averages of ten. Dotted: medians of many with their 95 % interval. Noise on A and "
+        f"B, poses of {workspace}.",
+    )
     return figure
 
 
-def _by_panel(rows: Iterable[Row]) -> dict[tuple[str, str, str], dict[str, list[float]]]:
+def _by_panel(rows: Iterable[Row]) -> Panels:
     """Columns by workspace, noisy side and method, in the order of the numbers of poses."""
-    found: dict[tuple[str, str, str], dict[str, list[float]]] = {}
+    found: Panels = {}
     for row in rows:
         columns = found.setdefault((row["workspace"], row["noisy"], row["method"]), {})
         for title, value in row.items():
@@ -211,25 +239,18 @@ def _by_panel(rows: Iterable[Row]) -> dict[tuple[str, str, str], dict[str, list[
     return found
 
 
-def _band(panel: Axes, of: Mapping[str, list[float]], title: str, colour: str) -> None:
-    low, high = of[f"{title}_median_low"], of[f"{title}_median_high"]
-    panel.fill_between(of["poses"], low, high, color=colour, alpha=0.2, lw=0)
+def _dress(axes: Iterable[Axes], poses: Sequence[float], label: str) -> None:
+    """Shared axes; the first panel says what is along y."""
+    for k, panel in enumerate(axes):
+        log_ticks(panel, poses)
+        log_y(panel, "" if k else label)
 
 
-def _dress(panel: Axes, poses: Sequence[float]) -> None:
-    log_ticks(panel, poses)
-    panel.set_yscale("log")
-    panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    panel.yaxis.set_minor_locator(NullLocator())
-    panel.grid(visible=True, axis="y", alpha=0.25)
-
-
-def _legend(figure: Figure, panels: np.ndarray, columns: int) -> None:
+def _finish(panels: np.ndarray) -> None:
+    for panel in panels.flat:
+        label_ends(panel)
     for panel in panels[-1]:
-        panel.set_xlabel("number of poses")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
+        panel.set_xlabel("number of poses, log scale")
 
 
 SETTINGS = writing.settings_of(__file__)
@@ -275,7 +296,8 @@ def plot(folder: Path) -> list[Path]:
     """Medians with their intervals, and the paper's own averages."""
     rows, of_ten = (writing.read_rows(folder, f"{name}.csv") for name in (MEDIANS, AVERAGES))
     drawn = writing.save(draw_medians(rows), folder, MEDIANS)
-    return drawn + writing.save(draw_averages(rows, of_ten), folder, AVERAGES)
+    few = draw_averages(rows, of_ten, writing.read_figures(folder)["averages"])
+    return drawn + writing.save(few, folder, AVERAGES)
 
 
 def cells(poses: Iterable[int] | None = None) -> list[Cell]:

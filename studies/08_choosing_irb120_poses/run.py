@@ -11,14 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calib.se3 import BoolArray, FloatArray, IntArray
+from posedesign.report.drawing import GREY, label_ends, log_y, set_answer
 from posedesign.selection import Selection, largest_deviation, mean_deviation, select
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.choices import by_lot, draw_legend, draw_row, range_text, spread, write
-from studies.drawing import BLUE, log_ticks
+from studies.choices import by_lot, draw_choices, range_text, spread, write
 from studies.real_data import data_with
 
 from .irb_bench import Bench, bench_of
@@ -157,29 +158,45 @@ def compare(
 
 
 def draw(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Models of the arm, without the baseline, which is a scale of its own."""
-    shown = [row for row in rows if row["left_out_of_all_mm"] < 1.0]
-    counts = [of["n"] for of in shown[0]["counts"]]
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    panels = figure.subplots(1, len(counts), sharey=True, sharex=True, squeeze=False)[0]
-    height = np.arange(len(shown))[::-1]
-    names = set()
-    for k, (panel, n) in enumerate(zip(panels, counts, strict=True)):
-        for y, row in zip(height, shown, strict=True):
-            of = row["counts"][k]
-            chosen = [(c["criterion"], c["error_mm"]) for c in of["chosen"]]
-            names |= {name for name, _ in chosen}
-            draw_row(panel, y, of["by_lot"]["error_mm"]["quantiles"], chosen)
-            panel.plot(row["left_out_of_all_mm"], y, "|", color=BLUE, ms=22, mew=1.5, zorder=2)
-        log_ticks(panel, [0.15, 0.2, 0.3, 0.5, 1.0])
-        panel.set_title(f"{n} of 36 poses")
-        panel.grid(visible=True, axis="x", alpha=0.3)
-    panels[len(panels) // 2].set_xlabel("rms distance at the poses not chosen [mm]")
-    panels[0].set_yticks(height, [f"{row['model']} ({row['parameters']})" for row in shown])
-    panels[0].set_ylim(-0.6, len(shown) - 0.4)
-    every = panels[0].plot([], [], "|", color=BLUE, ms=14, label="all 36, each left out")
-    draw_legend(figure, panels[0], sorted(names), *every)
+    """Errors by the first model and by the one with C_G, and those of the first over all 36."""
+    models = [rows[0], *(row for row in rows if "C_G" in errors_of(row["counts"][0]))][:2]
+    figure = Figure(figsize=(11.5, 4.4), layout="constrained")
+    *left, right = figure.subplots(1, 1 + len(models))
+    for panel, row in zip(left, models, strict=True):
+        if panel is not left[0]:
+            panel.sharey(left[0])
+        _by_count(panel, row, "error_mm", row["left_out_of_all_mm"])
+        log_y(panel, "" if panel is not left[0] else "error at the poses not chosen, rms\n[mm]")
+        panel.set_title(f"{row['model']} ({row['parameters']} parameters)", fontsize=10)
+    _by_count(right, rows[0], "over_all_left_out", 1.0)
+    right.set_ylabel("error over that of all 36 [-]")
+    right.set_title(rows[0]["model"], fontsize=10)
+    for panel in (*left, right):
+        panel.set_xlabel("number of poses")
+        label_ends(panel)
+    of = rows[0]["counts"][len(rows[0]["counts"]) // 2]
+    own = next(c for c in of["chosen"] if c["criterion"] == RECOMMENDED)
+    set_answer(
+        figure,
+        f"{of['n']} of 36 poses chosen by {RECOMMENDED} leave {own['error_mm']:.3f} mm, less than "
+        f"{100 * own['better_than']:.0f} % of choices by lot, but {own['over_all_left_out']:.2f} "
+        "times what all 36 leave at the same poses",
+        "Bars: 5 to 95 % of the choices by lot. All 36: each pose predicted from the others.",
+    )
     return figure
+
+
+def errors_of(of: Mapping[str, Any], name: str = "error_mm") -> dict[str, float]:
+    """A figure of each choice, by its criterion."""
+    return {c["criterion"]: c[name] for c in of["chosen"]}
+
+
+def _by_count(panel: Axes, row: Mapping[str, Any], name: str, all_poses: float) -> None:
+    counts = row["counts"]
+    lots = [of["by_lot"][name]["quantiles"] for of in counts]
+    chosen = [errors_of(of, name) for of in counts]
+    draw_choices(panel, [f"{of['n']}" for of in counts], lots, chosen, joined=True)
+    panel.axhline(all_poses, color=GREY, lw=1.2, ls="--", label="all 36")
 
 
 SETTINGS = writing.settings_of(__file__)

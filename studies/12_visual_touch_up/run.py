@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from calib.se3 import FloatArray
+from posedesign.report.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION, set_answer
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION
 
 from . import visual_pin as pin
 from . import visual_tables as tables
@@ -79,6 +79,14 @@ def draw(clouds: Mapping[str, Cloud], said: Mapping[str, Any], settings: dict[st
         panel.legend(fontsize=9, loc="upper right", framealpha=0.9)
     for panel in (across, depth, stereo):
         panel.grid(True, alpha=0.3)
+    found = next(row for row in said["rows"] if row["key"] == CLOUDS["touch_up"][0])
+    ours, theirs = (
+        ", ".join(f"{value:.3f}" for value in values)
+        for values in ([found[f"{axis}_mm"] for axis in "VHD"], paper["touch_up_mm"])
+    )
+    set_answer(
+        figure, f"Touch-ups repeat to {ours} mm (3 sigma of V, H, D); in the paper to {theirs} mm"
+    )
     return figure
 
 

@@ -9,17 +9,23 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from posedesign.report.drawing import (
+    GREY,
+    STYLES,
+    condition_axis,
+    curve,
+    label_ends,
+    log_y,
+    set_answer,
+)
 from posedesign.study import Options
 from studies import writing
-from studies.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from studies.writing import table_line
 
 from . import touch_claims as claims
 from .touch_bench import Bench, PoseSet, pose_set
 from .touch_plate import (
-    DISTANCES,
     PAPER,
     causes,
     drawn_ratios,
@@ -186,131 +192,103 @@ def percent(share: Mapping[str, float]) -> str:
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-STYLES = {
-    "touch-up": (BLUE, "o"),
-    "touch-up, weighted": (VERMILION, "s"),
-    "view line": (GREEN, "^"),
-    "touch-up, size left out": (PURPLE, "D"),
+NAMES = {
+    "touch-up": "touch-up unweighted",
+    "touch-up, weighted": "touch-up weighted",
+    "view line": "view line",
 }
-"""Colour and marker of each estimator: told apart without colours, too."""
-
-PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
-"""Numbers on an axis as people write them."""
+"""Of the estimators that are drawn, in the table of styles."""
 
 ASIDE = 1.06
 """Factor by which marks at one C_G are moved aside."""
 
-PANELS = (
-    ("touch-up (Figure 9)", ("touch-up", "touch-up, weighted")),
-    ("view line only (Figure 10)", ("view line", "touch-up, size left out")),
-)
+
+PANELS = {
+    "touch-up (Figure 9)": ("touch-up", "touch-up, weighted"),
+    "view line beside touch-up (Figure 10)": ("touch-up", "view line"),
+}
 
 
-def draw_variation(rows: Sequence[Mapping[str, Any]], ten: Sequence[Mapping[str, Any]]) -> Figure:
-    """Offsets of ten data sets about their mean, and their standard deviations, against C_G."""
-    figure = Figure(figsize=(12.0, 8.4), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True, sharey="row")
-    for column, (title, names) in enumerate(PANELS):
-        above, below = axes[0, column], axes[1, column]
-        above.set_title(title, fontsize=11)
-        for k, name in enumerate(names):
-            colour, mark = STYLES[name]
-            aside = ASIDE if k else 1.0 / ASIDE
-            own = [row for row in ten if row["estimator"] == name]
-            x = [aside * row["c_g"] for row in own]
-            above.plot(
-                x, [row["about_mean_deg"] for row in own], mark, color=colour, ms=4, mfc="none"
-            )
-            _deviation(below, [row for row in rows if row["estimator"] == name], name, aside)
-        above.axhline(0.0, color=GREY, lw=0.8)
-        above.set_yscale("symlog", linthresh=0.01)
-        above.grid(True, which="both", alpha=0.25)
-        below.set_xlabel("condition number C_G of the pose set, 27 poses each")
-    paper = [row for row in rows if row["estimator"] == "touch-up"]
-    x, y = ([row[key] for row in paper] for key in ("c_g", "many_std_deg"))
-    axes[1, 1].plot(x, y, color=BLUE, lw=1.2, ls="--", label="touch-up, from the left")
-    axes[0, 0].set_ylabel("offset of joint 2, ten data sets, about their mean [deg]")
-    axes[1, 0].set_ylabel("standard deviation of the offset of joint 2 [deg]")
-    axes[1, 0].set_xscale("log")
-    axes[1, 0].set_yscale("log")
-    axes[1, 0].plot(
-        [], [], color=GREY, lw=6, alpha=0.3, label=f"{rows[0]['data_sets']} data sets, 95 %"
+def draw_variation(said: Mapping[str, Any]) -> Figure:
+    """Standard deviations of ten data sets and of many, against C_G."""
+    figure = Figure(figsize=(11.5, 4.8), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    rows, found = said["variation"], said["claims"]
+    for panel, (title, names) in zip(panels, PANELS.items(), strict=True):
+        for name, aside in zip(names, (1.0 / ASIDE, ASIDE), strict=True):
+            _deviation(panel, [row for row in rows if row["estimator"] == name], aside)
+        panel.set_title(title, fontsize=10)
+        condition_axis(panel)
+        log_y(panel)
+    log_y(panels[0], "standard deviation of the offset of joint 2\n[deg]")
+    for panel in panels:
+        label_ends(panel)
+    touched, line = (found["falls"][name]["rho_median"] for name in ("touch-up", "view line"))
+    worst, *_, best = (row["ratio"] for row in found["view line over touch-up"])
+    set_answer(
+        figure,
+        f"With better poses the offset of joint 2 varies less (rank correlation {touched:.2f} by "
+        f"touch-up, {line:.2f} by view line); the view line varies {worst:.2g} times as much as "
+        f"touch-up with the worst poses, {best:.2g} times with the best",
+        f"Marks: ten data sets, with 95 % intervals. Bands: {rows[0]['data_sets']}, 95 %. "
+        "Lines: predicted from the noise. Touch-up: as in the paper, without weights.",
     )
-    axes[1, 0].plot([], [], color=GREY, ls=":", lw=1.3, label="predicted from the noise")
-    for panel in axes[1]:
-        panel.legend(fontsize=8, loc="upper left")
-    axes[1, 0].yaxis.set_major_formatter(PLAIN)
-    axes[0, 0].yaxis.set_major_formatter(PLAIN)
     return figure
 
 
-def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], name: str, aside: float) -> None:
-    colour, mark = STYLES[name]
+def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], aside: float) -> None:
+    name = rows[0]["estimator"]
+    style = STYLES[NAMES[name]]
     x = np.array([row["c_g"] for row in rows])
-    low, middle, high = (
-        np.array([row[f"ten_{key}_deg"] for row in rows]) for key in ("low", "std", "high")
-    )
-    panel.errorbar(
-        aside * x,
-        middle,
-        [middle - low, high - middle],
-        fmt=mark,
-        color=colour,
-        ms=5,
-        lw=1,
-        capsize=2,
-        label=f"{name}, ten data sets, 95 %",
-    )
+    ends = [[row[f"ten_{key}_deg"] for row in rows] for key in ("low", "high")]
+    middle = [row["ten_std_deg"] for row in rows]
+    curve(panel, aside * x, middle, style._replace(line=""), ends=ends)
     ends = [[row[f"many_{key}_deg"] for row in rows] for key in ("low", "high")]
-    panel.fill_between(x, *ends, color=colour, alpha=0.3, lw=0)
-    panel.plot(x, [row["predicted_deg"] for row in rows], color=colour, ls=":", lw=1.3)
-    panel.grid(True, which="both", alpha=0.25)
+    panel.fill_between(x, *ends, color=style.colour, alpha=0.3, lw=0)
+    predicted = [row["predicted_deg"] for row in rows]
+    panel.plot(x, predicted, style.line, color=style.colour, lw=1.3, label=name)
 
 
 def draw_plate(arms: Mapping[str, Any], robots: Mapping[str, Any], estimator: str) -> Figure:
     """Worst distance errors of the arms shown, and of many arms in parts of those before."""
-    figure = Figure(figsize=(15.0, 5.0), layout="constrained")
-    left, middle, right = figure.subplots(1, 3, sharex=True)
-    left.sharey(middle)
-    for panel, (arm, part) in zip((left, middle), arms.items(), strict=True):
-        _distances(panel, part["plate"], estimator)
-        panel.set_title(f"{arm} arm, {estimator}", fontsize=11)
-        panel.set_ylabel("worst error of a distance on the plate [mm]")
-    for name in (key for key in robots if key in STYLES):
-        colour, mark = STYLES[name]
-        rows = robots[name]["rows"]
-        x = [row["c_g"] for row in rows]
-        ends = [[row[f"ratio_{key}"] for row in rows] for key in ("low", "high")]
-        right.fill_between(x, *ends, color=colour, alpha=0.2, lw=0)
-        median = [row["ratio"] for row in rows]
-        right.plot(x, median, mark, ls="-", color=colour, label=f"{name}: median, 80 % of arms")
-    right.axhline(0.5, color=GREY, ls="--", lw=1.2, label="half")
-    right.set_title(f"{robots['count']} arms drawn at random, deflecting", fontsize=11)
-    right.set_ylabel("worst error of a distance, after over before")
-    for panel in (left, middle, right):
-        panel.set_xscale("log")
-        panel.set_yscale("log")
-        panel.set_xlabel("condition number C_G of the pose set")
-        panel.grid(True, which="both", alpha=0.25)
-        panel.yaxis.set_major_formatter(PLAIN)
-        panel.yaxis.set_minor_formatter(NullFormatter())
-    left.legend(fontsize=8, ncols=2, loc="upper center")
-    right.legend(fontsize=8)
-    left.set_ylim(top=2.0)
+    figure = Figure(figsize=(11.5, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True)
+    for (arm, part), line in zip(arms.items(), ("-", ":"), strict=True):
+        plate = part["plate"]
+        rows = [row for row in plate["rows"] if row["estimator"] == estimator]
+        x, *errors = np.transpose([[row[key] for key in ("c_g", *_WORST)] for row in rows])
+        style = STYLES[NAMES[estimator]]._replace(line=line)
+        curve(left, x, errors[0], style, f"after, {arm} arm", ends=errors[1:])
+        before = STYLES["uncalibrated"]._replace(line=line, mark="")
+        curve(left, x, np.full_like(x, plate["before"]["worst_mm"]), before, f"before, {arm} arm")
+    for k, name in enumerate(key for key in robots if key in NAMES):
+        columns = ("c_g", "ratio", "ratio_low", "ratio_high")
+        x, *ratios = np.transpose([[row[c] for c in columns] for row in robots[name]["rows"]])
+        style = STYLES[NAMES[name]]
+        curve(right, ASIDE ** (2 * k - 1) * x, ratios[0], style, name, ends=ratios[1:])
+    right.axhline(1.0, color=GREY, ls="--", lw=1.2, label="as before")
+    right.axhline(0.5, color=GREY, ls=":", lw=1.2, label="half of it")
+    left.set_title(f"one arm, {estimator} as in the paper (Figure 11)", fontsize=10)
+    right.set_title(f"{robots['count']} deflecting arms drawn at random", fontsize=10)
+    log_y(left, "worst error of a distance on the plate\n[mm]")
+    log_y(right, "worst error of a distance\nafter over before [-]")
+    for panel in (left, right):
+        condition_axis(panel)
+        label_ends(panel)
+    rigid = arms["rigid"]["claims"]["plate"][estimator]
+    first, last = (rigid[f"ratio_at_{end}_c_g"] for end in ("largest", "smallest"))
+    best = 100 * robots[estimator]["smallest_c_g_is_best"]["share"]
+    set_answer(
+        figure,
+        "Better poses make the plate right where the model is: on the rigid arm after over before "
+        f"goes from {first:.2f} to {last:.2f}; the smallest C_G is the best set on {best:.0f} % of "
+        "deflecting arms",
+        "Medians; bars: 95 % of the data sets (left), 80 % of the arms (right).",
+    )
     return figure
 
 
-def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:
-    rows = [row for row in plate["rows"] if row["estimator"] == estimator]
-    x = [row["c_g"] for row in rows]
-    for d, colour, mark in zip(DISTANCES, (BLUE, VERMILION, GREEN, PURPLE), "osv^", strict=True):
-        ends = [[row[f"d{d}_{key}_mm"] for row in rows] for key in ("low", "high")]
-        panel.fill_between(x, *ends, color=colour, alpha=0.2, lw=0)
-        middle = [row[f"d{d}_mm"] for row in rows]
-        panel.plot(x, middle, mark, ls="-", color=colour, ms=4, label=f"d = {d} mm, after")
-        panel.axhline(plate["before"][f"d{d}_mm"], color=colour, ls="--", lw=1.1)
-    panel.plot([], [], color=GREY, ls="--", lw=1.1, label="before")
-
+_WORST = ("worst_mm", "worst_low_mm", "worst_high_mm")
 
 SETTINGS = writing.settings_of(__file__)
 SHOWN = next(iter(SETTINGS["arms"]))
@@ -358,8 +336,7 @@ def study(options: Options) -> dict[str, Any]:
 def plot(folder: Path) -> list[Path]:
     """Variation of the offset of joint 2, and distances on the plate, against C_G."""
     said = writing.read_figures(folder)
-    shown = [row for row in writing.read_rows(folder, DATA_SETS) if row["arm"] == SHOWN]
-    variation = draw_variation(said["arms"][SHOWN]["variation"], shown)
+    variation = draw_variation(said["arms"][SHOWN])
     plate = draw_plate(said["arms"], said["robots"], PAPER.name)
     return [
         *writing.save(variation, folder, "variation"),

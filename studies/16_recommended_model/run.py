@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from posedesign.report.drawing import BLUE, GREY, VERMILION, set_answer
 from posedesign.study import Grid, Options, Store, call, read_table, run_grid
 from studies import writing
-from studies.drawing import BLUE, GREY, VERMILION
 
 from .recommended_arms import SETTINGS
 from .recommended_table import judged, models_taken, outcomes, summary, worst
@@ -40,11 +40,17 @@ def draw(found: pd.DataFrame) -> Figure:
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_title(way)
-        panel.set_xlabel("error of the best model [mm]")
+        panel.set_xlabel("error of the best model [mm], log scale")
         panel.grid(visible=True, alpha=0.3)
-    panels[0].set_ylabel("error of the recommended model [mm]")
+    panels[0].set_ylabel("error of the recommended model\n[mm], log scale")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    near = 100.0 * (told["recommended"] <= (1.0 + SETTINGS["near"]) * told["best"]).mean()
+    set_answer(
+        figure,
+        f"The recommended model is worse than the nominal arm on {int(told['harms'].sum())} of "
+        f"{len(told)} arms, and within {100 * SETTINGS['near']:.0f} % of the best on {near:.0f} %",
+    )
     return figure
 
 

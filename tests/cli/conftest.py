@@ -49,7 +49,7 @@ ANSWERING = frozenset(
 
 @pytest.fixture(autouse=True)
 def empty_pictures(request, monkeypatch) -> None:
-    """Figures are made and written as ever, with nothing in them, which is most of a command's time.
+    """Figures are made and written as ever, with nothing in them: that is most of the time.
 
     What fixtures of a module or a session make has its pictures, and what asks for ``rendered``.
     """

@@ -47,6 +47,29 @@ ANSWERING = frozenset(
 """Commands that say at a glance what they found, and all of it where that is asked for."""
 
 
+@pytest.fixture(autouse=True)
+def empty_pictures(request, monkeypatch) -> None:
+    """Figures are made and written as ever, with nothing in them: that is most of the time.
+
+    What fixtures of a module or a session make has its pictures, and what asks for ``rendered``.
+    """
+    from matplotlib.figure import Figure
+
+    savefig = Figure.savefig
+
+    def save_empty(figure: Figure, *args: Any, **kwargs: Any) -> None:
+        figure.clear()
+        savefig(figure, *args, **kwargs)
+
+    if "rendered" not in request.fixturenames:
+        monkeypatch.setattr(Figure, "savefig", save_empty)
+
+
+@pytest.fixture
+def rendered() -> None:
+    """What is in figures is rendered."""
+
+
 @pytest.fixture
 def cli(glance) -> Cli:
     """Run a command line in this process, and have it say all that it has to say."""

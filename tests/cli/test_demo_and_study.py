@@ -112,6 +112,7 @@ def test_study_says_that_lower_condition_means_smaller_errors(demo):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("rendered")
 def test_study_command(cli, work):
     text = (work / "cell.toml").read_text()
     quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [10.0, 10.0, 10.0]")

@@ -3,23 +3,39 @@
 from __future__ import annotations
 
 import re
+import shutil
+from contextlib import redirect_stdout
 from html import unescape
+from io import StringIO
+from pathlib import Path
 
 import pytest
 
+from posedesign.cli.main import run
 from posedesign.files import origin_of
+from tests.cli.conftest import copied
+
+
+@pytest.fixture(scope="module")
+def reported(_work, tmp_path_factory) -> Path:
+    """A folder with an identification and the page of it."""
+    work = copied(_work, tmp_path_factory.mktemp("reported"))
+    (work / "touchups.csv").unlink()
+    (work / "pairs.csv").unlink()
+    cell, poses, touchups = (str(work / f) for f in ("cell.toml", "poses.csv", "touchups.csv"))
+    assert run(["simulate", cell, poses, "--out", str(work)]) == 0
+    assert run(["identify", cell, touchups, "--out", str(work)]) == 0
+    with redirect_stdout(StringIO()) as out:
+        assert run(["report", str(work)]) == 0
+    assert out.getvalue().startswith(f"wrote: {work / 'report.html'}, ")
+    return work
 
 
 @pytest.fixture
-def page(cli, work):
-    (work / "touchups.csv").unlink()
+def page(reported, work) -> str:
+    """What stands on the page, in a folder that may be changed."""
     (work / "pairs.csv").unlink()
-    simulated = ("simulate", work / "cell.toml", work / "poses.csv", "--out", work)
-    assert cli(*simulated).code == 0
-    assert cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work).code == 0
-    said = cli("report", work)
-    assert said.code == 0, said
-    assert said.out.startswith(f"wrote: {work / 'report.html'}, ")
+    shutil.copytree(reported, work, dirs_exist_ok=True)
     return (work / "report.html").read_text()
 
 

@@ -151,6 +151,7 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("rendered")
 def test_a_study_on_an_arm_without_room_for_the_plate(cli, change_cell, work):
     cell = change_cell(
         {

@@ -197,6 +197,7 @@ def test_studies_are_found_in_a_checkout_alone(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("rendered")
 def test_run_draws_and_goes_on(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     settings = find_study("accuracy_vs_condition").load().SETTINGS

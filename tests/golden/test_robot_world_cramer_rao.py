@@ -17,6 +17,7 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.robot_world.noise import perturb
+from tests.marks import rest_in_full
 
 BLOCKS = {
     "X rotation": slice(0, 3),
@@ -113,16 +114,16 @@ def test_error_reaches_the_bound(pairs, on):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cone_deg", [None, 40.0])
+@pytest.mark.parametrize("cone_deg", rest_in_full([None, 40.0], (40.0,)))
 @pytest.mark.parametrize("on", ["B", "A", "both"])
-@pytest.mark.parametrize("pairs", [5, 10, 20, 50])
+@pytest.mark.parametrize("pairs", rest_in_full([5, 10, 20, 50], (10,)))
 def test_error_reaches_the_bound_closely(pairs, on, cone_deg):
     """4,000 trials: chance is 1 % at most, 5 % is five deviations."""
     assert_reaches(errors_over_bound("ml", pairs, cone_deg, on, 100, 40), 4.5)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pairs", [10, 20])
+@pytest.mark.parametrize("pairs", rest_in_full([10, 20], (10,)))
 def test_estimated_noise_costs_next_to_nothing(pairs):
     """The two sizes of the noise weigh rotations against translations: a rough ratio will do."""
     assert_reaches(errors_over_bound("ml", pairs, None, "B", 100, 40, given=False), 4.5)

@@ -54,7 +54,7 @@ def assert_same_scatter(
 class TestRepeatability:
     @pytest.mark.usefixtures("few_pictures")
     @pytest.mark.parametrize(
-        "key", ["fast", pytest.param("any side, tenth", marks=pytest.mark.slow)]
+        "key", ["fast", pytest.param("any side, tenth", marks=pytest.mark.full)]
     )
     @pytest.mark.slow
     def test_a_short_run_scatters_as_is_written(self, study, expected, key):

@@ -89,7 +89,7 @@ def test_a_batch_is_ok_only_where_a_single_problem_is(seed, pairs, kind, sigma_d
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["one axis", "translations", "identical"])
-@pytest.mark.parametrize("pairs", rest_in_full([3, 4, 5, 8], (3, 8)))
+@pytest.mark.parametrize("pairs", rest_in_full([3, 4, 5, 8], (3,)))
 def test_silence_is_as_rare_as_said(kind, pairs):
     """At most three of a thousand sets with noise on both sides; chance adds as much again."""
     rng = np.random.default_rng(pairs)

@@ -22,6 +22,7 @@ from posedesign.autonomous.process import LEAST_SIGMA_M, calibrate
 from posedesign.cell import Cell, cell_template
 from posedesign.files.measurements import read_measurements
 from posedesign.simulation import true_cell, true_observer
+from tests.marks import rest_in_full
 
 Whole = tuple[Calibration, Path, int]
 """What was found, where, and how many moves it took."""
@@ -133,9 +134,7 @@ def test_files_say_the_same(whole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "moves", [pytest.param(n, marks=pytest.mark.slow) for n in (1, 20, 130)] + [60, 170]
-)
+@pytest.mark.parametrize("moves", rest_in_full((1, 20, 60, 130, 170), (60, 170)))
 def test_stopped_and_gone_on_it_is_the_same(cell, whole, tmp_path, moves):
     """Whatever it was stopped in: nothing is lost, nothing is measured twice."""
     done, out, made = whole

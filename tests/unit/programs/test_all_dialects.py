@@ -22,6 +22,7 @@ from calib.errors import CalibError, FileFormatError, InputError
 from posedesign.programs import DIALECTS, Arm, Dialect, ProgramPose, RecordedProgram, language
 from posedesign.programs.registry import dialect_of as dialect_of_file
 from posedesign.programs.ur_script.reader import LANGUAGE as UR_SCRIPT
+from tests.marks import by_stage
 from tests.unit.programs.dialects import (
     CASES,
     EXPORTS,
@@ -143,18 +144,12 @@ def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]
 
 
 @each_case
-def test_damaged_programs(name: str, form: str) -> None:
+@pytest.mark.parametrize("count", by_stage(60, 500, 5000))
+def test_damaged_programs(name: str, form: str, count: int) -> None:
     file, text = written(name, form)
     assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
-    refused, count = run(dialect_of(name), file, text.encode(), 60)
-    assert 0 < refused < count
-
-
-@pytest.mark.slow
-@each_case
-def test_five_thousand_damaged_programs(name: str, form: str) -> None:
-    file, text = written(name, form)
-    run(dialect_of(name), file, text.encode(), 5000 // len(DIALECTS[name].forms))
+    refused, tried = run(dialect_of(name), file, text.encode(), count)
+    assert 0 < refused < tried
 
 
 each_export = pytest.mark.parametrize("file", sorted(path.name for path in EXPORTS.iterdir()))
@@ -166,18 +161,15 @@ def dialect_of_export(file: str) -> Dialect:
 
 
 @each_export
-def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file: str) -> None:
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_programs_of_others_are_read_and_refused_where_they_are_damaged(
+    file: str, count: int
+) -> None:
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
     assert dialect.parse(data, Path(file)).positions
-    refused, count = run(dialect, file, data, 60)
-    assert 0 < refused < count
-
-
-@pytest.mark.slow
-@each_export
-def test_a_thousand_damaged_programs_of_others(file: str) -> None:
-    run(dialect_of_export(file), file, (EXPORTS / file).read_bytes(), 1000)
+    refused, tried = run(dialect, file, data, count)
+    assert 0 < refused < tried
 
 
 @pytest.mark.parametrize("name", [name for name, how in HOW.items() if how.ends])
@@ -314,15 +306,10 @@ def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]
     return passing
 
 
+@pytest.mark.parametrize("count", [100, pytest.param(1000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
-def test_light_mutants_are_refused(name: str, form: str, tmp_path: Path) -> None:
-    assert passing_mutants(name, form, 100, tmp_path) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
-def test_a_thousand_light_mutants_are_refused(name: str, form: str, tmp_path: Path) -> None:
-    assert passing_mutants(name, form, 1000, tmp_path) == []
+def test_light_mutants_are_refused(name: str, form: str, count: int, tmp_path: Path) -> None:
+    assert passing_mutants(name, form, count, tmp_path) == []
 
 
 BOMBS = [b"\n" * 18_000_000, b"," * 3_000_000, b",\n" * 1_500_000, b"X1=" + b"9" * 400 + b"\n"]

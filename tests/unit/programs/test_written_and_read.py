@@ -14,6 +14,7 @@ from calib.se3 import inverse, rotation_from_wpr
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, postures_of
 from posedesign.programs.configuration import configuration_of
 from posedesign.programs.recorded import RecordedProgram
+from tests.marks import by_stage
 from tests.unit.programs.dialects import (
     CASES,
     HOW,
@@ -172,14 +173,9 @@ def check_round_trips(name: str, form: str, count: int, folder: Path) -> None:
 
 
 @each_case
-def test_random_plans_come_back(name: str, form: str, tmp_path: Path) -> None:
-    check_round_trips(name, form, 12, tmp_path)
-
-
-@pytest.mark.slow
-@each_case
-def test_a_thousand_random_plans_come_back(name: str, form: str, tmp_path: Path) -> None:
-    check_round_trips(name, form, 1000 // len(DIALECTS[name].forms), tmp_path)
+@pytest.mark.parametrize("count", by_stage(12, 100, 1000))
+def test_random_plans_come_back(name: str, form: str, count: int, tmp_path: Path) -> None:
+    check_round_trips(name, form, count, tmp_path)
 
 
 @each_case

@@ -16,6 +16,7 @@ from calib.robot_world import (
 )
 from calib.robot_world.accuracy import propagate
 from tests.hostile_pairs import viewing_pairs
+from tests.marks import rest_in_full
 
 METHODS_WITH_COVARIANCE = [name for name in METHODS if name != "hirsh-literal"]
 LONG = [
@@ -71,7 +72,7 @@ def test_covariance_is_the_scatter(method, on):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cone_deg", [None, 40.0])
+@pytest.mark.parametrize("cone_deg", rest_in_full([None, 40.0], (40.0,)))
 @pytest.mark.parametrize("method", [m for m in METHODS_WITH_COVARIANCE if m != "ml-robust"])
 def test_covariance_is_the_scatter_closely(method, cone_deg):
     rng = np.random.default_rng(2)

@@ -259,13 +259,14 @@ def silent(seed, count):
 
 @pytest.mark.slow
 def test_hardly_any_mistake_is_silent():
-    """Three of each kind but of what moves meanwhile; 1,000 in the slow stage."""
+    """Three of each kind but of what moves meanwhile; 1,000 in the next test."""
     found = silent(3, 3 * len(SPOILT))
     assert [text for text in found if not text.startswith(MOVES_MEANWHILE)] == []
     assert len(found) <= 2
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_of_a_thousand_hardly_any_is_silent():
     """One when this was written: a scale that is 1.4 % off, with a probability by chance of 1.01
     ten-thousandths where less than one is named.

@@ -22,6 +22,7 @@ import pytest
 from calib.errors import CalibError, ConvergenceError, FileFormatError, InputError, OutputError
 from posedesign.study import Grid, Store, Workers, read_table, run_grid, runner
 from posedesign.study import store as store_module
+from tests.marks import rest_in_full
 
 SCRIPT = Path(__file__).with_name("repeated.py")
 
@@ -134,7 +135,8 @@ def kill_and_go_on(out: Path, moments: list[float], jobs: int) -> Counter[int]:
 
 
 @pytest.mark.slow
-def test_killed_at_twenty_moments(repeated, tmp_path):
+@pytest.mark.parametrize("count", rest_in_full((6, 20), (6,)))
+def test_killed_at_any_moment(repeated, tmp_path, count):
     """The same file; what was written was not done again, what was in hand once more at most."""
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
     start = time.monotonic()
@@ -142,7 +144,7 @@ def test_killed_at_twenty_moments(repeated, tmp_path):
     took = time.monotonic() - start
     assert set(times.values()) == {1}
     rng = np.random.default_rng(1)
-    moments = rng.uniform(0.5 * took, took, 20).tolist()
+    moments = rng.uniform(0.5 * took, took, count).tolist()
     for k, moment in enumerate(moments):
         out = tmp_path / f"killed{k}"
         times = kill_and_go_on(out, [moment], 1)

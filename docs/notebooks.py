@@ -93,7 +93,9 @@ def _code(piece: re.Match[str], stem: str) -> str:
     if piece["language"] == "python":
         return code
     if piece["language"] == "bash":
-        return "\n".join(f"!{line}" if line[:1] not in ("#", "") else line for line in code.split("\n"))
+        return "\n".join(
+            f"!{line}" if line[:1] not in ("#", "") else line for line in code.split("\n")
+        )
     file = _FILE.match(code) if piece["language"] == "toml" else None
     return f"%%writefile {file[1]}\n{code}" if file else ""
 

@@ -504,10 +504,12 @@ def _check_contact(cell: CellData, path: Path) -> None:
     tool = [body for body in cell.tool_bodies if body.name in pairs]
     around = [body for body in cell.obstacles if body.name in pairs]
     point = cell.robot.chain.T_link_tip @ [*cell.tool_m, 1.0]
+    x, y, z = 1e3 * cell.target_m
+    target = f"the target at ({x:.1f}, {y:.1f}, {z:.1f}) mm in {cell.robot.base_frame}"
     checks = (
-        (nearest_body(cell.robot, around, cell.target_m), "the target", "obstacle"),
+        (nearest_body(cell.robot, around, cell.target_m), target, "obstacle"),
         (nearest_body(cell.robot, tool, point[:3]), "the tool point", "tool.body"),
-        ((cell.target_offset_m, "the tool point of the base posture"), "the target", "base_pose"),
+        ((cell.target_offset_m, "the tool point of the base posture"), target, "base_pose"),
     )
     for found, place, key in checks:
         if found is not None and found[0] > TOUCHING_M:

@@ -1,10 +1,13 @@
 """Commands and Python of README and pages, run as printed on the reference cell."""
 
+import importlib.util
+import json
 import re
 import shlex
 import shutil
 import tomllib
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -15,7 +18,7 @@ from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
-from tests.cli.conftest import below_comments
+from tests.cli.conftest import below_comments, unfolded
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -31,6 +34,8 @@ LANGUAGES = {"bash", "python", "toml", "text"}
 STEPS = "docs/how-to/commands.md"
 HOW_TO = [name for name in PAGES if name.startswith("docs/how-to/") and name != STEPS]
 TUTORIALS = [name for name in PAGES if name.startswith("docs/tutorials/")]
+
+FIGURE = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 QUICK = {"calibrate": ["--no-images"], "study": ["--draws", "10"]}
 """Options that make a command quick; of ``study`` for ``study accuracy``."""
@@ -59,8 +64,8 @@ def run_page(glance, name: str) -> dict[str, Any]:
     return found
 
 
-def run_line(glance, words: list[str]) -> None:
-    """Run one command; what it says goes where ``>`` has it."""
+def run_line(glance, words: list[str]) -> str:
+    """Run one command, and return what it says; or write it where ``>`` has it."""
     words, to = (words[:-2], Path(words[-1])) if words[-2:-1] == [">"] else (words, None)
     program, *rest = words
     assert program == "posedesign", words
@@ -68,8 +73,20 @@ def run_line(glance, words: list[str]) -> None:
         rest += QUICK.get(rest[0], [])
     said = glance(*rest)
     assert said.code == 0, (words, said.err)
-    if to is not None:
-        to.write_text(said.out)
+    if to is None:
+        return str(said.out + said.err)
+    to.write_text(said.out)
+    return str(said.err)
+
+
+def notebooks() -> ModuleType:
+    """What makes notebooks of tutorials, a hook of the site."""
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.mark.parametrize("page", ["README.md", *PAGES])
@@ -82,8 +99,7 @@ def test_links_lead_somewhere(page):
 def test_the_readme_is_short_and_names_every_page():
     assert len(README.encode()) < 8_000
     assert len(README.splitlines()) < 150
-    named = [name for name in PAGES if not name.startswith("docs/tutorials/")]
-    assert [name for name in named if f"]({name})" not in README] == []
+    assert [name for name in PAGES if f"]({name})" not in README] == []
 
 
 def test_commands_of_the_readme_are_there(cli):
@@ -161,11 +177,64 @@ def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     assert python["X_Z"].covariance.shape == (12, 12)
 
 
+def run_cell(glance, capsys, code: str, found: dict[str, Any]) -> str:
+    """Run a cell of a notebook, in the present folder, and return what it printed."""
+    if code.startswith("%%writefile "):
+        first, text = code.split("\n", 1)
+        Path(first.split()[1]).write_text(text)
+        return ""
+    lines = code.splitlines()
+    if not any(line.startswith("!") for line in lines):
+        capsys.readouterr()
+        exec(code, found)  # noqa: S102  our own page
+        return str(capsys.readouterr().out)
+    commands = [words for line in lines for words in commands_of(line.removeprefix("!"))]
+    return "\n".join(run_line(glance, words) for words in commands)
+
+
+def was_printed(shown: str, line: str) -> bool:
+    """Whether a line that a page shows is one that was printed; figures may differ a little."""
+    if shown.endswith(" ..."):
+        shown = shown.removesuffix(" ...")
+        line = line[: len(shown)]
+    figures, printed = ([float(x) for x in FIGURE.findall(text)] for text in (shown, line))
+    return FIGURE.split(shown) == FIGURE.split(line) and printed == pytest.approx(figures, rel=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS)
-def test_code_of_a_tutorial(page, glance, tmp_path, monkeypatch):
+def test_a_tutorial_prints_what_it_shows(page, glance, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run_page(glance, page)
+    notebook = notebooks().notebook_of(PAGES[page], Path(page).stem)
+    found: dict[str, Any] = {}
+    lines: list[str] = []
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            lines += run_cell(glance, capsys, "".join(cell["source"]), found).splitlines()
+    shown = unfolded("".join(text for kind, text in blocks(PAGES[page]) if kind == "text"))
+    assert len(lines) > 10
+    missing = [s for s in shown.splitlines() if not any(was_printed(s, line) for line in lines)]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", TUTORIALS)
+def test_the_notebook_of_a_tutorial_has_all_of_its_code(page):
+    text, stem = PAGES[page], Path(page).stem
+    cells = json.loads(json.dumps(notebooks().notebook_of(text, stem)))["cells"]
+    keys = {"markdown": set(), "code": {"execution_count", "outputs"}}
+    for cell in cells:
+        assert set(cell) == {"cell_type", "metadata", "source"} | keys[cell["cell_type"]]
+    code = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    commands = [
+        line for kind, block in blocks(text) if kind == "bash" for line in block.split("\n")
+    ]
+    assert all(f"!{line}" in code for line in commands if line.startswith("posedesign"))
+    assert all(block.rstrip() in code for kind, block in blocks(text) if kind == "python")
+    pictures = re.findall(rf"\]\({stem}/(.*?)\)", text)
+    assert pictures, "a tutorial ends in a picture"
+    assert all(f'Image.open("{path}")' in code for path in pictures)
+    figures = [(ROOT / "docs/tutorials" / stem / path) for path in pictures]
+    assert all(path.stat().st_size < 150_000 for path in figures)
 
 
 def test_the_two_commands_are_what_the_makefile_has():

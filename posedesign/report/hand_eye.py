@@ -12,6 +12,7 @@ from posedesign.hand_eye.calibration import names_of, parameter_rows
 from posedesign.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
+from posedesign.report.drawing import BLUE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -143,7 +144,7 @@ def _draw_arrows(panel: object, result: HandEyeResult) -> None:
         scale_units="xy",
         scale=1.0 / longer,
         width=0.0012,
-        color=figures.COLOURS[0],
+        color=BLUE,
     )
     panel.set(
         xlim=(0, result.lens.width_px),

@@ -52,6 +52,9 @@ class Setup:
     seen : array (N, m) of bool or None
         Which rows of each were read, where a reading may be a part of what its kind gives: the
         points of a board in a picture. None: all.
+    stop : array (N,) or None
+        Which stop of the arm each was taken at, from 0 up, where several may be of one: pictures
+        of two cameras. None: each is of its own.
     """
 
     kind: IntArray
@@ -59,6 +62,7 @@ class Setup:
     target: IntArray
     payload: IntArray
     seen: BoolArray | None = None
+    stop: IntArray | None = None
 
     @classmethod
     def of(
@@ -102,10 +106,18 @@ class Setup:
         """Number of measurements N."""
         return len(self.kind)
 
+    @property
+    def stops(self) -> IntArray:
+        """Stop of the arm ``(N,)`` that each was taken at."""
+        return np.arange(self.count) if self.stop is None else self.stop
+
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Setup:
         """Set-up of some of the measurements."""
         seen = None if self.seen is None else self.seen[rows]
-        return Setup(self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows], seen)
+        stop = None if self.stop is None else np.unique(self.stop[rows], return_inverse=True)[1]
+        return Setup(
+            self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows], seen, stop
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Measurements: what each kind sees, its noise, and its simulation."""
 
 from calib.model.context import Setup
-from calib.model.measurements.board_view import BoardShape, BoardView, board_views
+from calib.model.measurements.board_view import BoardShape, BoardView, BoardViews, board_views
 from calib.model.measurements.data import Measurements, touch_ups
 from calib.model.measurements.kinds import (
     CameraPose,
@@ -22,6 +22,7 @@ __all__ = [
     "KINDS",
     "BoardShape",
     "BoardView",
+    "BoardViews",
     "CameraPose",
     "Distance",
     "Measurement",

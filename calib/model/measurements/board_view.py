@@ -12,8 +12,8 @@ Gaussian deviation of the tip does to them, to first order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
@@ -25,7 +25,7 @@ from calib.lens import Lens, project
 from calib.model.context import MeasurementContext, Setup, reading_label
 from calib.model.measurements.data import Measurements
 from calib.model.measurements.kinds import Measurement
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 Carried = Literal["camera", "board"]
 
@@ -74,11 +74,15 @@ class _Seen(NamedTuple):
 
 
 class _Deviation(NamedTuple):
-    """What deviations of the tip do to whitened pixels: ``A`` (2K, 6, S), and ``Aᵀ A = V λ Vᵀ``."""
+    """What deviations of the tip do to whitened pixels: ``A`` (2K, 6, S), and ``Aᵀ A = V λ Vᵀ``.
+
+    The latter of each stop of the arm, where pictures share one: ``stop`` (S,) says which.
+    """
 
     A: FloatArray
     values: FloatArray
     vectors: FloatArray
+    stop: IntArray | None
 
 
 class BoardView(Measurement):
@@ -127,6 +131,11 @@ class BoardView(Measurement):
         self._board_label = reading_label("board", board_label, "board")
         self.border_px = border_px
 
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What it reads by: labels of its lens and of the errors of its board."""
+        return self._lens_label, self._board_label
+
     def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`: x and y of each point [px], from the upper left."""
         return self._seen(view).rows
@@ -165,7 +174,13 @@ class BoardView(Measurement):
         factor = 1.0 / (root * (1.0 + root)) if inverse else -1.0 / (1.0 + root)
         weight = np.einsum("sik,sk,sjk->ijs", off.vectors, factor, off.vectors)
         inner = np.einsum("rts,...rs->...ts", off.A, white, optimize=True)
+        if off.stop is not None:
+            together = np.zeros((*inner.shape[:-1], weight.shape[-1]))
+            np.add.at(together.T, off.stop, inner.T)
+            inner = together
         inner = np.einsum("ijs,...js->...is", weight, inner, optimize=True)
+        if off.stop is not None:
+            inner = inner[..., off.stop]
         return np.asarray(white - np.einsum("rts,...ts->...rs", off.A, inner, optimize=True))
 
     def _deviation(self, view: MeasurementContext) -> _Deviation:
@@ -174,8 +189,14 @@ class BoardView(Measurement):
             A = self.by_deviation(view) / self.sigma[:, None, None]
             scale = np.repeat(np.array(self.arm_sigma), 3)
             A = A * scale[:, None]
-            values, vectors = np.linalg.eigh(np.einsum("ris,rjs->sij", A, A, optimize=True))
-            view.found[key] = _Deviation(A, np.maximum(values, 0.0), vectors)
+            squares, stop = np.einsum("ris,rjs->sij", A, A, optimize=True), None
+            if view.setup.stop is not None:
+                stop = _stops_of(view)
+                together = np.zeros((int(stop.max(initial=-1)) + 1, 6, 6))
+                np.add.at(together, stop, squares)
+                squares = together
+            values, vectors = np.linalg.eigh(squares)
+            view.found[key] = _Deviation(A, np.maximum(values, 0.0), vectors, stop)
         return cast(_Deviation, view.found[key])
 
     def by_deviation(self, view: MeasurementContext) -> FloatArray:
@@ -258,6 +279,97 @@ class BoardView(Measurement):
         return np.asarray(in_image & (np.einsum("cs,cks->ks", axis, from_camera) > 0.0))
 
 
+class BoardViews(BoardView):
+    """Pixels of several boards, by several cameras: each picture is of one of each.
+
+    Parameters
+    ----------
+    sigma_px : float or None
+        As of `BoardView`, the same for all cameras.
+    looks : mapping of (str, str) to BoardView
+        By the labels of what is on the flange and of what stands around the arm. Their own noise
+        does not count.
+    arm_sigma : tuple of two floats, optional
+        As of `BoardView`. Pictures of one stop of the arm share its deviation.
+    """
+
+    def __init__(
+        self,
+        sigma_px: float | None,
+        looks: Mapping[tuple[str, str], BoardView],
+        arm_sigma: tuple[float, float] | None = None,
+    ) -> None:
+        self.looks = dict(looks)
+        largest = max(self.looks.values(), key=lambda look: look.rows)
+        super().__init__(sigma_px, largest.board, largest.lens, largest.carried, arm_sigma)
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        return self._gathered(view, lambda look, part, columns: look.predict(part))
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        def moved(look: BoardView, part: MeasurementContext, columns: IntArray) -> FloatArray:
+            own = motion[..., columns] if motion.shape[-1] > 1 else motion
+            return look.differentiate(own, part, rows)
+
+        return self._gathered(view, moved)
+
+    def differentiate_reading(self, label: str, view: MeasurementContext) -> FloatArray | None:
+        if not any(label in look.labels for look in self.looks.values()):
+            return None
+
+        def read(look: BoardView, part: MeasurementContext, columns: IntArray) -> FloatArray | None:
+            return look.differentiate_reading(label, part)
+
+        return self._gathered(view, read)
+
+    def by_deviation(self, view: MeasurementContext) -> FloatArray:
+        found = self._gathered(
+            view, lambda look, part, columns: look.by_deviation(part).transpose(1, 0, 2)
+        )
+        return found.transpose(1, 0, 2)
+
+    def _gathered(self, view: MeasurementContext, ask: _Ask) -> FloatArray:
+        """Rows ``(..., m, S)`` of all looks at their pictures; noughts where one has none."""
+        parts: list[tuple[BoardView, MeasurementContext, IntArray]] | None
+        parts = view.found.get(id(self))
+        if parts is None:
+            parts = view.found[id(self)] = list(self._parts(view))
+        asked = [(ask(look, part, columns), columns) for look, part, columns in parts]
+        known = [(rows, columns) for rows, columns in asked if rows is not None]
+        shape = known[0][0].shape[:-2] if known else ()
+        out = np.zeros((*shape, self.rows, view.q.shape[1]))
+        for rows, columns in known:
+            out[..., : rows.shape[-2], columns] = rows
+        return out
+
+    def _parts(
+        self, view: MeasurementContext
+    ) -> Iterator[tuple[BoardView, MeasurementContext, IntArray]]:
+        setup = view.setup
+        trials = view.q.shape[1] // max(setup.count, 1)
+        for (tool, target), look in self.looks.items():
+            own = np.flatnonzero(
+                (setup.tool == view.tools.index(tool))
+                & (setup.target == view.targets.index(target))
+            )
+            if own.size:
+                columns = (own + setup.count * np.arange(trials)[:, None]).ravel()
+                yield look, view.part(columns, own), columns
+
+
+_Ask = Callable[[BoardView, MeasurementContext, "IntArray"], "FloatArray | None"]
+
+
+def _stops_of(view: MeasurementContext) -> IntArray:
+    """Stop ``(S,)`` of each posture, those of each trial apart."""
+    stops = view.setup.stops
+    trials = view.q.shape[1] // max(view.setup.count, 1)
+    each = int(stops.max(initial=-1)) + 1
+    return np.asarray((stops + each * np.arange(trials)[:, None]).ravel())
+
+
 def _each(
     turning: Callable[[FloatArray, FloatArray], FloatArray],
     columns: FloatArray,
@@ -295,7 +407,7 @@ def board_views(
     pixels : array_like (N, K, 2)
         NaN for points that were not seen.
     names : sequence of str, optional
-        Of the pictures.
+        Of the stops of the arm; pictures of one stop share a name.
     tools, targets, kind, tool, target
         Labels, and indices of each picture, as of `Setup`.
     """
@@ -303,6 +415,8 @@ def board_views(
     rows = given.reshape(len(given), -1)
     how = Setup.of(len(rows), kind=kind, tool=tool, target=target)
     seen = np.isfinite(rows)
-    setup = Setup(how.kind, how.tool, how.target, how.payload, seen)
+    index = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    stop = np.array([index[name] for name in names]) if len(index) < len(names) else None
+    setup = replace(how, seen=seen, stop=stop)
     q, observed = np.asarray(postures, dtype=float), np.where(seen, rows, 0.0)
     return Measurements(q, setup, tuple(targets), tuple(tools), observed, tuple(names))

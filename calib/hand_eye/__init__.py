@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib.hand_eye.estimate import Pictures, calibrate
+    from calib.hand_eye.estimate import calibrate
+    from calib.hand_eye.pictures import Pictures
     from calib.hand_eye.result import HandEyeResult
 else:
     __getattr__ = load_when_asked(__name__)

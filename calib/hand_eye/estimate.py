@@ -1,4 +1,4 @@
-"""Camera, board and lens, and the robot where asked, in one estimate over pixels.
+"""Cameras, boards and lenses, and the robot where asked, in one estimate over pixels.
 
 The pictures give a lens and poses of the board, these A X = Z B, and its solution starts the
 estimate: the pixels of all points at once, weighed by their noise and by how far the arm stops
@@ -8,7 +8,7 @@ contradicts the others, by a wrong row of joints or points in wrong places, take
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +19,11 @@ from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import (
     Step,
     Suspicion,
-    explain_misfit,
-    find_half_turns,
     step_with,
     suspicion_of_arm,
     suspicion_of_board,
     suspicion_of_lens,
     suspicion_of_move,
-    unmirrored_poses,
 )
 from calib.hand_eye.noise import (
     Deviations,
@@ -35,30 +32,17 @@ from calib.hand_eye.noise import (
     pixel_scale,
     squares_of_pictures,
 )
+from calib.hand_eye.pictures import Pictures
+from calib.hand_eye.problem import Prepared, Problem
 from calib.hand_eye.result import HandEyeResult, PictureStatus
-from calib.hand_eye.start import FEWEST_POINTS, board_poses, start_lens
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
 from calib.lens import Lens, LensName, project
 from calib.model import CalibrationModel, Setup
-from calib.model.measurements import BoardShape, BoardView, Measurements, board_views
-from calib.model.measurements.board_view import Carried
-from calib.model.parameters import (
-    BoardErrors,
-    Frames,
-    LensParameters,
-    ParameterBlock,
-    TargetFrame,
-    ToolFrame,
-)
+from calib.model.measurements import Measurements
+from calib.model.parameters import AXES, BoardErrors, Frames, LensParameters, ParameterBlock
 from calib.one_thread import one_blas_thread
-from calib.robot_world import RobotWorldResult
-from calib.robot_world import solve as solve_robot_world
-from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-FEWEST_PICTURES = 4
-"""Pictures with the board from which X and Z are estimated: three leave nothing to judge by."""
 
 OUTLIER_CHANCE = 1e-4
 """Probability that noise alone takes a picture as far off as one that is left out."""
@@ -67,93 +51,22 @@ SCATTERED = 3.0
 """Scatter of the points of a picture, over that of all, from which it is left out: points lie in
 wrong places, or it is blurred."""
 
-_ROUNDS = 30
-_SETTLED = 0.01
-_NOTHING = np.array([1e-3, 1e-6, 1e-6])
-"""Change of the noise that is none, relative and absolute [px, m, rad]."""
-
 _MOST_NAMED = 8
-
-_LETTERS = "A are the poses of the flange, B those of the board in the pictures"
 
 _USUAL_PX = 0.3
 _USUAL_ARM = (1e-3, 2e-3)
 """Noise to start from [px, m, rad]."""
 
-
-@dataclass(frozen=True, eq=False)
-class Pictures:
-    """What pictures of one board show, and where the arm was.
-
-    Attributes
-    ----------
-    robot : Robot
-        :func:`calib.robots.flange_robot` where nothing but poses of the flange is known.
-    postures : array (N, n)
-        [rad]; NaN for pictures without one, which serve the lens only.
-    pixels : array (N, K, 2)
-        From the upper left corner of the image; NaN for points that were not seen.
-    board : array (K, 3)
-        Points in the frame of the board [m].
-    size_px : tuple of int
-        Width and height of the pictures.
-    carried : {"camera", "board"}
-        What is on the flange.
-    names : tuple of str
-        Of the pictures.
-    half_turn : bool
-        Whether the board looks the same after half a turn, so that pictures show it either way
-        round: its points then stand in the opposite order.
-    """
-
-    robot: Robot
-    postures: FloatArray
-    pixels: FloatArray
-    board: FloatArray
-    size_px: tuple[int, int]
-    carried: Carried = "camera"
-    names: tuple[str, ...] = ()
-    half_turn: bool = False
-
-    def __post_init__(self) -> None:
-        postures, pixels = (
-            np.asarray(given, dtype=float) for given in (self.postures, self.pixels)
-        )
-        board = np.asarray(self.board, dtype=float)
-        object.__setattr__(self, "postures", postures)
-        object.__setattr__(self, "pixels", pixels)
-        object.__setattr__(self, "board", board)
-        N = len(pixels)
-        if pixels.shape != (N, len(board), 2) or postures.shape != (N, self.robot.n):
-            raise InputError(
-                f"postures {postures.shape}, pixels {pixels.shape} and points {board.shape} do not "
-                "belong together",
-                hint="give (N, n), (N, K, 2) and (K, 3)",
-                name="pictures",
-            )
-        if not self.names:
-            object.__setattr__(self, "names", tuple(f"P{i + 1:02d}" for i in range(N)))
-
-    @property
-    def labels(self) -> tuple[str, str]:
-        """What is on the flange, and what stands around the arm."""
-        return ("camera", "board") if self.carried == "camera" else ("board", "camera")
-
-    @property
-    def with_board(self) -> BoolArray:
-        """Pictures ``(N,)`` that show enough of the board."""
-        return np.asarray(np.isfinite(self.pixels).all(axis=-1).sum(axis=1) >= FEWEST_POINTS)
-
-    @property
-    def usable(self) -> BoolArray:
-        """Those of them ``(N,)`` whose posture is known, too."""
-        return self.with_board & np.isfinite(self.postures).all(axis=1)
+_ROUNDS = 30
+_SETTLED = 0.01
+_NOTHING = np.array([1e-3, 1e-6, 1e-6])
+"""Change of the noise that is none, relative and absolute [px, m, rad]."""
 
 
 @one_blas_thread
 def calibrate(
-    pictures: Pictures,
-    lens: LensName | Lens = "pinhole",
+    pictures: Pictures | Sequence[Pictures],
+    lens: LensName | Lens | Mapping[str, LensName | Lens] = "pinhole",
     *,
     free_lens: bool | None = None,
     free: Sequence[ParameterBlock] = (),
@@ -161,12 +74,14 @@ def calibrate(
     arm_sigma: tuple[float, float] | None = None,
     board_errors: Sequence[str] = (),
 ) -> HandEyeResult:
-    """Estimate where camera and board are, the lens, and parameters of the robot.
+    """Estimate where cameras and boards are, the lenses, and parameters of the robot.
 
     Parameters
     ----------
-    lens : str or Lens
-        The lens as calibrated before, or the name of its model.
+    pictures : Pictures or sequence of Pictures
+        Of one board by one camera; or several such, of one robot, with cameras and boards by name.
+    lens : str, Lens or mapping of these
+        The lens as calibrated before, or the name of its model; of each camera by its name.
     free_lens : bool, optional
         Whether to estimate it; where none is given, by default.
     free : sequence of ParameterBlock
@@ -186,132 +101,23 @@ def calibrate(
     NotIdentifiableError
         The motion, or the views, do not tell what is asked for.
     """
-    usable = np.flatnonzero(pictures.usable)
-    if len(usable) < FEWEST_PICTURES:
-        raise InputError(
-            f"{len(usable)} of {len(pictures.names)} pictures show the board and have a posture",
-            hint=f"{FEWEST_PICTURES} are needed, 15 to 20 are good",
-            name="pictures",
-            value=len(usable),
-            bound=FEWEST_PICTURES,
-        )
-    given = lens if isinstance(lens, Lens) else None
-    if given is not None and (given.width_px, given.height_px) != tuple(pictures.size_px):
-        raise InputError(
-            f"the lens is of pictures of {given.width_px} x {given.height_px} pixels, these have "
-            f"{pictures.size_px[0]} x {pictures.size_px[1]}",
-            hint="calibrate it with pictures of this size",
-            name="lens",
-        )
-    first = lens if isinstance(lens, Lens) else _lens_of(pictures, lens)
-    is_free = given is None if free_lens is None else free_lens
-    pixels, postures = pictures.pixels[usable], pictures.postures[usable]
-    poses, found = board_poses(first, pictures.board, pixels)
-    if pictures.half_turn:
-        pixels, poses = _the_same_way_round(pictures, postures, pixels, poses, found)
-    on_flange, around = pictures.labels
-    names = [pictures.names[i] for i in usable]
-    data = board_views(postures, pixels, names, tools=[on_flange], targets=[around])
-    problem = _Problem(pictures, data, first, is_free, tuple(free), tuple(board_errors))
+    sets = [pictures] if isinstance(pictures, Pictures) else list(pictures)
+    prepared = [
+        Prepared.of(one, lens[one.camera] if isinstance(lens, Mapping) else lens, free_lens)
+        for one in sets
+    ]
+    problem = Problem(tuple(prepared), tuple(free), tuple(board_errors))
+    good = np.concatenate([one.good for one in prepared])
     try:
-        start = _solved_pairs(pictures, postures[found], poses[found])
-        good = found.copy()
-        good[found] = start.used
-        fit = _fitted(problem, start.X, start.Z, good, sigma_px, arm_sigma)
+        fit = _fitted(problem, good, sigma_px, arm_sigma)
     except (InputError, ConvergenceError) as error:
-        why = explain_misfit(
-            pictures.robot.fk(postures[found]),
-            poses[found],
-            pictures.carried,
-            [name for name, there in zip(data.names, found, strict=True) if there],
-            unmirrored_poses(first, pictures.board, pixels[found]),
-        )
-        if not why:
-            error.hint = error.hint or _LETTERS
-            raise
-        raise InputError(f"the pictures do not fit together: {why}", name="pictures") from error
-    return _result(problem, fit, start, usable)
-
-
-def _the_same_way_round(
-    pictures: Pictures,
-    postures: FloatArray,
-    pixels: FloatArray,
-    poses: FloatArray,
-    found: BoolArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Pixels and poses with the points of a board in one order that looks alike half turned."""
-    middle = (pictures.board.max(axis=0) + pictures.board.min(axis=0)) / 2.0
-    half = se3.transform(np.diag([-1.0, -1.0, 1.0]), 2.0 * middle * [1.0, 1.0, 0.0])
-    flips = np.zeros(len(poses), dtype=bool)
-    A = pictures.robot.fk(postures[found])
-    flips[found] = find_half_turns(A, poses[found], half, pictures.carried)
-    return (
-        np.where(flips[:, None, None], pixels[:, ::-1], pixels),
-        np.where(flips[:, None, None], poses @ half, poses),
-    )
-
-
-def _lens_of(pictures: Pictures, name: LensName) -> Lens:
-    pixels = pictures.pixels[pictures.with_board]
-    return start_lens(name, pictures.size_px, pictures.board, pixels)
-
-
-def _solved_pairs(pictures: Pictures, postures: FloatArray, poses: FloatArray) -> RobotWorldResult:
-    """X and Z of A X = Z B from poses of the board."""
-    A = pictures.robot.fk(postures)
-    B = se3.inverse(poses) if pictures.carried == "camera" else poses
-    return solve_robot_world(A, B, "ml-robust")
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What is estimated, of which pictures."""
-
-    pictures: Pictures
-    data: Measurements
-    lens: Lens
-    free_lens: bool
-    free: tuple[ParameterBlock, ...]
-    board_errors: tuple[str, ...]
-
-    def model(
-        self,
-        X: FloatArray,
-        Z: FloatArray,
-        sigma_px: float,
-        arm_sigma: tuple[float, float],
-        *,
-        board_errors: Sequence[str] | None = None,
-        free_lens: bool | None = None,
-    ) -> CalibrationModel:
-        """The model about X and Z."""
-        errors = self.board_errors if board_errors is None else board_errors
-        lens = self.free_lens if free_lens is None else free_lens
-        on_flange, around = self.pictures.labels
-        blocks: list[ParameterBlock] = [
-            ToolFrame(X, on_flange),
-            TargetFrame(Z, around),
-            *self.free,
-        ]
-        if lens:
-            blocks.append(LensParameters(self.lens))
-        if errors:
-            blocks.append(BoardErrors(free=errors))
-        pictures = self.pictures
-        kind = BoardView(
-            sigma_px,
-            BoardShape(pictures.board),
-            self.lens,
-            pictures.carried,
-            arm_sigma if any(arm_sigma) else None,
-        )
-        return CalibrationModel(pictures.robot, blocks, kind)
+        raise prepared[0].explained(error) from error
+    return _result(problem, fit)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fit to the pictures that agree."""
+    """A fit to the pictures that agree; ``parts`` are those of all stops."""
 
     model: CalibrationModel
     x: FloatArray
@@ -322,23 +128,22 @@ class _Fit:
 
 
 def _fitted(
-    problem: _Problem,
-    X: FloatArray,
-    Z: FloatArray,
+    problem: Problem,
     good: BoolArray,
     sigma_px: float | None,
     arm_sigma: tuple[float, float] | None,
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
-    model = problem.model(X, Z, pixel, arm)
+    model = problem.model(pixel, arm)
     x, still = model.nominal, False
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
-        model = problem.model(X, Z, pixel, arm)
+        model = problem.model(pixel, arm)
         x = _minimised(model, problem.data[kept], x)
         if still:  # the noise is that of these pictures: who else is within it?
             again = _within_noise(deviations(model, problem.data, x), arm)
+            again = again[problem.data.setup.stops]
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
@@ -359,7 +164,7 @@ def _fitted(
 
 
 def _within_noise(parts: Deviations, arm: tuple[float, float]) -> BoolArray:
-    """Pictures ``(N,)`` whose deviation and scatter the noise explains."""
+    """Stops ``(M,)`` whose deviation and scatter the noise explains."""
     near = squares_of_pictures(parts, arm) <= chi2_quantile(1.0 - OUTLIER_CHANCE, 6)
     scatter = np.sqrt(parts.within / np.maximum(parts.within_rows, 1.0))
     return np.asarray(near & (scatter <= SCATTERED))
@@ -393,109 +198,142 @@ def _contradiction(bad: int, count: int) -> InputError:
     )
 
 
-def _result(
-    problem: _Problem, fit: _Fit, start: RobotWorldResult, usable: IntArray
-) -> HandEyeResult:
-    pictures, data = problem.pictures, problem.data
+def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
+    data, stops = problem.data, problem.data.setup.stops
     kept = np.flatnonzero(fit.good)
     estimate = identify(fit.model, data[kept], start=fit.x, name="hand-eye calibration")
     x = estimate.values
-    every = fit.parts
     residuals = fit.model.linearise(data.postures, x, data.setup, data.observed).rows
     observed = residuals if data.observed is None else data.observed
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
-    poses = [
-        _pose_of(block, x[part])
-        for block, part in zip(fit.model.parameters[:2], fit.model.slices[:2], strict=True)
-    ]
-    lens = problem.lens
-    for block, part in zip(fit.model.parameters, fit.model.slices, strict=True):
-        if isinstance(block, LensParameters):
-            lens = lens.with_values(block.all_values(x[part][:, None])[:, 0])
-    status: list[PictureStatus] = [
-        "no posture" if shows else "no board" for shows in pictures.with_board
-    ]
-    for i, good in zip(usable.tolist(), fit.good, strict=True):
-        status[i] = "used" if good else "contradicts the others"
-    N = len(pictures.names)
-    distance = _distance(pictures, data, poses[0], poses[1])
+    poses = _poses_of(fit.model, x)
+    lenses = _lenses_of(problem, fit.model, x)
+    first = problem.prepared[0].pictures
+    X, Z = (poses[label] for label in first.labels)
+    scatter = fit.parts.within / np.maximum(fit.parts.within_rows, 1.0)
+    distance = _distance(first, problem.prepared[0].postures, X, Z)
     board, suspicions = _suspicions(problem, fit)
-    warnings = [*_outliers_in_words(data.names, fit.good), *suspicions]
+    names, status, at = _listed(problem, fit.good)
+    off = _at_boards(problem, fit.parts.off[stops], poses)
     return HandEyeResult(
-        carried=pictures.carried,
-        X=poses[0],
-        Z=poses[1],
-        lens=lens,
-        lens_estimated=problem.free_lens,
+        carried=first.carried,
+        X=X,
+        Z=Z,
+        labels=first.labels,
+        poses=poses,
+        lens=lenses[first.camera],
+        lenses=lenses,
+        lens_estimated=problem.prepared[0].free_lens,
         estimate=estimate,
         sigma_px=fit.sigma_px,
         arm_sigma=fit.arm_sigma,
-        names=pictures.names,
-        status=tuple(status),
-        rms_px=_spread(N, usable, _rms(residuals, data.setup)),
-        scatter_px=_spread(
-            N, usable, fit.sigma_px * np.sqrt(every.within / np.maximum(every.within_rows, 1.0))
-        ),
-        pixels=_spread(N, usable, _of_points(observed, data.setup)),
-        residuals_px=_spread(N, usable, _of_points(residuals, data.setup)),
-        off=_spread(N, usable, _at_board(pictures, data, every.off, poses[0], poses[1])),
-        left_out_px=_spread(N, usable, left),
+        names=names,
+        status=status,
+        rms_px=_spread(len(names), at, _rms(residuals, data.setup)),
+        scatter_px=_spread(len(names), at, fit.sigma_px * np.sqrt(scatter)[stops]),
+        pixels=_spread(len(names), at, _of_points(observed, data.setup)),
+        residuals_px=_spread(len(names), at, _of_points(residuals, data.setup)),
+        off=_spread(len(names), at, off),
+        left_out_px=_spread(len(names), at, left),
         distance_m=distance,
-        point_sigma_m=_point_sigma(fit.model, estimate, pictures.carried, lens, distance),
+        point_sigma_m=_point_sigma(
+            fit.model, estimate, first.camera, lenses[first.camera], distance
+        ),
         scale=_scale(estimate, board),
-        start=start,
-        warnings=tuple(warnings),
+        start=problem.prepared[0].start,
+        warnings=(*_outliers_in_words(problem, data.names, fit.good), *suspicions),
     )
 
 
-def _suspicions(problem: _Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
-    """What errors of the board would be, and what looks wrong, what explains most first."""
+def _poses_of(model: CalibrationModel, x: FloatArray) -> dict[str, FloatArray]:
+    """Poses ``(4, 4)`` [m] of what is on the flange and around the arm, by name."""
+    return {
+        label: T
+        for block, part in zip(model.parameters, model.slices, strict=True)
+        if isinstance(block, Frames)
+        for label, T in zip(block.labels, block.poses(x[part]), strict=True)
+    }
+
+
+def _lenses_of(problem: Problem, model: CalibrationModel, x: FloatArray) -> dict[str, Lens]:
+    found = {camera: lens for camera, (lens, _) in problem.lenses.items()}
+    for block, part in zip(model.parameters, model.slices, strict=True):
+        if isinstance(block, LensParameters):
+            values = block.all_values(x[part][:, None])[:, 0]
+            found[block.label] = block.lens.with_values(values)
+    return found
+
+
+def _listed(
+    problem: Problem, good: BoolArray
+) -> tuple[tuple[str, ...], tuple[PictureStatus, ...], IntArray]:
+    """Names and status of all pictures, and where among them those are that were usable."""
+    names: list[str] = []
+    status: list[PictureStatus] = []
+    at: list[int] = []
+    several = len(problem.lenses) > 1
+    for one in problem.prepared:
+        pictures = one.pictures
+        at += (len(names) + one.usable).tolist()
+        names += [f"{pictures.camera}/{n}" if several else n for n in pictures.names]
+        status += ["no posture" if shows else "no board" for shows in pictures.with_board]
+    for i, is_good in zip(at, good.tolist(), strict=True):
+        status[i] = "used" if is_good else "contradicts the others"
+    return tuple(names), tuple(status), np.array(at)
+
+
+def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
+    """What errors of the board would be, and what looks wrong, what explains most first.
+
+    Of several boards the step is that of the first.
+    """
     kept = np.flatnonzero(fit.good)
     data, found = problem.data[kept], list[Suspicion | None]()
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
-    def tried(model: CalibrationModel, new: set[str]) -> Step:
+    def tried(model: CalibrationModel, new: Sequence[str]) -> Step:
         pairs = zip(model.names, model.nominal, strict=True)
-        x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
-        return step_with(model, data, x, [name for name in model.names if name in new])
+        return step_with(model, data, np.array([fitted.get(n, x) for n, x in pairs]), new)
 
-    X, Z = (block.T_nominal[0] for block in fit.model.parameters[:2] if isinstance(block, Frames))
-    board = None
+    steps = []
     if not problem.board_errors:
-        every = BoardErrors(free=("scale", "bend_x", "bend_y"))
-        model = problem.model(
-            X, Z, fit.sigma_px, fit.arm_sigma, board_errors=("scale", "bend_x", "bend_y")
-        )
-        board = tried(model, set(every.names))
-        found.append(suspicion_of_board(board))
-    if not problem.free_lens:
-        model = problem.model(X, Z, fit.sigma_px, fit.arm_sigma, free_lens=True)
-        step = tried(model, set(LensParameters(problem.lens).names))
-        found.append(suspicion_of_lens(step, problem.lens))
-    frames = dict(zip(problem.pictures.labels, np.arange(12).reshape(2, 6), strict=True))
+        errors = ("scale", "bend_x", "bend_y")
+        model = problem.model(fit.sigma_px, fit.arm_sigma, board_errors=errors)
+        steps = [tried(model, BoardErrors(board, errors).names) for board in problem.boards]
+        found += [suspicion_of_board(step) for step in steps]
+    model = problem.model(fit.sigma_px, fit.arm_sigma, free_lens=True)
+    for camera, (lens, is_free) in problem.lenses.items():
+        if not is_free:
+            found.append(suspicion_of_lens(tried(model, LensParameters(lens, camera).names), lens))
+    frames = {
+        label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
+        for stem, labels in (("tool", fit.model.tools), ("target", fit.model.targets))
+        for label in labels
+    }
     parts = deviations(fit.model, data, fit.x)
-    found.append(suspicion_of_move(parts, fit.arm_sigma, frames, data.names))
+    found.append(suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names))))
     found.append(suspicion_of_arm(fit.arm_sigma))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
-    return board, [one.text for one in order]
+    return (steps[0] if steps else None), [one.text for one in order]
 
 
 def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:
-    """How much larger the board seems to be, and its standard deviation."""
-    name = "board.scale"
-    if name in estimate.names:
+    """How much larger the first board seems to be, and its standard deviation."""
+    name = next((n for n in estimate.names if n.startswith("board") and "scale" in n), "")
+    if name:
         return estimate.value(name), float(estimate.sigma[estimate.names.index(name)])
     return (0.0, np.inf) if board is None else (float(board.values[0]), float(board.sigma[0]))
 
 
-def _outliers_in_words(names: Sequence[str], good: BoolArray) -> list[str]:
+def _outliers_in_words(problem: Problem, names: Sequence[str], good: BoolArray) -> list[str]:
     """Pictures that contradict the others, and whether all of them are at one end."""
     out = np.flatnonzero(~good)
     if not len(out):
         return []
     first, last = int(out[0]), int(out[-1])
     is_block = len(out) > 2 and last - first + 1 == len(out) and last == len(good) - 1
+    is_block &= len(problem.prepared) == 1
     if is_block:
         return [
             f"all pictures from {names[first]} on contradict those before: the board or the camera "
@@ -522,15 +360,17 @@ def _of_points(rows: FloatArray, setup: Setup) -> FloatArray:
     return np.where(seen, rows, np.nan).reshape(len(rows), -1, 2)
 
 
-def _at_board(
-    pictures: Pictures, data: Measurements, off: FloatArray, X: FloatArray, Z: FloatArray
-) -> FloatArray:
+def _at_boards(problem: Problem, off: FloatArray, poses: Mapping[str, FloatArray]) -> FloatArray:
     """Deviations ``(N, 6)`` with the shift that they make of where the board is."""
-    middle = np.append(pictures.board.mean(axis=0), 1.0)
-    flange = pictures.robot.fk(data.postures)
-    at = Z @ middle if pictures.carried == "camera" else (flange @ X) @ middle
-    out = off.copy()
-    out[:, :3] += np.cross(off[:, 3:], at[..., :3] - flange[:, :3, 3])
+    out, first = off.copy(), 0
+    for one in problem.prepared:
+        pictures, own = one.pictures, slice(first, first + len(one.usable))
+        first = own.stop
+        middle = np.append(pictures.board.mean(axis=0), 1.0)
+        flange = pictures.robot.fk(one.postures)
+        X, Z = (poses[label] for label in pictures.labels)
+        at = Z @ middle if pictures.carried == "camera" else (flange @ X) @ middle
+        out[own, :3] += np.cross(off[own, 3:], at[..., :3] - flange[:, :3, 3])
     return out
 
 
@@ -540,10 +380,10 @@ def _spread(count: int, rows: IntArray, values: FloatArray) -> FloatArray:
     return out
 
 
-def _distance(pictures: Pictures, data: Measurements, X: FloatArray, Z: FloatArray) -> float:
+def _distance(pictures: Pictures, postures: FloatArray, X: FloatArray, Z: FloatArray) -> float:
     """Median distance [m] of the middle of the board from the camera."""
     middle = np.append(pictures.board.mean(axis=0), 1.0)
-    flange = pictures.robot.fk(data.postures)
+    flange = pictures.robot.fk(postures)
     if pictures.carried == "camera":
         seen = se3.inverse(flange @ X) @ (Z @ middle)
     else:
@@ -554,37 +394,30 @@ def _distance(pictures: Pictures, data: Measurements, X: FloatArray, Z: FloatArr
 def _point_sigma(
     model: CalibrationModel,
     estimate: IdentificationResult,
-    carried: Carried,
+    camera: str,
     lens: Lens,
     distance: float,
 ) -> float:
     """Standard deviation [m] of a point in the middle of the picture: see `HandEyeResult`."""
-    which = 0 if carried == "camera" else 1
-    block, part = model.parameters[which], model.slices[which]
     x, covariance = estimate.values, estimate.covariance
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
-    point = distance * np.append(lens.rays(middle), 1.0)
+    point = np.append(distance * np.append(lens.rays(middle), 1.0), 1.0)
     gain = np.zeros((3, model.p))
-    for k in range(part.start, part.stop):
-        ahead, behind = (
-            _pose_of(block, x[part] + step * (np.arange(model.p)[part] == k))
-            for step in (_STEP, -_STEP)
-        )
-        gain[:, k] = ((ahead - behind) @ np.append(point, 1.0))[:3] / (2.0 * _STEP)
-    for other, own in zip(model.parameters, model.slices, strict=True):
-        if isinstance(other, LensParameters):
-            seen = project(lens.name, np.array(lens.values)[:, None], point[:, None, None])
+    stems = (f"tool.{camera}.", f"target.{camera}.")
+    for k, name in enumerate(model.names):
+        if name.startswith(stems):
+            step = _STEP * (np.arange(model.p) == k)
+            ahead, behind = (_poses_of(model, x + way * step)[camera] for way in (1.0, -1.0))
+            gain[:, k] = ((ahead - behind) @ point)[:3] / (2.0 * _STEP)
+    R = _poses_of(model, x)[camera][:3, :3]
+    for block, own in zip(model.parameters, model.slices, strict=True):
+        if isinstance(block, LensParameters) and block.label == camera:
+            seen = project(lens.name, np.array(lens.values)[:, None], point[:3, None, None])
             across = np.linalg.solve(seen.by_point[:, :2, 0, 0], -seen.by_lens[:, :, 0, 0].T)
-            moved = other.picked(np.vstack([across, np.zeros(across.shape[1])]).T).T
-            gain[:, own] = _pose_of(block, x[part])[:3, :3] @ moved
+            moved = np.vstack([across, np.zeros(across.shape[1])])
+            gain[:, own] = R @ block.picked(moved.T).T
     return float(np.sqrt(np.trace(gain @ covariance @ gain.T)))
 
 
 _STEP = 1e-6
 """Of differences of poses [m, rad]: their curvature is far below rounding then."""
-
-
-def _pose_of(block: ParameterBlock, values: FloatArray) -> FloatArray:
-    if not isinstance(block, Frames):
-        raise TypeError("X and Z are frames")
-    return np.asarray(block.poses(values)[0])

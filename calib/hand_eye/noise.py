@@ -24,23 +24,25 @@ _MOST_ARM = (0.05, 0.05)
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Each picture taken apart: what its own pose explains, and what is left within.
+    """Each of M stops of the arm taken apart: what its own deviation explains, and what is left.
+
+    A stop has one picture, or several by several cameras.
 
     Attributes
     ----------
-    off : array (N, 6)
-        By how much the tip would have to be shifted [m] and turned [rad] for the best fit of each
-        picture, base axes.
-    by_parameters : array (N, 6, p)
+    off : array (M, 6)
+        By how much the tip would have to be shifted [m] and turned [rad] for the best fit of the
+        pictures of each stop, base axes.
+    by_parameters : array (M, 6, p)
         The same by the parameters.
-    covariance : array (N, 6, 6)
+    covariance : array (M, 6, 6)
         Of ``off``, by pixels alone, for pixels of the noise of the model.
-    within : array (N,)
-        Squares of what is left in each picture over the pixels' noise.
-    within_rows : array (N,)
-        Rows of each less the six of its pose.
-    within_blocks, within_right : array (N, p, p), (N, p)
-        What the inside of each picture says of the parameters, of the lens above all: ``JᵀJ`` and
+    within : array (M,)
+        Squares of what is left in the pictures of each stop over the pixels' noise.
+    within_rows : array (M,)
+        Their rows less the six of the deviation.
+    within_blocks, within_right : array (M, p, p), (M, p)
+        What the inside of the pictures says of the parameters, of the lens above all: ``JᵀJ`` and
         ``Jᵀr``.
     known_block, known_right : array (p, p), (p,)
         The same of what is known besides.
@@ -58,36 +60,40 @@ class Deviations:
 
 
 def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
-    """Deviations at parameters ``(p,)``, of views of boards."""
-    view = model.view(data.postures, x, data.setup)
+    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind."""
+    kind = model.measurement
+    if not isinstance(kind, BoardView):
+        raise TypeError("deviations are those of views of boards")
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    rows, J = linear.rows, linear.jacobian
-    N, m = J.shape[:2]
-    D = np.zeros((N, m, 6))
-    for kind, columns, part in model.by_kind(view):
-        if not isinstance(kind, BoardView):
-            raise TypeError("deviations are those of views of boards")
-        own = np.arange(N) if isinstance(columns, slice) else columns
-        k = kind.rows
-        D[own, :k] = kind.by_deviation(part).transpose(2, 0, 1) / kind.sigma[None, :, None]
-        rows[own, :k] /= kind.sigma
-        J[own, :k] /= kind.sigma[None, :, None]
-    scale = np.linalg.norm(D, axis=1)
-    scale = np.where(scale > 0, scale, 1.0)
-    Q, R = np.linalg.qr(D / scale[:, None])
-    root = np.linalg.inv(R) / scale[:, :, None]  # (N, 6, 6): off = root Qᵀ r
-    inner, inner_J = np.einsum("nmt,nm->nt", Q, rows), np.einsum("nmt,nmp->ntp", Q, J)
-    left = rows - np.einsum("nmt,nt->nm", Q, inner)
-    left_J = J - np.einsum("nmt,ntp->nmp", Q, inner_J)
+    rows, J = linear.rows / kind.sigma, linear.jacobian / kind.sigma[:, None]
+    D = kind.by_deviation(linear.view).transpose(2, 0, 1) / kind.sigma[None, :, None]
+    scale = np.linalg.norm(D, axis=(0, 1))
+    D = D / np.where(scale > 0, scale, 1.0)
+    stops = data.setup.stops
+
+    def summed(parts: FloatArray) -> FloatArray:
+        out = np.zeros((int(stops.max(initial=-1)) + 1, *parts.shape[1:]))
+        np.add.at(out, stops, parts)
+        return out
+
+    squares = summed(np.swapaxes(D, 1, 2) @ D)
+    inner = summed(np.einsum("nmt,nm->nt", D, rows))
+    inner_J = summed(np.swapaxes(D, 1, 2) @ J)
+    inverse = np.linalg.inv(squares)
+    off = -(inverse @ inner[..., None])[..., 0]
+    by_parameters = -inverse @ inner_J
+    # what is left of the rows once the deviations have taken their part
+    left = rows + np.einsum("nmt,nt->nm", D, off[stops])
+    left_J = J + D @ by_parameters[stops]
     known, K = (part[0] for part in model.known(x[None]))
     return Deviations(
-        off=-np.einsum("nij,nj->ni", root, inner),
-        by_parameters=-root @ inner_J,
-        covariance=root @ np.swapaxes(root, 1, 2),
-        within=np.sum(left**2, axis=1),
-        within_rows=model.rows_read(data.setup).astype(float) - 6.0,
-        within_blocks=np.swapaxes(left_J, 1, 2) @ left_J,
-        within_right=np.einsum("nmp,nm->np", left_J, left),
+        off=off / scale,
+        by_parameters=by_parameters / scale[:, None],
+        covariance=inverse / np.outer(scale, scale),
+        within=summed(np.sum(left**2, axis=1)),
+        within_rows=summed(model.rows_read(data.setup).astype(float)) - 6.0,
+        within_blocks=summed(np.swapaxes(left_J, 1, 2) @ left_J),
+        within_right=summed(np.einsum("nmp,nm->np", left_J, left)),
         known_block=K.T @ K,
         known_right=K.T @ known,
     )

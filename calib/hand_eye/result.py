@@ -27,7 +27,13 @@ class HandEyeResult(Shown):
         What is on the flange.
     X, Z : array (4, 4)
         ``T_flange_camera`` and ``T_base_board``, or ``T_flange_board`` and ``T_base_camera`` [m].
+    labels : tuple of two str
+        What X and Z place.
+    poses : dict of array (4, 4)
+        Of all cameras and boards by name [m]: on the flange, or in the base.
     lens : Lens
+    lenses : dict of Lens
+        Of all cameras by name.
     lens_estimated : bool
     estimate : IdentificationResult
         All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
@@ -71,7 +77,10 @@ class HandEyeResult(Shown):
     carried: Carried
     X: FloatArray
     Z: FloatArray
+    labels: tuple[str, str]
+    poses: dict[str, FloatArray]
     lens: Lens
+    lenses: dict[str, Lens]
     lens_estimated: bool
     estimate: IdentificationResult
     sigma_px: float
@@ -121,8 +130,8 @@ class HandEyeResult(Shown):
 
         Of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
         """
-        stem = "tool" if name == "X" else "target"
-        own = [k for k, n in enumerate(self.estimate.names) if n.split(".")[0] == stem]
+        stem = f"tool.{self.labels[0]}." if name == "X" else f"target.{self.labels[1]}."
+        own = [k for k, n in enumerate(self.estimate.names) if n.startswith(stem)]
         return self.estimate.covariance[np.ix_(own, own)]
 
     def sigma_of(self, name: Literal["X", "Z"]) -> tuple[FloatArray, FloatArray]:

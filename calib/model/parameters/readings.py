@@ -102,7 +102,7 @@ class LensParameters(ReadingParameters):
         super().__init__(
             reading_label("lens", label, "camera"), lens.values, lens.names, units, free, prior
         )
-        self.lens = lens
+        self.lens, self.label = lens, label
 
 
 class BoardErrors(ReadingParameters):

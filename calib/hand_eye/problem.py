@@ -1,0 +1,263 @@
+"""What is estimated from which pictures: starts of all cameras and boards, and the model of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib import se3
+from calib.errors import ConvergenceError, InputError
+from calib.hand_eye.checks import explain_misfit, find_half_turns, unmirrored_poses
+from calib.hand_eye.pictures import Pictures
+from calib.hand_eye.start import board_poses, start_lens
+from calib.lens import Lens, LensName
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardShape, BoardView, BoardViews, Measurements, board_views
+from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock
+from calib.model.parameters.frames import AroundArm, OnTool
+from calib.robot_world import RobotWorldResult
+from calib.robot_world import solve as solve_robot_world
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+FEWEST_PICTURES = 4
+"""Pictures with the board from which X and Z are estimated: three leave nothing to judge by."""
+
+_LETTERS = "A are the poses of the flange, B those of the board in the pictures"
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Pictures of one board by one camera, with what the estimate starts from.
+
+    Attributes
+    ----------
+    usable : array (n,)
+        Index among the pictures of those that show the board and have a posture.
+    pixels : array (n, K, 2)
+        Of these, points in one order.
+    poses : array (n, 4, 4)
+        ``T_camera_board`` [m].
+    found : array (n,) of bool
+        Where there is such a pose.
+    start : RobotWorldResult
+        Of A X = Z B.
+    """
+
+    pictures: Pictures
+    lens: Lens
+    free_lens: bool
+    usable: IntArray
+    pixels: FloatArray
+    poses: FloatArray
+    found: BoolArray
+    start: RobotWorldResult
+
+    @classmethod
+    def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
+        """Find lens, poses, X and Z to start from.
+
+        Raises
+        ------
+        InputError, NotIdentifiableError
+        """
+        usable = np.flatnonzero(pictures.usable)
+        _check_enough(pictures, len(usable))
+        first = lens if isinstance(lens, Lens) else _lens_of(pictures, lens)
+        _check_size(pictures, first)
+        is_free = not isinstance(lens, Lens) if free_lens is None else free_lens
+        pixels, postures = pictures.pixels[usable], pictures.postures[usable]
+        poses, found = board_poses(first, pictures.board, pixels)
+        A = pictures.robot.fk(postures)
+        if pictures.half_turn:
+            pixels, poses = _the_same_way_round(pictures, A, pixels, poses, found)
+        try:
+            B = se3.inverse(poses) if pictures.carried == "camera" else poses
+            start = solve_robot_world(A[found], B[found], "ml-robust")
+        except (InputError, ConvergenceError) as error:
+            raise explained(
+                pictures, first, pixels[found], A[found], poses[found], error
+            ) from error
+        return cls(pictures, first, is_free, usable, pixels, poses, found, start)
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(n, joints)`` [rad]."""
+        return self.pictures.postures[self.usable]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the pictures that are used."""
+        return [self.pictures.names[i] for i in self.usable.tolist()]
+
+    @property
+    def good(self) -> BoolArray:
+        """Pictures ``(n,)`` whose pose of the board agrees with the others."""
+        good = self.found.copy()
+        good[self.found] = self.start.used
+        return good
+
+    def explained(self, error: InputError | ConvergenceError) -> InputError | ConvergenceError:
+        """An error of the estimate, with what may be the reason."""
+        A = self.pictures.robot.fk(self.postures[self.found])
+        pixels, poses = self.pixels[self.found], self.poses[self.found]
+        return explained(self.pictures, self.lens, pixels, A, poses, error)
+
+
+def _check_enough(pictures: Pictures, count: int) -> None:
+    if count < FEWEST_PICTURES:
+        raise InputError(
+            f"{count} of {len(pictures.names)} pictures show the board and have a posture",
+            hint=f"{FEWEST_PICTURES} are needed, 15 to 20 are good",
+            name="pictures",
+            value=count,
+            bound=FEWEST_PICTURES,
+        )
+
+
+def _check_size(pictures: Pictures, lens: Lens) -> None:
+    if (lens.width_px, lens.height_px) != tuple(pictures.size_px):
+        raise InputError(
+            f"the lens is of pictures of {lens.width_px} x {lens.height_px} pixels, these have "
+            f"{pictures.size_px[0]} x {pictures.size_px[1]}",
+            hint="calibrate it with pictures of this size",
+            name="lens",
+        )
+
+
+def _lens_of(pictures: Pictures, name: LensName) -> Lens:
+    pixels = pictures.pixels[pictures.with_board]
+    return start_lens(name, pictures.size_px, pictures.board, pixels)
+
+
+def _the_same_way_round(
+    pictures: Pictures, A: FloatArray, pixels: FloatArray, poses: FloatArray, found: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels and poses with the points of a board in one order that looks alike half turned."""
+    middle = (pictures.board.max(axis=0) + pictures.board.min(axis=0)) / 2.0
+    half = se3.transform(np.diag([-1.0, -1.0, 1.0]), 2.0 * middle * [1.0, 1.0, 0.0])
+    flips = np.zeros(len(poses), dtype=bool)
+    flips[found] = find_half_turns(A[found], poses[found], half, pictures.carried)
+    return (
+        np.where(flips[:, None, None], pixels[:, ::-1], pixels),
+        np.where(flips[:, None, None], poses @ half, poses),
+    )
+
+
+def explained(
+    pictures: Pictures,
+    lens: Lens,
+    pixels: FloatArray,
+    A: FloatArray,
+    poses: FloatArray,
+    error: InputError | ConvergenceError,
+) -> InputError | ConvergenceError:
+    """An error of pictures that do not fit together, by what would fit far better."""
+    usable = np.flatnonzero(pictures.usable)
+    names = [pictures.names[i] for i in usable.tolist()][: len(A)]
+    mirrored = unmirrored_poses(lens, pictures.board, pixels)
+    why = explain_misfit(A, poses, pictures.carried, names, mirrored)
+    if why:
+        return InputError(f"the pictures do not fit together: {why}", name="pictures")
+    error.hint = error.hint or _LETTERS
+    return error
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is estimated, of which pictures of which cameras and boards."""
+
+    prepared: tuple[Prepared, ...]
+    free: tuple[ParameterBlock, ...]
+    board_errors: tuple[str, ...]
+
+    @cached_property
+    def starts(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Poses to start from, of what is on the flange, and of what stands around, by name."""
+        on_flange: dict[str, FloatArray] = {}
+        around: dict[str, FloatArray] = {}
+        for one in sorted(self.prepared, key=lambda one: -len(one.usable)):
+            tool, target = one.pictures.labels
+            on_flange.setdefault(tool, one.start.X)
+            around.setdefault(target, one.start.Z)
+        both = sorted(on_flange.keys() & around.keys())
+        if both:
+            raise InputError(
+                f"{both[0]} is on the flange in some pictures, and stands around the arm in others",
+                hint="give the two names",
+                name=both[0],
+            )
+        return on_flange, around
+
+    @cached_property
+    def data(self) -> Measurements:
+        """All pictures that are used, those of each camera and board together."""
+        tools, targets = (list(frames) for frames in self.starts)
+        most = max(one.pixels.shape[1] for one in self.prepared)
+        pixels, tool, target, names = [], [], [], []
+        for one in self.prepared:
+            n, K, _ = one.pixels.shape
+            wide = np.full((n, most, 2), np.nan)
+            wide[:, :K] = one.pixels
+            pixels.append(wide)
+            on_flange, around = one.pictures.labels
+            tool += [tools.index(on_flange)] * n
+            target += [targets.index(around)] * n
+            names += one.names
+        return board_views(
+            np.concatenate([one.postures for one in self.prepared]),
+            np.concatenate(pixels),
+            names,
+            tools=tools,
+            targets=targets,
+            tool=np.array(tool),
+            target=np.array(target),
+        )
+
+    @property
+    def lenses(self) -> dict[str, tuple[Lens, bool]]:
+        """Lens of each camera, and whether it is estimated."""
+        return {one.pictures.camera: (one.lens, one.free_lens) for one in self.prepared}
+
+    @property
+    def boards(self) -> dict[str, FloatArray]:
+        """Points of each board [m]."""
+        return {one.pictures.board_name: one.pictures.board for one in self.prepared}
+
+    def model(
+        self,
+        sigma_px: float,
+        arm_sigma: tuple[float, float],
+        *,
+        board_errors: Sequence[str] | None = None,
+        free_lens: bool | None = None,
+    ) -> CalibrationModel:
+        """The model about the starts, with what is asked for or these in place of it."""
+        on_flange, around = self.starts
+        blocks: list[ParameterBlock] = [
+            OnTool(list(on_flange), np.stack(list(on_flange.values())), AXES),
+            AroundArm(list(around), np.stack(list(around.values())), AXES),
+            *self.free,
+        ]
+        for camera, (lens, is_free) in self.lenses.items():
+            if is_free if free_lens is None else free_lens:
+                blocks.append(LensParameters(lens, camera))
+        errors = self.board_errors if board_errors is None else board_errors
+        blocks += [BoardErrors(board, errors) for board in self.boards if errors]
+        arm = arm_sigma if any(arm_sigma) else None
+        looks = {
+            one.pictures.labels: BoardView(
+                sigma_px,
+                BoardShape(one.pictures.board),
+                one.lens,
+                one.pictures.carried,
+                arm,
+                camera_label=one.pictures.camera,
+                board_label=one.pictures.board_name,
+            )
+            for one in self.prepared
+        }
+        kind = next(iter(looks.values())) if len(looks) == 1 else BoardViews(sigma_px, looks, arm)
+        return CalibrationModel(self.prepared[0].pictures.robot, blocks, kind)

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -338,7 +338,7 @@ def solve_and_draw(
 
 def calibrate_from_pictures(
     cell: Cell,
-    pictures: PictureSet,
+    pictures: Mapping[str, PictureSet],
     asked: Asked,
     out: Path | Results,
     advance: Advance = lambda what, part: None,
@@ -365,7 +365,7 @@ def calibrate_from_pictures(
     found = calibrate_camera(cell, pictures, asked, results, advance)
     draw(results, drawn, lambda: figure_of_camera(found.result))
     files = [results.folder / name for name, _ in (*CAMERA_FILES, CAMERA_DRAWN[0])]
-    if transforms and found.result.is_ok:
+    if transforms and found.result.is_ok and len(pictures) == 1:
         info, opencv = for_others
         write_text_atomic(info, camera_info(found.result.lens))
         write_json_atomic(opencv, opencv_lens(found.result.lens))

@@ -67,6 +67,13 @@ class Pictures:
                 hint="give (N, n), (N, K, 2) and (K, 3)",
                 name="pictures",
             )
+        for name in (self.camera, self.board_name):
+            if not name or "." in name:
+                raise InputError(
+                    f"{name!r} is no name of a camera or a board",
+                    hint="give one without points",
+                    name="camera",
+                )
         if not self.names:
             object.__setattr__(self, "names", tuple(f"P{i + 1:02d}" for i in range(N)))
 

@@ -17,6 +17,43 @@ from calib.shown import Shown
 PictureStatus = Literal["used", "contradicts the others", "no board", "no posture"]
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedFrame:
+    """Where a camera or a board is.
+
+    Attributes
+    ----------
+    name : str
+        With the frames by word: ``T_flange_camera``.
+    label : str
+        Of the camera or board.
+    T : array (4, 4)
+        [m]
+    covariance : array (6, 6)
+        Of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
+    """
+
+    name: str
+    label: str
+    T: FloatArray
+    covariance: FloatArray
+
+    @property
+    def parent(self) -> str:
+        """``flange`` or ``base``."""
+        return self.name.split("_")[1]
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """Standard deviations of the place ``(3,)`` [m]."""
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def sigma_rad(self) -> FloatArray:
+        """Standard deviations of the rotation ``(3,)`` [rad]."""
+        return np.sqrt(np.diag(self.covariance)[3:])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HandEyeResult(Shown):
     """Camera and board, lens and robot, from pictures.
@@ -116,36 +153,32 @@ class HandEyeResult(Shown):
         return tuple(name for name, status in pairs if status == "contradicts the others")
 
     @property
-    def camera_is(self) -> str:
-        """``T_flange_camera`` or ``T_base_camera``: what one looks for."""
-        return "T_flange_camera" if self.carried == "camera" else "T_base_camera"
-
-    @property
-    def T_camera(self) -> FloatArray:
-        """Pose ``(4, 4)`` of the camera, on the flange or in the base."""
-        return self.X if self.carried == "camera" else self.Z
-
-    def covariance_of(self, name: Literal["X", "Z"]) -> FloatArray:
-        """Covariance ``(6, 6)`` of X or Z.
-
-        Of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
-        """
-        stem = f"tool.{self.labels[0]}." if name == "X" else f"target.{self.labels[1]}."
-        own = [k for k, n in enumerate(self.estimate.names) if n.startswith(stem)]
-        return self.estimate.covariance[np.ix_(own, own)]
+    def frames(self) -> tuple[PlacedFrame, ...]:
+        """Cameras first, then boards, with their covariances."""
+        found = []
+        names = self.estimate.names
+        for label, T in self.poses.items():
+            on_flange = any(name.startswith(f"tool.{label}.") for name in names)
+            stem = f"tool.{label}." if on_flange else f"target.{label}."
+            own = [k for k, name in enumerate(names) if name.startswith(stem)]
+            parent = "flange" if on_flange else "base"
+            covariance = self.estimate.covariance[np.ix_(own, own)]
+            found.append(PlacedFrame(f"T_{parent}_{label}", label, T, covariance))
+        return tuple(sorted(found, key=lambda frame: frame.label not in self.lenses))
 
     def sigma_of(self, name: Literal["X", "Z"]) -> tuple[FloatArray, FloatArray]:
-        """Standard deviations of the place [m] and the orientation [rad], ``(3,)`` each."""
-        sigma = np.sqrt(np.diag(self.covariance_of(name)))
-        return sigma[:3], sigma[3:]
+        """Standard deviations ``(3,)`` of the place [m] and the rotation [rad] of X or Z."""
+        label = self.labels[0 if name == "X" else 1]
+        frame = next(frame for frame in self.frames if frame.label == label)
+        return frame.sigma_m, frame.sigma_rad
 
     @property
     def headline(self) -> str:
-        place, turn = self.sigma_of("X" if self.carried == "camera" else "Z")
+        frame = self.frames[0]
         return (
-            f"{self.camera_is} from {int(self.used.sum())} of {len(self.names)} pictures: +- "
-            f"{1e3 * float(np.linalg.norm(place)):.3f} mm, "
-            f"{float(np.degrees(np.linalg.norm(turn))):.4f} deg"
+            f"{frame.name} from {int(self.used.sum())} of {len(self.names)} pictures: +- "
+            f"{1e3 * float(np.linalg.norm(frame.sigma_m)):.3f} mm, "
+            f"{float(np.degrees(np.linalg.norm(frame.sigma_rad))):.4f} deg"
         )
 
     def rows(self) -> list[dict[str, object]]:

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from calib.lens import Lens, LensName
 
 PicturesArgument = Annotated[
-    Path, typer.Argument(help="A folder of pictures of the board that [board] describes.")
+    Path,
+    typer.Argument(
+        help="A folder of pictures of the board that [board] describes; of several cameras a "
+        "folder each in it, with the same names for pictures of one stop."
+    ),
 ]
 JointsOption = Annotated[
     Path | None,
@@ -106,12 +110,12 @@ def camera(
     from posedesign.cell import Cell
     from posedesign.hand_eye import Asked
     from posedesign.hand_eye.calibration import board_of, result_as_dict
-    from posedesign.hand_eye.pictures import read_picture_set
+    from posedesign.hand_eye.pictures import cameras_in, read_picture_set
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
     loaded = Cell.load(cell)
-    board = board_of(loaded)
+    board_of(loaded)  # said before anything is read
     asked = Asked(
         camera,
         lens_of(lens),
@@ -121,7 +125,10 @@ def camera(
         arm_sigma_of(arm_mm, arm_deg),
     )
     results = results_in(out, "camera", cell, joints, overwrite=overwrite)
-    shown = read_picture_set(pictures, joints, loaded.robot, order=order, trust_units=trust_units)
+    shown = {
+        name: read_picture_set(folder, joints, loaded.robot, order=order, trust_units=trust_units)
+        for name, folder in cameras_in(pictures).items()
+    }
     with progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
             loaded, shown, asked, results, advance, transforms=transforms
@@ -130,7 +137,7 @@ def camera(
         answer_of_camera(found, [str(path) for path in files]),
         verbose=verbose,
         first=rehearsed_words(joints),
-        content=result_as_dict(found, board) if as_json else None,
+        content=result_as_dict(found) if as_json else None,
     )
     return DONE if found.result.is_ok else NOT_REACHED
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.hand_eye import HandEyeResult, Pictures, calibrate
+from calib.hand_eye import HandEyeResult, Pictures, PlacedFrame, calibrate
 from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
+from calib.model.context import reading_label
 from calib.robots import flange_robot, posture_of_pose
 from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board
@@ -20,7 +21,7 @@ from posedesign.cell import Cell
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.hand_eye.pictures import PictureSet
-from posedesign.hand_eye.sightings import Advance, Sightings, find_boards
+from posedesign.hand_eye.sightings import Advance, find_boards
 from posedesign.identification.models import robot_blocks
 from posedesign.pairs.certificate import Camera
 
@@ -70,16 +71,17 @@ class Calibrated:
     Attributes
     ----------
     result : HandEyeResult
-    sightings : Sightings
+    reasons : tuple of str
+        Why a picture does not show the board; empty where it does.
     notes : tuple of str
         What is odd about the files.
     """
 
     result: HandEyeResult
-    sightings: Sightings
-    pictures: PictureSet
     asked: Asked
-    notes: tuple[str, ...] = field(default=())
+    board: Board
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def board_of(cell: Cell) -> Board:
@@ -95,12 +97,17 @@ def board_of(cell: Cell) -> Board:
 
 def calibrate_camera(
     cell: Cell,
-    pictures: PictureSet,
+    pictures: Mapping[str, PictureSet],
     asked: Asked,
     out: Path | Results,
     advance: Advance = lambda what, part: None,
 ) -> Calibrated:
     """Find the board, estimate, and write ``camera.json`` and the tables beside it.
+
+    Parameters
+    ----------
+    pictures : mapping of str to PictureSet
+        By the name of the camera; ``camera`` where there is one.
 
     Raises
     ------
@@ -111,49 +118,77 @@ def calibrate_camera(
     """
     board = board_of(cell)
     claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
-    if pictures.postures is None and pictures.T_base_flange is None:
-        raise InputError(
-            "the pictures have no joints and no poses of the flange",
-            hint="give the table that has them",
-            name="joints",
-        )
-    found = find_boards(pictures.paths, board, lambda what, part: advance(what, _DETECTING * part))
-    if not found.shown:
-        raise InputError(
-            f"none of {len(pictures.paths)} pictures shows the board: {pictures.names[0]}: "
-            f"{found.reasons[0]}",
-            hint=f"the cell describes: {board.words}",
-            name="pictures",
-        )
+    sets, reasons = [], list[str]()
+    count = sum(len(one.paths) for one in pictures.values())
+    for camera, shown in pictures.items():
+        _check_poses(shown, asked)
+        part = _Part(advance, len(reasons) / count, len(shown.paths) / count)
+        found = find_boards(shown.paths, board, part)
+        if not found.shown:
+            raise InputError(
+                f"none of {len(shown.paths)} pictures shows the board: {shown.names[0]}: "
+                f"{found.reasons[0]}",
+                hint=f"the cell describes: {board.words}",
+                name="pictures",
+            )
+        sets.append(_seen(cell, shown, board, found.pixels, asked, camera))
+        reasons += found.reasons
     advance("camera, board and lens", _DETECTING)
     result = calibrate(
-        _seen(cell, pictures, board, found.pixels, asked),
+        sets,
         asked.lens,
         free=robot_blocks(cell, asked.free) if asked.free else (),
         sigma_px=asked.pixel_sigma,
         arm_sigma=asked.arm_sigma,
         board_errors=asked.board_errors,
     )
-    calibrated = Calibrated(result, found, pictures, asked, pictures.notes)
-    _write(calibrated, board, claims)
+    notes = tuple(dict.fromkeys(note for shown in pictures.values() for note in shown.notes))
+    calibrated = Calibrated(result, asked, board, tuple(reasons), notes)
+    _write(calibrated, sets, claims)
     return calibrated
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Progress of a part of the pictures."""
+
+    advance: Advance
+    before: float
+    share: float
+
+    def __call__(self, what: str, part: float) -> None:
+        self.advance(what, _DETECTING * (self.before + self.share * part))
+
+
+def _check_poses(shown: PictureSet, asked: Asked) -> None:
+    if shown.postures is None and shown.T_base_flange is None:
+        raise InputError(
+            "the pictures have no joints and no poses of the flange",
+            hint="give the table that has them",
+            name="joints",
+        )
+    if shown.postures is None and asked.free:
+        raise InputError(
+            "poses of the flange say nothing of the joints: the robot cannot be identified",
+            hint="give the joints of each picture",
+            name="joints",
+        )
+
+
 def _seen(
-    cell: Cell, pictures: PictureSet, board: Board, pixels: FloatArray, asked: Asked
+    cell: Cell,
+    shown: PictureSet,
+    board: Board,
+    pixels: FloatArray,
+    asked: Asked,
+    camera: str,
 ) -> Pictures:
     """What the estimate takes: joints of the arm of the cell, or poses of its flange alone."""
-    if pictures.postures is not None:
-        robot, postures = cell.robot, pictures.postures
+    if shown.postures is not None:
+        robot, postures = cell.robot, shown.postures
     else:
-        if asked.free:
-            raise InputError(
-                "poses of the flange say nothing of the joints: the robot cannot be identified",
-                hint="give the joints of each picture",
-                name="joints",
-            )
-        T = pictures.T_base_flange
-        robot, postures = flange_robot(), np.full((len(pictures.names), 6), np.nan)
+        T = shown.T_base_flange
+        robot, postures = flange_robot(), np.full((len(shown.names), 6), np.nan)
         if T is not None:
             known = np.isfinite(T).all(axis=(1, 2))
             postures[known] = posture_of_pose(T[known])
@@ -162,23 +197,26 @@ def _seen(
         postures,
         pixels,
         board.points,
-        pictures.size_px,
+        shown.size_px,
         "camera" if asked.camera == "on-flange" else "board",
-        pictures.names,
+        shown.names,
         board.ambiguous_half_turn,
+        camera,
     )
 
 
-def _write(calibrated: Calibrated, board: Board, claims: Sequence[Claim]) -> None:
+def _write(calibrated: Calibrated, sets: Sequence[Pictures], claims: Sequence[Claim]) -> None:
     camera, each, points = claims
     result = calibrated.result
-    write_json_atomic(camera, result_as_dict(calibrated, board))
+    write_json_atomic(camera, result_as_dict(calibrated))
     rows = [
         row | {"reason": reason}
-        for row, reason in zip(result.rows(), calibrated.sightings.reasons, strict=True)
+        for row, reason in zip(result.rows(), calibrated.reasons, strict=True)
     ]
     write_table(each, list(rows[0]), rows)
-    pixels = np.where(np.isfinite(result.pixels), result.pixels, calibrated.sightings.pixels)
+    found = np.concatenate([one.pixels for one in sets])
+    # pictures that were used have their points in the order of the board
+    pixels = np.where(np.isfinite(result.pixels), result.pixels, found)
     seen = np.argwhere(np.isfinite(pixels).all(axis=-1)).tolist()
     left = result.residuals_px
     write_table(
@@ -202,18 +240,17 @@ def _or_none(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def result_as_dict(calibrated: Calibrated, board: Board) -> dict[str, Any]:
+def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     """The result for ``camera.json``: millimetres, degrees, pixels."""
     result = calibrated.result
-    names = names_of(calibrated.asked.camera)
+    lenses = {name: lens_as_dict(result, name) for name in result.lenses}
     return {
         "camera": calibrated.asked.camera,
-        "board": board.words,
+        "board": calibrated.board.words,
         "ok": result.is_ok,
         "warnings": list(result.warnings),
-        names[0]: transform_as_dict(result.X, *result.sigma_of("X")),
-        names[1]: transform_as_dict(result.Z, *result.sigma_of("Z")),
-        "lens": lens_as_dict(result),
+        **{frame.name: frame_as_dict(frame) for frame in result.frames},
+        **({"lens": next(iter(lenses.values()))} if len(lenses) == 1 else {"lenses": lenses}),
         "noise": {
             "pixel_sigma": result.sigma_px,
             "arm_sigma_mm": 1e3 * result.arm_sigma[0],
@@ -236,7 +273,7 @@ def parameter_rows(result: HandEyeResult) -> list[dict[str, Any]]:
     """Parameters as people read them; cx and cy as OpenCV and ROS count them."""
     rows = []
     for name, unit, value, _, sigma in result.estimate.displayed():
-        shift = 0.5 if name in ("lens.cx", "lens.cy") else 0.0
+        shift = 0.5 if name.startswith("lens") and name.endswith((".cx", ".cy")) else 0.0
         rows.append({"parameter": name, "value": value - shift, "sigma": sigma, "unit": unit})
     return rows
 
@@ -246,33 +283,28 @@ def _displayed_covariance(result: HandEyeResult) -> FloatArray:
     return np.asarray(result.estimate.covariance * np.outer(factor, factor))
 
 
-def names_of(camera: Camera) -> tuple[str, str]:
-    """Names of X and Z, with the frames by word."""
-    if camera == "on-flange":
-        return "T_flange_camera", "T_base_board"
-    return "T_flange_board", "T_base_camera"
-
-
-def transform_as_dict(T: FloatArray, sigma_m: FloatArray, sigma_rad: FloatArray) -> dict[str, Any]:
+def frame_as_dict(frame: PlacedFrame) -> dict[str, Any]:
     """A transform in the forms that people and programs take, with standard deviations."""
+    T = frame.T
     return {
         "xyz_mm": (1e3 * T[:3, 3]).tolist(),
         "wpr_deg": np.degrees(wpr_from_rotation(T[:3, :3])).tolist(),
-        "sigma_xyz_mm": (1e3 * sigma_m).tolist(),
-        "sigma_rotation_deg": np.degrees(sigma_rad).tolist(),
+        "sigma_xyz_mm": (1e3 * frame.sigma_m).tolist(),
+        "sigma_rotation_deg": np.degrees(frame.sigma_rad).tolist(),
         "quaternion_wxyz": quaternion_from_rotation(T[:3, :3]).tolist(),
         "matrix_m": T.tolist(),
     }
 
 
-def lens_as_dict(result: HandEyeResult) -> dict[str, Any]:
+def lens_as_dict(result: HandEyeResult, camera: str) -> dict[str, Any]:
     """The lens, by the convention of OpenCV and ROS: pixels count from the middle of the first."""
-    K, distortion = result.lens.to_opencv()
-    lens = result.lens
+    lens = result.lenses[camera]
+    K, distortion = lens.to_opencv()
     sigma = dict(zip(result.estimate.names, result.estimate.sigma.tolist(), strict=True))
+    stem = reading_label("lens", camera, "camera")
     return {
         "model": lens.name,
-        "estimated": result.lens_estimated,
+        "estimated": f"{stem}.fx" in sigma,
         "width_px": lens.width_px,
         "height_px": lens.height_px,
         "fx": K[0, 0],
@@ -280,5 +312,5 @@ def lens_as_dict(result: HandEyeResult) -> dict[str, Any]:
         "cx": K[0, 2],
         "cy": K[1, 2],
         "distortion": dict(zip(lens.names[4:], distortion.tolist(), strict=True)),
-        "sigma": {name: sigma.get(f"lens.{name}") for name in lens.names},
+        "sigma": {name: sigma.get(f"{stem}.{name}") for name in lens.names},
     }

@@ -134,6 +134,19 @@ def read_picture_set(
     )
 
 
+def cameras_in(folder: Path) -> dict[str, Path]:
+    """Folders of pictures by the name of their camera: those in a folder that has no pictures.
+
+    A folder that has pictures is of one, called ``camera``.
+    """
+    if folder.is_dir():
+        entries = sorted(folder.iterdir())
+        inside = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
+        if inside and not any(entry.suffix.lower() in ENDINGS for entry in entries):
+            return {entry.name: entry for entry in inside}
+    return {"camera": folder}
+
+
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(name[:LONGEST_SHOWN] for name in names[:_SHOWN]) + more

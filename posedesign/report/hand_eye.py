@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.hand_eye.calibration import names_of, parameter_rows
+from posedesign.hand_eye.calibration import lens_as_dict, parameter_rows
 from posedesign.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
@@ -25,49 +25,43 @@ LONG_ARROW = 0.06
 
 
 def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answer:
-    """The answer: X and Z with their uncertainty, the lens, what does not fit."""
-    result, asked = calibrated.result, calibrated.asked
-    names = names_of(asked.camera)
+    """The answer: where cameras and boards are, how surely, the lens, what does not fit."""
+    result = calibrated.result
     used, every = int(result.used.sum()), len(result.names)
-    of_camera, other = (names[0], names[1]) if asked.camera == "on-flange" else names[::-1]
-    transforms = dict(zip(names, (("X", result.X), ("Z", result.Z)), strict=True))
-    figures_: dict[str, str] = {}
-    for name in (of_camera, other):
-        letter, T = transforms[name]
-        place, turn = result.sigma_of("X" if letter == "X" else "Z")
-        figures_[name] = (
-            f"{_six(T)}, sigma {1e3 * place.max():.2g} mm and {np.degrees(turn).max():.2g} deg"
-        )
-    seen_from = "flange" if asked.camera == "on-flange" else "base"
-    figures_["a point that the camera sees"] = (
-        f"{1e3 * result.point_sigma_m:.2g} mm (sigma) seen from the {seen_from}, at "
+    shown: dict[str, str] = {}
+    for frame in result.frames:
+        place, turn = 1e3 * frame.sigma_m.max(), np.degrees(frame.sigma_rad).max()
+        shown[frame.name] = f"{_six(frame.T)}, sigma {place:.2g} mm and {turn:.2g} deg"
+    shown["a point that the camera sees"] = (
+        f"{1e3 * result.point_sigma_m:.2g} mm (sigma) seen from the {result.frames[0].parent}, at "
         f"{1e3 * result.distance_m:.0f} mm"
     )
-    figures_["lens"] = _lens(result)
-    figures_["left over"] = (
+    for camera in result.lenses:
+        name = "lens" if len(result.lenses) == 1 else f"lens of {camera}"
+        shown[name] = _lens(lens_as_dict(result, camera))
+    shown["left over"] = (
         f"{_rms(result.rms_px, result.used):.3g} px rms, of pictures left out "
         f"{_rms(result.left_out_px, result.used):.3g} px; points scatter by {result.sigma_px:.2g} "
         f"px, the arm by {1e3 * result.arm_sigma[0]:.2g} mm and "
         f"{np.degrees(result.arm_sigma[1]):.2g} deg"
     )
-    found = [name for name in result.estimate.names if name.startswith(_OF_SET_UP)]
-    robot = len(result.estimate.names) - len(found)
-    figures_["robot"] = f"{robot} parameters identified, in the tables" if robot else ""
+    robot = sum(not name.startswith(_OF_SET_UP) for name in result.estimate.names)
+    shown["robot"] = f"{robot} parameters identified, in the tables" if robot else ""
     unseen = [
         f"{name}: {reason}"
-        for name, reason in zip(result.names, calibrated.sightings.reasons, strict=True)
+        for name, reason in zip(result.names, calibrated.reasons, strict=True)
         if reason
     ]
     state = "calibrated" if result.is_ok else "not to be trusted"
     return Answer(
         f"{state}: camera and board from {used} of {every} pictures",
-        figures_,
+        shown,
         warnings=result.warnings,
         notes=[*calibrated.notes, *unseen],
         details=[
-            f"{name}, {form}: {text}"
-            for name, (_, T) in transforms.items()
-            for form, text in forms_of(T, *name.split("_")[1:]).items()
+            f"{frame.name}, {form}: {text}"
+            for frame in result.frames
+            for form, text in forms_of(frame.T, frame.parent, frame.label).items()
         ],
         tables=[
             Table("Parameters", parameter_rows(result)),
@@ -86,16 +80,11 @@ def _six(T: FloatArray) -> str:
     return "({}) mm, W P R ({}) deg".format(*said)
 
 
-def _lens(result: HandEyeResult) -> str:
-    if not result.lens_estimated:
+def _lens(lens: dict[str, Any]) -> str:
+    if not lens["estimated"]:
         return "as given"
-    estimate = result.estimate
-    values = {}
-    for name in ("fx", "fy", "cx", "cy"):
-        k = estimate.names.index(f"lens.{name}")
-        shift = 0.5 if name[0] == "c" else 0.0
-        values[name] = f"{estimate.values[k] - shift:.1f} +- {estimate.sigma[k]:.2g}"
-    return f"{result.lens.name}, " + ", ".join(f"{n} {v}" for n, v in values.items()) + " px"
+    values = (f"{n} {lens[n]:.1f} +- {lens['sigma'][n]:.2g}" for n in ("fx", "fy", "cx", "cy"))
+    return f"{lens['model']}, {', '.join(values)} px"
 
 
 def _rms(values: FloatArray, used: np.ndarray) -> float:

@@ -48,6 +48,9 @@ def answer_of_pairs(
     first, row = outcomes[0], rows[0]
     figures: dict[str, str] = {}
     if first.result is not None:
+        # who asks for OpenCV's names reads these first
+        for named in opencv_rows([first]) if opencv else ():
+            figures[f"OpenCV's {named['transform']}"] = _six([named[axis] for axis in POSE_AXES])
         for letter, title in (("x", frames.X), ("z", frames.Z)):
             name, _, words = title.partition(": ")
             figures[f"{letter.upper()} = {name}"] = f"{_transform(letter, row, first)}, {words}"
@@ -56,8 +59,6 @@ def answer_of_pairs(
             f"deg rms; of pairs not seen {_shown(row['left_out_translation_mm'])} mm, "
             f"{_shown(row['left_out_rotation_deg'])} deg"
         )
-        for named in opencv_rows([first]) if opencv else ():
-            figures[f"OpenCV's {named['transform']}"] = _six([named[axis] for axis in POSE_AXES])
         figures["proof"] = next((o.proof.message for o in outcomes if o.proof is not None), "")
         figures["methods"] = _spread(outcomes)
     warnings: list[str] = []

@@ -205,12 +205,12 @@ def _separator(text: str) -> str:
     """What stands between the cells, by the first line that is no comment."""
     lines = (line.strip() for line in text.splitlines())
     first = next((line for line in lines if line and not line.startswith("#")), "")
-    for mark in ";\t":
-        if mark in first:
+    for mark in _SEPARATORS:
+        parts = first.split(mark if mark != " " else None)
+        # one that stands inside of a cell leaves commas that are of no number
+        if len(parts) > 1 and all("," not in part or is_number(part.strip()) for part in parts):
             return mark
-    words = first.split()
-    spaces = len(words) > 1 and all("," not in word or is_number(word) for word in words)
-    return " " if spaces else ","
+    return ","
 
 
 def _with_points(path: Path, rows: list[Row]) -> tuple[list[Row], bool]:

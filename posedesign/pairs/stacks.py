@@ -272,8 +272,10 @@ def open_blocks(path: Path) -> StackFile | None:
     Raises
     ------
     FileFormatError
-        It is missing or too large, a line has not four numbers, or their count does not fit.
+        It is too large, a line has not four numbers, or their count does not fit.
     """
+    if not path.is_file():  # a pipe can be read once only
+        return None
     data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
     lines = data.decode("utf-8-sig", "replace").splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip()[:1] not in ("", "#")), None)

@@ -2,8 +2,10 @@
 
 import io
 import json
+import os
 import re
 import struct
+import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -270,6 +272,22 @@ def test_tables_with_other_separators(tmp_path, mark):
     found = PairSource(path, columns=columns).read()
     np.testing.assert_allclose(found.A, A, atol=1e-9)
     assert found.notes == (note,)
+
+
+def test_a_separator_inside_of_a_cell_is_none(tmp_path):
+    path = write_pairs(tmp_path / "p.csv", PAIRS)
+    head, *lines = path.read_text().splitlines()
+    for column in ("note; of whom", "note\tof whom", "note of whom"):
+        path.write_text("\n".join([f"{head},{column}", *(f"{line},1;5" for line in lines)]))
+        check(PairSource(path).read(), 1e-9)
+
+
+def test_a_table_out_of_a_pipe(tmp_path):
+    path = write_pairs(tmp_path / "p.csv", PAIRS)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cp", str(path), str(pipe)]):
+        check(PairSource(pipe).read(), 1e-9)
 
 
 # samples

@@ -8,6 +8,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -66,6 +67,10 @@ def posedesign(
     """Plan the measuring poses of a robot calibration, write the program, identify the robot."""
 
 
+_command_of = cache(typer.main.get_command)
+"""Commands with their options: who runs several in a process has them built once."""
+
+
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code: 0 done, 1 not reached, 2 bad input.
 
@@ -73,7 +78,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = app(args=given or ["--help"], prog_name="posedesign", standalone_mode=False)
+        words = given or ["--help"]
+        code = _command_of(app)(args=words, prog_name="posedesign", standalone_mode=False)
         sys.stdout.flush()
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)

@@ -111,6 +111,7 @@ def new(
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
     from calib.robots import preset_info
+    from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
@@ -127,6 +128,12 @@ def new(
         made.solid  # noqa: B018
     except RobotModelError as error:
         note(f"decide before planning: {error}")
+    makers = makers_like(made.robot) if made.robot.controller is None else ()
+    if makers:
+        note(
+            "say before planning whose it is, for programs need it: robot.controller = "
+            f'"{makers[0]}" perhaps'
+        )
     show_file(text)
     return DONE
 

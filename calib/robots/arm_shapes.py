@@ -1,4 +1,5 @@
-"""Which links of an arm have no shape, and shapes for them that the description does not give.
+"""Which links of an arm have no shape, and shapes for them that the description does not give;
+and which preset an arm is, by its kinematics.
 
 A body that is not known is not free space: whoever asks for a clearance has to know of every link
 that has length. Where the description has no collision geometry, the shapes of a preset with the
@@ -18,6 +19,7 @@ import numpy as np
 
 from calib.errors import RobotModelError
 from calib.robots.chain import SLIGHT_M, SerialChain
+from calib.robots.controller import controllers_like
 from calib.robots.presets import preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between
@@ -137,6 +139,21 @@ def presets_like(robot: Robot) -> tuple[str, ...]:
     """Names of the presets whose joint axes at zero are those of a robot."""
     return tuple(
         name for name in preset_names() if not _difference(robot.chain, Robot.preset(name).chain)
+    )
+
+
+def makers_like(robot: Robot) -> tuple[str, ...]:
+    """Makers whose controllers count the joints of a robot as its description does.
+
+    First those of presets with its kinematics, then those that its name has.
+    """
+    presets = (Robot.preset(name).controller for name in presets_like(robot))
+    own = {controller.maker for controller in presets if controller is not None}
+    return tuple(
+        sorted(
+            controllers_like(robot),
+            key=lambda maker: (maker not in own, maker not in robot.name.lower()),
+        )
     )
 
 

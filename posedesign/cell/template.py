@@ -11,8 +11,7 @@ import numpy as np
 
 from calib.errors import InputError, RobotModelError
 from calib.robots import Robot, find_preset, preset_info
-from calib.robots.arm_shapes import presets_like, unshaped_links
-from calib.robots.controller import controllers_like
+from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.se3 import FloatArray
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 
@@ -466,7 +465,7 @@ def _controller_line(robot: Robot) -> str:
     Its axes have to be as that maker counts them: a description with another zero posture is read
     in its own view only.
     """
-    fitting = sorted(controllers_like(robot), key=lambda maker: maker not in robot.name.lower())
+    fitting = makers_like(robot)
     if robot.name.lower().startswith("fanuc") and "fanuc" in fitting:
         return (
             'controller = "fanuc"              # what the pendant shows; programs are in its view'

@@ -111,6 +111,7 @@ def new(
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
     from calib.robots import preset_info
+    from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
@@ -127,6 +128,12 @@ def new(
         made.solid  # noqa: B018
     except RobotModelError as error:
         note(f"decide before planning: {error}")
+    makers = makers_like(made.robot) if made.robot.controller is None else ()
+    if makers:
+        note(
+            "say before planning whose it is, for programs need it: robot.controller = "
+            f'"{makers[0]}" perhaps'
+        )
     show_file(text)
     return DONE
 
@@ -322,11 +329,19 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
 
 
 def _program_command(cell: Cell, files: Sequence[str], path: Path) -> str:
-    """The command that writes the program; empty where there is none, or for no known maker."""
-    controller = cell.robot.controller
-    if not files or controller is None or not controller.maker:
+    """The command that writes the program, after what the cell has to say for it."""
+    from calib.robots.arm_shapes import makers_like
+    from posedesign.programs.registry import DIALECTS
+
+    if not files:
         return ""
-    return command_line("program", files[0], "--cell", path)
+    controller, words = cell.robot.controller, ["program", files[0], "--cell", path]
+    named = controller is not None and bool(controller.maker)
+    makers = (controller.maker,) if controller is not None and named else makers_like(cell.robot)
+    if not any(dialect.maker in makers[:1] for dialect in DIALECTS.values()):
+        return command_line(*words, "--format", "ros-trajectory")
+    first = f'say whose it is in {path}, robot.controller = "{makers[0]}" perhaps; then '
+    return first * (not named) + command_line(*words)
 
 
 def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()) -> Answer:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import InputError
-from calib.robots.controller import controllers_like
+from calib.robots.arm_shapes import makers_like
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell import Cell
 from posedesign.cell.schema import FrameSection
@@ -235,7 +235,7 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
         open_to = [d.name for d in DIALECTS.values() if d.maker is None or not (cell or maker)]
         way = "pass --cell, or " if cell is None else ""
         if cell is not None and not maker:
-            fitting = " or ".join(f'"{name}"' for name in controllers_like(cell.robot))
+            fitting = " or ".join(f'"{name}"' for name in makers_like(cell.robot))
             way = f"set robot.controller = {fitting} in the cell, or " if fitting else ""
         raise InputError(
             f"{robot} has a controller of {maker or 'an unknown maker'}",

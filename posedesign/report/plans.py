@@ -195,9 +195,9 @@ def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:
         "pose": verdict.name + " (via)" * verdict.via,
         "verdict": "ok" if verdict.ok else ("NO" if not verdict.feasible else "NO WAY"),
         "tightest": verdict.tightest,
-        "room": None if verdict.room is None else round(verdict.room, 3),
+        "margin": None if verdict.room is None else round(verdict.room, 3),
         "unit": verdict.unit,
-        "in words": verdict.says + (f"; on the way to it: {verdict.way}" if verdict.way else ""),
+        "reason": verdict.says + (f"; on the way to it: {verdict.way}" if verdict.way else ""),
         "distance [mm]": None if verdict.distance_mm is None else round(verdict.distance_mm, 1),
         "travel [deg]": round(verdict.travel_deg, 1),
     }

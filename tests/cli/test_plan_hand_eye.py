@@ -10,8 +10,9 @@ from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
 from posedesign.cell import Cell
 from posedesign.pairs import read_pairs
+from posedesign.planning import NEAR_TARGET_M
 from posedesign.planning.poses_file import read_poses
-from tests.cli.conftest import rows_of
+from tests.cli.conftest import rows_of, with_keys
 
 CAMERA = {"measurement.kind": '"camera-pose"'}
 ONE_AXIS = {"variations.start_deg": "[0.0, 0.0, 5.0]", "variations.largest_deg": "[0.0, 0.0, 60.0]"}
@@ -65,6 +66,24 @@ def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell):
     assert (of_poses.condition_threshold, of_poses.dwell_s) == (50.0, 2.0)
     given = Cell.load(change_cell(CAMERA | {"plan.dwell_s": "20.0"})).config.plan
     assert (given.condition_threshold, given.dwell_s) == (50.0, 20.0)
+
+
+def test_poses_that_see_the_target_from_anywhere_are_written_and_rehearsed(cli, demo_work):
+    """The tool point is not on the target then: nothing is touched."""
+    path = demo_work / "cell.toml"
+    keys = CAMERA | {"pool.kind": '"joints"', "pool.candidates": "200"}
+    path.write_text(with_keys(path.read_text(), keys))
+    plan = ("plan", path, "--method", "exchange", "--criterion", "D", "--poses", 8, "--no-refine")
+    assert cli(*plan, "--out", demo_work / "plan").code == 0
+    poses, cell = demo_work / "plan" / "poses.csv", Cell.load(path)
+    points = cell.robot.state(read_poses(poses, 6).measured.postures).point(cell.tool_m)
+    assert np.linalg.norm(points - cell.target_m, axis=1).max() > NEAR_TARGET_M
+    checked = cli("check", path, poses)
+    assert checked.code == 0
+    assert "from the target" not in checked.err
+    assert cli("program", poses, "--cell", path, "--out", demo_work / "plan").code == 0
+    assert cli("simulate", path, poses, "--out", demo_work / "seen").code == 0
+    assert len(read_pairs(demo_work / "seen" / "pairs.csv").A) == 8
 
 
 @pytest.mark.slow

@@ -135,8 +135,11 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
     joints = "".join(joint.format(n=i + 1, m=i, xyz=places[i], axis=axes[i]) for i in range(6))
     (work / "arm.urdf").write_text(robot.format(name="other", joints=joints))
     new = cli("new", "--robot", work / "arm.urdf")
+    assert 'say before planning whose it is, for programs need it: robot.controller = "f' in new.err
     (work / "other.toml").write_text(new.out)
-    assert cli("plan", work / "other.toml", "--out", work / "other").code == 0
+    planned = cli("plan", work / "other.toml", "--out", work / "other")
+    assert planned.code == 0
+    assert 'robot.controller = "fanuc" perhaps; then posedesign program' in planned.out
     words = ("program", work / "other" / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
     assert said.code == 2

@@ -2,6 +2,7 @@
 
 import json
 import re
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,9 @@ def test_every_study_has_its_parts():
         for part in ("README.md", "study.toml", "run.py", "expected.json"):
             assert (folder / part).is_file(), f"{folder.name} lacks {part}"
         assert folder.name in (STUDIES / "README.md").read_text()
+        _, answer, *_ = (folder / "README.md").read_text(encoding="utf-8").split("\n")
+        assert answer.startswith(("**Answer.** ", "**In short.** ")), "a page opens with its answer"
+        assert len(textwrap.wrap(answer, 105)) <= 5
 
 
 def test_claims_have_the_figures_of_their_studies():

@@ -13,6 +13,7 @@ from calib.robots import Robot, preset_names
 from calib.robots.arm_shapes import (
     centre_lines,
     has_bare_base,
+    makers_like,
     presets_like,
     unshaped_links,
     with_capsules,
@@ -51,6 +52,14 @@ def test_a_calibrated_wrist_is_still_one_without_length(tmp_path):
     calibrated = replace(bare, chain=replace(bare.chain, placements=placements))
     assert unshaped_links(calibrated) == unshaped_links(bare)
     assert unshaped_links(with_shapes_of(calibrated, "tx2_60")) == ()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_maker_of_an_arm_is_that_of_the_preset_with_its_kinematics(name, tmp_path):
+    controller = Robot.preset(name).controller
+    assert controller is not None
+    robot = replace(without_shapes(name, tmp_path), name="arm")
+    assert makers_like(robot)[:1] == (controller.maker,)
 
 
 @pytest.mark.parametrize("name", ["r2000ic165f", "ur10e", "panda"])

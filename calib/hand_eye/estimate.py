@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +53,9 @@ SCATTERED = 3.0
 wrong places, or it is blurred."""
 
 _MOST_NAMED = 8
+
+_BESIDE = 1.0
+"""Rms of the residuals, in sides of a picture, from which a fit has run away."""
 
 _USUAL_PX = 0.3
 _USUAL_ARM = (1e-3, 2e-3)
@@ -124,6 +128,8 @@ class _Fit:
     good: BoolArray
     sigma_px: float
     arm_sigma: tuple[float, float]
+    noise_found: tuple[bool, bool]
+    """Of pixels and arm: whether it was found, not given."""
     parts: Deviations
 
 
@@ -135,6 +141,7 @@ def _fitted(
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
+    noise_found = sigma_px is None, arm_sigma is None
     model = problem.model(pixel, arm)
     x, still = model.nominal, False
     for _ in range(_ROUNDS):
@@ -152,15 +159,21 @@ def _fitted(
             continue
         some = deviations(model, problem.data[kept], x)
         before = np.array([pixel, *arm])
-        if sigma_px is None:
-            scale = pixel_scale(some)
-            pixel *= scale
-            some = _with_pixels(some, scale)
-        if arm_sigma is None:
-            arm = arm_deviation(some)
+        pixel, arm = _noise_of(some, pixel, arm, noise_found)
         after = np.array([pixel, *arm])
         still = bool((np.abs(after - before) <= _SETTLED * after + _NOTHING).all())
-    return _Fit(model, x, good, pixel, arm, deviations(model, problem.data, x))
+    return _Fit(model, x, good, pixel, arm, noise_found, deviations(model, problem.data, x))
+
+
+def _noise_of(
+    parts: Deviations, pixel: float, arm: tuple[float, float], found: tuple[bool, bool]
+) -> tuple[float, tuple[float, float]]:
+    """Noise of pixels and arm, what of it is to be found."""
+    if found[0]:
+        scale = pixel_scale(parts)
+        pixel *= scale
+        parts = _with_pixels(parts, scale)
+    return pixel, arm_deviation(parts) if found[1] else arm
 
 
 def _within_noise(parts: Deviations, arm: tuple[float, float]) -> BoolArray:
@@ -174,7 +187,17 @@ def _minimised(model: CalibrationModel, data: Measurements, x: FloatArray) -> Fl
     found = minimise(model, data.trials(None), x[None])
     if not found.converged[0]:
         raise not_converged(float(found.change[0]))
+    rows = model.linearise(data.postures, found.x[0], data.setup, data.observed).rows
+    if data.observed is not None and _rms_of(rows) > _BESIDE * np.abs(data.observed).max():
+        raise ConvergenceError(
+            "the estimate has not converged: it shows the board far beside where it was seen",
+            hint="are lengths of the arm and the board in the units that are said?",
+        )
     return np.asarray(found.x[0])
+
+
+def _rms_of(rows: FloatArray) -> float:
+    return float(np.sqrt(np.mean(rows**2)))
 
 
 def _with_pixels(parts: Deviations, scale: float) -> Deviations:
@@ -292,20 +315,26 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
     data, found = problem.data[kept], list[Suspicion | None]()
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
-    def tried(model: CalibrationModel, new: Sequence[str]) -> Step:
+    def tried(new: Sequence[str], **more: Any) -> Step:
+        """With the noise that is left with them: without, it has taken them up."""
+        model = problem.model(fit.sigma_px, fit.arm_sigma, **more)
         pairs = zip(model.names, model.nominal, strict=True)
-        return step_with(model, data, np.array([fitted.get(n, x) for n, x in pairs]), new)
+        x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
+        parts = deviations(model, data, x)
+        noise = _noise_of(parts, fit.sigma_px, fit.arm_sigma, fit.noise_found)
+        return step_with(problem.model(*noise, **more), data, x, new)
 
     steps = []
     if not problem.board_errors:
         errors = ("scale", "bend_x", "bend_y")
-        model = problem.model(fit.sigma_px, fit.arm_sigma, board_errors=errors)
-        steps = [tried(model, BoardErrors(board, errors).names) for board in problem.boards]
+        steps = [
+            tried(BoardErrors(board, errors).names, board_errors=errors) for board in problem.boards
+        ]
         found += [suspicion_of_board(step) for step in steps]
-    model = problem.model(fit.sigma_px, fit.arm_sigma, free_lens=True)
     for camera, (lens, is_free) in problem.lenses.items():
         if not is_free:
-            found.append(suspicion_of_lens(tried(model, LensParameters(lens, camera).names), lens))
+            step = tried(LensParameters(lens, camera).names, free_lens=True)
+            found.append(suspicion_of_lens(step, lens))
     frames = {
         label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
         for stem, labels in (("tool", fit.model.tools), ("target", fit.model.targets))

@@ -195,7 +195,9 @@ class BoardView(Measurement):
                 together = np.zeros((int(stop.max(initial=-1)) + 1, 6, 6))
                 np.add.at(together, stop, squares)
                 squares = together
-            values, vectors = np.linalg.eigh(squares)
+            there = np.isfinite(squares).all(axis=(1, 2))  # a fit that runs away has none
+            values, vectors = np.linalg.eigh(np.where(there[:, None, None], squares, 0.0))
+            values[~there] = np.nan
             view.found[key] = _Deviation(A, np.maximum(values, 0.0), vectors, stop)
         return cast(_Deviation, view.found[key])
 

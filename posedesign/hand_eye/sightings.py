@@ -4,7 +4,8 @@
 ``picture``             name of the picture
 ``point``               number of the point of the board, from 0: as ``Board.points`` has them
 ``x_px``, ``y_px``      where it is, from the left upper corner of the image
-``residual_x_px`` ..    by how much the result shows it elsewhere; empty for what was not used
+``residual_x_px``       by how much the result shows it elsewhere; empty for what was not used
+``residual_y_px``       the same down the image
 ======================  =========================================================================
 """
 

@@ -19,6 +19,7 @@ from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
 from tests.cli.conftest import below_comments, unfolded
+from tests.cli.test_camera import write_pictures
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -150,6 +151,14 @@ def check_columns_said(written: Path, other: str) -> None:
     assert [c for c in columns - said if not other or not re.match(other, c)] == []
 
 
+def take_pictures_of_the_page(cell: Path) -> None:
+    """Pictures of the board of the page about cameras, their joints, and the cell."""
+    page = PAGES["docs/how-to/camera.md"]
+    board = next(block for language, block in blocks(page) if language == "toml")
+    cell.write_text(cell_template("ur10e", surroundings=False) + board)
+    write_pictures(cell, Path("pictures"), Path("joints.csv"), count=10)
+
+
 @pytest.mark.slow
 def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -169,6 +178,7 @@ def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
         ("run/accuracy_vs_condition.csv", ""),
     ):
         check_columns_said(Path(written), other)
+    take_pictures_of_the_page(Path("camera_cell.toml"))
     found = {name: run_page(glance, name) for name in HOW_TO}
     assert found["docs/how-to/by_sight.md"]["MyRobot"]() is not None
     python = found["docs/how-to/python.md"]

@@ -1,0 +1,173 @@
+"""posedesign camera: a folder of pictures and a table of joints in, a calibrated camera out."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.lens import Lens
+from calib.se3 import quaternion_from_rotation, rotation_exp, transform
+from posedesign.cell import Cell, cell_template
+from posedesign.hand_eye.lens_files import read_lens
+from tests.board_pictures import take_pictures
+
+LENS = Lens("pinhole", 640, 480, (560.0, 562.0, 322.0, 238.0, -0.12, 0.06, 5e-4, -3e-4, 0.0))
+X = transform(rotation_exp(np.array([0.02, -0.03, 0.5])), np.array([0.05, 0.02, 0.06]))
+Z = transform(rotation_exp(np.array([np.pi, 0.0, 0.2])), np.array([-0.75, 0.05, 0.0]))
+NEAR = np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
+BOARD = """
+[board]
+kind = "charuco"
+columns = 7
+rows = 5
+square_mm = 30.0
+marker_mm = 22.0
+dictionary = "DICT_4X4_50"
+"""
+
+
+def write_pictures(cell: Path, folder: Path, joints: Path, count: int) -> np.ndarray:
+    """Pictures by the arm of a cell, and the table of their joints, which it returns [rad]."""
+    loaded = Cell.load(cell)
+    rng = np.random.default_rng(4)
+    q = take_pictures(folder, loaded.robot, loaded.board, LENS, X, Z, count, rng, near=NEAR)
+    header = ["picture", *(f"j{k}_deg" for k in range(1, 7))]
+    write_rows(joints, header, np.degrees(q))
+    return q
+
+
+def write_rows(path: Path, header: list[str], rows: np.ndarray) -> None:
+    lines = [f"img{i + 1}," + ",".join(map(repr, row)) for i, row in enumerate(rows.tolist())]
+    path.write_text("\n".join([",".join(header), *lines, ""]))
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a cell, twelve pictures, and their joints."""
+    folder = tmp_path_factory.mktemp("camera")
+    cell = folder / "cell.toml"
+    cell.write_text(cell_template("ur10e", surroundings=False) + BOARD)
+    q = write_pictures(cell, folder / "pictures", folder / "joints.csv", 12)
+    T = Cell.load(cell).robot.fk(q)
+    poses = np.hstack([1e3 * T[:, :3, 3], quaternion_from_rotation(T[:, :3, :3])])
+    header = ["picture", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    write_rows(folder / "flange.csv", header, poses)
+    return folder
+
+
+@pytest.fixture
+def there(taken: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same in a folder of its own, which is the present one."""
+    shutil.copytree(taken, tmp_path / "there")
+    monkeypatch.chdir(tmp_path / "there")
+    return tmp_path / "there"
+
+
+def errors_in_sigmas(frame: dict, true: np.ndarray) -> np.ndarray:
+    """Errors of a place over its standard deviations."""
+    return (np.array(frame["xyz_mm"]) - 1e3 * true[:3, 3]) / frame["sigma_xyz_mm"]
+
+
+def test_a_camera_is_calibrated(there, glance):
+    said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--transforms")
+    assert said.code == 0, said.err
+    assert said.out.startswith("calibrated: camera and board from 12 of 12 pictures")
+    found = json.loads((there / "camera.json").read_text())
+    assert np.abs(errors_in_sigmas(found["T_flange_camera"], X)).max() < 4.0
+    assert np.abs(errors_in_sigmas(found["T_base_board"], Z)).max() < 4.0
+    # better than a tenth of a millimetre in a picture of 640 x 480
+    assert max(found["T_flange_camera"]["sigma_xyz_mm"]) < 0.2
+    assert found["noise"]["pixel_sigma"] < 0.05
+    lens, sigma = read_lens(there / "camera.json"), found["lens"]["sigma"]
+    for name, value, true in zip(lens.names, lens.values, LENS.values, strict=True):
+        assert abs(value - true) < 5.0 * sigma[name], name
+    assert len((there / "camera_pictures.csv").read_text().splitlines()) == 2 + 12
+    for name in ("camera.png", "camera.svg", "camera_info.yaml", "lens.json", "camera.urdf"):
+        assert (there / name).stat().st_size > 100
+    np.testing.assert_allclose(read_lens(there / "camera_info.yaml").values, lens.values, atol=1e-9)
+    # and the lens by itself is taken as known
+    said = glance(
+        "camera", "cell.toml", "pictures", "--joints", "joints.csv", "--lens", "camera.json",
+        "--out", "known",
+    )  # fmt: skip
+    assert said.code == 0, said.err
+    assert "lens: as given" in said.out
+
+
+def test_poses_of_the_flange_do_as_well(there, glance):
+    said = glance("camera", "cell.toml", "pictures", "--joints", "flange.csv", "--json")
+    assert said.code == 0, said.err
+    found = json.loads(said.out)
+    assert np.abs(errors_in_sigmas(found["T_flange_camera"], X)).max() < 4.0
+    said = glance(
+        "camera", "cell.toml", "pictures", "--joints", "flange.csv", "--free", "zero_offsets",
+        "--out", "free",
+    )  # fmt: skip
+    assert said.code == 2
+    assert "poses of the flange say nothing of the joints" in said.err
+
+
+def test_two_cameras_of_one_stop(there, glance):
+    for name in ("left", "right"):
+        shutil.copytree(there / "pictures", there / "both" / name)
+    said = glance("camera", "cell.toml", "both", "--joints", "joints.csv", "--out", "both_out")
+    assert said.code == 0, said.err
+    found = json.loads((there / "both_out" / "camera.json").read_text())
+    left, right = (np.array(found[f"T_flange_{name}"]["xyz_mm"]) for name in ("left", "right"))
+    np.testing.assert_allclose(left, right, atol=1e-3)
+    assert set(found["lenses"]) == {"left", "right"}
+    assert "left/img1.png,used" in (there / "both_out" / "camera_pictures.csv").read_text()
+
+
+def test_wrong_rows_and_pictures_without_a_board_are_named(there, glance):
+    lines = (there / "joints.csv").read_text().splitlines()
+    three, four = (line.split(",", 1) for line in lines[3:5])
+    lines[3:5] = [",".join([three[0], four[1]]), ",".join([four[0], three[1]])]
+    (there / "joints.csv").write_text("\n".join([*lines, ""]))
+    cv2.imwrite(str(there / "pictures" / "img5.png"), np.full((480, 640), 90, np.uint8))
+    said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--verbose")
+    assert said.code == 0, said.err
+    assert "from 9 of 12 pictures" in said.out
+    assert "left out, as they contradict the others: img3.png, img4.png" in said.err
+    assert "img5.png: no board" in said.err
+
+
+def test_what_looks_wrong_is_not_to_be_trusted(there, glance):
+    text = (there / "cell.toml").read_text().replace("square_mm = 30.0", "square_mm = 31.0")
+    (there / "cell.toml").write_text(text.replace("marker_mm = 22.0", "marker_mm = 22.7"))
+    said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--transforms")
+    assert said.code == 1
+    assert said.out.startswith("not to be trusted")
+    assert "the board seems to be 3." in said.err
+    assert not (there / "camera_info.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["pictures"], "the pictures have no joints and no poses of the flange"),
+        (["pictures", "--joints", "joints.csv", "--camera", "fixed"], "eye-in-hand"),
+        (["pictures", "--joints", "joints.csv", "--lens", "pinhol"], "did you mean pinhole"),
+        (["pictures", "--joints", "joints.csv", "--lens", "no.json"], "no.json"),
+        (["pictures", "--joints", "joints.csv", "--arm-mm", "0.1"], "give both --arm-mm and"),
+        (["pictures", "--joints", "joints.csv", "--board-errors", "size"], "has no 'size'"),
+        (["nowhere", "--joints", "joints.csv"], "nowhere"),
+    ],
+)
+def test_errors_in_one_line(there, glance, words, said):
+    found = glance("camera", "cell.toml", *words)
+    assert found.code == 2
+    assert said in found.err
+    assert found.err.count("error:") == 1
+
+
+def test_a_cell_without_a_board_is_refused(there, glance):
+    (there / "cell.toml").write_text(cell_template("ur10e", surroundings=False))
+    found = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv")
+    assert found.code == 2
+    assert "describes no calibration board" in found.err

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.hand_eye.calibration import lens_as_dict, parameter_rows
@@ -15,7 +16,8 @@ from posedesign.report.answer import Answer, Table
 from posedesign.report.drawing import BLUE
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
     from calib.hand_eye import HandEyeResult
     from posedesign.hand_eye import Calibrated
@@ -92,34 +94,117 @@ def _rms(values: FloatArray, used: np.ndarray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
+class Frame(BaseModel):
+    """What a camera.json has of a transform."""
+
+    xyz_mm: tuple[float, float, float]
+    wpr_deg: tuple[float, float, float]
+    sigma_xyz_mm: tuple[float, float, float]
+    sigma_rotation_deg: tuple[float, float, float]
+
+
+class Shown(BaseModel):
+    """What it has of a picture."""
+
+    picture: str
+    status: str
+    rms_px: float | None = None
+    left_out_px: float | None = None
+    off_mm: float | None = None
+    off_deg: float | None = None
+
+
+class Noise(BaseModel):
+    """What it has of the noise."""
+
+    pixel_sigma: float
+    arm_sigma_mm: float
+    arm_sigma_deg: float
+
+
+class CameraFile(BaseModel):
+    """What a page needs of a camera.json; transforms are keys besides."""
+
+    model_config = ConfigDict(extra="allow")
+
+    ok: bool
+    board: str
+    warnings: list[str] = []
+    noise: Noise
+    point_sigma_mm: float
+    distance_mm: float
+    parameters: list[dict[str, Any]] = []
+    pictures: list[Shown]
+
+    @property
+    def frames(self) -> dict[str, Frame]:
+        """Transforms by name."""
+        more = self.model_extra or {}
+        return {k: Frame.model_validate(more[k]) for k in more if k.startswith("T_")}
+
+
+def lines_of_camera(file: CameraFile) -> list[str]:
+    """What a camera.json says, in sentences, the verdict first."""
+    used = sum(one.status == "used" for one in file.pictures)
+    state = "calibrated" if file.ok else "not to be trusted"
+    lines = [f"{state}: camera and board from {used} of {len(file.pictures)} pictures"]
+    lines += [
+        f"{name}: ({_three(frame.xyz_mm)}) mm, W P R ({_three(frame.wpr_deg)}) deg, sigma "
+        f"{max(frame.sigma_xyz_mm):.2g} mm and {max(frame.sigma_rotation_deg):.2g} deg"
+        for name, frame in file.frames.items()
+    ]
+    lines.append(
+        f"a point that the camera sees at {file.distance_mm:.0f} mm: {file.point_sigma_mm:.2g} mm "
+        f"(sigma); points scatter by {file.noise.pixel_sigma:.2g} px, the arm by "
+        f"{file.noise.arm_sigma_mm:.2g} mm and {file.noise.arm_sigma_deg:.2g} deg"
+    )
+    return lines + [f"warning: {text}" for text in file.warnings] + [file.board]
+
+
+def _three(values: tuple[float, float, float]) -> str:
+    return ", ".join(f"{value:.3f}" for value in values)
+
+
+def figure_of_pictures(pictures: Sequence[Shown]) -> Figure:
+    """Residual of each picture, in the estimate and left out of it."""
+    known = [one for one in pictures if one.rms_px is not None]
+    figure = figures.new_figure(3.0)
+    _draw_pictures(
+        figure,
+        [one.picture for one in known],
+        np.array([one.rms_px or np.nan for one in known]),
+        np.array([np.nan if one.left_out_px is None else one.left_out_px for one in known]),
+        np.array([one.status != "used" for one in known]),
+    )
+    return figure
+
+
+def _draw_pictures(
+    figure: Figure | SubFigure,
+    names: Sequence[str],
+    rms_px: FloatArray,
+    left_out_px: FloatArray,
+    outliers: np.ndarray,
+) -> None:
+    left = {"in the estimate": rms_px, "left out of it": np.where(outliers, rms_px, left_out_px)}
+    figures.residuals_by_pose(figure, names, left, outliers, "px")
+
+
 def figure_of_camera(result: HandEyeResult) -> Figure:
     """Residuals of all points over the picture, and of each picture with and without itself."""
     figure = figures.new_figure(6.4)
     top, bottom = figures.rows_of(figure, (1.6, 1.0))
     (panel,) = figures.panels_of(top)
     _draw_arrows(panel, result)
-    left = {
-        "in the estimate": np.nan_to_num(result.rms_px),
-        "left out of it": np.nan_to_num(result.left_out_px),
-    }
     shown = np.isfinite(result.rms_px)
     names = [name for name, is_shown in zip(result.names, shown, strict=True) if is_shown]
-    figures.residuals_by_pose(
-        bottom,
-        names,
-        {label: values[shown] for label, values in left.items()},
-        ~result.used[shown],
-        "px",
-    )
+    rms, left = result.rms_px[shown], result.left_out_px[shown]
+    _draw_pictures(bottom, names, rms, left, ~result.used[shown])
     return figure
 
 
-def _draw_arrows(panel: object, result: HandEyeResult) -> None:
+def _draw_arrows(panel: Axes, result: HandEyeResult) -> None:
     """Residuals of the points where they are in the picture, many times as long."""
-    from matplotlib.axes import Axes
-
-    if not isinstance(panel, Axes):
-        raise TypeError("a panel is drawn into")
     off = result.residuals_px[result.used]
     seen = result.pixels[result.used]
     known = np.isfinite(off).all(axis=-1)
@@ -141,6 +226,8 @@ def _draw_arrows(panel: object, result: HandEyeResult) -> None:
         aspect="equal",
         xlabel="x [px]",
         ylabel="y [px]",
-        title=f"residuals of points, {longer:.0f} times as long: no pattern is what is hoped for",
     )
-    panel.title.set_fontsize(10)
+    panel.set_title(
+        f"residuals of points, {longer:.0f} times as long: a pattern is what the lens misses",
+        fontsize=10,
+    )

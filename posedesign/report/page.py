@@ -38,6 +38,7 @@ from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
+from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.identification_json import (
     FittedModel,
     IdentificationFile,
@@ -56,6 +57,7 @@ PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"
 MEASUREMENTS = ("touchups.csv", "measurements.csv")
 ROBOT_WORLD, ROBOT_WORLD_PAIRS = "robot_world.csv", "robot_world_pairs.csv"
+CAMERA = "camera.json"
 SCENE = "scene.html"
 """What `posedesign view` writes of a cell."""
 MOST_BYTES = 50_000_000
@@ -142,6 +144,7 @@ def _sections(folder: Path) -> Iterator[Section]:
     for name, section_of in (
         (IDENTIFICATION, _section_of_identification),
         (ROBOT_WORLD, _section_of_pairs),
+        (CAMERA, _section_of_camera),
     ):
         if (folder / name).is_file():
             yield section_of(folder)
@@ -374,6 +377,24 @@ def _section_of_pairs(folder: Path) -> Section:
         section.figures.append(("Residuals of the pairs, and how far methods differ", svg))
     keys = [*_ANSWER[:2], *(k for k in answers[0] if k.startswith(("x_", "z_", "sigma_")))]
     section.tables.append(Table("X and Z", [{key: row[key] for key in keys} for row in answers]))
+    return section
+
+
+def _section_of_camera(folder: Path) -> Section:
+    path = folder / CAMERA
+    try:
+        file = CameraFile.model_validate(load_json(read_bytes_bounded(path, most_bytes=MOST_BYTES)))
+        lines = lines_of_camera(file)
+    except ValueError as error:  # of JSON, or of what is missing in it
+        raise FileFormatError(
+            "is no file that the command camera wrote", path=path, hint="calibrate again"
+        ) from error
+    section = Section("Camera and board", lines)
+    if any(one.rms_px is not None for one in file.pictures):
+        svg = figures.as_svg(figure_of_pictures(file.pictures))
+        section.figures.append(("Residuals of the pictures", svg))
+    section.tables.append(Table("Parameters", file.parameters))
+    section.tables.append(Table("Pictures", [one.model_dump() for one in file.pictures]))
     return section
 
 

@@ -99,6 +99,23 @@ def test_a_camera_is_calibrated(there, glance):
     assert "lens: as given" in said.out
 
 
+def test_the_page_of_a_calibrated_camera(there, glance):
+    assert glance("camera", "cell.toml", "pictures", "--joints", "joints.csv").code == 0
+    assert glance("report", ".").code == 0
+    page = (there / "report.html").read_text()
+    for said in (
+        "Camera and board",
+        "T_flange_camera: (",
+        "Residuals of the pictures",
+        "img12.png",
+    ):
+        assert said in page
+    (there / "camera.json").write_text('{"ok": true}')
+    said = glance("report", ".", "--overwrite")
+    assert said.code == 2
+    assert "camera.json: is no file that the command camera wrote" in said.err
+
+
 def test_poses_of_the_flange_do_as_well(there, glance):
     said = glance("camera", "cell.toml", "pictures", "--joints", "flange.csv", "--json")
     assert said.code == 0, said.err

@@ -71,6 +71,8 @@ def simulate(
     else:
         what = "touch-ups" if touched else "pairs of A X = Z B"
         say(f"wrote {' and '.join(files)}: {count} {what}, SIMULATED")
+        then = ("identify", cell, *touched) if touched else ("robot-world", *files)
+        say(f"next: {command_line(*then, '--out', out)}")
     return DONE
 
 

@@ -33,6 +33,10 @@ _LEFT_OVER = {
 """Columns of the table, and what they are called in print."""
 
 
+_PROOF = {"proven": "proven to be the likeliest", "away": "not the optimum that is proven"}
+"""What a proof makes of an answer; its other statuses say it themselves."""
+
+
 def answer_of_pairs(
     outcomes: Sequence[SolverOutcome],
     camera: Camera = "on-flange",
@@ -81,6 +85,7 @@ def answer_of_pairs(
     used = "" if first.result is None else f" from {row['used']} of {row['pairs']} pairs"
     return Answer(
         f"{state}: A X = Z B by {first.method}{used}"
+        + ("" if first.proof is None else f", {_PROOF.get(first.proof.status, first.proof.status)}")
         + ("" if first.result is not None else f": {first.said}"),
         figures,
         warnings=warnings,

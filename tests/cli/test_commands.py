@@ -255,6 +255,8 @@ def test_dropped_poses_have_no_numbers_and_are_passed_over(cli, change_cell, wor
     said = cli("simulate", work / "cell.toml", out / "poses.csv", "--out", out)
     assert said.code == 0
     assert f"{27 - len(dropped)} touch-ups" in said.out
+    next_command = f"identify {work / 'cell.toml'} {out / 'touchups.csv'} --out {out}"
+    assert said.out.endswith(f"next: posedesign {next_command}\n")
 
 
 def test_score_agrees_with_the_plan(cli, work):

@@ -82,7 +82,9 @@ def test_poses_that_see_the_target_from_anywhere_are_written_and_rehearsed(cli, 
     assert checked.code == 0
     assert "from the target" not in checked.err
     assert cli("program", poses, "--cell", path, "--out", demo_work / "plan").code == 0
-    assert cli("simulate", path, poses, "--out", demo_work / "seen").code == 0
+    said = cli("simulate", path, poses, "--out", demo_work / "seen")
+    assert said.code == 0
+    assert f"next: posedesign robot-world {demo_work / 'seen' / 'pairs.csv'} --out " in said.out
     assert len(read_pairs(demo_work / "seen" / "pairs.csv").A) == 8
 
 

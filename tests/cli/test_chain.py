@@ -55,10 +55,7 @@ def test_identified_offsets_are_the_true_ones(cli, change_cell, work):
 
 
 def test_true_camera_and_target_are_found(cli, change_cell, work):
-    keys = {
-        **RIGID,
-        "truth.zero_offsets_deg": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]",
-    }
+    keys = {**RIGID, "truth.zero_offsets_deg": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"}
     cell = offsets_only(change_cell(keys))
     answer = chain(cli, cell, work / "out")
     offsets = answer["models"][1]["parameters"][:4]

@@ -5,7 +5,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,28 +52,39 @@ def empty_pictures() -> Iterator[None]:
     """Figures are made and written as ever, with nothing in them: that is most of the time."""
     from matplotlib.figure import Figure
 
-    savefig = Figure.savefig
-
     def save_empty(figure: Figure, *args: Any, **kwargs: Any) -> None:
         figure.clear()
         figure.set_size_inches(0.5, 0.5)
-        savefig(figure, *args, **kwargs)
+        save_empty.savefig(figure, *args, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch:
+        save_empty.savefig = Figure.savefig
         patch.setattr(Figure, "savefig", save_empty)
         yield
 
 
-@pytest.fixture(autouse=True)
-def _pictures(request) -> Iterator[None]:
-    """Tests have their pictures empty unless they ask for ``rendered``."""
-    with nullcontext() if "rendered" in request.fixturenames else empty_pictures():
+@pytest.fixture(scope="module", autouse=True)
+def _pictures() -> Iterator[None]:
+    """Tests and fixtures have their pictures empty where they do not ask for ``rendered``."""
+    with empty_pictures():
+        yield
+
+
+@contextmanager
+def rendering() -> Iterator[None]:
+    """What is in figures is rendered all the same."""
+    from matplotlib.figure import Figure
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", Figure.savefig.savefig)
         yield
 
 
 @pytest.fixture
-def rendered() -> None:
+def rendered() -> Iterator[None]:
     """What is in figures is rendered."""
+    with rendering():
+        yield
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 slow: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto -m "slow and not full"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "slow and not full"
 
 full: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto -m ""

@@ -15,13 +15,7 @@ import numpy as np
 from calib.identification.diagnosis.held import Held
 from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import KINDS, Measurements
-from calib.model.parameters import (
-    ParameterBlock,
-    TargetFrame,
-    TargetPoints,
-    ToolFrame,
-    ToolPoints,
-)
+from calib.model.parameters import ParameterBlock, TargetFrame, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config

@@ -99,11 +99,7 @@ class RtdeServer:
     def _talk(self, client: socket.socket) -> None:
         names: list[str] = []
         for kind, content in self._requests(client):
-            usual = {
-                "V": b"\1",
-                "v": struct.pack(">4I", 5, 12, 4, 0),
-                "S": b"\1",
-            }
+            usual = {"V": b"\1", "v": struct.pack(">4I", 5, 12, 4, 0), "S": b"\1"}
             if kind == "O":
                 names = content[8:].decode().strip(",").split(",")
                 usual["O"] = b"\1" + ",".join(_TYPES.get(n, "INT32") for n in names).encode()

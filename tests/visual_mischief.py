@@ -265,13 +265,7 @@ def _distractor(sight: Sight, rng: np.random.Generator) -> tuple[Sight, Trick]:
 def _oval(sight: Sight, rng: np.random.Generator) -> tuple[Sight, Trick]:
     t = sight.target
     oval = OvalTarget(
-        t.diameter_m,
-        t.plate_m,
-        0.0,
-        0.0,
-        t.circle,
-        t.face,
-        ratio=rng.uniform(0.5, 0.93),
+        t.diameter_m, t.plate_m, 0.0, 0.0, t.circle, t.face, ratio=rng.uniform(0.5, 0.93)
     )
     return replace(sight, target=oval), Trick("no circle")
 

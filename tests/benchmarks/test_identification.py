@@ -74,11 +74,7 @@ def ten_parameters(poses: int = 27, trials: int = 2000) -> tuple[CalibrationMode
         q, ok = robot.inverse(transform(R, target - R @ TOOL_M)[None], near=HOME).nearest()
         if ok[0]:
             found.append(q[0])
-    blocks = [
-        ZeroOffsets(robot, robot.joint_names[1:5]),
-        ToolPoint(TOOL_M),
-        TargetPoints([target]),
-    ]
+    blocks = [ZeroOffsets(robot, robot.joint_names[1:5]), ToolPoint(TOOL_M), TargetPoints([target])]
     model = CalibrationModel(robot, blocks, TouchUp(np.array([0.02, 0.02, 0.12]) / 3e3))
     x = model.nominal + np.r_[np.deg2rad([0.2, -0.3, 0.15, -0.25]), rng.uniform(-3e-3, 3e-3, 6)]
     return model, simulate(model, x, np.array(found), rng, trials=trials)

@@ -58,9 +58,7 @@ def test_singular_flags(benchmark, reference):
     """Of all answers of 1,000 poses; worked out only when asked for."""
     poses = random_poses(reference, 1_000)
     flags = benchmark.pedantic(
-        lambda answers: answers.singular,
-        setup=lambda: ((reference.inverse(poses),), {}),
-        rounds=5,
+        lambda answers: answers.singular, setup=lambda: ((reference.inverse(poses),), {}), rounds=5
     )
     assert flags.any()
 

@@ -53,9 +53,7 @@ def test_help(benchmark):
     code = "from posedesign.cli.main import main; main()"
     command = [sys.executable, "-c", code, "--help"]
     benchmark.pedantic(
-        lambda: subprocess.run(command, check=True, capture_output=True),
-        rounds=7,
-        warmup_rounds=1,
+        lambda: subprocess.run(command, check=True, capture_output=True), rounds=7, warmup_rounds=1
     )
 
 

@@ -4,8 +4,8 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Mapping
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,27 +47,44 @@ ANSWERING = frozenset(
 """Commands that say at a glance what they found, and all of it where that is asked for."""
 
 
-@pytest.fixture(autouse=True)
-def empty_pictures(request, monkeypatch) -> None:
-    """Figures are made and written as ever, with nothing in them: that is most of the time.
-
-    What fixtures of a module or a session make has its pictures, and what asks for ``rendered``.
-    """
+@contextmanager
+def empty_pictures() -> Iterator[None]:
+    """Figures are made and written as ever, with nothing in them: that is most of the time."""
     from matplotlib.figure import Figure
-
-    savefig = Figure.savefig
 
     def save_empty(figure: Figure, *args: Any, **kwargs: Any) -> None:
         figure.clear()
-        savefig(figure, *args, **kwargs)
+        figure.set_size_inches(0.5, 0.5)
+        save_empty.savefig(figure, *args, **kwargs)
 
-    if "rendered" not in request.fixturenames:
-        monkeypatch.setattr(Figure, "savefig", save_empty)
+    with pytest.MonkeyPatch.context() as patch:
+        save_empty.savefig = Figure.savefig
+        patch.setattr(Figure, "savefig", save_empty)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _pictures() -> Iterator[None]:
+    """Tests and fixtures have their pictures empty where they do not ask for ``rendered``."""
+    with empty_pictures():
+        yield
+
+
+@contextmanager
+def rendering() -> Iterator[None]:
+    """What is in figures is rendered all the same."""
+    from matplotlib.figure import Figure
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", Figure.savefig.savefig)
+        yield
 
 
 @pytest.fixture
-def rendered() -> None:
+def rendered() -> Iterator[None]:
     """What is in figures is rendered."""
+    with rendering():
+        yield
 
 
 @pytest.fixture
@@ -170,7 +187,8 @@ def worked_on(folder: Path, text: str) -> Path:
     """A folder with a cell and what plan and simulate make of it."""
     (folder / "cell.toml").write_text(text)
     cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
-    assert run(["plan", cell, "--out", str(folder)]) == 0
+    with empty_pictures():
+        assert run(["plan", cell, "--out", str(folder)]) == 0
     assert (
         run(["simulate", str(with_camera(folder / "cell.toml")), poses, "--out", str(folder)]) == 0
     )
@@ -212,7 +230,8 @@ def identified_once(_work, tmp_path_factory) -> Identified:
     """What ``identify`` makes of the touch-ups of the reference cell, with all its models."""
     work = copied(_work, tmp_path_factory.mktemp("identified"))
     files = [str(work / name) for name in ("cell.toml", "touchups.csv")]
-    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err), empty_pictures():
         code = run(["identify", *files, "--out", str(work), "--verbose"])
     content = strict_json((work / "identification.json").read_text())
     said = Said(code, unfolded(out.getvalue()), unfolded(err.getvalue()))

@@ -250,14 +250,8 @@ SOLIDS: dict[str, tuple[str, tuple[str, ...]]] = {
         'name = "gun"\nsize_mm = [9.0, 9.0, 9.0]',
         ("two solids have the name 'gun'",),
     ),
-    "mesh that is not there": (
-        'name = "b"\nkind = "mesh"\nmesh = "nowhere.stl"',
-        ("nowhere.stl",),
-    ),
-    "mesh that is none": (
-        'name = "b"\nkind = "mesh"\nmesh = "poses.csv"',
-        ("poses.csv",),
-    ),
+    "mesh that is not there": ('name = "b"\nkind = "mesh"\nmesh = "nowhere.stl"', ("nowhere.stl",)),
+    "mesh that is none": ('name = "b"\nkind = "mesh"\nmesh = "poses.csv"', ("poses.csv",)),
 }
 
 

@@ -189,18 +189,6 @@ def test_numbers_are_not_cut_in_a_narrow_terminal(cli, work, monkeypatch):
     assert_table_shows(said, shown, keys)
 
 
-def test_plan_without_out_writes_here(cli, work, monkeypatch):
-    (work / "here").mkdir()
-    monkeypatch.chdir(work / "here")
-    assert cli("plan", work / "cell.toml").code == 0
-    assert sorted(p.name for p in (work / "here").iterdir()) == [
-        "plan.png",
-        "plan.svg",
-        "poses.csv",
-        "rounds.csv",
-    ]
-
-
 @pytest.mark.parametrize(
     ("changes", "advice"),
     [

@@ -339,7 +339,7 @@ def test_a_urdf_keeps_its_own_text(cli, work, make_urdf):
             {
                 "name": "offsets",
                 "parameters": [
-                    {"name": "zero_offset.a3", "value": 0.5, "unit": "deg", "sigma": 0.01},
+                    {"name": "zero_offset.a3", "value": 0.5, "unit": "deg", "sigma": 0.01}
                 ],
             }
         ],
@@ -378,10 +378,7 @@ BAD_CHANGES = {
     "no parameters": (lambda c: best(c).update(parameters=[]), ["has no parameters"]),
     "parameters missing": (lambda c: best(c).pop("parameters"), ["no list"]),
     "parameters no table": (lambda c: best(c).update(parameters=["x"]), ["a parameter is no"]),
-    "a name twice": (
-        lambda c: best(c)["parameters"].append(dict(first(c))),
-        ["appears twice"],
-    ),
+    "a name twice": (lambda c: best(c)["parameters"].append(dict(first(c))), ["appears twice"]),
     "an unknown name": (lambda c: first(c).update(name="zero_offset.joint_9"), ["joint_9"]),
     "a hostile name": (lambda c: first(c).update(name="\x1b[2J\n" * 500), ["no parameter"]),
     "value as text": (lambda c: first(c).update(value="1"), ["value of", "not a finite number"]),
@@ -563,10 +560,7 @@ def test_boxes_that_cannot_be_used_are_refused(refuse, work, options, words):
     [
         ("lowest_mm = [1.0, 0.0, 9.0]\nhighest_mm = [2.0, 1.0, 5.0]", ["upside down along z"]),
         ("lowest_mm = [1.0, 0.0, 0.0]", ["highest_mm", "missing"]),
-        (
-            "lowest_mm = [1.0, 0.0, 0.0]\nhighest_mm = [2.0, 1.0, 5.0]\nsteps = [0, 1, 1]",
-            ["steps"],
-        ),
+        ("lowest_mm = [1.0, 0.0, 0.0]\nhighest_mm = [2.0, 1.0, 5.0]\nsteps = [0, 1, 1]", ["steps"]),
         (
             "lowest_mm = [1.0, 0.0, 0.0]\nhighest_mm = [2.0, 1.0, 5.0]\nstep = [1, 1, 1]",
             ["step", "did you mean steps"],

@@ -244,12 +244,7 @@ def test_nobody_there(cli, ur):
     assert "error: 127.0.54.1:30004: Error: Could not connect" in said.err
 
 
-BAD_ANSWERS = [
-    {"O": b"\1" + b"NOT_FOUND," * 5},
-    {"O": b""},
-    {"v": b""},
-    {"S": b""},
-]
+BAD_ANSWERS = [{"O": b"\1" + b"NOT_FOUND," * 5}, {"O": b""}, {"v": b""}, {"S": b""}]
 
 
 @pytest.mark.usefixtures("impatient")

@@ -13,7 +13,7 @@ import pytest
 
 from posedesign.cli.main import run
 from posedesign.files import origin_of
-from tests.cli.conftest import copied
+from tests.cli.conftest import copied, rendering
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +24,10 @@ def reported(_work, tmp_path_factory) -> Path:
     (work / "pairs.csv").unlink()
     cell, poses, touchups = (str(work / f) for f in ("cell.toml", "poses.csv", "touchups.csv"))
     assert run(["simulate", cell, poses, "--out", str(work)]) == 0
-    assert run(["identify", cell, touchups, "--out", str(work)]) == 0
-    with redirect_stdout(StringIO()) as out:
+    with redirect_stdout(StringIO()) as out, rendering():
+        assert run(["identify", cell, touchups, "--out", str(work)]) == 0
         assert run(["report", str(work)]) == 0
-    assert out.getvalue().startswith(f"wrote: {work / 'report.html'}, ")
+    assert f"\nwrote: {work / 'report.html'}, " in out.getvalue()
     return work
 
 
@@ -121,6 +121,7 @@ def test_pages_of_nothing_and_of_damaged_files_are_refused(refuse, work, tmp_pat
     refuse("report", work).says("identification.json")
 
 
+@pytest.mark.usefixtures("rendered")
 def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, cli, refuse):
     assert cli("robot-world", work / "pairs.csv", "--out", work).code == 0
     assert cli("report", work).code == 0

@@ -18,17 +18,8 @@ from calib.se3 import FloatArray
 from posedesign.pairs import Pairs, write_pairs
 from tests.cli.conftest import rows_of
 
-CAMERAS = {
-    "on-flange": ("flange camera", "base target"),
-    "fixed": ("flange target", "base camera"),
-}
-FILES = (
-    "transforms.launch.xml",
-    "camera.launch",
-    "camera.urdf",
-    "camera.calib",
-    "transforms.json",
-)
+CAMERAS = {"on-flange": ("flange camera", "base target"), "fixed": ("flange target", "base camera")}
+FILES = ("transforms.launch.xml", "camera.launch", "camera.urdf", "camera.calib", "transforms.json")
 WRITTEN = 2e-8
 """Digits that are written: nine decimals of quaternions, angles and metres."""
 

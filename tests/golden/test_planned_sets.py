@@ -98,8 +98,7 @@ def check_plan(cell: Cell, result: PosePlan) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in preset_names()],
+    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in preset_names()]
 )
 def test_planned_sets_of_presets_have_no_collision(name):
     cell = Cell.from_text(cell_template(name))

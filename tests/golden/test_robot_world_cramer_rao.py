@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import (
-    PairNoise,
-    add_noise,
-    difference,
-    random_problems,
-    solve,
-    solve_batch,
-)
+from calib.robot_world import PairNoise, add_noise, difference, random_problems, solve, solve_batch
 from calib.robot_world.noise import perturb
 from tests.marks import rest_in_full
 

@@ -88,8 +88,7 @@ def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell):
 
 def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
     cell = make_cell(
-        truth={"deflection": False, "zero_offsets_deg": [0.0] * 6},
-        measurement={"weighted": False},
+        truth={"deflection": False, "zero_offsets_deg": [0.0] * 6}, measurement={"weighted": False}
     )
     robot, model = SimulatedRobot.of(cell), cell.model()
     touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=100)

@@ -19,11 +19,7 @@ RECORDINGS = {
     "panda_touch_ups": ("identification/panda_ball_in_socket",),
     "irb120_measuring_arm": ("identification/abb_irb120",),
     "ur10_motion_capture": ("identification/ur10",),
-    "real_pairs": (
-        "robot_world/ur3e_hand_camera",
-        "robot_world/multi_tag",
-        "robot_world/tabb_ds1",
-    ),
+    "real_pairs": ("robot_world/ur3e_hand_camera", "robot_world/multi_tag", "robot_world/tabb_ds1"),
 }
 PAPERS = ("li_noise_cases", "hirsh_iterations")
 EVERY = (*RECORDINGS, *PAPERS)

@@ -39,11 +39,7 @@ SMALLER: dict[str, dict[str, dict[str, Any]]] = {
         "held": {"candidates": 300, "arms_drawn": 4},
     },
     "calibration_by_touch_up": {
-        "": {
-            "thresholds": [1e7, 1e6, 1e5, 2.7e4],
-            "pictures_data_sets": 3,
-            "causes_data_sets": 10,
-        },
+        "": {"thresholds": [1e7, 1e6, 1e5, 2.7e4], "pictures_data_sets": 3, "causes_data_sets": 10},
         "robots": {"thresholds": [1e7, 2.7e4], "count": 4},
     },
 }

@@ -124,10 +124,7 @@ def test_the_order_of_the_poses_is_that_of_the_answers(robot, seed):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    q=st.floats(-20, 20),
-    near=st.floats(-7, 7),
-    lower=st.floats(-7, 0),
-    width=st.floats(0.1, 13),
+    q=st.floats(-20, 20), near=st.floats(-7, 7), lower=st.floats(-7, 0), width=st.floats(0.1, 13)
 )
 def test_the_full_turn_is_the_best_of_all(q, near, lower, width):
     q = float(np.remainder(q + np.pi, 2 * np.pi) - np.pi)  # as solvers give it

@@ -51,10 +51,7 @@ CALLS = {
     "whiten": (MODEL.whiten, {"q": Q, "rows": MODEL.jacobian(Q)}),
     "identify": (identify, {"model": MODEL, "measurements": None}),
     "plan": (posedesign.plan, {"cell": None}),
-    "select": (
-        posedesign.select,
-        {"blocks": ROWS, "n": 6, "criterion": "D", "method": "exchange"},
-    ),
+    "select": (posedesign.select, {"blocks": ROWS, "n": 6, "criterion": "D", "method": "exchange"}),
     "write": (programs.write, {"program": None, "dialect": "no", "folder": "nowhere"}),
     "read": (programs.read, {"path": "none.ls"}),
     "validate": (programs.validate, {"path": "none.ls"}),

@@ -87,14 +87,7 @@ def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path):
 
 @pytest.mark.parametrize(
     ("suffix", "name"),
-    [
-        ("&quot;", '"'),
-        ("\\", "\\"),
-        ("{0}", "{0}"),
-        ("é", "é"),
-        ("#", "#"),
-        ("'''", "'''"),
-    ],
+    [("&quot;", '"'), ("\\", "\\"), ("{0}", "{0}"), ("é", "é"), ("#", "#"), ("'''", "'''")],
 )
 def test_names_that_mean_something_in_toml(tmp_path, suffix, name):
     urdf = write_arm(tmp_path / f'ro"b\\o{len(suffix)}t.urdf', suffix)

@@ -318,15 +318,7 @@ def test_scales_that_cannot_be(read, scale):
 
 
 @pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("endsolid", ""),
-        (
-            "endfacet\n",
-            "",
-        ),
-        ("vertex 1 0 0\n", ""),
-    ],
+    ("before", "after"), [("endsolid", ""), ("endfacet\n", ""), ("vertex 1 0 0\n", "")]
 )
 def test_a_damaged_text_stl_is_refused(tmp_path, before, after):
     facet = "facet normal 0 0 {}\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"

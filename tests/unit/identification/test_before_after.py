@@ -24,6 +24,7 @@ from posedesign.identification.comparison import (
     why_another,
     without_repeats,
 )
+from tests.marks import rest_in_full
 
 OFFSETS = {"parameters": {"models": [["zero_offsets"]]}}
 
@@ -193,9 +194,7 @@ def test_what_is_shown_where_nothing_can_be_judged(tmp_path, lab, make_cell):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "loss", ["least-squares", pytest.param("graduated", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("loss", rest_in_full(["least-squares", "graduated"], ("least-squares",)))
 def test_gross_errors_are_named(tmp_path, lab, make_cell, loss):
     """Least squares names them and the option; the option says what it left out."""
     table = table_of(tmp_path, lab, ["touch-up"], 40, noise=5e-6)

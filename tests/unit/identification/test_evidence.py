@@ -27,10 +27,7 @@ from calib.model.parameters import (
 ROBOT = Robot.preset("ur5e")
 LENGTHS = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in "xyz")
 ANGLES = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in ("rx", "ry", "rz"))
-GROUPS = (
-    PriorGroup("lengths", LENGTHS, 1e-5, 1e-2),
-    PriorGroup("angles", ANGLES, 1e-5, 1e-2),
-)
+GROUPS = (PriorGroup("lengths", LENGTHS, 1e-5, 1e-2), PriorGroup("angles", ANGLES, 1e-5, 1e-2))
 TRUE_SIZES = np.array([6e-4, 1e-3])
 NOISE_M = 8e-5
 

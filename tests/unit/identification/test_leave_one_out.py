@@ -107,10 +107,7 @@ def test_with_priors_and_a_known_distance(reference_robot, target_m, touching):
         TargetPoints(target_m + shifts, ["A", "B"]),
     ]
     model = CalibrationModel(
-        reference_robot,
-        blocks,
-        TouchUp([1e-6, 2e-6, 8e-6]),
-        [KnownDistance("A", "B", 0.5, 1e-6)],
+        reference_robot, blocks, TouchUp([1e-6, 2e-6, 8e-6]), [KnownDistance("A", "B", 0.5, 1e-6)]
     )
     q = np.concatenate([touching(5, seed=k, shift=s) for k, s in enumerate(shifts)])
     setup = Setup.of(10, target=np.repeat([0, 1], 5))

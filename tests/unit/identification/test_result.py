@@ -36,8 +36,7 @@ def coverage(model, fitted, q) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("noise", "count"),
-    [pytest.param("given", 14, marks=pytest.mark.slow), ("estimated", 6)],
+    ("noise", "count"), [pytest.param("given", 14, marks=pytest.mark.slow), ("estimated", 6)]
 )
 def test_the_interval_holds_the_truth_in_95_of_100(make_model, touching, noise, count):
     """Student's distribution where the noise is taken from few residuals: 8 degrees of freedom."""

@@ -350,12 +350,7 @@ ENDLESS = {
         "-1.1e9",
         "column a_x_mm to a_z_mm: a translation of 1.1e+06",
     ),
-    "degrees": (
-        PoseForm(),
-        "a_w_deg",
-        "1e11",
-        "column a_w_deg to a_r_deg: an angle of 1e+11 deg",
-    ),
+    "degrees": (PoseForm(), "a_w_deg", "1e11", "column a_w_deg to a_r_deg: an angle of 1e+11 deg"),
     "vector": (PoseForm("m", "vector-rad"), "b_ry_rad", "-1e11", "an angle of 1e+11 rad is none"),
     "quaternion": (QUATERNION, "a_qw", "1e11", "the quaternion has the norm 1e+11"),
     "matrix": (MATRIX, "b_r33", "1e11", "the rotation is not orthonormal"),

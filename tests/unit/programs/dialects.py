@@ -234,6 +234,16 @@ def program_of(name: str, poses: Any = None, call: str = "CALPOSE", **changes: A
     return PoseProgram(call, tuple(poses), options_of(name, **changes), arm_of(name))
 
 
+def three_poses(name: str, call: str = "Calib", **options: Any) -> tuple[PoseProgram, str]:
+    """A program that passes through the second of three poses, and its text."""
+    given = {"fingerprint": "abcdef12", "measure_output": 5, "comment": "cell 7", **options}
+    poses = tuple(
+        ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
+    )
+    program = PoseProgram(call, poses, ProgramOptions(**given), arm_of(name, frames=False))
+    return program, texts_of(program, name)
+
+
 def middle(name: str) -> np.ndarray:
     """The posture ``(n,)`` in the middle of all limits, the wrist away from its singularity."""
     robot = robot_of(name)

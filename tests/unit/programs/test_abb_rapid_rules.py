@@ -10,14 +10,7 @@ import pytest
 
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import (
-    Arm,
-    Load,
-    PoseProgram,
-    Problem,
-    ProgramOptions,
-    ProgramPose,
-)
+from posedesign.programs import Arm, Load, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.abb_rapid.writer import render_module
 from tests.unit.programs.dialects import breaks, changed

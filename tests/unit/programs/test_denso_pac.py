@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.denso_pac import DensoPac
-from tests.arms import robot_of
+from tests.unit.programs.dialects import three_poses
 from tests.unit.programs.test_all_dialects import mutants
 
 DIALECT = DensoPac()
 PATH = Path("Calib.pcs")
-ARM = Arm.of(robot_of("denso"))
-POSES = tuple(
-    ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
-)
-OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=5, comment="cell 7")
-PROGRAM = PoseProgram("Calib", POSES, OPTIONS, ARM)
-TEXT = next(iter(DIALECT.files(PROGRAM).values()))
+PROGRAM, TEXT = three_poses("denso-pac")
 
 # as people write it
 EXPORT = """\
@@ -60,11 +53,11 @@ def test_a_program_and_the_way_back() -> None:
     assert [(p.number, p.name) for p in back.positions] == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
     assert (back.mark.fingerprint, back.mark.measured) == ("abcdef12", 2)
     order = np.argsort(PROGRAM.numbers)
-    np.testing.assert_allclose(back.postures(ARM), PROGRAM.postures_rad[order], atol=1e-7)
+    np.testing.assert_allclose(back.postures(PROGRAM.arm), PROGRAM.postures_rad[order], atol=1e-7)
 
 
 def test_a_call_without_an_argument() -> None:
-    bare = replace(PROGRAM, options=replace(OPTIONS, measure_argument=None))
+    bare = replace(PROGRAM, options=replace(PROGRAM.options, measure_argument=None))
     text = next(iter(DIALECT.files(bare).values()))
     assert "  Call MEASURE\n" in text
     assert DIALECT.check(text.encode(), PATH) == []
@@ -160,7 +153,7 @@ def test_a_program_that_breaks_a_rule(rule: str, old: str, new: str) -> None:
 
 def test_what_it_does_not_have_is_refused() -> None:
     with pytest.raises(InputError, match="keep no registers"):
-        DIALECT.files(replace(PROGRAM, options=replace(OPTIONS, keep="register")))
+        DIALECT.files(replace(PROGRAM, options=replace(PROGRAM.options, keep="register")))
 
 
 def test_a_broken_token_is_refused() -> None:

@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.doosan_drl import DoosanDrl
-from tests.arms import robot_of
+from tests.unit.programs.dialects import three_poses
 from tests.unit.programs.test_all_dialects import mutants
 
 DIALECT = DoosanDrl()
 PATH = Path("Calib.drl")
-ARM = Arm.of(robot_of("doosan"))
-POSES = tuple(
-    ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
-)
-OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=5, comment="cell 7")
-PROGRAM = PoseProgram("Calib", POSES, OPTIONS, ARM)
-TEXT = next(iter(DIALECT.files(PROGRAM).values()))
+PROGRAM, TEXT = three_poses("doosan-drl")
 
 # as the pendant generates it, and as people write it
 EXPORT = """\
@@ -57,12 +50,12 @@ def test_a_program_and_the_way_back() -> None:
     assert [(p.number, p.name) for p in back.positions] == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
     assert (back.mark.fingerprint, back.mark.measured) == ("abcdef12", 2)
     order = np.argsort(PROGRAM.numbers)
-    np.testing.assert_allclose(back.postures(ARM), PROGRAM.postures_rad[order], atol=1e-7)
+    np.testing.assert_allclose(back.postures(PROGRAM.arm), PROGRAM.postures_rad[order], atol=1e-7)
     compile(TEXT, "Calib.drl", "exec")  # it is Python
 
 
 def test_a_program_without_a_call_defines_none() -> None:
-    bare = replace(PROGRAM, options=replace(OPTIONS, measure_call=None))
+    bare = replace(PROGRAM, options=replace(PROGRAM.options, measure_call=None))
     assert "def " not in next(iter(DIALECT.files(bare).values()))
 
 
@@ -188,7 +181,10 @@ def test_a_program_that_breaks_a_rule(rule: str, old: str, new: str) -> None:
 
 
 def test_what_it_does_not_have_is_refused() -> None:
-    for options in (replace(OPTIONS, keep="register"), replace(OPTIONS, measure_output=17)):
+    for options in (
+        replace(PROGRAM.options, keep="register"),
+        replace(PROGRAM.options, measure_output=17),
+    ):
         with pytest.raises(InputError):
             DIALECT.files(replace(PROGRAM, options=options))
     with pytest.raises(InputError, match="'movej' is not a DRL name"):

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posedesign.programs import (
-    DIALECTS,
-    PoseProgram,
-    Problem,
-    ProgramOptions,
-    ProgramPose,
-)
+from posedesign.programs import DIALECTS, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from tests.unit.programs.dialects import breaks, changed, export
 

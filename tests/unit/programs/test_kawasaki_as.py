@@ -10,22 +10,13 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.kawasaki_as import KawasakiAs
-from tests.arms import robot_of
+from tests.unit.programs.dialects import three_poses
 from tests.unit.programs.test_all_dialects import mutants
 
 DIALECT = KawasakiAs()
 PATH = Path("CALIB.as")
-ARM = Arm.of(robot_of("kawasaki"))
-POSES = tuple(
-    ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
-)
-OPTIONS = ProgramOptions(
-    fingerprint="abcdef12", measure_output=5, comment="cell 7", keep="register", first_register=3
-)
-PROGRAM = PoseProgram("Calib", POSES, OPTIONS, ARM)
-TEXT = next(iter(DIALECT.files(PROGRAM).values()))
+PROGRAM, TEXT = three_poses("kawasaki-as", keep="register", first_register=3)
 
 # as a controller saves it
 EXPORT = """\
@@ -72,7 +63,7 @@ def test_a_program_and_the_way_back() -> None:
     numbered = sorted((p.number, p.name) for p in back.positions)
     assert numbered == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
     assert (back.mark.fingerprint, back.mark.measured) == ("abcdef12", 2)
-    np.testing.assert_allclose(back.postures(ARM), PROGRAM.postures_rad, atol=1e-7)
+    np.testing.assert_allclose(back.postures(PROGRAM.arm), PROGRAM.postures_rad, atol=1e-7)
 
 
 def test_touched_up_positions_take_the_place_of_planned_ones() -> None:

@@ -10,11 +10,7 @@ import pytest
 
 from calib.errors import FileFormatError
 from calib.se3 import transform
-from posedesign.programs import (
-    RecordedPosition,
-    RecordedProgram,
-    read,
-)
+from posedesign.programs import RecordedPosition, RecordedProgram, read
 from posedesign.programs.kuka_krl import KukaKrl
 from tests.unit.programs.dialects import changed, export, refused
 

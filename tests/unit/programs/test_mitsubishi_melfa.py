@@ -8,20 +8,12 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from calib.robots import Robot
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
-from tests.unit.programs.dialects import export
+from tests.unit.programs.dialects import export, three_poses
 
 DIALECT = MitsubishiMelfa()
 PATH = Path("CALIB.mb5")
-ROBOT = Robot.preset("lrmate200id")
-POSES = tuple(
-    ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
-)
-OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=5, comment="cell 7")
-PROGRAM = PoseProgram("CALIB", POSES, OPTIONS, Arm.of(ROBOT))
-TEXT = next(iter(DIALECT.files(PROGRAM).values()))
+PROGRAM, TEXT = three_poses("mitsubishi-melfa", "CALIB")
 
 # as RT ToolBox saves it
 EXPORT = export("melfa.mb5")

@@ -10,11 +10,7 @@ import pytest
 from calib import Robot
 from calib.errors import FileFormatError, InputError
 from posedesign.files.yaml_tree import MOST_DEPTH
-from posedesign.programs import (
-    Arm,
-    RecordedProgram,
-    find_dialect,
-)
+from posedesign.programs import Arm, RecordedProgram, find_dialect
 from posedesign.programs.registry import dialect_of
 from tests.unit.programs.dialects import changed, export, refused
 
@@ -247,10 +243,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize("k", range(len(HOSTILE)))
 def test_hostile_files_are_refused_at_once(k: int) -> None:
-    dialect, text = (
-        LISTS[k % 3],
-        HOSTILE[k],
-    )  # they have one parser
+    dialect, text = (LISTS[k % 3], HOSTILE[k])  # they have one parser
     # The parser's time grows with the square of the depth: minutes for the first of these.
     with pytest.raises(FileFormatError):
         parse(text, dialect)

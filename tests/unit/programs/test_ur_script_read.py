@@ -61,10 +61,7 @@ def test_what_polyscope_generates_is_read() -> None:
 def test_lists_without_moves_are_positions() -> None:
     text = "q1=[1,2,3,0,0,0]\nP1_q=[1,1,1,1,1,1]\nP1_p=p[1,0,0,0,0,0]\nx=[1,2]\nn=3\n"
     program = parse(text)
-    assert joints(program) == {
-        1: pytest.approx([1, 2, 3, 0, 0, 0]),
-        2: pytest.approx([1] * 6),
-    }
+    assert joints(program) == {1: pytest.approx([1, 2, 3, 0, 0, 0]), 2: pytest.approx([1] * 6)}
     assert program.name == "x"
     assert program.positions[1].T_user_tool is not None
 
@@ -123,13 +120,7 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
         (SMALL, "# POSE 2", "# POSE 1", 7, "POSE 1 stands before two moves"),
         (SMALL, "# POSE 2", "# POSE 0", 7, "counted from 1"),
         (POSED, "p[0.4,", "p[400,", 5, "value 1 is 400, beyond"),
-        (
-            "q=[1,1,1,1,1,1]\nq[0]=0.5\nmovej(q)\n",
-            "0.5",
-            "0.6",
-            3,
-            "target 'q' cannot be known",
-        ),
+        ("q=[1,1,1,1,1,1]\nq[0]=0.5\nmovej(q)\n", "0.5", "0.6", 3, "target 'q' cannot be known"),
         ("q=[1,1,1,1,1,1]\np1=p[1,0,0,0,0,0]\np1 [2]= 3\nmovel(p1)\n", "1", "2", 4, "'p1' cannot"),
         ("q=[1,1,1,1,1,1]\nglobal q[0] = 0.5\n", "1", "2", 2, "an element of q is changed"),
         (

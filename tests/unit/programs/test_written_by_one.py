@@ -18,16 +18,7 @@ from calib.errors import InputError
 from posedesign.cell import Cell
 from posedesign.planning import plan
 from posedesign.pose_programs import import_touch_ups
-from posedesign.programs import (
-    DIALECTS,
-    Arm,
-    Load,
-    PoseProgram,
-    ProgramPose,
-    read,
-    validate,
-    write,
-)
+from posedesign.programs import DIALECTS, Arm, Load, PoseProgram, ProgramPose, read, validate, write
 from tests.unit.programs.dialects import arm_of, program_of, robot_of, texts_of
 from tests.unit.programs.test_written_and_read import POSES, WRITTEN, faults, random_program
 

@@ -146,10 +146,7 @@ def test_minimum_is_that_of_a_general_solver(weights):
         def transforms(p, t=t):
             return [
                 se3.transform(se3.rotation_exp(w) @ T[t, :3, :3], T[t, :3, 3] + v)
-                for T, w, v in (
-                    (problems.X, p[0:3], p[3:6]),
-                    (problems.Z, p[6:9], p[9:12]),
-                )
+                for T, w, v in ((problems.X, p[0:3], p[3:6]), (problems.Z, p[6:9], p[9:12]))
             ]
 
         def residual(p, t=t):

@@ -8,14 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib import se3
-from calib.robot_world import (
-    METHODS,
-    PairNoise,
-    PairSets,
-    add_noise,
-    random_problems,
-    solve_batch,
-)
+from calib.robot_world import METHODS, PairNoise, PairSets, add_noise, random_problems, solve_batch
 from calib.robot_world.methods import relative_motions
 from calib.robot_world.methods.relative_motions import all_motions
 

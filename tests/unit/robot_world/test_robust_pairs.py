@@ -44,8 +44,7 @@ def without_the_bad(A, B, bad):
 @pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize(
-    ("pairs", "largest"),
-    [(20, 1.05), pytest.param(50, 1.05, marks=pytest.mark.full), (10, 1.1)],
+    ("pairs", "largest"), [(20, 1.05), pytest.param(50, 1.05, marks=pytest.mark.full), (10, 1.1)]
 )
 def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, given):
     """Against the likeliest X and Z of the good pairs alone, on the same data.

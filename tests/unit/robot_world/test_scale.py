@@ -46,8 +46,7 @@ def test_a_wrong_scale_is_never_ok(method, factor, seeds):
 
 
 @pytest.mark.parametrize(
-    ("method", "noise"),
-    [*((method, None) for method in EXACT), ("ml", NOISE), ("shah", NOISE)],
+    ("method", "noise"), [*((method, None) for method in EXACT), ("ml", NOISE), ("shah", NOISE)]
 )
 def test_the_scale_is_corrected_on_request(method, noise):
     A, B, problems = looking(5, factor=2.0)

@@ -310,11 +310,7 @@ BROKEN = {
     ),
     "all in a ring": (ABC + J1 + J2 + joint("j3", "c", "a"), "has 0 root links", "arm.urdf"),
     "link twice": (ABC + link("b") + J1 + J2, "link 'b' is defined twice", "b"),
-    "joint twice": (
-        ABC + J1 + joint("j1", "b", "c"),
-        "joint 'j1' is defined twice",
-        "j1",
-    ),
+    "joint twice": (ABC + J1 + joint("j1", "b", "c"), "joint 'j1' is defined twice", "j1"),
     "mass": (
         link("a") + link("b", inertial('<mass value="x"/>')) + link("c") + J1 + J2,
         "link 'b' has inertial mass value='x'",

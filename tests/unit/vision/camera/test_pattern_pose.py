@@ -44,10 +44,7 @@ def test_no_bias_and_the_stated_covariance(camera, target, looking):
 
 @pytest.mark.parametrize(
     "camera",
-    [
-        Camera.paper(),
-        Camera(640, 480, 1500.0, distortion=(-0.25, 0.1, 1e-3, -1e-3, 0.0)),
-    ],
+    [Camera.paper(), Camera(640, 480, 1500.0, distortion=(-0.25, 0.1, 1e-3, -1e-3, 0.0))],
     ids=["paper", "distorted"],
 )
 @pytest.mark.parametrize("colours", [(0.08, 0.85), (0.85, 0.08)], ids=["dark", "light"])

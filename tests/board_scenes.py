@@ -128,7 +128,7 @@ def draw_scene(
 
 
 def reached(robot: Robot, scene: Scene, count: int) -> tuple[Scene, FloatArray]:
-    """The first poses of a scene that a robot reaches, and its joint values ``(count, n)`` [rad]."""
+    """The first poses that a robot reaches, and its joint values ``(count, n)`` [rad]."""
     q, found = robot.inverse(scene.flange, near=(robot.lower + robot.upper) / 2).nearest()
     some = np.flatnonzero(found)[:count]
     assert len(some) == count

@@ -236,10 +236,23 @@ def explain_misfit(
                 f"the pictures before {names[split]} fit each other, and those from it on: the "
                 "board or the camera was moved; calibrate with the pictures of one place alone"
             )
+    factor = _scale_of(A, poses, carried)
+    if abs(np.log(factor)) > _ANOTHER_UNIT:
+        scaled = poses.copy()
+        scaled[:, :3, 3] *= factor
+        if (other := _misfit(A, scaled, carried)) < least:
+            least = other
+            said = (
+                f"they do with a board {factor:.3g} times as large: check the size of its squares "
+                "and its unit, and the unit of the flange's places"
+            )
     if any(_misfit(A, turned, carried) < least for turned in mirrored):
         said = "the pictures are mirrored: have the camera's driver not flip them"
     return said
 
+
+_ANOTHER_UNIT = 0.5
+"""Logarithm of a scale from which on it is said where nothing fits."""
 
 _FEWEST_APART = 4
 """Pictures before and behind a move, from which each part has X and Z of its own."""
@@ -258,6 +271,20 @@ def _misfit(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
     moved = float(np.linalg.norm(A[:, :3, 3].std(axis=0)))
     turns, places = (np.median(np.linalg.norm(r, axis=1)) for r in (rows[:, :3], rows[:, 3:]))
     return float(turns + places / max(moved, np.finfo(float).tiny))
+
+
+def _scale_of(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
+    """By what the places of the board have to be multiplied to fit those of the arm."""
+    B = se3.inverse(poses) if carried == "camera" else poses
+    R_Z = solve_batch(A[None], B[None], "shah").Z[0, :3, :3]
+    if not np.isfinite(R_Z).all():
+        return 1.0
+    # R_A p_X + p_A = s R_Z p_B + p_Z
+    minus_one = np.broadcast_to(-np.eye(3), (len(A), 3, 3))
+    seen = (B[:, :3, 3] @ R_Z.T)[..., None]
+    rows = np.concatenate([A[:, :3, :3], -seen, minus_one], axis=2).reshape(-1, 7)
+    factor = np.linalg.lstsq(rows, -A[:, :3, 3].ravel(), rcond=None)[0][3]
+    return float(factor) if factor > 0 else 1.0
 
 
 def unmirrored_poses(lens: Lens, board: FloatArray, pixels: FloatArray) -> Iterator[FloatArray]:

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from calib import se3
-from calib.chance import chi2_quantile
+from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import (
     Step,
@@ -36,7 +37,7 @@ from calib.hand_eye.noise import (
     squares_of_pictures,
 )
 from calib.hand_eye.result import HandEyeResult, PictureStatus
-from calib.hand_eye.start import FEWEST_POINTS, board_poses, start_lens
+from calib.hand_eye.start import FEWEST_POINTS, board_poses, lens_parameters, start_lens
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
 from calib.lens import Lens, LensName, project
@@ -73,6 +74,9 @@ _NOTHING = np.array([1e-3, 1e-6, 1e-6])
 """Change of the noise that is none, relative and absolute [px, m, rad]."""
 
 _MOST_NAMED = 8
+
+_BESIDE = 1.0
+"""Rms of the residuals, in sides of a picture, from which a fit has run away."""
 
 _USUAL_PX = 0.3
 _USUAL_ARM = (1e-3, 2e-3)
@@ -280,7 +284,7 @@ class _Problem:
         lens = self.free_lens if free_lens is None else free_lens
         blocks: list[ParameterBlock] = [ToolFrame(X), TargetFrame(Z), *self.free]
         if lens:
-            blocks.append(LensParameters(self.lens))
+            blocks.append(lens_parameters(self.lens))
         if errors:
             blocks.append(BoardErrors(free=errors))
         pictures = self.pictures
@@ -303,6 +307,8 @@ class _Fit:
     good: BoolArray
     sigma_px: float
     arm_sigma: tuple[float, float]
+    noise_found: tuple[bool, bool]
+    """Of pixels and arm: whether it was found, not given."""
     parts: Deviations
 
 
@@ -316,14 +322,16 @@ def _fitted(
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
+    noise_found = sigma_px is None, arm_sigma is None
     model = problem.model(X, Z, pixel, arm)
     x, still = model.nominal, False
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
         model = problem.model(X, Z, pixel, arm)
-        x = _minimised(model, problem.data[kept], x)
+        x = _minimised(model, problem.data[kept], x, problem.pictures.size_px)
         if still:  # the noise is that of these pictures: who else is within it?
-            again = _within_noise(deviations(model, problem.data, x), arm)
+            parts = deviations(model, problem.data, x)
+            again = _within_noise(parts, arm, good, arm_found=noise_found[1])
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
@@ -332,28 +340,51 @@ def _fitted(
             continue
         some = deviations(model, problem.data[kept], x)
         before = np.array([pixel, *arm])
-        if sigma_px is None:
-            scale = pixel_scale(some)
-            pixel *= scale
-            some = _with_pixels(some, scale)
-        if arm_sigma is None:
-            arm = arm_deviation(some)
+        pixel, arm = _noise_of(some, pixel, arm, noise_found)
         after = np.array([pixel, *arm])
         still = bool((np.abs(after - before) <= _SETTLED * after + _NOTHING).all())
-    return _Fit(model, x, good, pixel, arm, deviations(model, problem.data, x))
+    return _Fit(model, x, good, pixel, arm, noise_found, deviations(model, problem.data, x))
 
 
-def _within_noise(parts: Deviations, arm: tuple[float, float]) -> BoolArray:
-    """Pictures ``(N,)`` whose deviation and scatter the noise explains."""
-    near = squares_of_pictures(parts, arm) <= chi2_quantile(1.0 - OUTLIER_CHANCE, 6)
+def _noise_of(
+    parts: Deviations, pixel: float, arm: tuple[float, float], found: tuple[bool, bool]
+) -> tuple[float, tuple[float, float]]:
+    """Noise of pixels and arm, what of it is to be found."""
+    if found[0]:
+        scale = pixel_scale(parts)
+        pixel *= scale
+        parts = _with_pixels(parts, scale)
+    return pixel, arm_deviation(parts) if found[1] else arm
+
+
+def _within_noise(
+    parts: Deviations, arm: tuple[float, float], used: BoolArray, *, arm_found: bool
+) -> BoolArray:
+    """Pictures ``(N,)`` whose deviation and scatter the noise explains.
+
+    Where it was found from as many pictures, it is less surely what it is.
+    """
+    squares = squares_of_pictures(parts, arm, used)
+    bound = float(chi2_quantile(1.0 - OUTLIER_CHANCE, 6))
+    if arm_found:
+        freedom = max(3 * int(used.sum()) - 6, 1)  # of places alone, or turns: X and Z take six
+        bound = 6.0 * float(f_bound(OUTLIER_CHANCE, 6, freedom))
     scatter = np.sqrt(parts.within / np.maximum(parts.within_rows, 1.0))
-    return np.asarray(near & (scatter <= SCATTERED))
+    return np.asarray((squares <= bound) & (scatter <= SCATTERED))
 
 
-def _minimised(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
+def _minimised(
+    model: CalibrationModel, data: Measurements, x: FloatArray, size_px: tuple[int, int]
+) -> FloatArray:
     found = minimise(model, data.trials(None), x[None])
     if not found.converged[0]:
         raise not_converged(float(found.change[0]))
+    rows = model.linearise(data.postures, found.x[0], data.setup, data.observed).rows
+    if np.sqrt(np.mean(rows**2)) > _BESIDE * max(size_px):
+        raise ConvergenceError(
+            "the estimate has not converged: it shows the board far beside where it was seen",
+            hint="are lengths of the arm and the board in the units that are said?",
+        )
     return np.asarray(found.x[0])
 
 
@@ -437,23 +468,22 @@ def _suspicions(problem: _Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
     data, found = problem.data[kept], list[Suspicion | None]()
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
-    def tried(model: CalibrationModel, new: set[str]) -> Step:
+    def tried(new: Sequence[str], **more: Any) -> Step:
+        """With the noise that is left with them: without, it has taken them up."""
+        model = problem.model(X, Z, fit.sigma_px, fit.arm_sigma, **more)
         pairs = zip(model.names, model.nominal, strict=True)
         x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
-        return step_with(model, data, x, [name for name in model.names if name in new])
+        noise = _noise_of(deviations(model, data, x), fit.sigma_px, fit.arm_sigma, fit.noise_found)
+        return step_with(problem.model(X, Z, *noise, **more), data, x, new)
 
     X, Z = (block.T_nominal[0] for block in fit.model.parameters[:2] if isinstance(block, Frames))
     board = None
     if not problem.board_errors:
         every = BoardErrors(free=("scale", "bend_x", "bend_y"))
-        model = problem.model(
-            X, Z, fit.sigma_px, fit.arm_sigma, board_errors=("scale", "bend_x", "bend_y")
-        )
-        board = tried(model, set(every.names))
+        board = tried(every.names, board_errors=("scale", "bend_x", "bend_y"))
         found.append(suspicion_of_board(board))
     if not problem.free_lens:
-        model = problem.model(X, Z, fit.sigma_px, fit.arm_sigma, free_lens=True)
-        step = tried(model, set(LensParameters(problem.lens).names))
+        step = tried(LensParameters(problem.lens).names, free_lens=True)
         found.append(suspicion_of_lens(step, problem.lens))
     in_hand = problem.pictures.carried == "camera"
     words = ("camera", "board") if in_hand else ("board", "camera")

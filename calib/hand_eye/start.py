@@ -8,6 +8,7 @@ import numpy as np
 from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.lens import DISTORTION, Lens, LensName
+from calib.model.parameters import LensParameters
 from calib.se3 import BoolArray, FloatArray
 
 FEWEST_POINTS = 6
@@ -18,6 +19,9 @@ _MOST_PICTURES = 40
 
 _USUAL_FOCAL = 1.2
 """Focal length over the longer side of the image where nothing says more: 45 deg wide."""
+
+_USUAL_BELOW = 0.3
+"""Standard deviation of the factors of a denominator of distortion, about zero."""
 
 
 def start_lens(
@@ -59,15 +63,24 @@ def start_lens(
                 criteria=ends,
             )
         else:
-            flags = cv2.CALIB_RATIONAL_MODEL if name == "rational" else 0
             found = cv2.calibrateCamera(
-                objects, images, size_px, np.eye(3), np.zeros(5), flags=flags, criteria=ends
+                objects, images, size_px, np.eye(3), np.zeros(5), criteria=ends
             )
         terms = np.ravel(found[2]).astype(float)[: len(DISTORTION[name])]
         lens = Lens.from_opencv(name, size_px, np.asarray(found[1], dtype=float), terms)
     except (cv2.error, InputError):  # pictures that Zhang's method cannot do with
         return usual
     return lens if 0.1 < lens.values[0] / max(size_px) < 50.0 else usual
+
+
+def lens_parameters(lens: Lens) -> LensParameters:
+    """The lens as parameters to estimate.
+
+    Factors of a denominator stand against those above it: many of both show the same. They are
+    said to be small, or about what was given, so that one of these is found.
+    """
+    below = np.isin(lens.names, ("k4", "k5", "k6")) & (lens.name == "rational")
+    return LensParameters(lens, prior=np.where(below, _USUAL_BELOW, np.inf))
 
 
 def board_poses(lens: Lens, points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, BoolArray]:

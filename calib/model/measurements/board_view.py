@@ -173,7 +173,10 @@ class BoardView(Measurement):
             A = self.by_deviation(view) / self.sigma[:, None, None]
             scale = np.repeat(np.array(self.arm_sigma), 3)
             A = A * scale[:, None]
-            values, vectors = np.linalg.eigh(np.einsum("ris,rjs->sij", A, A, optimize=True))
+            square = np.einsum("ris,rjs->sij", A, A, optimize=True)
+            there = np.isfinite(square).all(axis=(1, 2))  # a fit that runs away has none
+            values, vectors = np.linalg.eigh(np.where(there[:, None, None], square, 0.0))
+            values[~there] = np.nan
             view.found[key] = _Deviation(A, np.maximum(values, 0.0), vectors)
         return cast(_Deviation, view.found[key])
 

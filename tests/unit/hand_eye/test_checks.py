@@ -158,7 +158,7 @@ def test_mirrored_pictures_are_named(seen, carried, reordered):
 def test_squares_in_another_unit_are_named(seen, carried, factor):
     """The fit runs away from there: it is no result, whatever it ends at."""
     scene, pixels = seen[carried]
-    with pytest.raises(InputError, match="with a board .* times as large") as refused:
+    with pytest.raises(InputError, match=r"with a board .* times as large") as refused:
         calibrate(scene.shown(pixels, board=factor * scene.points))
     said = float(re.search(r"with a board (\S+) times", str(refused.value))[1])
     assert said == pytest.approx(1 / factor, rel=0.02)

@@ -1,5 +1,7 @@
 """Noise of pixels and of the arm, from what pictures are off: against what was simulated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -123,3 +125,27 @@ def test_deviations_are_those_of_views_of_boards():
     data = Measurements(np.zeros((2, 6)), Setup.of(2), observed=np.zeros((2, 3)))
     with pytest.raises(TypeError, match="views of boards"):
         deviations(model, data, model.nominal)
+
+
+def test_pictures_are_judged_by_what_the_parameters_leave_of_them(scene):
+    """At an estimate from nine of fifteen: used ones are off less, the others more, all as said."""
+    rng = np.random.default_rng(37)
+    used = np.arange(15) < 9
+    found = []
+    for _ in range(TRIALS):
+        pixels = scene.seen(rng, arm=STOPS_OFF)
+        parts = parts_of(scene, pixels)
+        V = parts.covariance + np.diag(np.repeat(np.square(STOPS_OFF), 3))
+        H, W = parts.by_parameters[used], np.linalg.inv(V[used])
+        A = np.einsum("nip,nij,njq->pq", H, W, H) + parts.within_blocks[used].sum(axis=0)
+        b = np.einsum("nip,nij,nj->p", H, W, parts.off[used])
+        step = np.linalg.solve(A, b + parts.within_right[used].sum(axis=0))
+        fitted = replace(parts, off=parts.off - np.einsum("nip,p->ni", parts.by_parameters, step))
+        squares = squares_of_pictures(fitted, STOPS_OFF, used) / 6
+        plain = squares_of_pictures(fitted, STOPS_OFF) / 6
+        found.append([one[own].mean() for one in (squares, plain) for own in (used, ~used)])
+    those, others, plain_those, plain_others = np.array(found).T
+    assert is_mean(those, 1.0)
+    assert is_mean(others, 1.0)
+    assert plain_those.mean() < 0.9
+    assert plain_others.mean() > 1.15

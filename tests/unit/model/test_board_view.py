@@ -1,4 +1,4 @@
-"""Points of a board in pictures as a kind of measurement: derivatives, noise, and what is unseen."""
+"""Points of a board in pictures as a kind of measurement: derivatives, noise, the unseen."""
 
 from dataclasses import replace
 

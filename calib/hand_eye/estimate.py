@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from calib import se3
-from calib.chance import chi2_quantile
+from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import (
     Step,
@@ -142,15 +142,17 @@ def _fitted(
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
     noise_found = sigma_px is None, arm_sigma is None
-    model = problem.model(pixel, arm)
+    model, stops = problem.model(pixel, arm), problem.data.setup.stops
     x, still = model.nominal, False
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
         model = problem.model(pixel, arm)
-        x = _minimised(model, problem.data[kept], x)
+        x = _minimised(model, problem.data[kept], x, problem.largest_px)
         if still:  # the noise is that of these pictures: who else is within it?
-            again = _within_noise(deviations(model, problem.data, x), arm)
-            again = again[problem.data.setup.stops]
+            parts = deviations(model, problem.data, x)
+            used = np.zeros(len(parts.off), dtype=bool)
+            used[stops[good]] = True
+            again = _within_noise(parts, arm, used, arm_found=noise_found[1])[stops]
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
@@ -176,28 +178,35 @@ def _noise_of(
     return pixel, arm_deviation(parts) if found[1] else arm
 
 
-def _within_noise(parts: Deviations, arm: tuple[float, float]) -> BoolArray:
-    """Stops ``(M,)`` whose deviation and scatter the noise explains."""
-    near = squares_of_pictures(parts, arm) <= chi2_quantile(1.0 - OUTLIER_CHANCE, 6)
+def _within_noise(
+    parts: Deviations, arm: tuple[float, float], used: BoolArray, *, arm_found: bool
+) -> BoolArray:
+    """Stops ``(M,)`` whose deviation and scatter the noise explains.
+
+    Where it was found from as many of them, it is less surely what it is.
+    """
+    squares = squares_of_pictures(parts, arm, used)
+    bound = float(chi2_quantile(1.0 - OUTLIER_CHANCE, 6))
+    if arm_found:
+        freedom = max(3 * int(used.sum()) - 6, 1)  # of places alone, or turns: X and Z take six
+        bound = 6.0 * float(f_bound(OUTLIER_CHANCE, 6, freedom))
     scatter = np.sqrt(parts.within / np.maximum(parts.within_rows, 1.0))
-    return np.asarray(near & (scatter <= SCATTERED))
+    return np.asarray((squares <= bound) & (scatter <= SCATTERED))
 
 
-def _minimised(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
+def _minimised(
+    model: CalibrationModel, data: Measurements, x: FloatArray, largest_px: float
+) -> FloatArray:
     found = minimise(model, data.trials(None), x[None])
     if not found.converged[0]:
         raise not_converged(float(found.change[0]))
     rows = model.linearise(data.postures, found.x[0], data.setup, data.observed).rows
-    if data.observed is not None and _rms_of(rows) > _BESIDE * np.abs(data.observed).max():
+    if np.sqrt(np.mean(rows**2)) > _BESIDE * largest_px:
         raise ConvergenceError(
             "the estimate has not converged: it shows the board far beside where it was seen",
             hint="are lengths of the arm and the board in the units that are said?",
         )
     return np.asarray(found.x[0])
-
-
-def _rms_of(rows: FloatArray) -> float:
-    return float(np.sqrt(np.mean(rows**2)))
 
 
 def _with_pixels(parts: Deviations, scale: float) -> Deviations:

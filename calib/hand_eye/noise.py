@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardView, Measurements
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 
 LEAST_ARM = (1e-7, 1e-7)
 """Deviation of an arm below which it counts as none [m, rad]."""
@@ -161,8 +161,34 @@ def arm_deviation(parts: Deviations) -> tuple[float, float]:
     return m, rad
 
 
-def squares_of_pictures(parts: Deviations, arm_sigma: tuple[float, float]) -> FloatArray:
-    """Squares ``(N,)`` of the deviation of each picture over its noise: χ² of six."""
+def squares_of_pictures(
+    parts: Deviations, arm_sigma: tuple[float, float], used: BoolArray | None = None
+) -> FloatArray:
+    """Squares ``(N,)`` of the deviation of each picture over its noise: χ² of six.
+
+    Parameters
+    ----------
+    used : array (N,) of bool, optional
+        From which of them the parameters are. These are off less by what the parameters took of
+        them, the others more by what the parameters leave unknown. Without, the parameters are
+        the true ones.
+    """
     V = parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
-    weighed = np.linalg.solve(V, parts.off[..., None])[..., 0]
-    return np.asarray(np.sum(parts.off * weighed, axis=1))
+    L = np.linalg.cholesky(V)
+    y = np.linalg.solve(L, parts.off[..., None])[..., 0]
+    if used is None:
+        return np.asarray(np.sum(y**2, axis=1))
+    H = np.linalg.solve(L, parts.by_parameters)
+    information = np.einsum("nip,niq->pq", H[used], H[used]) + parts.known_block
+    information += parts.within_blocks[used].sum(axis=0)
+    unit = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    C = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
+    shares, axes = np.linalg.eigh(H / unit @ C @ np.swapaxes(H / unit, 1, 2))
+    variance = 1.0 + np.where(used, -1.0, 1.0)[:, None] * shares
+    along = np.einsum("nik,ni->nk", axes, y) ** 2
+    told = variance > _NOTHING_LEFT
+    return np.asarray(np.sum(np.where(told, along / np.where(told, variance, 1.0), 0.0), axis=1))
+
+
+_NOTHING_LEFT = 1e-3
+"""Share of the noise left to a direction, below which the parameters took all that it says."""

@@ -217,6 +217,11 @@ class Problem:
         )
 
     @property
+    def largest_px(self) -> float:
+        """The longest side of a picture."""
+        return float(max(max(one.pictures.size_px) for one in self.prepared))
+
+    @property
     def lenses(self) -> dict[str, tuple[Lens, bool]]:
         """Lens of each camera, and whether it is estimated."""
         return {one.pictures.camera: (one.lens, one.free_lens) for one in self.prepared}

@@ -166,11 +166,15 @@ class HandEyeResult(Shown):
             found.append(PlacedFrame(f"T_{parent}_{label}", label, T, covariance))
         return tuple(sorted(found, key=lambda frame: frame.label not in self.lenses))
 
+    def covariance_of(self, name: Literal["X", "Z"]) -> FloatArray:
+        """Covariance ``(6, 6)`` of X or Z, as of :class:`PlacedFrame`."""
+        label = self.labels[0 if name == "X" else 1]
+        return next(frame.covariance for frame in self.frames if frame.label == label)
+
     def sigma_of(self, name: Literal["X", "Z"]) -> tuple[FloatArray, FloatArray]:
         """Standard deviations ``(3,)`` of the place [m] and the rotation [rad] of X or Z."""
-        label = self.labels[0 if name == "X" else 1]
-        frame = next(frame for frame in self.frames if frame.label == label)
-        return frame.sigma_m, frame.sigma_rad
+        sigma = np.sqrt(np.diag(self.covariance_of(name)))
+        return sigma[:3], sigma[3:]
 
     @property
     def headline(self) -> str:

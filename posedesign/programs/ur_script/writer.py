@@ -16,9 +16,10 @@ the number of the pose in an output integer register for half a second, where :m
 URScript refuses functions that it does not know: the measuring call is defined in the script. As
 written it lets the arm be guided by hand (freedrive) until the operator answers that the tool is
 where it belongs, or, where a camera looks, asks alone; put another body there to trigger an
-instrument instead. ``freedrive_mode()`` is called once: it holds until ``end_freedrive_mode()``, while the program runs on (the loops around it
-in public code keep their program from ending). The question is no blocking popup, which suspends
-the program by the manual's words, and of which nothing public says that the arm stays free.
+instrument instead. ``freedrive_mode()`` is called once: it holds until ``end_freedrive_mode()``,
+while the program runs on (the loops around it in public code keep their program from ending). The
+question is no blocking popup, which suspends the program by the manual's words, and of which
+nothing public says that the arm stays free.
 
 Facts: the URScript manual's functions, public post-processors (RoboDK) and scripts that PolyScope
 generates. Nothing was run on a controller.

@@ -194,6 +194,7 @@ def program_options(cell: Cell | None, poses: PoseList, form: str | None = None)
         measure_pulse_s=section.measure_pulse_s,
         keep=section.keep,
         first_register=section.first_register,
+        guided=not cell.is_hand_eye,
         pulses_per_deg=section.pulses_per_deg,
         fingerprint=mark,
     )

@@ -108,6 +108,9 @@ class ProgramOptions:
         Where the touched-up position is kept.
     first_register : int
         Number of the register of the first pose.
+    guided : bool
+        Whether the tool is brought to its target by hand during the call, where the call itself is
+        written (UR, Doosan); otherwise the arm stands still, and only the question differs.
     comment : str
         Title of the program.
     fingerprint : str
@@ -135,10 +138,16 @@ class ProgramOptions:
     measure_pulse_s: float = 0.5
     keep: Keeping = "position"
     first_register: int = 1
+    guided: bool = True
     comment: str = ""
     fingerprint: str = ""
     pulses_per_deg: tuple[float, ...] = ()
     written: datetime = FIXED_DATE
+
+    @property
+    def question(self) -> str:
+        """What the operator is asked at each pose."""
+        return "Is the tool at its target?" if self.guided else "Is this pose measured?"
 
     def __post_init__(self) -> None:
         one_of("form", self.form, get_args(Form))

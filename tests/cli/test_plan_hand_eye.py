@@ -8,7 +8,7 @@ import pytest
 
 from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
-from posedesign.cell import Cell
+from posedesign.cell import Cell, cell_template
 from posedesign.pairs import read_pairs
 from posedesign.planning import NEAR_TARGET_M
 from posedesign.planning.poses_file import read_poses
@@ -186,3 +186,22 @@ def test_what_needs_a_robot_to_identify_is_refused(refuse, cell, work):
     box = ("--box", "1700,-200,300,2000,200,700")
     refuse("predict", cell, work / "poses.csv", *box).says('measurement.kind = "touch-up"')
     refuse("study", "accuracy", cell).says('measurement.kind = "touch-up"')
+
+
+def test_an_arm_whose_camera_looks_is_not_let_go(cli, tmp_path):
+    """Nothing is to be brought to a target by hand, and the arm would sink under its camera."""
+    text = cell_template("ur5e", surroundings=False)
+    scripts = []
+    for kind in ("touch-up", "camera-pose"):
+        out = tmp_path / kind
+        out.mkdir()
+        (out / "cell.toml").write_text(with_keys(text, {"measurement.kind": f'"{kind}"'}))
+        assert cli("plan", out / "cell.toml", "--out", out).code == 0
+        words = ("program", out / "poses.csv", "--cell", out / "cell.toml", "--out", out)
+        assert cli(*words).code == 0
+        assert cli("validate", out / "CALIB01.script").out.endswith(": no problem found\n")
+        scripts.append((out / "CALIB01.script").read_text())
+    by_hand, by_sight = scripts
+    assert "  freedrive_mode()\n" in by_hand
+    assert "freedrive" not in by_sight
+    assert 'request_boolean_from_primary_client("Is this pose measured?")' in by_sight

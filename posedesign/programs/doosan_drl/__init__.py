@@ -55,7 +55,7 @@ class DoosanDrl(JointDialect):
         """The measuring call, and the steps."""
         measuring = (
             f"def {program.options.measure_call}(number=0):",
-            '    tp_popup("Is the tool at its target? Pose " + str(number))',
+            f'    tp_popup("{program.options.question} Pose " + str(number))',
             '    tp_log("POSE " + str(number) + " q=" + str(get_current_posj()))',
         )
         return [*(measuring if program.options.measure_call else ()), *steps]

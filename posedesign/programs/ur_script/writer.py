@@ -15,10 +15,11 @@ the number of the pose in an output integer register for half a second, where :m
 
 URScript refuses functions that it does not know: the measuring call is defined in the script. As
 written it lets the arm be guided by hand (freedrive) until the operator answers that the tool is
-where it belongs; put another body there to trigger an instrument instead. ``freedrive_mode()`` is
-called once: it holds until ``end_freedrive_mode()``, while the program runs on (the loops around it
-in public code keep their program from ending). The question is no blocking popup, which suspends
-the program by the manual's words, and of which nothing public says that the arm stays free.
+where it belongs, or, where a camera looks, asks alone; put another body there to trigger an
+instrument instead. ``freedrive_mode()`` is called once: it holds until ``end_freedrive_mode()``,
+while the program runs on (the loops around it in public code keep their program from ending). The
+question is no blocking popup, which suspends the program by the manual's words, and of which
+nothing public says that the arm stays free.
 
 Facts: the URScript manual's functions, public post-processors (RoboDK) and scripts that PolyScope
 generates. Nothing was run on a controller.
@@ -196,11 +197,13 @@ def _measuring(program: PoseProgram) -> Iterator[str]:
     yield f"def {options.measure_call}({argument}):"
     if argument:
         yield '  textmsg("measuring ", number)'
-    yield "  freedrive_mode()"
-    yield '  while not request_boolean_from_primary_client("Is the tool at its target?"):'
+    if options.guided:
+        yield "  freedrive_mode()"
+    yield f'  while not request_boolean_from_primary_client("{options.question}"):'
     yield "    sync()"
     yield "  end"
-    yield "  end_freedrive_mode()"
+    if options.guided:
+        yield "  end_freedrive_mode()"
     if options.settle_s > 0:
         yield f"  sleep({_seconds(options.settle_s)})"
     yield "end"

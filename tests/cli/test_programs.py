@@ -154,9 +154,7 @@ def test_validate_of_what_is_no_program(cli: Cli, refuse: Refuse, work: Path) ->
     refuse("validate", work / "x.yaml").says("x.yaml", "is none of", "--format")
 
 
-def test_what_the_cell_says_is_in_the_program(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_what_the_cell_says_is_in_the_program(cli, change_cell, work):
     cell = change_cell(
         {
             "program.measure_argument": "5",

@@ -167,9 +167,7 @@ def test_the_note_of_another_study_opens_nothing(refuse, small_study, tmp_path):
     refuse(*words).says("here/small.csv", "is not of the study small")
 
 
-def test_the_own_folder_has_the_figures_that_tests_hold_it_to(
-    cli, refuse, small_study: str, tmp_path: Path
-) -> None:
+def test_the_own_folder_has_the_figures_that_tests_hold_it_to(cli, refuse, small_study, tmp_path):
     own = tmp_path / "studies" / "07_small"
     refuse("study", "run", small_study, "--out", own, "--trials", "4").says("7_small", "--out")
     (own / "figures.json").write_text("{}")
@@ -179,9 +177,7 @@ def test_the_own_folder_has_the_figures_that_tests_hold_it_to(
     assert not (own / "figures.json").exists()
 
 
-def test_studies_are_found_in_a_checkout_alone(
-    cli, refuse, small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_studies_are_found_in_a_checkout_alone(cli, refuse, small_study, tmp_path, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr(library, "__file__", str(tmp_path / "site" / "posedesign" / "study" / "l"))
     (tmp_path / "elsewhere").mkdir()

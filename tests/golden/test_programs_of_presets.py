@@ -49,9 +49,7 @@ def test_every_preset_but_the_panda_has_a_controller_with_a_dialect() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("preset", "dialect", "form"), own_dialects())
-def test_a_plan_is_written_checked_and_as_good_as_before(
-    preset: str, dialect: str, form: str, tmp_path: Path
-) -> None:
+def test_a_plan_is_written_checked_and_as_good_as_before(preset, dialect, form, tmp_path):
     cell, poses = planned(preset)
     options = program_options(cell, poses, form)
     written = write_program(poses, tmp_path, dialect, options, "CALIB01", cell)
@@ -66,9 +64,7 @@ def test_a_plan_is_written_checked_and_as_good_as_before(
     ("preset", "dialect", "form"),
     [case for case in own_dialects() if DIALECTS[case[1]].maker is not None],
 )
-def test_a_touched_up_program_comes_back(
-    preset: str, dialect: str, form: str, tmp_path: Path
-) -> None:
+def test_a_touched_up_program_comes_back(preset, dialect, form, tmp_path):
     cell, poses = planned(preset)
     measured = poses.measured
     touched = SimulatedRobot.of(cell).touch_up(measured.postures, np.random.default_rng(0)).postures

@@ -111,9 +111,7 @@ J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
         ("ENDMODULE", "MoveJ [[1],v1,fine,tool0;\nENDMODULE", 5, "cannot make sense of"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
     refused("abb-rapid", "X.mod", changed(SMALL, old, new), line, message)
 
 

@@ -176,9 +176,7 @@ ONE_RULE = [
 
 
 @pytest.mark.parametrize(("rule", "text", "old", "new", "message"), ONE_RULE)
-def test_a_file_that_breaks_one_rule(
-    rule: str, text: str, old: str | None, new: str | None, message: str
-) -> None:
+def test_a_file_that_breaks_one_rule(rule, text, old, new, message):
     if old is None or new is None:
         broken = re.sub(r"(p1:=\[\[[^\]]*\],\[)[\d.]+", r"\g<1>0.9", text)
     else:

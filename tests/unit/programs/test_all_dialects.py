@@ -162,9 +162,7 @@ def dialect_of_export(file: str) -> Dialect:
 
 @each_export
 @pytest.mark.parametrize("count", by_stage(60, 300, 1000))
-def test_programs_of_others_are_read_and_refused_where_they_are_damaged(
-    file: str, count: int
-) -> None:
+def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file, count):
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
     assert dialect.parse(data, Path(file)).positions
@@ -361,9 +359,7 @@ def test_a_huge_file_is_refused_without_being_read(name: str, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("bound", "line"), [("MOST_NUMBERS", "q{0}=[0,0,0,0,0,0]"), ("MOST_PARSED", "{0}({0})")]
 )
-def test_what_is_read_of_a_file_is_bounded(
-    monkeypatch: pytest.MonkeyPatch, bound: str, line: str
-) -> None:
+def test_what_is_read_of_a_file_is_bounded(monkeypatch, bound, line):
     # numbers of many lines, and lines that are each another one, cost their time each
     monkeypatch.setattr(language, bound, 3000)
     names = ["a" + np.base_repr(k, 2).translate({48: "b", 49: "c"}) for k in range(5000)]

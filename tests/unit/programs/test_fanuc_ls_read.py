@@ -103,9 +103,7 @@ CARTESIAN = """\
         (SMALL[SMALL.index("P[1:") : SMALL.index("/END")], "", None, "holds no positions"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
     refused("fanuc-ls", "X.LS", changed(SMALL, old, new), line, message)
 
 
@@ -132,9 +130,7 @@ def test_a_cartesian_position_stands_beside_joint_positions() -> None:
         ("X =", "RX=", 9, "is a matrix or an increment"),
     ],
 )
-def test_what_is_wrong_with_a_pose_is_named_with_its_line(
-    old: str, new: str, line: int, message: str
-) -> None:
+def test_what_is_wrong_with_a_pose_is_named_with_its_line(old, new, line, message):
     text = SMALL[: SMALL.index("\tUF")] + CARTESIAN + "/END\n"
     assert parse(text).positions[0].configuration
     refused("fanuc-ls", "X.LS", changed(text, old, new), line, message)

@@ -163,9 +163,7 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
         (SMALL, SRC.replace("END", "DEF B( )\nEND"), 3, "B begins inside CAL"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
     refused("kuka-krl", "X.dat", changed(SMALL, old, new), line, message)
 
 
@@ -232,9 +230,7 @@ def test_frames_by_value_are_those_of_the_motion() -> None:
         ("BAS(#TOOL,3)\nEND\nDEF SUB( )", "PTP A", None, None),
     ],
 )
-def test_frames_are_known_as_far_as_the_file_says(
-    before: str, motion: str, tool: int | None, base: int | str | None
-) -> None:
+def test_frames_are_known_as_far_as_the_file_says(before, motion, tool, base):
     position = in_frames(before, motion)
     assert position.tool_frame == tool
     assert position.user_frame == (base if base != "value" else None)

@@ -69,9 +69,7 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "ENDDAT", "XM[2]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nENDDAT"),
     ],
 )  # fmt: skip
-def test_what_controllers_and_people_write_too_is_accepted(
-    tmp_path: Path, which: str, old: str, new: str
-) -> None:
+def test_what_controllers_and_people_write_too_is_accepted(tmp_path, which, old, new):
     text = DAT if which == ".dat" else SRC
     assert text.count(old) >= 1
     text = text.replace(old, new, 1)
@@ -179,9 +177,7 @@ ONE_RULE = [
 
 
 @pytest.mark.parametrize(("rule", "which", "old", "new", "message"), ONE_RULE)
-def test_a_file_that_breaks_one_rule(
-    tmp_path: Path, rule: str, which: str, old: str, new: str, message: str
-) -> None:
+def test_a_file_that_breaks_one_rule(tmp_path, rule, which, old, new, message):
     text = DAT if which == ".dat" else SRC
     assert old in text
     at = text.rindex(old) if old in ("END\n", "ENDDAT") else text.index(old)
@@ -203,9 +199,7 @@ def test_a_file_that_breaks_one_rule(
         (SRC, SRC, ".src", "not the other file"),
     ],
 )
-def test_the_other_file_is_asked_for(
-    tmp_path: Path, dat: str | None, src: str | None, which: str, message: str
-) -> None:
+def test_the_other_file_is_asked_for(tmp_path, dat, src, which, message):
     (problem,) = check(tmp_path, dat, src, which)
     assert problem.rule == "companion"
     assert message in problem.message

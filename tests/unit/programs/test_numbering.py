@@ -44,9 +44,7 @@ def numbering(
     st.lists(st.sampled_from(["", "HOME", "LEFT", "P2", "P9"]), max_size=4),
     st.randoms(use_true_random=False),
 )
-def test_an_own_position_is_none_of_the_plan(
-    measured: int, vias: int, deleted: set[int], extra: list[str], shuffle: object
-) -> None:
+def test_an_own_position_is_none_of_the_plan(measured, vias, deleted, extra, shuffle):
     planned = [Place(f"P{n}") for n in range(1, measured + vias + 1) if n not in deleted]
     taken = {p.variable for p in planned}
     own = [Place(name) for name in extra if name in taken or not name.startswith("P")]

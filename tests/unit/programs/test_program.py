@@ -73,9 +73,7 @@ def test_a_program_has_poses_of_one_arm() -> None:
     ],
     ids=["poses", "approached", "backed off", "none in reach"],
 )
-def test_parts_of_a_program_end_at_a_pose_or_backed_off_from_it(
-    stops: str, parts: list[str]
-) -> None:
+def test_parts_of_a_program_end_at_a_pose_or_backed_off_from_it(stops, parts):
     poses = tuple(ProgramPose("T1", np.zeros(6), via=stop == "v") for stop in stops)
     found = list(PoseProgram("CAL", poses).split(5))
     assert ["".join("Pv"[pose.via] for pose in part.poses) for part in found] == parts

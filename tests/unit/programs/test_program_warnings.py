@@ -95,9 +95,7 @@ def listed(*comments: str) -> PoseList:
         ),
     ],
 )
-def test_without_a_cell_the_list_of_poses_says_it(
-    comments: tuple[str, ...], said: str, tmp_path: Path
-) -> None:
+def test_without_a_cell_the_list_of_poses_says_it(comments, said, tmp_path):
     poses = listed(*comments)
     options = program_options(None, poses)
     written = write_program(poses, tmp_path, "ros-trajectory", options, "CALIB01")

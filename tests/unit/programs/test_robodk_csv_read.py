@@ -114,9 +114,7 @@ PROGRAM = PoseProgram(
         ("pose 2:", "pose 0:", "row 3 or pose 0 is there twice"),
     ],
 )
-def test_a_file_beside_that_does_not_fit_is_refused(
-    old: str, new: str, message: str, tmp_path: Path
-) -> None:
+def test_a_file_beside_that_does_not_fit_is_refused(old, new, message, tmp_path):
     path, beside = write(PROGRAM, "robodk-csv", tmp_path)
     text = beside.read_text()
     assert text.count(old) == 1

@@ -174,9 +174,7 @@ points:
         ("# end", "# pose 7: lost\n# end", 19, "that pose 7 comes next, but it does not"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
     refused("ros-trajectory", "X.yaml", changed(SMALL, old, new), line, message)
 
 
@@ -208,9 +206,7 @@ def test_the_small_list_is_good() -> None:
         ("\0", "ros-trajectory", None, "is no YAML"),
     ],
 )
-def test_what_is_wrong_with_lists_is_named(
-    text: str, dialect: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_with_lists_is_named(text, dialect, line, message):
     with pytest.raises(FileFormatError, match=message) as caught:
         parse(text, dialect)
     assert caught.value.row == line

@@ -79,9 +79,7 @@ def test_line_ends_are_told_once(name: str) -> None:
         ("ur-script", b"v=0.3142)", b"v=0.3142, r=0.05)", "stop-to-measure"),
     ],
 )
-def test_what_does_not_measure_is_told_of_programs_of_plans(
-    name: str, old: bytes, new: bytes, rule: str, tmp_path: Path
-) -> None:
+def test_what_does_not_measure_is_told_of_programs_of_plans(name, old, new, rule, tmp_path):
     (path,) = dialect_of(name).write(program_of(name), tmp_path)
     assert old in path.read_bytes()
     path.write_bytes(path.read_bytes().replace(old, new))

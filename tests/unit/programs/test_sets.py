@@ -78,9 +78,7 @@ def test_what_a_person_touched_is_not_replaced(tmp_path: Path, name: str) -> Non
 
 
 @pytest.mark.parametrize("name", ["fanuc-ls", "yaskawa-jbi"])
-def test_parts_of_a_longer_program_are_removed_or_kept(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parts_of_a_longer_program_are_removed_or_kept(tmp_path, name, monkeypatch):
     dialect, results = DIALECTS[name], Results(tmp_path, "program")
     monkeypatch.setattr(type(dialect), "most_poses", lambda self, program: 2)
     long = dialect.write(program(7), results)
@@ -150,9 +148,7 @@ def test_a_kill_between_two_files_is_found(tmp_path: Path, reference_cell: Cell)
     assert not dialect.validate(dat)
 
 
-def test_files_of_two_folders_that_do_not_belong_together(
-    tmp_path: Path, reference_cell: Cell
-) -> None:
+def test_files_of_two_folders_that_do_not_belong_together(tmp_path, reference_cell):
     dialect = DIALECTS["kuka-krl"]
     dat, _ = dialect.write(program(), tmp_path / "monday")
     _, src = dialect.write(program(4, plan="00c0ffee"), tmp_path / "tuesday")

@@ -198,9 +198,7 @@ def test_poses_that_were_not_stored_are_left_out() -> None:
         (HEAD + TAIL, "utf-8", "UTF-8", None, "holds no positions"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    source: str, old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(source, old, new, line, message):
     refused("staubli-val3", "x.dtx", changed(source, old, new), line, message)
 
 

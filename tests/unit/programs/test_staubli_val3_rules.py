@@ -176,9 +176,7 @@ ONE_RULE = [
 
 
 @pytest.mark.parametrize(("rule", "name", "old", "new", "message"), ONE_RULE)
-def test_a_file_that_breaks_one_rule(
-    rule: str, name: str, old: str, new: str, message: str, tmp_path: Path
-) -> None:
+def test_a_file_that_breaks_one_rule(rule, name, old, new, message, tmp_path):
     files = {**JOINT, START: JOINT[START].replace("resetMotion()", "bGo=false")}
     text = POSED[DATA] if name == POINTS else files[name]
     path = written(tmp_path, files) / name.strip()

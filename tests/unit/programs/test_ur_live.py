@@ -104,9 +104,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], s
         ("def RTDEReceiveInterface(): 1", "30004: it sends what ur_rtde cannot read"),
     ],
 )
-def test_a_library_that_does_not_work_says_so(
-    code: str, message: str, broken: Callable[[str], str]
-) -> None:
+def test_a_library_that_does_not_work_says_so(code, message, broken):
     said = broken(code)
     assert message in said
     assert "\n" not in said

@@ -152,9 +152,7 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
         ("def x():\nend\n", "x", "y", None, "holds no positions"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    source: str, old: str, new: str, line: int | None, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(source, old, new, line, message):
     refused("ur-script", "x.script", changed(source, old, new), line, message)
 
 

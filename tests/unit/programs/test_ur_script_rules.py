@@ -159,9 +159,7 @@ ONE_RULE = [
 
 
 @pytest.mark.parametrize(("rule", "source", "old", "new", "level", "message"), ONE_RULE)
-def test_a_file_that_breaks_one_rule(
-    rule: str, source: str, old: str, new: str, level: str, message: str
-) -> None:
+def test_a_file_that_breaks_one_rule(rule, source, old, new, level, message):
     # the TCP is set before an added move
     new = new if "  set_tcp" not in old else f"  set_tcp(p[0, 0, 0, 0, 0, 0])\n{new}"
     problems = check(changed(source, old, new))

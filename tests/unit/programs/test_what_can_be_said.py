@@ -179,9 +179,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("name", "changes", "message"), REFUSED)
-def test_what_a_controller_would_refuse(
-    name: str, changes: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_what_a_controller_would_refuse(name, changes, message, tmp_path):
     options = dict(changes)
     pose = ProgramPose(
         options.pop("pose", "T9"),
@@ -348,9 +346,7 @@ def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
         ((float("nan"), *(1.0,) * 5), "of S is nan"),
     ],
 )
-def test_pulses_that_are_missing_are_asked_for(
-    pulses: tuple[float, ...], message: str, tmp_path: Path
-) -> None:
+def test_pulses_that_are_missing_are_asked_for(pulses, message, tmp_path):
     yaskawa = DIALECTS["yaskawa-jbi"]
     error = refuse(
         program_of("yaskawa-jbi", pulses_per_deg=pulses), "yaskawa-jbi", message, tmp_path

@@ -297,9 +297,7 @@ CHECK_VALUES = [
 @pytest.mark.parametrize(
     ("name", "shown_deg", "user_m", "tool_m", "texts"), [(*c[:4], c[4:]) for c in CHECK_VALUES]
 )
-def test_poses_are_those_of_drawings(
-    name: str, shown_deg: tuple[float, ...], user_m: float, tool_m: float, texts: tuple[str, ...]
-) -> None:
+def test_poses_are_those_of_drawings(name, shown_deg, user_m, tool_m, texts):
     user, tool = np.eye(4), np.eye(4)
     user[0, 3], tool[2, 3] = user_m, tool_m
     arm = Arm.of(robot_of(name), user, tool)
@@ -400,9 +398,7 @@ def test_touched_up_positions_stand_in_the_place_of_the_planned_ones(name: str) 
 
 
 @pytest.mark.parametrize(("name", "most"), [("fanuc-ls", 9999), ("yaskawa-jbi", 2000)])
-def test_a_program_of_too_many_lines_is_split(
-    name: str, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_program_of_too_many_lines_is_split(name, most, tmp_path, monkeypatch):
     """Each part ends at a measured pose and goes on counting."""
     dialect, body = dialect_of(name), re.compile(r"/MN\n((?:.*\n)*?)/POS|NOP\n((?:.*\n)*END\n)")
     rng = np.random.default_rng(2)

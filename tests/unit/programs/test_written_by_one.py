@@ -6,7 +6,6 @@ import importlib
 import os
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -198,9 +197,7 @@ def test_the_pendant_value_of_a_fanuc_is_what_must_stay_within_two_turns() -> No
         texts_of(program_of("fanuc-ls", [pose]), "fanuc-ls")
 
 
-def test_an_approached_round_comes_back_as_it_was_planned(
-    make_cell: Callable[..., Cell], tmp_path: Path
-) -> None:
+def test_an_approached_round_comes_back_as_it_was_planned(make_cell, tmp_path):
     """Before each CALL every URDF joint has moved by 1 deg to one side; the last move is home."""
     cell = make_cell(plan={"approach": "same-side"})
     found = plan(cell)

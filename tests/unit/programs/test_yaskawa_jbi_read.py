@@ -164,9 +164,7 @@ def test_jobs_without_ratios_need_them() -> None:
         (RECTAN, "2,0,0,0,0,0", "0,0,0,0,0,0", 4, "says 0 C positions"),
     ],
 )
-def test_what_is_wrong_is_named_with_its_line(
-    source: str, old: str, new: str, line: int, message: str
-) -> None:
+def test_what_is_wrong_is_named_with_its_line(source, old, new, line, message):
     with pytest.raises(FileFormatError, match=message) as caught:
         parse(changed(source, old, new))
     assert caught.value.row == line

@@ -176,9 +176,7 @@ ONE_RULE = [
 
 
 @pytest.mark.parametrize(("rule", "source", "old", "new", "message"), ONE_RULE)
-def test_a_file_that_breaks_one_rule(
-    rule: str, source: str, old: str, new: str, message: str
-) -> None:
+def test_a_file_that_breaks_one_rule(rule, source, old, new, message):
     text = changed(source, old, new)
     if rule == "position-unique":
         text = text.replace("NPOS 2", "NPOS 3")

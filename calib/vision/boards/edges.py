@@ -45,6 +45,10 @@ LEAST_CONTRAST = 10.0
 LEAST_OF_USUAL = 0.25
 """Contrast of an edge, in parts of that of most: light may fall off over the board."""
 
+LEAST_OF_ARM = 0.4
+"""Contrast of an edge to each side of a corner, in parts of that of both: what hides one side
+moves the corner by a pixel, and the other side alone still looks like a step."""
+
 _STEPS = 6
 _INV_SQRT_2PI = 0.3989422804014327
 
@@ -117,6 +121,7 @@ def refine(
     usual = float(np.median(contrast[wanted & step.sound])) if (wanted & step.sound).any() else 0.0
     clear = contrast >= max(LEAST_CONTRAST, LEAST_OF_USUAL * usual)
     like = step.likeness >= LEAST_LIKENESS
+    clear &= lines.arms(picture, px) >= LEAST_OF_ARM * contrast
     share = (clear & like & wanted).sum(axis=1) / wanted.sum(axis=1)
     good = inside & (share >= lines.share) & np.isfinite(px).all(axis=1)
     good &= np.linalg.norm(px - start_px, axis=1) < WIDEST_PX
@@ -173,6 +178,17 @@ class _Lines:
         turned = self.sign[..., None] * (grey - middle) + middle * used[..., None]
         count = np.maximum(used.sum(axis=2), 1)
         return np.asarray(turned.sum(axis=2) / count[..., None]), whole
+
+    def arms(self, picture: NDArray[np.float32], px: FloatArray) -> FloatArray:
+        """Contrast ``(K, E)`` of the weaker half of the lines across each edge."""
+        grey, _ = read_grey(picture, px[:, None, None, None] + self.shift)
+        third = SAMPLES // 3
+        step = grey[..., -third:].mean(axis=-1) - grey[..., :third].mean(axis=-1)
+        step *= np.sign(self.sign)
+        halves = np.stack(np.array_split(step, min(2, step.shape[2]), axis=2), axis=2)
+        used = np.stack(np.array_split(self.sign != 0.0, min(2, step.shape[2]), axis=2), axis=2)
+        means = halves.sum(axis=3) / np.maximum(used.sum(axis=3), 1)
+        return np.asarray(np.where(used.any(axis=3), means, np.inf).min(axis=2))
 
 
 def _lines(

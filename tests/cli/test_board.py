@@ -1,0 +1,63 @@
+"""``posedesign board`` as a person types it."""
+
+import re
+import zlib
+
+import numpy as np
+import pytest
+
+BOARD = """
+[board]
+kind = "charuco"
+columns = 7
+rows = 5
+square_mm = 25.0
+marker_mm = 18.0
+dictionary = "5x5_100"
+"""
+
+
+@pytest.fixture
+def cell(cli, tmp_path):
+    path = tmp_path / "cell.toml"
+    path.write_text(cli("new").out + BOARD)
+    return path
+
+
+def test_svg_is_to_scale(cli, cell, tmp_path):
+    out = tmp_path / "board.svg"
+    said = cli("board", cell, "--out", out)
+    assert said.code == 0
+    assert "ChArUco board of 7 x 5 squares of 25 mm" in said.out
+    text = out.read_text()
+    assert 'width="210mm" height="297mm" viewBox="0 0 210 297"' in text
+    black = re.search(r'<path d="(M[^"]*Z)"/>', text)[1]
+    boxes = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)V([\d.]+)", black), dtype=float)
+    assert np.ptp(boxes[:, [0, 2]]) == pytest.approx(175.0)
+    assert np.ptp(boxes[:, [1, 3]]) == pytest.approx(125.0)
+    assert cli("board", cell, "--out", out).code == 0  # its own file
+
+
+def test_pdf_is_to_scale(cli, cell, tmp_path):
+    out = tmp_path / "board.pdf"
+    assert cli("board", cell, "--out", out, "--page", "a3").code == 0
+    data = out.read_bytes()
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+)", data)
+    assert np.array(box.groups(), dtype=float) == pytest.approx(np.array([297, 420]) / 25.4 * 72)
+    stream = data.index(b"stream", data.index(b"/Filter /FlateDecode")) + 7
+    drawn = zlib.decompressobj().decompress(data[stream:])
+    corners = np.array(re.findall(rb"([\d.]+) ([\d.]+) [ml]\n", drawn), dtype=float) / 72 * 25.4
+    inside = corners[(corners > 1).all(axis=1) & (corners[:, 1] > 30)]  # not sheet and ruler
+    inside = inside[(inside < [296, 419]).all(axis=1)]
+    assert np.ptp(inside, axis=0) == pytest.approx([175.0, 125.0], abs=1e-3)
+
+
+def test_what_cannot_be_printed_is_refused(cli, refuse, cell, tmp_path):
+    refuse("board", cell, "--out", tmp_path / "b.png").says(".svg or .pdf")
+    refuse("board", cell, "--out", tmp_path / "b.svg", "--page", "a44").says("a4")
+    cell.write_text(cell.read_text().replace("square_mm = 25.0", "square_mm = 60.0"))
+    refuse("board", cell, "--out", tmp_path / "b.svg").says("does not go on a page a4")
+    cell.write_text(cell.read_text().replace("marker_mm = 18.0", "marker_mm = 90.0"))
+    refuse("board", cell, "--out", tmp_path / "b.svg").says("key board", "do not go into squares")
+    cell.write_text(cli("new").out)
+    refuse("board", cell, "--out", tmp_path / "b.svg").says("no calibration board", "[board]")

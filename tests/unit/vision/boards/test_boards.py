@@ -1,0 +1,174 @@
+"""Boards, against OpenCV's own, and found in pictures that OpenCV warps."""
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.vision.boards import board_picture, detect_board, make_board
+
+BOARDS = {
+    "charuco": make_board(
+        "charuco", columns=8, rows=6, square_m=0.03, marker_m=0.021, dictionary="5x5_100"
+    ),
+    "aruco-grid": make_board(
+        "aruco-grid", columns=5, rows=4, spacing_m=0.035, marker_m=0.026, dictionary="4x4_50"
+    ),
+    "apriltag-grid": make_board("apriltag-grid", columns=5, rows=4, spacing_m=0.03, marker_m=0.024),
+    "chessboard": make_board("chessboard", columns=10, rows=7, square_m=0.025),
+    "circles": make_board("circles", columns=7, rows=6, spacing_m=0.03),
+    "asymmetric-circles": make_board("asymmetric-circles", columns=4, rows=11, spacing_m=0.02),
+}
+
+
+def picture_of(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, width_px=600.0, margin=0.3):
+    """A picture of the board by OpenCV's warping, and where its points are in it."""
+    size, focal, scale = (960, 720), 1000.0, 6000.0
+    about = np.ceil(margin * board.cell_m * scale) / scale  # whole pixels
+    ideal = cv2.copyMakeBorder(board_picture(board, scale, about), 9, 9, 9, 9, 0, value=255)
+    left, top = board.box[:2] - about
+    to_ideal = np.array(
+        [[scale, 0, -left * scale + 8.5], [0, scale, -top * scale + 8.5], [0, 0, 1]]
+    )
+    tilt = np.deg2rad(tilt_deg) * np.array([0.8, 0.6, 0.0])
+    turn = cv2.Rodrigues(tilt)[0]
+    middle = np.append(board.outline[:, :2].mean(axis=0), 0.0)
+    shift = np.array([0.0, 0.0, focal * board.size_m[0] / width_px]) - turn @ middle
+    camera = np.array([[focal, 0, 479.5], [0, focal, 359.5], [0, 0, 1]])
+    plane = camera @ np.column_stack([turn[:, :2], shift])
+    fine = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])  # three times as fine, then averaged
+    warped = cv2.warpPerspective(
+        cv2.GaussianBlur(ideal, (0, 0), 0.6),
+        fine @ plane @ np.linalg.inv(to_ideal),
+        (3 * size[0], 3 * size[1]),
+        flags=cv2.INTER_LINEAR,
+        borderValue=90,
+    )
+    grey = cv2.resize(warped, size, interpolation=cv2.INTER_AREA).astype(float)
+    grey = cv2.GaussianBlur(30 + 0.7 * grey, (0, 0), blur_px)
+    grey += np.random.default_rng(4).normal(0, noise, grey.shape)
+    seen = board.points[:, :2] @ plane[:, :2].T + plane[:, 2]
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8), seen[:, :2] / seen[:, 2:] + 0.5
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_charuco_is_that_of_opencv(legacy):
+    board = make_board(
+        "charuco", columns=8, rows=6, square_m=0.03, marker_m=0.021, dictionary="5X5_100",
+        legacy=legacy,
+    )  # fmt: skip
+    theirs = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.021, board.markers)
+    theirs.setLegacyPattern(legacy)
+    np.testing.assert_allclose(theirs.getChessboardCorners(), board.points, atol=1e-7)
+    np.testing.assert_allclose(
+        np.array(theirs.getObjPoints())[..., :2], board.marker_corners, atol=1e-7
+    )
+    np.testing.assert_array_equal(board_picture(board, 1e4 / 3), theirs.generateImage((800, 600)))
+
+
+def test_grid_is_that_of_opencv():
+    board = BOARDS["apriltag-grid"]
+    theirs = cv2.aruco.GridBoard((5, 4), 0.024, 0.006, board.markers)
+    np.testing.assert_allclose(
+        np.array(theirs.getObjPoints()).reshape(-1, 3), board.points, atol=1e-7
+    )
+    picture = board_picture(board, 1e4 / 3)
+    np.testing.assert_array_equal(picture, theirs.generateImage(picture.shape[::-1]))
+
+
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
+def test_points_are_found_where_they_are(kind, tilt_deg):
+    """The bound is thrice the error of noise, and a tenth of what half a pixel would be."""
+    board = BOARDS[kind]
+    picture, truth = picture_of(board, tilt_deg=tilt_deg)
+    sighting = detect_board(picture, board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert sighting.seen.mean() > 0.95
+    error = (sighting.pixels - truth)[sighting.seen]
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert np.abs(error.mean(axis=0)).max() < 0.02
+    # a blur of 1 px, that of the pixels besides
+    assert sighting.sharpness_px == pytest.approx(2.563 * np.sqrt(1 + 1 / 12), rel=0.2)
+
+
+def test_a_part_of_a_board_with_markers_is_enough():
+    board = BOARDS["charuco"]
+    picture, truth = picture_of(board)
+    picture[:, 480:] = 128
+    sighting = detect_board(picture, board)
+    assert sighting.is_ok
+    assert 10 <= sighting.seen.sum() < 25
+    assert (sighting.pixels[sighting.seen, 0] < 480).all()
+    assert np.abs(sighting.pixels - truth)[sighting.seen].max() < 0.15
+
+
+def test_another_board_is_named():
+    picture, _ = picture_of(BOARDS["charuco"])
+    other = make_board(
+        "charuco", columns=8, rows=6, square_m=0.03, marker_m=0.021, dictionary="6x6_250"
+    )
+    sighting = detect_board(picture, other)
+    assert sighting.status == "another board"
+    assert "of DICT_5X5_50, not of DICT_6X6_250" in sighting.message
+    assert not sighting.seen.any()
+    picture, _ = picture_of(BOARDS["chessboard"])
+    for size in ((9, 6), (11, 8)):
+        wrong = make_board("chessboard", columns=size[0], rows=size[1], square_m=0.025)
+        assert detect_board(picture, wrong).status == "another board", size
+
+
+def test_pictures_without_a_board_show_none():
+    rng = np.random.default_rng(7)
+    noise = rng.integers(0, 256, (300, 400), dtype=np.uint8)
+    stripes = np.tile(np.where(np.arange(400) % 40 < 20, 40, 210).astype(np.uint8), (300, 1))
+    for picture in (noise, cv2.GaussianBlur(noise, (0, 0), 5), stripes, stripes * 0 + 90):
+        for board in BOARDS.values():
+            sighting = detect_board(picture, board)
+            assert sighting.status == "no board"
+            assert not sighting.seen.any()
+
+
+def test_light_is_named():
+    board = BOARDS["charuco"]
+    picture, _ = picture_of(board)
+    bright = np.full_like(picture, 255)
+    assert detect_board(bright, board).status == "overexposed"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"kind": "charucco"}, "did you mean charuco"),
+        ({"marker_m": 0.03}, "do not go into squares"),
+        ({"dictionary": "5x5_99"}, "there is no dictionary"),
+        ({"dictionary": None}, "needs the dictionary"),
+        ({"first_id": 90}, "DICT_5X5_100 has 100"),
+        ({"columns": 2.5}, "whole number"),
+        ({"square_m": None}, "needs square_m"),
+        ({"diameter_m": 0.1}, "has no diameter_m"),
+        ({"square_m": float("nan")}, "in metres"),
+    ],
+)
+def test_a_board_that_cannot_be_is_refused(given, said):
+    usual = {
+        "kind": "charuco", "columns": 8, "rows": 6, "square_m": 0.03, "marker_m": 0.02,
+        "dictionary": "5x5_100",
+    }  # fmt: skip
+    with pytest.raises(InputError, match=said):
+        make_board(**usual | given)
+
+
+def test_half_turns_are_known():
+    assert not BOARDS["chessboard"].ambiguous_half_turn
+    assert make_board("chessboard", columns=9, rows=7, square_m=0.02).ambiguous_half_turn
+    assert not BOARDS["asymmetric-circles"].ambiguous_half_turn
+    assert BOARDS["circles"].ambiguous_half_turn
+    with pytest.raises(InputError, match="quarter turn"):
+        make_board("chessboard", columns=7, rows=7, square_m=0.02)
+
+
+@pytest.mark.parametrize("picture", [None, np.zeros((9, 9), np.uint8), np.zeros((99, 99, 3))])
+def test_what_is_no_grey_picture_is_refused(picture):
+    with pytest.raises(InputError, match="the picture"):
+        detect_board(picture, BOARDS["charuco"])

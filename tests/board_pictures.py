@@ -1,0 +1,100 @@
+"""Pictures of boards by OpenCV's own warping: perspective, distortion, blur, light and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.lens import Lens
+from calib.se3 import FloatArray
+from calib.vision.boards import Board, board_picture
+
+FINER = 2
+"""Pixels are averaged from so many along each side."""
+
+BESIDE = 0.15
+"""Of a picture, what lies beside it before the lens bends it into view."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera with a lens, in front of one board.
+
+    Attributes
+    ----------
+    blur_px, noise : float
+        Standard deviations of the blur [px] and of grey levels.
+    light : float
+        By how much of its brightness the right side of a picture is darker than the left.
+    """
+
+    lens: Lens
+    board: Board
+    blur_px: float = 1.0
+    noise: float = 4.0
+    light: float = 0.3
+    px_per_m: float = 4000.0
+    margin_m: float = 0.03
+
+    @cached_property
+    def print(self) -> NDArray[np.uint8]:
+        """The board with white about it."""
+        return board_picture(self.board, self.px_per_m, self.margin_m)
+
+    @property
+    def _canvas(self) -> tuple[FloatArray, tuple[int, int]]:
+        """From pixels of a lens without distortion to indices of a canvas about it, and its size.
+
+        Pixels count from the corner of the picture, indices from the middle of the first.
+        """
+        size = np.array([self.lens.width_px, self.lens.height_px])
+        first = -BESIDE * size
+        to_index = np.array(
+            [
+                [FINER, 0, -FINER * first[0] - 0.5],
+                [0, FINER, -FINER * first[1] - 0.5],
+                [0, 0, 1.0],
+            ]
+        )
+        width, height = (FINER * size * (1 + 2 * BESIDE)).astype(int)
+        return to_index, (int(width), int(height))
+
+    @cached_property
+    def _bend(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where on the canvas each fine pixel of the picture is taken from."""
+        width, height = FINER * self.lens.width_px, FINER * self.lens.height_px
+        x, y = np.meshgrid((np.arange(width) + 0.5) / FINER, (np.arange(height) + 0.5) / FINER)
+        K, terms = self.lens.to_opencv()
+        pixels = np.stack([x.ravel(), y.ravel()], axis=-1)[:, None] - 0.5
+        straight = cv2.undistortPoints(pixels, K, terms, P=K)[:, 0] + 0.5
+        to_index, _ = self._canvas
+        index = (straight * np.diag(to_index)[:2] + to_index[:2, 2]).astype(np.float32)
+        return index[:, 0].reshape(height, width), index[:, 1].reshape(height, width)
+
+    def take(self, T_camera_board: FloatArray, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """A picture of the board there."""
+        fx, fy, cx, cy = self.lens.values[:4]
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        left, top = self.board.box[:2] - self.margin_m
+        from_print = np.array(
+            [
+                [1 / self.px_per_m, 0, left + 0.5 / self.px_per_m],
+                [0, 1 / self.px_per_m, top + 0.5 / self.px_per_m],
+                [0, 0, 1.0],
+            ]
+        )
+        to_index, size = self._canvas
+        M = to_index @ K @ T_camera_board[:3, [0, 1, 3]] @ from_print
+        flat = cv2.warpPerspective(self.print, M, size, flags=cv2.INTER_LINEAR, borderValue=(90,))
+        bent = cv2.remap(flat, *self._bend, cv2.INTER_LINEAR, borderValue=(90,))
+        small = cv2.resize(
+            bent, (self.lens.width_px, self.lens.height_px), None, 0, 0, cv2.INTER_AREA
+        )
+        grey = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
+        grey *= np.linspace(1.0, 1.0 - self.light, grey.shape[1], dtype=np.float32)
+        grey = 0.85 * grey + 15.0 + self.noise * rng.standard_normal(grey.shape, dtype=np.float32)
+        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)

@@ -1,63 +1,111 @@
-"""Pictures of boards, drawn by OpenCV: each pixel looks at the board along its own ray."""
+"""Pictures of boards by OpenCV's own warping: perspective, distortion, blur, light and noise."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.lens import Lens
 from calib.robots import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from calib.vision.boards import Board, board_picture
 
-PAPER_PX_PER_M, MARGIN_M = 6000.0, 0.02
 FINER = 2
-"""Rays across a pixel."""
+"""Pixels are averaged from so many along each side."""
 
-Picture = np.ndarray
-
-
-def draw_board(
-    board: Board,
-    lens: Lens,
-    T_camera_board: FloatArray,
-    rng: np.random.Generator,
-    *,
-    blur_px: float = 0.8,
-    noise_grey: float = 2.0,
-) -> Picture:
-    """A grey picture ``(height, width)`` of a board on a grey table."""
-    paper = board_picture(board, PAPER_PX_PER_M, MARGIN_M)
-    size = lens.width_px * FINER, lens.height_px * FINER
-    u, v = np.meshgrid(*((np.arange(n) + 0.5) / FINER - 0.5 for n in size))
-    K, distortion = lens.to_opencv()
-    pixels = np.stack([u.ravel(), v.ravel()], axis=-1)[:, None]
-    rays = np.column_stack([cv2.undistortPoints(pixels, K, distortion)[:, 0], np.ones(u.size)])
-    R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
-    on_board = (rays * ((R[:, 2] @ p) / (rays @ R[:, 2]))[:, None] - p) @ R[:, :2]
-    at = (on_board - board.box[:2] + MARGIN_M) * PAPER_PX_PER_M - 0.5
-    maps = (part.reshape(v.shape).astype(np.float32) for part in at.T)
-    seen = cv2.remap(
-        paper, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=150
-    ).astype(np.float32)
-    blurred = cv2.GaussianBlur(seen, (0, 0), blur_px * FINER)
-    small = cv2.resize(blurred, lens_size(lens), interpolation=cv2.INTER_AREA)
-    noisy = 30.0 + 0.75 * small + noise_grey * rng.standard_normal(small.shape)
-    return np.clip(noisy, 0, 255).astype(np.uint8)
+BESIDE = 0.15
+"""Of a picture, what lies beside it before the lens bends it into view."""
 
 
-def lens_size(lens: Lens) -> tuple[int, int]:
-    """Width and height."""
-    return lens.width_px, lens.height_px
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera with a lens, in front of one board.
+
+    Attributes
+    ----------
+    blur_px, noise : float
+        Standard deviations of the blur [px] and of grey levels.
+    light : float
+        By how much of its brightness the right side of a picture is darker than the left.
+    """
+
+    lens: Lens
+    board: Board
+    blur_px: float = 1.0
+    noise: float = 4.0
+    light: float = 0.3
+    px_per_m: float = 4000.0
+    margin_m: float = 0.03
+
+    @cached_property
+    def print(self) -> NDArray[np.uint8]:
+        """The board with white about it."""
+        return board_picture(self.board, self.px_per_m, self.margin_m)
+
+    @property
+    def _canvas(self) -> tuple[FloatArray, tuple[int, int]]:
+        """From pixels of a lens without distortion to indices of a canvas about it, and its size.
+
+        Pixels count from the corner of the picture, indices from the middle of the first.
+        """
+        size = np.array([self.lens.width_px, self.lens.height_px])
+        first = -BESIDE * size
+        to_index = np.array(
+            [
+                [FINER, 0, -FINER * first[0] - 0.5],
+                [0, FINER, -FINER * first[1] - 0.5],
+                [0, 0, 1.0],
+            ]
+        )
+        width, height = (FINER * size * (1 + 2 * BESIDE)).astype(int)
+        return to_index, (int(width), int(height))
+
+    @cached_property
+    def _bend(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where on the canvas each fine pixel of the picture is taken from."""
+        width, height = FINER * self.lens.width_px, FINER * self.lens.height_px
+        x, y = np.meshgrid((np.arange(width) + 0.5) / FINER, (np.arange(height) + 0.5) / FINER)
+        K, terms = self.lens.to_opencv()
+        pixels = np.stack([x.ravel(), y.ravel()], axis=-1)[:, None] - 0.5
+        straight = cv2.undistortPoints(pixels, K, terms, P=K)[:, 0] + 0.5
+        to_index, _ = self._canvas
+        index = (straight * np.diag(to_index)[:2] + to_index[:2, 2]).astype(np.float32)
+        return index[:, 0].reshape(height, width), index[:, 1].reshape(height, width)
+
+    def take(self, T_camera_board: FloatArray, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """A picture of the board there."""
+        fx, fy, cx, cy = self.lens.values[:4]
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        left, top = self.board.box[:2] - self.margin_m
+        from_print = np.array(
+            [
+                [1 / self.px_per_m, 0, left + 0.5 / self.px_per_m],
+                [0, 1 / self.px_per_m, top + 0.5 / self.px_per_m],
+                [0, 0, 1.0],
+            ]
+        )
+        to_index, size = self._canvas
+        M = to_index @ K @ T_camera_board[:3, [0, 1, 3]] @ from_print
+        flat = cv2.warpPerspective(self.print, M, size, flags=cv2.INTER_LINEAR, borderValue=(90,))
+        bent = cv2.remap(flat, *self._bend, cv2.INTER_LINEAR, borderValue=(90,))
+        small = cv2.resize(
+            bent, (self.lens.width_px, self.lens.height_px), None, 0, 0, cv2.INTER_AREA
+        )
+        grey = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
+        grey *= np.linspace(1.0, 1.0 - self.light, grey.shape[1], dtype=np.float32)
+        grey = 0.85 * grey + 15.0 + self.noise * rng.standard_normal(grey.shape, dtype=np.float32)
+        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
 def take_pictures(
     folder: Path,
     robot: Robot,
-    board: Board,
-    lens: Lens,
+    camera: Camera,
     X: FloatArray,
     Z: FloatArray,
     count: int,
@@ -71,15 +119,16 @@ def take_pictures(
     All of the board is in each of them. The arm stops off by ``arm`` [m, rad].
     """
     folder.mkdir(parents=True, exist_ok=True)
+    board, lens = camera.board, camera.lens
+    size = np.array([lens.width_px, lens.height_px])
     middle, taken = board.points.mean(axis=0), list[FloatArray]()
     while len(taken) < count:
         R = rotation_exp(rng.uniform(-0.5, 0.5, 3) * [1.0, 1.0, 2.0])
         place = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.4, 0.55)]) - R @ middle
         corners = lens.project(board.outline @ R.T + place)
-        if not ((corners > 8) & (corners < np.array(lens_size(lens)) - 8)).all():
+        if not ((corners > 8) & (corners < size - 8)).all():
             continue
-        flange = Z @ inverse(X @ transform(R, place))
-        found = robot.inverse(flange[None], near=near)
+        found = robot.inverse((Z @ inverse(X @ transform(R, place)))[None], near=near)
         if not found.inside.any():
             continue
         inside = found.postures[found.inside]
@@ -89,7 +138,7 @@ def take_pictures(
             rotation_exp(arm[1] * rng.standard_normal(3)) @ T[:3, :3],
             T[:3, 3] + arm[0] * rng.standard_normal(3),
         )
-        picture = draw_board(board, lens, inverse(stops @ X) @ Z, rng)
+        picture = camera.take(inverse(stops @ X) @ Z, rng)
         cv2.imwrite(str(folder / f"img{len(taken) + 1}.png"), picture)
         taken.append(q)
     return np.array(taken)

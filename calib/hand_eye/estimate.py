@@ -370,13 +370,12 @@ def _outliers_in_words(problem: Problem, names: Sequence[str], good: BoolArray) 
     if not len(out):
         return []
     first, last = int(out[0]), int(out[-1])
-    is_block = len(out) > 2 and last - first + 1 == len(out) and last == len(good) - 1
-    is_block &= len(problem.prepared) == 1
-    if is_block:
-        return [
-            f"all pictures from {names[first]} on contradict those before: the board or the camera "
-            "was moved; they take no part"
-        ]
+    if len(problem.prepared) == 1 and len(out) > 2 and last - first + 1 == len(out):
+        moved = "the board or the camera was moved; they take no part"
+        if last == len(good) - 1:
+            return [f"all pictures from {names[first]} on contradict those before: {moved}"]
+        if first == 0:
+            return [f"all pictures before {names[last + 1]} contradict those from it on: {moved}"]
     shown = ", ".join(names[i] for i in out[:_MOST_NAMED].tolist())
     more = f" and {len(out) - _MOST_NAMED} more" if len(out) > _MOST_NAMED else ""
     return [

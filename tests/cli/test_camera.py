@@ -14,7 +14,7 @@ from calib.lens import Lens
 from calib.se3 import quaternion_from_rotation, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
 from posedesign.hand_eye.lens_files import read_lens
-from tests.board_pictures import take_pictures
+from tests.board_pictures import Camera, take_pictures
 
 LENS = Lens("pinhole", 640, 480, (560.0, 562.0, 322.0, 238.0, -0.12, 0.06, 5e-4, -3e-4, 0.0))
 X = transform(rotation_exp(np.array([0.02, -0.03, 0.5])), np.array([0.05, 0.02, 0.06]))
@@ -35,7 +35,8 @@ def write_pictures(cell: Path, folder: Path, joints: Path, count: int) -> np.nda
     """Pictures by the arm of a cell, and the table of their joints, which it returns [rad]."""
     loaded = Cell.load(cell)
     rng = np.random.default_rng(4)
-    q = take_pictures(folder, loaded.robot, loaded.board, LENS, X, Z, count, rng, near=NEAR)
+    camera = Camera(LENS, loaded.board)
+    q = take_pictures(folder, loaded.robot, camera, X, Z, count, rng, near=NEAR)
     header = ["picture", *(f"j{k}_deg" for k in range(1, 7))]
     write_rows(joints, header, np.degrees(q))
     return q

@@ -13,7 +13,7 @@ from calib.hand_eye.checks import explain_misfit, find_half_turns
 from calib.hand_eye.start import board_poses, start_lens
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import rotation_exp, transform
-from tests.board_scenes import (
+from studies.board_scenes import (
     EXACT,
     LENS,
     OTHER_LENS,
@@ -118,6 +118,14 @@ def test_what_was_moved_far_late_is_left_out(seen):
     result = calibrate(scene.shown(moved(scene, pixels, [0.02, 0.01, 0], [0, 0, 0.05], 12)))
     assert result.outliers == NAMES[12:]
     assert result.warnings[0].startswith("all pictures from P13 on contradict those before")
+    assert not result.is_ok
+
+
+def test_what_was_moved_far_early_is_left_out(seen):
+    scene, pixels = seen["camera"]
+    result = calibrate(scene.shown(moved(scene, pixels, [0.02, 0.01, 0], [0, 0, 0.05], 4)))
+    assert result.outliers == NAMES[:4]
+    assert result.warnings[0].startswith("all pictures before P05 contradict those from it on")
     assert not result.is_ok
 
 

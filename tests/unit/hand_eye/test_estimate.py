@@ -13,7 +13,7 @@ from calib.model.parameters import ZeroOffsets
 from calib.robots import Robot
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import rotation_exp, transform
-from tests.board_scenes import (
+from studies.board_scenes import (
     EXACT,
     FLANGE,
     LENS,

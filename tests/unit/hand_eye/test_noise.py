@@ -20,7 +20,7 @@ from calib.model.measurements import (
 from calib.model.parameters import LensParameters, TargetFrame, TargetPoints, ToolFrame, ToolPoint
 from calib.robots.flange_poses import flange_robot, posture_of_pose
 from calib.se3 import rotation_exp, transform
-from tests.board_scenes import EXACT, LENS, SIGMA_PX, STOPS_OFF, Scene, draw_scene
+from studies.board_scenes import EXACT, LENS, SIGMA_PX, STOPS_OFF, Scene, draw_scene
 
 TRIALS = 60
 SURE = normal_quantile(1 - 1e-5)

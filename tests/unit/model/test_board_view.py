@@ -22,7 +22,7 @@ from calib.model.parameters import (
 )
 from calib.robots.flange_poses import flange_robot, posture_of_pose
 from calib.se3 import rotation_exp, transform
-from tests.board_scenes import LENS, SIGMA_PX, SIZE, draw_scene, inner_corners, reached
+from studies.board_scenes import LENS, SIGMA_PX, SIZE, draw_scene, inner_corners, reached
 
 ARM = (3e-4, 5e-4)
 ERRORS = ("scale", "bend_x", "bend_y")

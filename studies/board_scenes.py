@@ -131,5 +131,6 @@ def reached(robot: Robot, scene: Scene, count: int) -> tuple[Scene, FloatArray]:
     """The first poses of a scene that a robot reaches, and its joints ``(count, n)`` [rad]."""
     q, found = robot.inverse(scene.flange, near=(robot.lower + robot.upper) / 2).nearest()
     some = np.flatnonzero(found)[:count]
-    assert len(some) == count
+    if len(some) < count:
+        raise ValueError(f"{robot.name} reaches {len(some)} of {len(found)} poses, not {count}")
     return replace(scene, flange=scene.flange[some]), q[some]

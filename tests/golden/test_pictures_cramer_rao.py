@@ -1,0 +1,165 @@
+"""Camera, board, lens and robot from pictures against the Cramér-Rao bound over their pixels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from calib.chance import chi2_quantile, normal_quantile
+from calib.hand_eye import calibrate
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardShape, BoardView
+from calib.model.measurements.board_view import Carried
+from calib.model.parameters import LensParameters, TargetFrame, ToolFrame, ZeroOffsets
+from calib.robots import Robot
+from calib.robots.flange_poses import posture_of_pose
+from calib.se3 import FloatArray
+from studies.board_scenes import EXACT, FLANGE, SIGMA_PX, STOPS_OFF, Scene, draw_scene, reached
+
+PICTURES = 15
+CHANCE = 1e-3
+LOWEST, HIGHEST = 0.97, 1.05
+"""Rms error over the bound."""
+
+GROUPS = {"X": slice(0, 6), "Z": slice(6, 12), "lens": slice(12, 21)}
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Errors of many sets of pictures.
+
+    Attributes
+    ----------
+    errors : array (T, p)
+    bounds : array (T, p, p)
+        Of their covariance, with the noise as it is.
+    stated : array (T, p, p)
+        As each result states it.
+    inside : array (T, p) of bool
+        Whether the 95 % intervals hold the truth.
+    """
+
+    errors: FloatArray
+    bounds: FloatArray
+    stated: FloatArray
+    inside: FloatArray
+
+    def over_bound(self, part: slice = slice(None)) -> float:
+        """Rms of the errors of some parameters over their bound, in its own axes."""
+        own, bounds = self.errors[:, part], self.bounds[:, part, part]
+        return float(np.sqrt(np.mean(squares(own, bounds)) / own.shape[1]))
+
+    @property
+    def nees(self) -> float:
+        """Normalised squared error: one where covariances are right."""
+        return float(np.mean(squares(self.errors, self.stated)) / self.errors.shape[1])
+
+
+def squares(errors: FloatArray, covariances: FloatArray) -> FloatArray:
+    return np.einsum("tp,tp->t", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
+
+
+def run(trials: int, carried: Carried, arm: tuple[float, float], seed: int) -> Trials:
+    """Sets of 15 pictures, each of another scene; lens and noise are found with X and Z."""
+    found = []
+    for trial in range(trials):
+        rng = np.random.default_rng([seed, trial])
+        scene = draw_scene(rng, PICTURES, carried)
+        result = calibrate(scene.shown(scene.seen(rng, arm=arm)))
+        assert result.used.all()
+        model = true_model(scene, arm, [])
+        postures = posture_of_pose(scene.flange)
+        found.append(trial_of(model, postures, scene.errors(result), result.estimate))
+    return Trials(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+def true_model(scene: Scene, arm, blocks, robot=FLANGE) -> CalibrationModel:
+    shape = BoardShape(scene.points)
+    kind = BoardView(SIGMA_PX, shape, scene.lens, scene.carried, arm if any(arm) else None)
+    frames = [ToolFrame(scene.X), TargetFrame(scene.Z), *blocks, LensParameters(scene.lens)]
+    return CalibrationModel(robot, frames, kind)
+
+
+def trial_of(model, postures, error, estimate):
+    J = model.linearise(postures).white_jacobian.reshape(-1, model.p)
+    low, high = estimate.interval
+    inside = np.abs(error) <= (high - low) / 2.0
+    return error, np.linalg.inv(J.T @ J), estimate.covariance, inside
+
+
+def band(trials: int, parameters: int, power: float = 0.5) -> tuple[float, float]:
+    """Where the mean of so many χ² over their freedom is, to that power, unless by chance."""
+    freedom = trials * parameters
+    low, high = chi2_quantile([CHANCE / 2, 1 - CHANCE / 2], freedom) / freedom
+    return float(low**power), float(high**power)
+
+
+def check(done: Trials, *, efficient: float = HIGHEST) -> None:
+    """Bars: the error, and what is said of it."""
+    T, p = done.errors.shape
+    low, high = band(T, p)
+    assert LOWEST * low < done.over_bound() < efficient * high
+    low, high = band(T, p, power=1.0)
+    assert LOWEST**2 * low < done.nees < HIGHEST**2 * high
+    # intervals of one set are correlated: as if there were three of their own
+    error = normal_quantile(1 - CHANCE / 2) * np.sqrt(0.95 * 0.05 / (3 * T))
+    assert 0.93 - error < done.inside.mean() < 0.97 + error
+
+
+CASES = pytest.mark.parametrize(
+    ("carried", "arm"),
+    [("camera", EXACT), ("camera", STOPS_OFF), ("board", EXACT), ("board", STOPS_OFF)],
+    ids=["camera, exact", "camera, stops off", "board, exact", "board, stops off"],
+)
+
+
+@pytest.mark.parametrize(("carried", "arm"), [("camera", STOPS_OFF), ("board", EXACT)])
+def test_twenty_sets_are_as_near_as_they_say(carried, arm):
+    check(run(20, carried, arm, 50))
+
+
+@pytest.mark.slow
+@CASES
+def test_errors_are_those_of_the_bound_and_covariances_are_right(carried, arm):
+    """Two hundred sets: the bars themselves, and each of X, Z and the lens in its band."""
+    done = run(200, carried, arm, 51)
+    assert LOWEST < done.over_bound() < HIGHEST
+    assert 0.93 < done.inside.mean() < 0.97
+    check(done)
+    for part in GROUPS.values():
+        low, high = band(200, part.stop - part.start)
+        assert LOWEST * low < done.over_bound(part) < HIGHEST * high
+
+
+JOINTS = slice(1, 5)
+OFFSET = np.deg2rad(0.3)
+
+
+def run_robot(trials: int, carried: Carried, seed: int) -> Trials:
+    """The same with zero offsets of an exact arm, by its joint values."""
+    robot, found = Robot.preset("ur10e"), []
+    names = robot.joint_names[JOINTS]
+    for trial in range(trials):
+        rng = np.random.default_rng([seed, trial])
+        scene, q = reached(robot, draw_scene(rng, 40, carried), PICTURES)
+        true = OFFSET * rng.standard_normal(len(names))
+        shown = q.copy()
+        shown[:, JOINTS] -= true
+        pictures = scene.shown(scene.seen(rng), robot=robot, postures=shown)
+        result = calibrate(pictures, free=[ZeroOffsets(robot, names)])
+        assert result.used.all()
+        offsets = result.estimate.values[12:16] - true
+        error = np.insert(scene.errors(result), 12, offsets)
+        model = true_model(scene, EXACT, [ZeroOffsets(robot, names)], robot)
+        found.append(trial_of(model, q, error, result.estimate))
+    return Trials(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("carried", ["camera", "board"])
+def test_zero_offsets_of_the_robot_are_found_as_near_as_can_be(carried):
+    done = run_robot(200, carried, 52)
+    assert done.over_bound() < HIGHEST
+    check(done)
+    low, high = band(200, 4)
+    assert LOWEST * low < done.over_bound(slice(12, 16)) < HIGHEST * high

@@ -23,17 +23,17 @@ from calib.hand_eye.noise import (
     pixel_scale,
     squares_of_pictures,
 )
+from calib.hand_eye.points import pose_of, seen_point_motion
 from calib.hand_eye.result import HandEyeResult, PictureStatus
 from calib.hand_eye.start import FEWEST_POINTS, board_poses, start_lens
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
-from calib.lens import Lens, LensName, project
+from calib.lens import Lens, LensName
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import BoardShape, BoardView, Measurements, board_views
 from calib.model.measurements.board_view import Carried
 from calib.model.parameters import (
     BoardErrors,
-    Frames,
     LensParameters,
     ParameterBlock,
     TargetFrame,
@@ -339,7 +339,7 @@ def _result(
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
     poses = [
-        _pose_of(block, x[part])
+        pose_of(block, x[part])
         for block, part in zip(fit.model.parameters[:2], fit.model.slices[:2], strict=True)
     ]
     lens = problem.lens
@@ -410,32 +410,7 @@ def _point_sigma(
     distance: float,
 ) -> float:
     """Standard deviation [m] of a point in the middle of the picture: see `HandEyeResult`."""
-    which = 0 if carried == "camera" else 1
-    block, part = model.parameters[which], model.slices[which]
-    x, covariance = estimate.values, estimate.covariance
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
     point = distance * np.append(lens.rays(middle), 1.0)
-    gain = np.zeros((3, model.p))
-    for k in range(part.start, part.stop):
-        ahead, behind = (
-            _pose_of(block, x[part] + step * (np.arange(model.p)[part] == k))
-            for step in (_STEP, -_STEP)
-        )
-        gain[:, k] = ((ahead - behind) @ np.append(point, 1.0))[:3] / (2.0 * _STEP)
-    for other, own in zip(model.parameters, model.slices, strict=True):
-        if isinstance(other, LensParameters):
-            seen = project(lens.name, np.array(lens.values)[:, None], point[:, None, None])
-            across = np.linalg.solve(seen.by_point[:, :2, 0, 0], -seen.by_lens[:, :, 0, 0].T)
-            moved = other.picked(np.vstack([across, np.zeros(across.shape[1])]).T).T
-            gain[:, own] = _pose_of(block, x[part])[:3, :3] @ moved
-    return float(np.sqrt(np.trace(gain @ covariance @ gain.T)))
-
-
-_STEP = 1e-6
-"""Of differences of poses [m, rad]: their curvature is far below rounding then."""
-
-
-def _pose_of(block: ParameterBlock, values: FloatArray) -> FloatArray:
-    if not isinstance(block, Frames):
-        raise TypeError("X and Z are frames")
-    return np.asarray(block.poses(values)[0])
+    gain = seen_point_motion(model, estimate.values, carried, lens, point[None])[0]
+    return float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T)))

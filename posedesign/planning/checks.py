@@ -41,7 +41,12 @@ def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> li
 
 
 def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
-    """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that."""
+    """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that.
+
+    None where pictures of a board are taken, which may be anywhere in view.
+    """
+    if cell.sees_board:
+        return []
     points = cell.robot.state(postures).point(cell.tool_m)
     distance = np.linalg.norm(points - cell.target_m, axis=-1)
     return [

@@ -308,12 +308,13 @@ be taken."""
 
 
 def view_candidates(
-    cell: Cell, count: int, rng: np.random.Generator, configurations: str = "front"
+    cell: Cell, count: int, rng: np.random.Generator, configurations: str = "nearest"
 ) -> CandidatePoses:
     """Postures that see a board anywhere in the image, at any distance and tilt, rolled freely.
 
     ``count``: postures wanted; fewer where most views cannot be taken. ``configurations``: see
-    :data:`~posedesign.candidates.Configurations`.
+    :data:`~posedesign.candidates.Configurations`; where the robot is taken as it is, all postures
+    of a view tell the same.
     """
     count, chosen = check_count(count), check_configurations(configurations)
     at_once = int(np.clip(count, _FEWEST // 4, _MOST))
@@ -333,7 +334,7 @@ def view_candidates(
             lambda solutions: asked_for(solutions, chosen),
             (
                 "only with the first joint on the other side of the base posture",
-                'set pool.configurations = "all"',
+                'take configurations = "all"',
             ),
         )
     postures = postures[once(postures)][:count]
@@ -378,7 +379,7 @@ def candidates_of(cell: Cell) -> CandidatePoses:
                 hint='set pool.kind = "cone"',
                 name="pool.kind",
             )
-        return view_candidates(cell, section.candidates, rng, section.configurations)
+        return view_candidates(cell, section.candidates, rng)
     if kind == "joints":
         if not cell.is_hand_eye:
             raise InputError(

@@ -362,9 +362,9 @@ class MeasurementSection(Section):
     """How it is measured, and how well: touch-ups, poses of a target, or pictures of a board.
 
     The noise of touch-ups is along x, y, z of the tip, or of the camera as it is mounted there.
-    ``arm_three_sigma_mm`` is that of an arm whose geometry is as good as its maker built it: about
-    half a millimetre in all between poses that are far apart. After a calibration of the arm it is
-    a third of this.
+    ``arm_three_sigma_mm`` and ``arm_three_sigma_deg`` are what zero offsets of up to 0.1 deg look
+    like at poses that are chosen far apart: the estimate of simulated pictures found 0.3 mm and
+    0.06 deg, one standard deviation, on an R-2000iC and on a UR10e.
     """
 
     kind: Literal["touch-up", "view-line", "camera-pose", "board"] = "touch-up"
@@ -388,7 +388,7 @@ class MeasurementSection(Section):
     arm_three_sigma_mm: NotNegative = 0.9
     """Three standard deviations of where the arm stops from where it says, along each axis; for a
     ``board``, 0 for none."""
-    arm_three_sigma_deg: NotNegative = 0.15
+    arm_three_sigma_deg: NotNegative = 0.18
     """The same about each axis."""
     estimate_lens: StrictBool = True
     """Estimate the lens from the pictures, too; false where it was calibrated before."""

@@ -158,7 +158,7 @@ camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera
 camera_three_sigma_mm = 0.3
 board_three_sigma_px = 0.6        # of a coordinate of a board's point in a picture
 arm_three_sigma_mm = 0.9          # where the arm stops from where it says, along each axis, and
-arm_three_sigma_deg = 0.15        # about each; of pictures of a board
+arm_three_sigma_deg = 0.18        # about each; of pictures of a board
 estimate_lens = true              # from these pictures; false: it was calibrated before
 # [[noise]]                       # of further kinds that were measured; without it, from residuals
 # kind = "pose"                   # plane, point, pose, camera-pose, distance

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.robot_world import Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import (
@@ -39,11 +40,18 @@ from posedesign.pairs.tables import DEFAULT_METHODS, pair_rows, solve_and_write,
 from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
-from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
+from posedesign.planning.optimal import (
+    NextPoses,
+    OptimalPlan,
+    Request,
+    plan_next,
+    plan_next_views,
+    plan_optimal,
+)
 from posedesign.planning.optimal.choose import Advance
 from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
-from posedesign.planning.poses_file import PoseList, write_poses
+from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.report.figures import draw
@@ -188,7 +196,22 @@ def plan_next_poses(
     accuracy_m: float | None,
     trust_units: bool = False,
 ) -> NextPoses:
-    """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``."""
+    """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``.
+
+    Of a cell that takes pictures of a board, where to take the next, after those of a list of
+    poses.
+    """
+    if cell.sees_board:
+        return _plan_next_views(
+            cell,
+            measurements,
+            out,
+            count,
+            criterion=criterion,
+            least_gain=least_gain,
+            accuracy_m=accuracy_m,
+            trust_units=trust_units,
+        )
     check_touch_up_cell(
         cell
     )  # the file of another kind of cell would be found wrong in other words
@@ -229,6 +252,34 @@ def _write_poses(
     )
 
 
+def _plan_next_views(
+    cell: Cell,
+    taken: Path,
+    out: Path | Results,
+    count: int,
+    *,
+    criterion: str,
+    least_gain: float,
+    accuracy_m: float | None,
+    trust_units: bool,
+) -> NextPoses:
+    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[taken])
+    listed = read_poses(
+        taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+    )
+    check_fit(cell, listed)
+    result = plan_next_views(
+        cell,
+        listed.measured.postures,
+        count,
+        criterion=criterion,
+        least_gain=least_gain,
+        accuracy_m=accuracy_m,
+    )
+    _write_poses(poses, cell, result.poses, result.route)
+    return result
+
+
 def simulate(
     cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None
 ) -> SimulatedRobot:
@@ -238,6 +289,13 @@ def simulate(
     there are none. The noise depends on the seed alone: the one of the cell, unless another is
     given.
     """
+    if cell.sees_board:
+        raise InputError(
+            "touch-ups and pairs of poses are simulated, and this cell takes pictures of a board",
+            hint='set measurement.kind = "touch-up" or "camera-pose"',
+            name="measurement.kind",
+            value=cell.config.measurement.kind,
+        )
     touches = not cell.is_hand_eye
     claims = Results.of(out, "simulate").claim(
         "simulated", *([TOUCH_UPS] * touches), *([PAIRS] * cell.has_camera)

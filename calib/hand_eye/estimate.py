@@ -34,14 +34,15 @@ from calib.hand_eye.noise import (
     squares_of_pictures,
 )
 from calib.hand_eye.pictures import Pictures
+from calib.hand_eye.points import poses_of, seen_point_motion
 from calib.hand_eye.problem import Prepared, Problem
 from calib.hand_eye.result import HandEyeResult, PictureStatus
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
-from calib.lens import Lens, LensName, project
+from calib.lens import Lens, LensName
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
-from calib.model.parameters import AXES, BoardErrors, Frames, LensParameters, ParameterBlock
+from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock
 from calib.one_thread import one_blas_thread
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -239,7 +240,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     observed = residuals if data.observed is None else data.observed
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
-    poses = _poses_of(fit.model, x)
+    poses = poses_of(fit.model, x)
     lenses = _lenses_of(problem, fit.model, x)
     first = problem.prepared[0].pictures
     X, Z = (poses[label] for label in first.labels)
@@ -276,16 +277,6 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         start=problem.prepared[0].start,
         warnings=(*_outliers_in_words(problem, data.names, fit.good), *suspicions),
     )
-
-
-def _poses_of(model: CalibrationModel, x: FloatArray) -> dict[str, FloatArray]:
-    """Poses ``(4, 4)`` [m] of what is on the flange and around the arm, by name."""
-    return {
-        label: T
-        for block, part in zip(model.parameters, model.slices, strict=True)
-        if isinstance(block, Frames)
-        for label, T in zip(block.labels, block.poses(x[part]), strict=True)
-    }
 
 
 def _lenses_of(problem: Problem, model: CalibrationModel, x: FloatArray) -> dict[str, Lens]:
@@ -436,25 +427,7 @@ def _point_sigma(
     distance: float,
 ) -> float:
     """Standard deviation [m] of a point in the middle of the picture: see `HandEyeResult`."""
-    x, covariance = estimate.values, estimate.covariance
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
-    point = np.append(distance * np.append(lens.rays(middle), 1.0), 1.0)
-    gain = np.zeros((3, model.p))
-    stems = (f"tool.{camera}.", f"target.{camera}.")
-    for k, name in enumerate(model.names):
-        if name.startswith(stems):
-            step = _STEP * (np.arange(model.p) == k)
-            ahead, behind = (_poses_of(model, x + way * step)[camera] for way in (1.0, -1.0))
-            gain[:, k] = ((ahead - behind) @ point)[:3] / (2.0 * _STEP)
-    R = _poses_of(model, x)[camera][:3, :3]
-    for block, own in zip(model.parameters, model.slices, strict=True):
-        if isinstance(block, LensParameters) and block.label == camera:
-            seen = project(lens.name, np.array(lens.values)[:, None], point[:3, None, None])
-            across = np.linalg.solve(seen.by_point[:, :2, 0, 0], -seen.by_lens[:, :, 0, 0].T)
-            moved = np.vstack([across, np.zeros(across.shape[1])])
-            gain[:, own] = R @ block.picked(moved.T).T
-    return float(np.sqrt(np.trace(gain @ covariance @ gain.T)))
-
-
-_STEP = 1e-6
-"""Of differences of poses [m, rad]: their curvature is far below rounding then."""
+    point = distance * np.append(lens.rays(middle), 1.0)
+    (gain,) = seen_point_motion(model, estimate.values, camera, lens, point[None], camera)
+    return float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T)))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, UnreachableError
+from calib.hand_eye.points import seen_point_motion
 from calib.model import CalibrationModel
 from calib.robots import InverseSolutions
 from calib.se3 import (
@@ -16,7 +17,6 @@ from calib.se3 import (
     FloatArray,
     IntArray,
     inverse,
-    rotation_exp,
     transform,
     wpr_from_rotation,
 )
@@ -41,6 +41,7 @@ from posedesign.cell import (
     touching_poses,
     wpr_rotations,
 )
+from posedesign.cell.board_set_up import rotations_to
 from posedesign.cell.task_box import BOX_OF_REACH, box_functions
 
 LEVELS = 16
@@ -267,11 +268,14 @@ def viewing_poses(cell: Cell, points: FloatArray) -> FloatArray:
 
     All that a cell allows its camera: the middle of the target anywhere in the image less its
     border, at any distance, the face of the target tilted any way, and the camera rolled freely
-    about the line of sight.
+    about the line of sight. Of a board not its middle but enough of its points are in the image,
+    where it is squarely seen.
     """
     camera = cell.config.camera
     if camera is None:
         raise InputError("the cell has no camera", name="camera")
+    if cell.sees_board:
+        return _board_poses(cell, points)
     u, v, distance = points[:, :3].T
     room_px = np.array(camera.image_px) / 2.0 - camera.border_px
     across = (2.0 * np.stack([u, v], axis=-1) - 1.0) * room_px / camera.focal_px
@@ -280,18 +284,69 @@ def viewing_poses(cell: Cell, points: FloatArray) -> FloatArray:
     # a frame whose z is the line of sight: tilted against the normal, and in the camera's own frame
     tilt = float(np.deg2rad(camera.largest_tilt_deg))
     R_base_sight = cone_rotations_at(_with_z(-cell.target_normal), tilt, points[:, 3:])
-    R_camera_sight = _towards(across)
+    R_camera_sight = rotations_to(across)
     R_base_camera = R_base_sight @ np.swapaxes(R_camera_sight, -1, -2)
     lens = cell.target_m - away_m[:, None] * R_base_sight[:, :, 2]
     return np.asarray(transform(R_base_camera, lens) @ inverse(cell.T_tip_camera))
 
 
-def _towards(across: FloatArray) -> FloatArray:
-    """Rotations ``(N, 3, 3)`` that turn z to the rays through points ``(N, 2)`` at depth one."""
-    slope = np.linalg.norm(across, axis=1)
-    angle = np.arctan(slope) / np.maximum(slope, np.finfo(float).tiny)
-    axis = np.stack([-across[:, 1], across[:, 0], np.zeros(len(across))], axis=-1)
-    return np.asarray(rotation_exp(axis * angle[:, None]))
+def _board_poses(cell: Cell, points: FloatArray) -> FloatArray:
+    """The same ``(N, 4, 4)`` where camera and board are those of pictures of a board.
+
+    Distances are even in their logarithm: a board twice as far off is half as large.
+    """
+    there = cell.board_set_up
+    low, high = np.log([there.nearest_m, there.farthest_m])
+    away_m = np.exp(low + (high - low) * points[:, 2])
+    sight = cone_rotations_at(np.eye(3), there.largest_tilt, points[:, 3:])
+    return there.tip_poses(there.views(2.0 * points[:, :2] - 1.0, away_m, sight))
+
+
+MOST_DRAWS = 16
+"""Times as many views as are wanted that are drawn at most: of the usual camera's one in four can
+be taken."""
+
+
+def view_candidates(
+    cell: Cell, count: int, rng: np.random.Generator, configurations: str = "nearest"
+) -> CandidatePoses:
+    """Postures that see a board anywhere in the image, at any distance and tilt, rolled freely.
+
+    ``count``: postures wanted; fewer where most views cannot be taken. ``configurations``: see
+    :data:`~posedesign.candidates.Configurations`; where the robot is taken as it is, all postures
+    of a view tell the same.
+    """
+    count, chosen = check_count(count), check_configurations(configurations)
+    at_once = int(np.clip(count, _FEWEST // 4, _MOST))
+    if cell.robot.n > 6:
+        at_once = max(1, at_once // MOST_PER_POSE)
+    found, tried = [np.empty((0, cell.robot.n))], 0
+    while sum(map(len, found)) < count and tried < MOST_DRAWS * count:
+        poses = viewing_poses(cell, even_points(at_once, COORDINATES, rng))
+        found.append(feasible_postures(cell.checker, poses, cell.base_posture, chosen)[0])
+        tried += at_once
+    postures = np.concatenate(found)
+    if not len(postures):
+        raise no_pose(
+            cell.checker,
+            poses,
+            cell.base_posture,
+            lambda solutions: asked_for(solutions, chosen),
+            (
+                "only with the first joint on the other side of the base posture",
+                'take configurations = "all"',
+            ),
+        )
+    postures = postures[once(postures)][:count]
+    return CandidatePoses(
+        postures=postures,
+        orientations=cell.robot.fk(postures)[:, :3, :3],
+        target=np.zeros(len(postures), dtype=np.intp),
+        targets_m=cell.target_m[None],
+        target_names=(cell.config.target.name,),
+        tried=tried,
+        description=f"the board anywhere in view, {IN_WORDS[chosen]}",
+    )
 
 
 def _with_z(z: FloatArray) -> FloatArray:
@@ -304,7 +359,8 @@ def _with_z(z: FloatArray) -> FloatArray:
 def candidates_of(cell: Cell) -> CandidatePoses:
     """Candidates of a cell, by its section ``[pool]``.
 
-    ``auto`` is the view cone for touch-ups, and all W P R grids for a camera that sees a target.
+    ``auto`` is the view cone for touch-ups, all W P R grids for a camera that sees a target, and
+    the board anywhere in view for pictures of one.
 
     Raises InputError: postures that do not touch the target, for a measurement that does.
     UnreachableError: the robot can take none of them.
@@ -312,10 +368,18 @@ def candidates_of(cell: Cell) -> CandidatePoses:
     section = cell.config.pool
     kind = section.kind
     if kind == "auto":
-        kind = "wpr" if cell.is_hand_eye else "cone"
+        kind = "views" if cell.sees_board else "wpr" if cell.is_hand_eye else "cone"
     if kind == "wpr":
         return grid_candidates(cell, configurations="nearest")
     rng = np.random.default_rng(section.seed)
+    if kind == "views":
+        if not cell.sees_board:
+            raise InputError(
+                f"views are of a board, and {cell.config.measurement.kind} is what is measured",
+                hint='set pool.kind = "cone"',
+                name="pool.kind",
+            )
+        return view_candidates(cell, section.candidates, rng)
     if kind == "joints":
         if not cell.is_hand_eye:
             raise InputError(
@@ -369,8 +433,11 @@ def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
 def functions_over_box(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
     """How the tool point moves with the parameters over the box ``(K, 3, p)``, and which box.
 
-    Without a task box of its own, a cell is judged at the base pose where nothing else is reached.
+    Where pictures of a board are taken, over what the camera sees. Without a task box of its own,
+    another cell is judged at the base pose where nothing else is reached.
     """
+    if cell.sees_board:
+        return _functions_of_picture(cell, model)
     box, words = box_of_cell(cell)
     try:
         return box_functions(cell, model, box), words
@@ -379,3 +446,25 @@ def functions_over_box(cell: Cell, model: CalibrationModel) -> tuple[FloatArray,
             raise
     point = TaskBox(cell.target_m, cell.target_m, (1, 1, 1))
     return box_functions(cell, model, point), "the target alone"
+
+
+IN_PICTURE = 0.8
+"""Part of the picture, from its middle, over which it is looked at where a camera sees points."""
+
+
+def _functions_of_picture(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
+    """How what the camera sees moves with X, or Z, and the lens, at nine points of its picture.
+
+    ``(9, 3, p)``, seen from what the camera is on: the flange, or the base.
+    """
+    there = cell.board_set_up
+    T = there.cameras(cell.robot.fk(cell.base_posture))
+    away_m = float(np.linalg.norm(T[:3, 3]))
+    lens = there.lens
+    grid = np.array([[x, y] for y in (-1, 0, 1) for x in (-1, 0, 1)])
+    size = np.array([lens.width_px, lens.height_px])
+    rays = lens.rays(size * (1.0 + IN_PICTURE * grid) / 2.0)
+    points = away_m * np.column_stack([rays, np.ones(len(rays))])
+    frame = (model.tools if there.carried == "camera" else model.targets)[0]
+    motion = seen_point_motion(model, model.nominal, frame, lens, points)
+    return motion, f"the picture at {1e3 * away_m:.0f} mm"

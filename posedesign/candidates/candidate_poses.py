@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +14,13 @@ from calib.model.parameters import TargetPoints
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
+from posedesign.selection import triangles
 
 APART_M = 1e-6
 """Targets nearer to each other are one: far below what a pin could be set on."""
+
+_NUMBERS = 4_000_000
+"""Of Jacobians at once: 32 MB."""
 
 FARTHEST_M = 100.0
 """Coordinates beyond this are millimetres: no arm reaches there."""
@@ -163,13 +167,33 @@ class CandidatePoses:
         index = np.array([model.targets.index(name) for name in self.target_names], dtype=np.intp)
         return Setup.of(len(self), target=index[self.target])
 
-    def linearise(self, model: CalibrationModel) -> Linearisation:
-        """What a model makes of the postures at its nominal parameters."""
-        return model.linearise(self.postures, setup=self.setup(model))
+    def linearise(self, model: CalibrationModel, x: FloatArray | None = None) -> Linearisation:
+        """What a model makes of the postures, at its nominal parameters or others ``(p,)``."""
+        return model.linearise(self.postures, x, self.setup(model))
 
-    def white(self, model: CalibrationModel) -> FloatArray:
-        """Blocks ``(N, m, p)`` over the noise: what a selection chooses among."""
-        return self.linearise(model).white_jacobian
+    def white(self, model: CalibrationModel, x: FloatArray | None = None) -> FloatArray:
+        """Blocks ``(N, m, p)`` over the noise: what a selection chooses among.
+
+        Reduced to triangles ``(N, p, p)`` where a pose has more rows than there are parameters.
+        """
+        return self.blocks(model, lambda linear: triangles(linear.white_jacobian), x)
+
+    def blocks(
+        self,
+        model: CalibrationModel,
+        of: Callable[[Linearisation], FloatArray],
+        x: FloatArray | None = None,
+    ) -> FloatArray:
+        """What is made of the postures ``(N, ...)``, of some at a time where they have many rows.
+
+        The points of a board are two rows each: those of thousands of poses would fill the memory.
+        """
+        at_once = max(1, _NUMBERS // (model.measurement.rows * model.p))
+        parts = [
+            of(self.take(np.arange(first, min(first + at_once, len(self)))).linearise(model, x))
+            for first in range(0, max(len(self), 1), at_once)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def summary(self) -> str:
         said = f"{self.description}: {len(self)} postures from {self.tried} tried"

@@ -24,6 +24,7 @@ from posedesign.cell.surroundings import (
     build_collisions,
     build_retreat,
     build_scene,
+    check_board,
     check_cell,
     meeting_pairs,
     naming,
@@ -117,6 +118,7 @@ class Cell(CellData):
             )
         with naming(path, "board"):
             cell.board  # noqa: B018  what cannot be is said now
+        check_board(cell, path)
         check_cell(cell, lambda: cell.scene, path)
         return cell
 

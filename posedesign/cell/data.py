@@ -14,9 +14,17 @@ import numpy as np
 from calib.errors import InputError
 from calib.geometry import Body
 from calib.model import CalibrationModel
-from calib.model.measurements import KINDS, CameraPose, Measurement, TouchUp, ViewLine
+from calib.model.measurements import (
+    KINDS,
+    BoardView,
+    CameraPose,
+    Measurement,
+    TouchUp,
+    ViewLine,
+)
 from calib.model.parameters import (
     JointCompliance,
+    LensParameters,
     LinkGeometry,
     ParameterBlock,
     Payload,
@@ -27,7 +35,14 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.robots import Robot
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
+from posedesign.cell.board_set_up import (
+    BoardSetUp,
+    board_normal_in_base,
+    board_set_up,
+    board_view,
+    fixed_camera,
+)
 from posedesign.cell.schema import CellConfig
 from posedesign.cell.schema_sections import NoiseSection
 
@@ -70,7 +85,25 @@ class CellData:
     @property
     def measurement(self) -> Measurement:
         """The measurement with its noise."""
+        if self.sees_board:
+            return board_view(self)
         return make_measurement(self.config, self.T_tip_camera[:3, :3])
+
+    @property
+    def sees_board(self) -> bool:
+        """Whether pictures of a board are what is measured."""
+        return self.config.measurement.kind == "board"
+
+    @cached_property
+    def board_set_up(self) -> BoardSetUp:
+        """Camera and board, where pictures of a board are measured.
+
+        Raises
+        ------
+        InputError
+            One of them is not described, or cannot be.
+        """
+        return board_set_up(self)
 
     @cached_property
     def board(self) -> Board | None:
@@ -94,12 +127,23 @@ class CellData:
     @property
     def is_hand_eye(self) -> bool:
         """Whether camera and target are what is identified, and the robot is taken as it is."""
-        return self.config.measurement.kind == "camera-pose"
+        return self.config.measurement.kind == "camera-pose" or self.sees_board
+
+    @property
+    def estimates_lens(self) -> bool:
+        """Whether the lens is identified with camera and board."""
+        return self.sees_board and self.config.measurement.estimate_lens
 
     @property
     def has_camera(self) -> bool:
         """Whether something on the flange sees: it is described, or is what is calibrated."""
         return self.is_hand_eye or self.config.camera is not None
+
+    @property
+    def camera_stands(self) -> bool:
+        """Whether the camera stands around the arm, and the board is on the flange."""
+        section = self.config.camera
+        return section is not None and section.mount == "fixed"
 
     @property
     def tool_axes(self) -> str:
@@ -156,15 +200,21 @@ class CellData:
     def T_tip_camera(self) -> FloatArray:
         """Camera in the tip frame.
 
-        By default with the axes of the tip, the lens behind the tool point along its z.
+        By default with the axes of the tip, the lens behind the tool point along its z. A camera
+        that stands around the arm is there at the base pose only.
         """
         lens = self.tool_m - [0.0, 0.0, self.config.tool.camera_stand_off_mm / 1e3]
         section = self.config.camera
         if section is None:
             return transform(np.eye(3), lens)
+        if section.mount == "fixed":
+            return np.asarray(
+                inverse(self.robot.fk(self.base_posture)) @ fixed_camera(self, section)
+            )
         if section.position_mm is not None:
             lens = np.array(section.position_mm) / 1e3
-        return transform(rotation_from_wpr(np.deg2rad(section.wpr_deg)), lens)
+        wpr_deg = section.wpr_deg or (0.0, 0.0, 0.0)
+        return transform(rotation_from_wpr(np.deg2rad(wpr_deg)), lens)
 
     @property
     def T_base_target(self) -> FloatArray:
@@ -175,8 +225,11 @@ class CellData:
     def target_normal(self) -> FloatArray:
         """Unit vector ``(3,)`` out of the face of the target, in base axes.
 
-        By default towards the camera at the base pose.
+        By default towards the camera at the base pose. That of a board on the flange is the one
+        that it has there.
         """
+        if self.camera_stands:
+            return board_normal_in_base(self)
         given = self.config.target.normal
         way = self.lens_m - self.target_m if given is None else np.array(given)
         length = np.linalg.norm(way)
@@ -187,6 +240,9 @@ class CellData:
     @property
     def lens_m(self) -> FloatArray:
         """The lens at the base pose ``(3,)`` [m], the tool point on the target; base frame."""
+        section = self.config.camera
+        if section is not None and section.mount == "fixed":
+            return np.asarray(fixed_camera(self, section)[:3, 3])
         R = self.robot.fk(self.base_posture)[:3, :3]
         return np.asarray(self.target_m + R @ (self.T_tip_camera[:3, 3] - self.tool_m))
 
@@ -200,7 +256,7 @@ class CellData:
         """The model that is identified: zero offsets, tool point, target.
 
         Where a camera sees the pose of the target: camera on the tip (X of A X = Z B) and target
-        in the base (Z), six numbers each.
+        in the base (Z), six numbers each. Where it takes pictures of a board, its lens besides.
 
         Parameters
         ----------
@@ -213,11 +269,14 @@ class CellData:
             Other targets than the cell's one.
         """
         measured = self.measurement if measurement is None else measurement
-        if isinstance(measured, CameraPose):
-            name = self.config.target.name
-            frames = [ToolFrame(self.T_tip_camera), TargetFrame(self.T_base_target, name)]
+        if isinstance(measured, CameraPose | BoardView):
+            X, Z = self.T_tip_camera, self.T_base_target
+            if isinstance(measured, BoardView):
+                X, Z = self.board_set_up.X, self.board_set_up.Z
+            frames = [ToolFrame(X), TargetFrame(Z, self.config.target.name)]
             freed = [] if offsets is None else [ZeroOffsets(self.robot, offsets)]
-            return CalibrationModel(self.robot, [*freed, *frames], measured)
+            lens = [LensParameters(self.board_set_up.lens)] if self.estimates_lens else []
+            return CalibrationModel(self.robot, [*freed, *frames, *lens], measured)
         axes = self.tool_axes if measurement is None else self.tool_axes_of(measurement)
         return CalibrationModel(
             self.robot,

@@ -61,7 +61,10 @@ _IN_WORDS = {
 """Pydantic's words for programmers, in words for people who write the file."""
 
 
-_PLAN_OF_CAMERA_POSES = {"condition_threshold": 50.0, "dwell_s": 2.0}
+_PLAN_OF_KIND = {
+    "camera-pose": {"condition_threshold": 50.0, "dwell_s": 2.0},
+    "board": {"condition_threshold": 100.0, "dwell_s": 2.0},
+}
 """Defaults where a camera sees a target: C_G of X and Z is below a thousand with any poses, and a
 picture takes the time in which the arm comes to rest."""
 
@@ -191,18 +194,31 @@ class ToolSection(Section):
 
 
 class CameraSection(Section):
-    """What the camera on the tool sees; without this section no pose is refused for its view."""
+    """What the camera sees; without this section no pose is refused for its view."""
 
+    mount: Literal["flange", "fixed"] = "flange"
+    """``fixed``: the camera stands around the arm, and the board of a ``board`` is on the flange,
+    its middle at the tool point; ``position_mm`` and ``wpr_deg`` are in the base frame."""
     position_mm: Vector | None = None
-    """The lens in the axes of the tip; by default behind the tool point by the stand-off."""
-    wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    """Orientation of the camera in the axes of the tip; its z looks along the line of sight."""
+    """The lens in the axes of the tip; by default behind the tool point by the stand-off. Of a
+    fixed camera by default in front of the board by the stand-off, at the base pose."""
+    wpr_deg: tuple[Finite, Finite, Finite] | None = None
+    """Orientation of the camera in the axes of the tip, its z along the line of sight; by default
+    that of the tip. Of a fixed camera by default towards the board at the base pose, which it sees
+    upright."""
     image_px: tuple[Pixels, Pixels] = (1280, 1024)
     """Width and height of the image."""
     focal_px: Annotated[float, Field(strict=True, gt=0, le=1e6)] = 1800.0
     """Focal length."""
+    lens: Literal["pinhole", "rational", "fisheye"] = "pinhole"
+    """Distortion of the lens, for a ``board``: OpenCV's five terms, its eight, or its fisheye."""
+    distortion: tuple[Finite, ...] = ()
+    """These terms, as far as they are known; the others are zero."""
     border_px: NotNegative = 30.0
     """Margin kept between the target and the edge of the image."""
+    share_in_view: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.6
+    """Least share of the points of a board that is in the image; of chessboards and grids of
+    circles, which are found whole or not at all, it is 1."""
     largest_tilt_deg: Annotated[float, Field(strict=True, gt=0, lt=90)] = 70.0
     """Largest angle between the target's normal and the line of sight."""
     nearest_mm: NotNegative = 100.0
@@ -257,13 +273,13 @@ class PlanSection(Section):
     joints by up to half a degree from where they were sent (5 mm at 0.6 m): one degree is beyond
     both, so that the side stays the same. ``dwell_s``: one visual touch-up took Watanabe et al.
     2006 about 20 s (section 4, Table 2), the arm's settling included; of it and of
-    ``condition_threshold`` a camera-pose has defaults of its own. ``contact_mm``: an arm that is
-    not calibrated misses a planned pose by some millimetres. ``stop_short_mm``: programs go to
-    touch-ups from no farther off than positions are imported.
+    ``condition_threshold`` a camera-pose and a board have defaults of their own. ``contact_mm``: an
+    arm that is not calibrated misses a planned pose by some millimetres. ``stop_short_mm``:
+    programs go to touch-ups from no farther off than positions are imported.
     """
 
     condition_threshold: Positive = 1.0e5
-    """C_G below which the loop stops; 50 for a camera-pose."""
+    """C_G below which the loop stops; 50 for a camera-pose, 100 for a board."""
     limit_margin_deg: NotNegative = 1.0
     """Margin kept from every joint limit."""
     repair: StrictBool = True
@@ -281,7 +297,7 @@ class PlanSection(Section):
     approach_deg: Annotated[float, Field(strict=True, ge=0.01, le=30)] = 1.0
     """Last movement of ``same-side``."""
     dwell_s: NotNegative = 20.0
-    """Time at each pose, for the cycle time; 2 for a camera-pose."""
+    """Time at each pose, for the cycle time; 2 for a camera-pose or a board."""
     retreat_mm: NotNegative = 0.0
     """Distance by which a pin backs off along its axis between poses; 0 for none."""
     contact_mm: Positive = 5.0
@@ -343,14 +359,18 @@ class ConstraintSection(Section):
 
 
 class MeasurementSection(Section):
-    """How it is measured, and how well: touch-ups, or poses of a target that a camera sees.
+    """How it is measured, and how well: touch-ups, poses of a target, or pictures of a board.
 
     The noise of touch-ups is along x, y, z of the tip, or of the camera as it is mounted there.
+    ``arm_three_sigma_mm`` and ``arm_three_sigma_deg`` are what zero offsets of up to 0.1 deg look
+    like at poses that are chosen far apart: the estimate of simulated pictures found 0.3 mm and
+    0.06 deg, one standard deviation, on an R-2000iC and on a UR10e.
     """
 
-    kind: Literal["touch-up", "view-line", "camera-pose"] = "touch-up"
+    kind: Literal["touch-up", "view-line", "camera-pose", "board"] = "touch-up"
     """``touch-up``: the tool point is on the target. ``view-line``: across the line of sight only.
-    ``camera-pose``: a camera sees the target's pose (hand-eye calibration)."""
+    ``camera-pose``: a camera sees the target's pose (hand-eye calibration). ``board``: pictures of
+    the ``[board]``, by the pixels of its points."""
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
     """Three standard deviations of one touch-up along x, y and z."""
     noise_axes: Literal["tip", "camera"] = "tip"
@@ -363,12 +383,21 @@ class MeasurementSection(Section):
     """Three standard deviations of the rotation of a camera's pose."""
     camera_three_sigma_mm: Noise = 0.3
     """The same of its translation."""
+    board_three_sigma_px: Noise = 0.6
+    """Three standard deviations of each coordinate of a point of a board in a picture."""
+    arm_three_sigma_mm: NotNegative = 0.9
+    """Three standard deviations of where the arm stops from where it says, along each axis; for a
+    ``board``, 0 for none."""
+    arm_three_sigma_deg: NotNegative = 0.18
+    """The same about each axis."""
+    estimate_lens: StrictBool = True
+    """Estimate the lens from the pictures, too; false where it was calibrated before."""
 
     @model_validator(mode="after")
     def _has_a_common_unit(self) -> MeasurementSection:
-        if self.kind == "camera-pose" and not self.weighted:
+        if self.kind in _PLAN_OF_KIND and not self.weighted:
             raise ValueError(
-                "a camera-pose is weighted by its noise: mm and deg have no common unit"
+                f"a {self.kind} is weighted by its noise: mm and deg have no common unit"
             )
         return self
 
@@ -465,9 +494,10 @@ class ProgramSection(Section):
 class PoolSection(Section):
     """What poses are chosen from, where they are chosen and not varied."""
 
-    kind: Literal["auto", "cone", "wpr", "joints"] = "auto"
+    kind: Literal["auto", "cone", "wpr", "joints", "views"] = "auto"
     """``cone``: on the target, tilted at random. ``wpr``: every W P R grid. ``joints``: anywhere in
-    joint space. ``auto``: a cone for touch-ups, grids for a camera-pose."""
+    joint space. ``views``: the board anywhere in the image, at any distance and tilt. ``auto``: a
+    cone for touch-ups, grids for a camera-pose, views for a board."""
     tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 45.0
     """Largest tilt of the tool in a cone; it rolls freely."""
     candidates: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 1500
@@ -531,8 +561,8 @@ class CellConfig(Section):
         measurement, plan = raw.get("measurement", {}), raw.get("plan", {})
         if not (isinstance(measurement, dict) and isinstance(plan, dict)):
             return raw
-        by_camera = measurement.get("kind") == "camera-pose"
-        return {**raw, "plan": {**_PLAN_OF_CAMERA_POSES, **plan}} if by_camera else raw
+        usual = _PLAN_OF_KIND.get(str(measurement.get("kind")))
+        return {**raw, "plan": {**usual, **plan}} if usual else raw
 
     @model_validator(mode="after")
     def _names_differ(self) -> CellConfig:

@@ -215,7 +215,11 @@ class TargetSection(Section):
     position_mm: Vector | None = None
     """Where it is in the base frame; by default where the base pose puts the tool point."""
     normal: Vector | None = None
-    """Direction out of its face, in base axes; by default to the camera at the base pose."""
+    """Direction out of its face, in base axes; by default to the camera at the base pose. Of a
+    board on the flange in the axes of the tip, by default their z."""
+    roll_deg: Finite = 0.0
+    """Rotation of a board about this direction, clockwise as the camera sees it: from upright in
+    the camera's picture, or on the flange from x of the tip."""
     radius_mm: NotNegative = 0.0
     """Radius of its circle."""
     plate_mm: tuple[Size, Size] | None = None

@@ -28,6 +28,7 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
+from posedesign.constraints.board_sight import BoardSight, sight_constraints
 from posedesign.constraints.checker import Singularity
 from posedesign.constraints.space import POINT_M, BackingOff, Workspace, workspace_scene
 from posedesign.constraints.visibility import LineOfSight, TargetView
@@ -98,7 +99,25 @@ def build_checker(
     smallest = cell.config.constraints.smallest_singular_value
     if smallest:
         found.append(Singularity(smallest))
-    if camera is not None:
+    if cell.sees_board:
+        there = cell.board_set_up
+        found += sight_constraints(
+            BoardSight(
+                lens=there.lens,
+                points=there.board.points,
+                outline=there.board.outline,
+                T_tip_own=there.X,
+                T_base_other=there.Z,
+                carried=there.carried,
+            ),
+            scene,
+            nearest_m=there.nearest_m,
+            farthest_m=there.farthest_m,
+            largest_tilt=there.largest_tilt,
+            border_px=there.border_px,
+            share=there.share,
+        )
+    elif camera is not None:
         view = TargetView(
             camera=PinholeCamera(*camera.image_px, camera.focal_px),
             T_tip_camera=cell.T_tip_camera,
@@ -318,6 +337,9 @@ def what_is_odd(cell: CellData) -> list[str]:
         said.append(
             "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
             "plays no part, and the robot's errors come on top of what is predicted"
+            if not cell.sees_board
+            else "camera and board are calibrated, [parameters] and [task_box] play no part; the "
+            "robot stops off by the noise of measurement.arm_three_sigma_mm and _deg"
         )
     return said
 
@@ -432,6 +454,30 @@ def check_cell(cell: CellData, scene: Callable[[], Scene], path: Path) -> None:
     _check_truth(cell, path)
     _check_margins(cell, path)
     _check_surroundings(cell, scene, path)
+
+
+def check_board(cell: CellData, path: Path) -> None:
+    """Refuse pictures of a board without camera or board, and a camera around the arm without them.
+
+    Raises
+    ------
+    FileFormatError
+        Naming file and key.
+    """
+    if cell.sees_board:
+        try:
+            cell.board_set_up  # noqa: B018  what cannot be is said now
+        except InputError as error:
+            with naming(path, error.name or "camera"):
+                raise
+    elif cell.camera_stands:
+        raise FileFormatError(
+            f"a {cell.config.measurement.kind} has its camera on the flange",
+            path=path,
+            key="camera.mount",
+            hint='set it to "flange", or measurement.kind = "board"',
+            value="fixed",
+        )
 
 
 def _check_truth(cell: CellData, path: Path) -> None:

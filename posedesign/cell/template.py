@@ -61,6 +61,7 @@ name = "T1"
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
 {world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
+# roll_deg = 0.0                  # of a board about it, from upright in the camera's picture
 # plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
@@ -96,7 +97,8 @@ largest_deg = [60.0, 60.0, 60.0]
 raise = "together"                # or "best": only the angle that lowers the condition most
 
 [plan]
-# condition_threshold = 1.0e5     # C_G = cond(G'G); the loop stops below it; 50 for camera-pose
+# condition_threshold = 1.0e5     # C_G = cond(G'G); the loop stops below it; 50 for camera-pose,
+                                  # 100 for board
 limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
@@ -108,11 +110,12 @@ approach_deg = 1.0                # by a last movement of this angle, for arms w
 # retreat_mm = 50.0               # a pin backs off so far along its axis, turns, and comes in again
 # contact_mm = 5.0                # within this of the target pairs of constraints.ignore may touch
 # stop_short_mm = 0.0             # programs stop so far before the target: jog in, touch up
-# dwell_s = 20.0                  # at each pose, for the cycle time: a touch-up; 2 for camera-pose
+# dwell_s = 20.0                  # at each pose, for the cycle time: a touch-up; 2 for pictures
 
 [pool]
 # What poses are chosen from: plan --method exchange, --target-accuracy, next.
-kind = "auto"                     # cone (touch-ups), wpr: all grids above (cameras), or joints
+kind = "auto"                     # cone (touch-ups), wpr: all grids above (camera-pose), joints, or
+                                  # views: a board anywhere in the picture
 tilt_deg = 45.0                   # of a cone: how far the tool is tilted; it rolls freely
 candidates = 1500                 # poses that are looked at
 configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
@@ -144,13 +147,18 @@ loss = "auto"                     # least-squares, student-t where residuals hav
 
 [measurement]
 kind = "touch-up"                 # or "view-line": only across the line of sight; "camera-pose":
-                                  # hand-eye calibration, a camera sees the target's pose
+                                  # hand-eye calibration, a camera sees the target's pose;
+                                  # "board": the same from pictures of the [board]
 three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z
 noise_axes = "tip"                # of the tip, or of the "camera" as it is mounted on it
 weighted = true                   # by this noise
 estimate_noise = false            # true: the noise is taken from the residuals
 camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera-pose
 camera_three_sigma_mm = 0.3
+board_three_sigma_px = 0.6        # of a coordinate of a board's point in a picture
+arm_three_sigma_mm = 0.9          # where the arm stops from where it says, along each axis, and
+arm_three_sigma_deg = 0.18        # about each; of pictures of a board
+estimate_lens = true              # from these pictures; false: it was calibrated before
 # [[noise]]                       # of further kinds that were measured; without it, from residuals
 # kind = "pose"                   # plane, point, pose, camera-pose, distance
 # three_sigma_mm = 0.1
@@ -254,6 +262,11 @@ nearest_mm = {nearest}
 farthest_mm = {farthest}
 # position_mm = {lens_mm}         # the lens, in the axes of the tip: as the stand-off has it
 # wpr_deg = [0.0, 0.0, 0.0]       # z looks along
+# mount = "flange"                # or "fixed": in the base frame, a board is on the flange, its
+                                  # middle at the tool point (measurement.kind = "board")
+# lens = "pinhole"                # its distortion, of a board: or "rational", "fisheye"
+# distortion = [0.0, 0.0]         # OpenCV's terms, as far as they are known
+# share_in_view = 0.6             # of a board's points
 
 [[obstacle]]                      # what stands around, in the base frame
 name = "floor"

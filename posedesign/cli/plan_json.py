@@ -103,7 +103,7 @@ def next_as_dict(cell: Cell, result: NextPoses) -> dict[str, object]:
         "worth": result.worth,
         "measured": result.measured,
         "message": result.message,
-        "identified": result.identified is not None,
+        "identified": not result.why_not,
         "why_not": result.why_not or None,
         "not_checked": cell.not_checked,
         "criterion": result.objective.criterion.name,

@@ -18,8 +18,8 @@ _SIGHT_RIM = 24
 """Points of the rim that lines of sight lead to: what covers a part of the target and is wider than
 an eighth of it meets one."""
 
-_CLEAR_OF_LENS_M = 1e-3
-_CLEAR_OF_TARGET_M = 2e-3
+CLEAR_OF_LENS_M = 1e-3
+CLEAR_OF_TARGET_M = 2e-3
 """Parts of the line of sight, next to the lens and to the target, where nothing is looked for: the
 lens sits in the front of its camera, and the target on the face of its fixture."""
 
@@ -161,8 +161,8 @@ class LineOfSight(Constraint):
         lens = self._view.lens(arm)
         way = self._view.target_m - lens
         along = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), ROUNDING)
-        start = lens + _CLEAR_OF_LENS_M * along
-        end = self._view.target_m - _CLEAR_OF_TARGET_M * along
+        start = lens + CLEAR_OF_LENS_M * along
+        end = self._view.target_m - CLEAR_OF_TARGET_M * along
         around = self._view.circle(_SIGHT_RIM)[1:] - self._view.target_m
         seen = self._scene.sight(arm.q, start, end, around=around, state=arm.state)
         return np.where(seen.clear, np.inf, -1.0), np.maximum(seen.blocker, 0)

@@ -13,15 +13,21 @@ import numpy as np
 from calib.errors import InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of
 from calib.model import CalibrationModel, Linearisation
+from calib.model.parameters import ReadingParameters
 from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
-from posedesign.cell.orientations import cone_rotations
+from posedesign.cell.orientations import GRID, cone_rotations
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
 from posedesign.selection import condition_inf, evaluate
-from posedesign.selection.indices import SCALING, SCALING_OF_POSES, condition_2
+from posedesign.selection.indices import (
+    SCALING,
+    SCALING_OF_POSES,
+    SCALING_WITH_LENS,
+    condition_2,
+)
 
 POOL_ORIENTATIONS = 400
 """Orientations that the pool is made of; twice as many lower C_G by less than a tenth."""
@@ -428,27 +434,82 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
     poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+    if cell.estimates_lens:
+        poses = spread_over_image(cell, poses, variation_deg)
     found = nearest_postures(cell.checker, poses, cell.base_posture)
     return PoseSet.of_grid(found.q, found.reasons, rotations)
 
 
+def spread_over_image(cell: Cell, T_base_tip: FloatArray, variation_deg: FloatArray) -> FloatArray:
+    """Move the tips ``(N, 4, 4)`` of the poses of a grid so that the board is elsewhere in each.
+
+    A lens is seen by a board at all places of the image and at several distances. Columns, rows and
+    distances, three of each, go through the grid so that every place meets every angle of W, P and
+    R as often (an orthogonal array); the base pose stays as it is.
+    """
+    w, p, r = np.sign(np.unique(GRID * variation_deg, axis=0)).astype(int).T + 1
+    levels = np.stack([w + p + 2, p + r + 2, w + 2 * r + 1], axis=-1) % 3 - 1
+    there = cell.board_set_up
+    T_middle_camera = there.cameras(T_base_tip)
+    straight = -T_middle_camera[:, :3, 3]
+    distance = np.linalg.norm(straight, axis=1)
+    sight = T_middle_camera[:, :3, :3]
+    # the camera as it is turned for a board in the middle; its distance as far as focus allows
+    half_m = float(np.linalg.norm(there.board.size_m)) / 2.0
+    bounds = there.nearest_m + half_m, max(there.nearest_m, there.farthest_m - half_m)
+    moved_m = np.clip(distance * DISTANCES[levels[:, 2] + 1], *bounds)
+    found = there.views(SPREAD * levels[:, :2], moved_m, sight)
+    at_rest = ~levels.any(axis=1)
+    found[at_rest] = T_middle_camera[at_rest]
+    return there.tip_poses(found)
+
+
+SPREAD = 0.8
+"""Part of the room in the image that the poses of a grid move a board by."""
+
+DISTANCES = np.array([0.8, 1.0, 1.25])
+"""Their distances from it, over that of the base pose."""
+
+
 def identification_jacobian(linear: Linearisation) -> FloatArray:
+    """Blocks ``(N, m, p)`` that the condition numbers of a set of poses are those of.
+
+    Where the lens of a camera is estimated, too, its values are marginalised: what of the others
+    they do not take up is left, ``(N, m, p')``. Terms of a distortion resemble each other whatever
+    the poses, and would hide how well these show camera and board.
+    """
+    blocks, model = regressor(linear), linear.model
+    read = [isinstance(block, ReadingParameters) for block in model.parameters for _ in block.names]
+    if not any(read):
+        return blocks
+    stacked = blocks.reshape(-1, model.p)
+    lens, others = stacked[:, read], stacked[:, np.logical_not(read)]
+    length = np.linalg.norm(lens, axis=0)
+    Q = np.linalg.qr(lens / np.where(length > 0.0, length, 1.0))[0]
+    others = others - Q @ (Q.T @ others)
+    return others.reshape(*blocks.shape[:2], -1)
+
+
+def regressor(linear: Linearisation) -> FloatArray:
     """Blocks ``(N, m, p)`` that condition numbers are those of.
 
     Not weighted, as in the paper, where all rows are lengths. Rows that are lengths and rows that
-    are angles have nothing but the noise to be compared by.
+    are angles have nothing but the noise to be compared by, and pixels of a picture are off
+    together by what the arm stops off.
     """
     return linear.white_jacobian if _is_mixed(linear.model) else linear.jacobian
 
 
 def scaling_of(model: CalibrationModel) -> dict[str, str]:
     """In words, the scaling of each index of plans for a model."""
+    if any(isinstance(block, ReadingParameters) for block in model.parameters):
+        return SCALING_WITH_LENS
     return SCALING_OF_POSES if _is_mixed(model) else SCALING
 
 
 def _is_mixed(model: CalibrationModel) -> bool:
-    """Whether some rows are lengths and others angles."""
-    return any(kind.turns for kind in model.measurements)
+    """Whether some rows are lengths and others angles, or all are pixels."""
+    return any(kind.turns or kind.unit == "px" for kind in model.measurements)
 
 
 def _advice(stop: StopReason, best: Round, cut_off: int) -> str:

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardView
 from posedesign.planning.pose_plan import displayed
 from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
-    from calib.model import CalibrationModel
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict, Score
@@ -22,6 +23,13 @@ PREDICTED = "Predicted before measuring, from the noise alone"
 
 def frame_notes(model: CalibrationModel) -> list[str]:
     """Which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
+    if isinstance(model.measurement, BoardView):
+        in_hand = model.measurement.carried == "camera"
+        X, Z = ("camera", "board") if in_hand else ("board", "camera")
+        return [
+            f"tool: X = T_flange_{X}, along and about the axes of the flange and of the {X}",
+            f"target: Z = T_base_{Z}, along and about the axes of the base and of the {Z}",
+        ]
     if model.measurement.name != "camera-pose":
         return []
     return [
@@ -47,11 +55,13 @@ def answer_of_plan(
         f"{1e3 * outlook.tcp_worst_m:.3g} mm where it is largest"
     }
     if cell.is_hand_eye:  # nothing of the arm is identified
-        promised = _camera_and_target(result.sigma_displayed())
+        promised = _seen(cell, outlook.tcp_m, outlook.tcp_worst_m, outlook.box_words)
+        promised |= _camera_and_target(result.sigma_displayed())
     better = ""
     if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
+        of_X = cell.is_hand_eye and not cell.sees_board
         better = (
-            f"{'X' if cell.is_hand_eye else 'about'} {1e3 * outlook.chosen_tcp_m:.2g} mm with as "
+            f"{'X' if of_X else 'about'} {1e3 * outlook.chosen_tcp_m:.2g} mm with as "
             "many poses chosen out of a pool, "
             f"{outlook.tcp_m / outlook.chosen_tcp_m:.2g} times less"
         )
@@ -90,7 +100,25 @@ def _camera_and_target(sigma: Sequence[tuple[str, str, float]]) -> dict[str, str
             for unit in ("mm", "deg")
         )
         said[letter] = f"{place:.2g} mm and {turn:.2g} deg predicted, one standard deviation"
+    lens = {name.rpartition(".")[2]: value for name, _, value in sigma if name.startswith("lens.")}
+    if lens:
+        focal, middle = (math.hypot(lens[f"{a}x"], lens[f"{a}y"]) for a in "fc")
+        said["lens"] = (
+            f"focal length {focal / math.sqrt(2.0):.2g} px, principal point {middle:.2g} px, "
+            "likewise"
+        )
     return said
+
+
+def _seen(cell: Cell, rms_m: float, worst_m: float, words: str) -> dict[str, str]:
+    """Predicted error of what a camera sees, where pictures of a board are planned for."""
+    if not cell.sees_board:
+        return {}
+    where = "base" if cell.camera_stands else "flange"
+    return {
+        "what the camera sees": f"{1e3 * rms_m:.3g} mm rms predicted over {words}, "
+        f"{1e3 * worst_m:.3g} mm where it is largest, seen from the {where}"
+    }
 
 
 def _short_names(row: Mapping[str, object]) -> dict[str, object]:
@@ -110,7 +138,8 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
         f"{1e3 * found.tcp_worst_m:.3g} mm where it is largest"
     }
     if cell.is_hand_eye:
-        promised = _camera_and_target(displayed(result.model, found.sigma))
+        promised = _seen(cell, found.tcp_m, found.tcp_worst_m, result.box_words)
+        promised |= _camera_and_target(displayed(result.model, found.sigma))
     time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
     return Answer(
         result.verdict,
@@ -150,9 +179,13 @@ def answer_of_next(cell: Cell, result: NextPoses, files: Sequence[str] = ()) -> 
         warnings=[*cell.doubts, *([scaled] if scaled else [])],
         not_checked=cell.not_checked,
         notes=cell.remarks,
-        tables=[Table("Error of the tool point, as predicted", result.rows())],
+        tables=[Table(f"Error of {_the(result.things[1])}, as predicted", result.rows())],
         files=files,
     )
+
+
+def _the(what: str) -> str:
+    return what if what.startswith("what ") else f"the {what}"
 
 
 def answer_of_check(cell: Cell, verdicts: Sequence[PoseVerdict], off: Sequence[str]) -> Answer:

@@ -117,7 +117,7 @@ def figure_of_plan(cell: Cell, model: CalibrationModel, q: FloatArray) -> Figure
         Postures in the order of the visit [rad].
     """
     if cell.is_hand_eye:
-        return figure_of_sigmas(model, q, {"tool": "X", "target": "Z"})
+        return figure_of_sigmas(model, q, {"tool": "X", "target": "Z", "lens": "lens"})
     box, words = box_of_cell(cell)
     weighted = cell.config.measurement.weighted
     found = predict_box(cell, model, covariance_of(model, q, weighted=weighted), box)
@@ -168,6 +168,7 @@ def figure_of_sigmas(
 _KINDS = (
     ("m", "standard deviation, axes\ntogether, predicted [mm]", 1e3),
     ("rad", "standard deviation, axes\ntogether, predicted [deg]", float(np.rad2deg(1.0))),
+    ("px", "standard deviation, focal lengths\nand centre together [px]", 1.0),
 )
 
 

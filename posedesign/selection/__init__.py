@@ -1,6 +1,6 @@
 """Choosing poses out of a pool, from their blocks alone: arrays ``(N, m, p)``, no robot."""
 
-from posedesign.selection.candidates import Candidates
+from posedesign.selection.candidates import Candidates, triangles
 from posedesign.selection.criteria import (
     CRITERIA,
     criterion_by_name,
@@ -29,5 +29,6 @@ __all__ = [
     "mean_deviation",
     "select",
     "select_fewest",
+    "triangles",
     "wanted_deviations",
 ]

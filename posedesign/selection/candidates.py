@@ -239,6 +239,17 @@ class Candidates:
         return np.flatnonzero(keep)
 
 
+def triangles(blocks: FloatArray) -> FloatArray:
+    """Blocks ``(N, p, p)`` of the same information as ``(N, m, p)``, where they are taller.
+
+    All that the information of blocks decides stays as it is: every criterion but C_G, which is of
+    the entries of the rows themselves.
+    """
+    if blocks.shape[1] <= blocks.shape[2]:
+        return blocks
+    return np.asarray(np.linalg.qr(blocks, mode="r"))
+
+
 def _hidden(root: FloatArray) -> FloatArray:
     """Unit combinations ``(h, p)`` of parameters that rows ``(M, p)`` do not see."""
     length = np.linalg.norm(root, axis=0)

@@ -49,6 +49,13 @@ SCALING_OF_POSES = SCALING | {
 """The same where rows are lengths and angles, which have only the noise to be compared by."""
 
 
+SCALING_WITH_LENS = SCALING_OF_POSES | {
+    key: f"{SCALING_OF_POSES[key]}, the lens marginalised"
+    for key in ("c_g", "cond_2_g", "cond_2_gtg")
+}
+"""The same where the values of a lens are estimated with them."""
+
+
 def stack(G: ArrayLike) -> FloatArray:
     """The regressor as ``(M, p)``, from blocks ``(N, m, p)`` or as it is.
 
@@ -217,7 +224,7 @@ def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:
     return Indices(
         poses=len(blocks),
         rows=len(stack(blocks)),
-        parameters=blocks.shape[-1],
+        parameters=white.shape[-1],
         c_g=condition_inf(blocks),
         cond_2_g=cond,
         cond_2_gtg=cond**2,

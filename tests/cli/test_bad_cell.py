@@ -75,7 +75,7 @@ CELL_CASES = {
     "offsets as text": ("parameters.zero_offsets", '"joint_2"', ("should be a list",)),
     "tool axes in another order": ("parameters.tool_axes", '"zx"', ("another order", "'zx'")),
     "tool point along a view line": ("measurement.kind", '"view-line"', ("tool_axes", 'to "xy"')),
-    "unknown kind": ("measurement.kind", '"touchup"', ("'view-line' or 'camera-pose'",)),
+    "unknown kind": ("measurement.kind", '"touchup"', ("'camera-pose' or 'board'",)),
     "noise of zero": ("measurement.three_sigma_mm", "[0.02, 0.0, 0.1]", ("greater than 0",)),
     "noise below zero": ("measurement.three_sigma_mm", "[0.02, -1, 0.1]", ("greater than 0", "-1")),
     "one noise for three axes": ("measurement.three_sigma_mm", "0.02", ("should be a list",)),

@@ -3,7 +3,7 @@
 from posedesign.planning.optimal.choose import plan_fewest, plan_optimal
 from posedesign.planning.optimal.request import OBJECTIVES, Request
 from posedesign.planning.optimal.result import NextPoses, OptimalPlan
-from posedesign.planning.optimal.sequential import plan_next
+from posedesign.planning.optimal.sequential import plan_next, plan_next_views
 
 __all__ = [
     "OBJECTIVES",
@@ -12,5 +12,6 @@ __all__ = [
     "Request",
     "plan_fewest",
     "plan_next",
+    "plan_next_views",
     "plan_optimal",
 ]

@@ -293,8 +293,9 @@ class _Planning:
         count, validation = self._request.count, self._request.validation
         if count is None:
             return
-        if count * white.shape[1] < self._model.p:
-            self._refuse_few(count, white.shape[1])
+        rows = self._model.measurement.rows
+        if count * rows < self._model.p:
+            self._refuse_few(count, rows)
         if validation and count + validation > len(pool):
             raise InputError(
                 f"{count} poses and {validation} for validation of {len(pool)} candidates",
@@ -343,7 +344,7 @@ class _Planning:
         """Of the robot as described, or of several as it may be."""
         objective, robust = self._objective, self._request.robust
         if robust == "none":
-            return objective.blocks(pool.linearise(self._model)), objective.criterion
+            return objective.of_pool(self._model, pool), objective.criterion
         rng = np.random.default_rng(SCENARIOS)
         drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
         blocks = blocks_of_robots(self._model, objective, pool, drawn)
@@ -496,8 +497,8 @@ def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Out
     pool_section = cell.config.pool.model_copy(update={"candidates": CANDIDATES})
     smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
     try:
-        linear = candidates_of(away_from_singularities(smaller)).linearise(model)
-        found = select(objective.blocks(linear), count, objective.criterion, starts=1, bound=False)
+        blocks = objective.of_pool(model, candidates_of(away_from_singularities(smaller)))
+        found = select(blocks, count, objective.criterion, starts=1, bound=False)
     except CalibError:  # no pool, or too small a one: there is nothing to compare with
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

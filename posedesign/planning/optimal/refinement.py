@@ -170,7 +170,7 @@ class _Refinement:
         return self._objective.cost_of_blocks(self._blocks(self.pool))
 
     def _blocks(self, pool: CandidatePoses) -> FloatArray:
-        return self._objective.blocks(pool.linearise(self._model))
+        return self._objective.of_pool(self._model, pool)
 
     def sweep(self) -> None:
         """Offer every pose its turns, once."""

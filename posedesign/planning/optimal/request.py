@@ -12,8 +12,9 @@ from calib.identification import check_identifiable
 from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
+from posedesign.candidates import CandidatePoses
 from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE, usable
-from posedesign.planning.loop import identification_jacobian
+from posedesign.planning.loop import regressor
 from posedesign.planning.pose_plan import displayed
 from posedesign.selection import (
     CRITERIA,
@@ -24,6 +25,7 @@ from posedesign.selection import (
     criterion_by_name,
     largest_deviation,
     mean_deviation,
+    triangles,
     wanted_deviations,
 )
 
@@ -72,9 +74,17 @@ class PlanObjective:
         """Blocks ``(N, m, p)`` that the criterion is of."""
         name = self.criterion.name
         if name in _BY_REGRESSOR:
-            return identification_jacobian(linear)
+            return regressor(linear)
         white = linear.white_jacobian
         return PER_MRAD_AND_MM * white if name in CRITERIA else white
+
+    def of_pool(
+        self, model: CalibrationModel, pool: CandidatePoses, x: FloatArray | None = None
+    ) -> FloatArray:
+        """Blocks of a pool ``(N, m, p)``, as triangles where nothing but information counts."""
+        if self.criterion.name == "C_G":
+            return pool.blocks(model, self.blocks, x)
+        return pool.blocks(model, lambda linear: triangles(self.blocks(linear)), x)
 
     def value_of(self, linear: Linearisation) -> float:
         """The criterion of a set of poses, as it is shown."""

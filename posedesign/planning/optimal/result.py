@@ -21,6 +21,8 @@ from posedesign.planning.pose_plan import (
 )
 from posedesign.selection import Fewest, Indices, Selection
 
+SEEN_RMS = "what the camera sees, rms over the picture [mm]"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OptimalPlan(Planned):
@@ -234,12 +236,15 @@ class OptimalPlan(Planned):
             labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
         # one of the columns that are there anyway may be the criterion
         own = () if self.objective.criterion.name in (TCP, TCP_WORST) else (self.objective.title,)
+        rms, worst = "TCP rms over the box [mm]", "TCP rms at its worst [mm]"
+        if self.model.measurement.name == "board":
+            rms, worst = SEEN_RMS, "the same at its worst [mm]"
         return [
             {
                 "poses": label,
                 **{title: _or_none(a.value) for title in own},
-                "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
-                "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
+                rms: _or_none(1e3 * a.tcp_m),
+                worst: _or_none(1e3 * a.tcp_worst_m),
             }
             for label, a in labelled
         ]
@@ -257,7 +262,8 @@ class NextPoses(Shown):
     everything. ``why_not``: why they do not, in words. ``noise_scale``: by which the noise given is
     multiplied in what is predicted. ``poses``: the next ones, the one that gains most first.
     ``tcp_m`` (k + 1,): root mean square error of the tool point over the box [m]: now, and after
-    each further pose. ``accuracy_m``: error at which to stop.
+    each further pose. ``accuracy_m``: error at which to stop. ``things``: what is measured, and
+    whose error it is.
     """
 
     objective: PlanObjective
@@ -271,11 +277,12 @@ class NextPoses(Shown):
     box_words: str
     least_gain: float
     accuracy_m: float | None
+    things: tuple[str, str] = ("touch-up", "tool point")
 
     @property
     def worth(self) -> int:
         """How many of the poses are worth their time."""
-        if self.identified is None:
+        if self.why_not:
             return len(self.tcp_m) - 1
         gains = -np.diff(self.tcp_m) / self.tcp_m[:-1]
         enough = gains < self.least_gain
@@ -299,11 +306,12 @@ class NextPoses(Shown):
     @property
     def _advice(self) -> str:
         now, best = 1e3 * self.tcp_m[0], 1e3 * self.tcp_m[-1]
-        done = f"{self.measured} touch-up{'s' * (self.measured > 1)}"
-        if self.identified is None:
+        thing, whose = self.things
+        done = f"{self.measured} {thing}{'s' * (self.measured > 1)}"
+        if self.why_not:
             verb = "does" if self.measured == 1 else "do"
             return f"go on: {done} {verb} not yet identify everything ({self.why_not})"
-        said = f"tool point known to {now:.4g} mm rms over {self.box_words} after {done}"
+        said = f"{whose} known to {now:.4g} mm rms over {self.box_words} after {done}"
         if self.worth == 0:
             why = f"the next pose would gain less than {100 * self.least_gain:g} %"
             if self.accuracy_m is not None:
@@ -315,13 +323,16 @@ class NextPoses(Shown):
 
     def rows(self) -> list[dict[str, object]]:
         rows: list[dict[str, object]] = []
+        rms = "TCP rms over the box [mm]"
+        if self.things[0] == "picture":
+            rms = SEEN_RMS
         for k, value in enumerate(self.tcp_m):
             gain = 1.0 - value / self.tcp_m[k - 1] if k else np.nan
             rows.append(
                 {
-                    "touch-ups": self.measured + k,
+                    f"{self.things[0]}s": self.measured + k,
                     "pose": self.poses.names[k - 1] if k else "",
-                    "TCP rms over the box [mm]": 1e3 * float(value),
+                    rms: 1e3 * float(value),
                     "gain [%]": 100.0 * float(gain) if k else None,
                 }
             )

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
-from calib.identification import IdentificationResult, identify
+from calib.identification import IdentificationResult, check_identifiable, identify
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
@@ -51,8 +51,9 @@ BELIEVABLE_CHANCE = 0.05
 ENOUGH_TO_JUDGE = 5
 """Equations left over, at least, before the noise is judged by the residuals."""
 
-BEFORE_MEASURING: dict[Unit, float] = {"rad": np.deg2rad(1.0), "m": 0.01}
-"""Standard deviations that are taken for known while the touch-ups do not identify everything."""
+BEFORE_MEASURING: dict[Unit, float] = {"rad": np.deg2rad(1.0), "m": 0.01, "px": 30.0, "1": 0.3}
+"""Standard deviations that are taken for known while what is measured does not identify everything.
+"""
 
 
 def plan_next(
@@ -94,12 +95,7 @@ def plan_next(
             hint="leave out the rows of other targets and kinds",
             name="touchups.csv",
         )
-    if not 0.0 < least_gain < 1.0:
-        raise InputError(
-            f"a least gain of {least_gain:g}",
-            hint="give a part of the error between 0 and 1, such as 0.02",
-            name="least_gain",
-        )
+    _check_gain(least_gain)
     model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
     identified, why_not = _identified(cell, model, data)
     x = model.nominal if identified is None else identified.values
@@ -128,6 +124,83 @@ def plan_next(
     )
 
 
+def plan_next_views(
+    cell: Cell,
+    taken: FloatArray,
+    count: int,
+    *,
+    criterion: str = "tcp",
+    least_gain: float = LEAST_GAIN,
+    accuracy_m: float | None = None,
+) -> NextPoses:
+    """Choose the poses to take pictures of a board at, after those that were taken.
+
+    What they tell is that of the camera, board and lens of the cell: no picture is read.
+
+    Parameters
+    ----------
+    taken : array (N, n)
+        Postures at which pictures with the board were taken [rad].
+    count, criterion, least_gain, accuracy_m
+        As of :func:`plan_next`; the error is that of what the camera sees.
+
+    Raises
+    ------
+    InputError
+        A cell without pictures of a board, or no such criterion.
+    UnreachableError
+        The robot can take none of the candidates.
+    """
+    if not cell.sees_board:
+        raise InputError(
+            "the next poses are planned for touch-ups and for pictures of a board, and this cell "
+            f"has a {cell.config.measurement.kind}",
+            hint='set measurement.kind = "board", or plan all poses at once',
+            name="measurement.kind",
+        )
+    _check_gain(least_gain)
+    model = cell.model()
+    measured = model.linearise(taken)
+    why_not, before = "", np.zeros((0, model.p))
+    try:
+        check_identifiable(
+            measured.white_jacobian.reshape(-1, model.p), model.names, model.nuisance
+        )
+    except NotIdentifiableError as error:
+        why_not = _shortened(error.message)
+        before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+    box, box_words = functions_over_box(cell, model)
+    objective = objective_of(Request(count=count, criterion=criterion), model, box)
+    poses, route, errors = _choose(cell, objective, box, model.nominal, measured, before, count)
+    return NextPoses(
+        objective,
+        len(taken),
+        None,
+        why_not,
+        1.0,
+        replace(poses, first=len(taken) + 1),
+        route,
+        errors,
+        box_words,
+        least_gain,
+        accuracy_m,
+        things=("picture", "what the camera sees"),
+    )
+
+
+def _check_gain(least_gain: float) -> None:
+    if not 0.0 < least_gain < 1.0:
+        raise InputError(
+            f"a least gain of {least_gain:g}",
+            hint="give a part of the error between 0 and 1, such as 0.02",
+            name="least_gain",
+        )
+
+
+def _shortened(message: str) -> str:
+    return message[:197] + "..." if len(message) >= 200 else message
+
+
 def _choose(
     cell: Cell,
     objective: PlanObjective,
@@ -147,8 +220,7 @@ def _choose(
     router, why = Router.of_cell(cell), ""
     for attempt in range(ATTEMPTS):
         few = min(count, len(pool)) if attempt else count
-        linear = model.linearise(pool.postures, x, pool.setup(model))
-        blocks, white = objective.blocks(linear), linear.white_jacobian
+        blocks, white = objective.of_pool(model, pool, x), pool.white(model, x)
         # what was known before measuring, in the rows that the criterion is of
         scale = np.sqrt((blocks**2).sum() / (white**2).sum())
         there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
@@ -197,8 +269,7 @@ def _identified(
             model, data, method=section.method, loss=section.loss_given or "least-squares"
         ), ""
     except (InputError, NotIdentifiableError, ConvergenceError) as error:
-        long = len(error.message) >= 200
-        return None, error.message[:197] + "..." if long else error.message
+        return None, _shortened(error.message)
 
 
 def _best_first(blocks: FloatArray, rows: IntArray, known: FloatArray, box: FloatArray) -> IntArray:

@@ -15,7 +15,7 @@ from calib.model.parameters.frames import AroundArm, OnTool
 from calib.robots import Robot
 from calib.robots.flange_poses import flange_robot, posture_of_pose
 from calib.se3 import inverse, rotation_exp, transform
-from tests.board_scenes import LENS, SIGMA_PX, SIZE, STOPS_OFF, X, draw_scene, inner_corners
+from studies.board_scenes import LENS, SIGMA_PX, SIZE, STOPS_OFF, X, draw_scene, inner_corners
 
 FISHEYE = Lens("fisheye", 1600, 1200, (800.0, 805.0, 800.0, 600.0, 0.01, -0.005, 0.001, 0.0))
 BESIDE = transform(rotation_exp(np.array([0.0, -0.1, 0.0])), np.array([0.1, 0.0, 0.0]))

@@ -35,7 +35,7 @@ def write_pictures(cell: Path, folder: Path, joints: Path, count: int) -> np.nda
     """Pictures by the arm of a cell, and the table of their joints, which it returns [rad]."""
     loaded = Cell.load(cell)
     rng = np.random.default_rng(4)
-    camera = Camera(LENS, loaded.board)
+    camera = Camera(LENS, loaded.board, blur_px=0.8, noise=2.0, light=0.1)
     q = take_pictures(folder, loaded.robot, camera, X, Z, count, rng, near=NEAR)
     header = ["picture", *(f"j{k}_deg" for k in range(1, 7))]
     write_rows(joints, header, np.degrees(q))

@@ -286,5 +286,5 @@ def _goes_on(grey: NDArray[np.float32], board: Board, board_map: BoardMap) -> bo
     return False
 
 
-_GOES_ON = 0.7
+_GOES_ON = 0.5
 """Correlation with the pattern that would go on beyond the board."""

@@ -21,7 +21,7 @@ BOARDS = {
 }
 
 
-def picture_of(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, width_px=600.0, margin=0.3):
+def picture_of(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3):
     """A picture of the board by OpenCV's warping, and where its points are in it."""
     size, focal, scale = (960, 720), 1000.0, 6000.0
     about = np.ceil(margin * board.cell_m * scale) / scale  # whole pixels
@@ -33,7 +33,10 @@ def picture_of(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, width_px=600.0, 
     tilt = np.deg2rad(tilt_deg) * np.array([0.8, 0.6, 0.0])
     turn = cv2.Rodrigues(tilt)[0]
     middle = np.append(board.outline[:, :2].mean(axis=0), 0.0)
-    shift = np.array([0.0, 0.0, focal * board.size_m[0] / width_px]) - turn @ middle
+    shift = (
+        np.array([0.0, 0.0, focal * max(board.size_m[0] / 600, board.size_m[1] / 450)])
+        - turn @ middle
+    )
     camera = np.array([[focal, 0, 479.5], [0, focal, 359.5], [0, 0, 1]])
     plane = camera @ np.column_stack([turn[:, :2], shift])
     fine = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])  # three times as fine, then averaged

@@ -14,7 +14,7 @@ from calib.model.parameters import TargetPoints
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
-from posedesign.selection import triangles
+from posedesign.selection import shortened
 
 APART_M = 1e-6
 """Targets nearer to each other are one: far below what a pin could be set on."""
@@ -174,9 +174,9 @@ class CandidatePoses:
     def white(self, model: CalibrationModel, x: FloatArray | None = None) -> FloatArray:
         """Blocks ``(N, m, p)`` over the noise: what a selection chooses among.
 
-        Reduced to triangles ``(N, p, p)`` where a pose has more rows than there are parameters.
+        Shortened where a pose has more rows than there are parameters.
         """
-        return self.blocks(model, lambda linear: triangles(linear.white_jacobian), x)
+        return self.blocks(model, lambda linear: shortened(linear.white_jacobian), x)
 
     def blocks(
         self,
@@ -193,7 +193,12 @@ class CandidatePoses:
             of(self.take(np.arange(first, min(first + at_once, len(self)))).linearise(model, x))
             for first in range(0, max(len(self), 1), at_once)
         ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if len(parts) == 1:
+            return parts[0]
+        rows = max(part.shape[1] for part in parts)  # those of fewer are filled up with zeros
+        return np.concatenate(
+            [np.pad(part, ((0, 0), (0, rows - part.shape[1]), (0, 0))) for part in parts]
+        )
 
     def summary(self) -> str:
         said = f"{self.description}: {len(self)} postures from {self.tried} tried"

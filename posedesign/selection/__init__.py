@@ -1,6 +1,6 @@
 """Choosing poses out of a pool, from their blocks alone: arrays ``(N, m, p)``, no robot."""
 
-from posedesign.selection.candidates import Candidates, triangles
+from posedesign.selection.candidates import Candidates, shortened
 from posedesign.selection.criteria import (
     CRITERIA,
     criterion_by_name,
@@ -29,6 +29,6 @@ __all__ = [
     "mean_deviation",
     "select",
     "select_fewest",
-    "triangles",
+    "shortened",
     "wanted_deviations",
 ]

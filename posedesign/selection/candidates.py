@@ -239,15 +239,26 @@ class Candidates:
         return np.flatnonzero(keep)
 
 
-def triangles(blocks: FloatArray) -> FloatArray:
-    """Blocks ``(N, p, p)`` of the same information as ``(N, m, p)``, where they are taller.
+NO_INFORMATION = 1e-12
+"""Singular value of a block, over its largest, below which it is rounding: a thousandth of
+:data:`RANK_TOLERANCE`, and a thousand times what rounding leaves."""
 
-    All that the information of blocks decides stays as it is: every criterion but C_G, which is of
-    the entries of the rows themselves.
+
+def shortened(blocks: FloatArray) -> FloatArray:
+    """Blocks ``(N, r, p)`` of the same information as ``(N, m, p)``, where these are taller than p.
+
+    With as many rows as the largest rank of them. All that the information of blocks decides stays
+    as it is: every criterion but C_G, which is of the entries of the rows themselves.
     """
-    if blocks.shape[1] <= blocks.shape[2]:
+    N, m, p = blocks.shape
+    if m <= p or N == 0:
         return blocks
-    return np.asarray(np.linalg.qr(blocks, mode="r"))
+    R = np.linalg.qr(blocks, mode="r")
+    length = np.sqrt(np.einsum("nap,nap->p", R, R))
+    length = np.where(length > 0.0, length, 1.0)
+    _, s, Vt = np.linalg.svd(R / length)
+    rank = max(1, int((s > NO_INFORMATION * s[:, :1]).sum(axis=1).max()))
+    return np.asarray(s[:, :rank, None] * Vt[:, :rank] * length)
 
 
 def _hidden(root: FloatArray) -> FloatArray:

@@ -236,6 +236,15 @@ class _Planning:
                 hint="set measurement.weighted = true",
                 name="measurement.weighted",
             )
+        if cell.sees_board and request.robust != "none":
+            raise InputError(
+                "robots that are not as described are tried by touching, and this cell takes "
+                "pictures of a board",
+                hint="leave robust out: measurement.arm_three_sigma_mm and _deg say what the arm "
+                "is off",
+                name="robust",
+                value=request.robust,
+            )
         self._cell = away_from_singularities(cell)
         self._router = Router.of_cell(cell)
 

@@ -25,7 +25,7 @@ from posedesign.selection import (
     criterion_by_name,
     largest_deviation,
     mean_deviation,
-    triangles,
+    shortened,
     wanted_deviations,
 )
 
@@ -81,10 +81,8 @@ class PlanObjective:
     def of_pool(
         self, model: CalibrationModel, pool: CandidatePoses, x: FloatArray | None = None
     ) -> FloatArray:
-        """Blocks of a pool ``(N, m, p)``, as triangles where nothing but information counts."""
-        if self.criterion.name == "C_G":
-            return pool.blocks(model, self.blocks, x)
-        return pool.blocks(model, lambda linear: triangles(self.blocks(linear)), x)
+        """Blocks of a pool ``(N, m, p)``, shortened where a pose has more rows than parameters."""
+        return pool.blocks(model, lambda linear: shortened(self.blocks(linear)), x)
 
     def value_of(self, linear: Linearisation) -> float:
         """The criterion of a set of poses, as it is shown."""
@@ -144,6 +142,13 @@ def _by_name(request: Request, model: CalibrationModel, box: FloatArray) -> Plan
         raise InputError(
             f"there is no criterion {name[:40]!r}",
             hint=near_names(name, list(OBJECTIVES)),
+            name="criterion",
+        )
+    if known == "C_G" and model.measurement.rows > model.p:
+        raise InputError(
+            "C_G is of the entries of every row, and pictures of a board are chosen by their "
+            "information",
+            hint="take tcp, tcp-worst, sigma:NAME, D, A, E or cond_2; the loop goes by C_G",
             name="criterion",
         )
     robot = np.flatnonzero(~model.nuisance)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.robot_world import Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import (
@@ -289,13 +288,6 @@ def simulate(
     there are none. The noise depends on the seed alone: the one of the cell, unless another is
     given.
     """
-    if cell.sees_board:
-        raise InputError(
-            "touch-ups and pairs of poses are simulated, and this cell takes pictures of a board",
-            hint='set measurement.kind = "touch-up" or "camera-pose"',
-            name="measurement.kind",
-            value=cell.config.measurement.kind,
-        )
     touches = not cell.is_hand_eye
     claims = Results.of(out, "simulate").claim(
         "simulated", *([TOUCH_UPS] * touches), *([PAIRS] * cell.has_camera)

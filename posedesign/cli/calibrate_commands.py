@@ -53,6 +53,8 @@ def simulate(
     """Rehearse: touch up the poses with a simulated robot, into a folder of its own."""
     from posedesign import workflow
     from posedesign.cell import Cell
+    from posedesign.hand_eye.rehearsal import JOINTS, simulate_pictures
+    from posedesign.planning import check_fit
     from posedesign.planning.poses_file import read_poses
 
     loaded = Cell.load(cell)
@@ -61,6 +63,20 @@ def simulate(
     )
     note_misfit(poses, listed)
     results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
+    if loaded.sees_board:
+        check_fit(loaded, listed)
+        with progress("taking pictures", with_time_left=True) as advance:
+            own_seed = loaded.config.truth.seed if seed is None else seed
+            taken = simulate_pictures(loaded, listed, results, own_seed, advance)
+        folder, joints = taken[0].parent, out / JOINTS[0]
+        if as_json:
+            print_json({"pictures": [str(path) for path in taken], "files": [str(joints)]})
+        else:
+            say(f"wrote {folder} and {joints}: {len(taken)} pictures of the board, SIMULATED")
+            mount = ("--camera", "fixed") if loaded.board_set_up.carried == "board" else ()
+            then = ("camera", cell, folder, "--joints", joints, *mount, "--out", out)
+            say(f"next: {command_line(*then)}")
+        return DONE
     with progress("rehearsing"):
         workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)

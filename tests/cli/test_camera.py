@@ -189,3 +189,53 @@ def test_a_cell_without_a_board_is_refused(there, glance):
     found = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv")
     assert found.code == 2
     assert "describes no calibration board" in found.err
+
+
+REHEARSED = """
+[robot]
+preset = "ur5e"
+[tool]
+point_mm = [0.0, 60.0, 300.0]
+camera_stand_off_mm = 270.0
+[base_pose]
+posture_deg = [0.0, -90.0, 90.0, -90.0, -90.0, 0.0]
+[camera]
+image_px = [640, 512]
+focal_px = 560.0
+[constraints]
+collisions = false
+[measurement]
+kind = "board"
+[truth]
+zero_offsets_deg = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+tool_error_mm = [2.0, -1.0, 3.0]
+[board]
+kind = "charuco"
+columns = 7
+rows = 5
+square_mm = 20.0
+marker_mm = 15.0
+dictionary = "DICT_4X4_50"
+"""
+
+
+def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance):
+    monkeypatch.chdir(tmp_path)
+    Path("cell.toml").write_text(REHEARSED)
+    rng = np.random.default_rng(2)
+    base = np.array([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
+    off = rng.uniform(-1, 1, (8, 6)) * [2.0, 2.0, 2.0, 8.0, 8.0, 30.0]
+    rows = [",".join(map(repr, row)) for row in (base + off).tolist()]
+    header = ",".join(f"j{k}_deg" for k in range(1, 7))
+    Path("poses.csv").write_text("\n".join([header, *rows, ""]))
+    said = glance("simulate", "cell.toml", "poses.csv", "--out", "rehearsal")
+    assert said.code == 0, said.err
+    assert "8 pictures of the board, SIMULATED" in said.out
+    said = glance(*said.out.splitlines()[-1].removeprefix("next: posedesign ").split())
+    assert said.code == 0, said.err
+    assert said.out.startswith("SIMULATED")
+    found = json.loads(Path("rehearsal/camera.json").read_text())
+    expected = Cell.load(Path("cell.toml")).board_set_up.X[:3, 3] * 1e3 + [2.0, -1.0, 3.0]
+    frame = found["T_flange_camera"]
+    assert (np.abs(frame["xyz_mm"] - expected) < 4.0 * np.array(frame["sigma_xyz_mm"])).all()
+    assert max(frame["sigma_xyz_mm"]) < 2.5  # an arm that stops 0.3 mm off, hardly turned

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from calib.vision.camera.lens import Camera
-from calib.vision.camera.target import CircleTarget
 
 GreyImage = NDArray[np.uint8]
 
@@ -22,6 +22,18 @@ _SAMPLES = 64
 
 _SIDE = np.linspace(0.0, 1.0, 9)[:, None]
 """Places along each side of a plate at which it is projected: a bowed side stays in the box."""
+
+
+class Plate(Protocol):
+    """A flat target, with z out of its face."""
+
+    def pattern(self, xy: FloatArray) -> FloatArray:
+        """Reflectance ``(...)`` at points ``(..., 2)`` [m] of its plane; NaN off it."""
+        ...
+
+    def plate_corners(self) -> FloatArray:
+        """Corners ``(4, 3)`` [m] in its frame, in order about z."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -93,7 +105,7 @@ class Imaging:
 
 def render(
     camera: Camera,
-    scene: Sequence[tuple[CircleTarget, FloatArray]],
+    scene: Sequence[tuple[Plate, FloatArray]],
     imaging: Imaging,
     rng: np.random.Generator,
 ) -> GreyImage:
@@ -101,7 +113,7 @@ def render(
 
     Parameters
     ----------
-    scene : sequence of (CircleTarget, array (4, 4))
+    scene : sequence of (Plate, array (4, 4))
         Targets with ``T_camera_target`` [m], the later in front of the earlier. A target that
         shows its back or lies behind the lens is not drawn.
     rng : numpy.random.Generator
@@ -137,7 +149,7 @@ def render(
 def _draw(
     reflectance: NDArray[np.float32],
     camera: Camera,
-    target: CircleTarget,
+    target: Plate,
     T_camera_target: FloatArray,
 ) -> None:
     """Draw one target: its pattern at the corners of the pixels, sampled finely on its edges.
@@ -171,7 +183,7 @@ def _draw(
     view[rows, columns] = fine.mean(axis=1) + off.mean(axis=1) * view[rows, columns]
 
 
-def _pattern(target: CircleTarget, plane: NDArray[np.float32]) -> FloatArray:
+def _pattern(target: Plate, plane: NDArray[np.float32]) -> FloatArray:
     """Reflectance ``(...)`` at homogeneous points ``(3, ...)`` of the plane, -1 off the plate."""
     inverse_depth = np.where(plane[2] > 0.0, plane[2], np.float32(np.nan))
     seen = target.pattern(np.moveaxis(plane[:2] / inverse_depth, 0, -1))
@@ -180,7 +192,7 @@ def _pattern(target: CircleTarget, plane: NDArray[np.float32]) -> FloatArray:
 
 
 def _box(
-    camera: Camera, target: CircleTarget, T_camera_target: FloatArray
+    camera: Camera, target: Plate, T_camera_target: FloatArray
 ) -> tuple[int, int, int, int] | None:
     """Left, top, right, bottom of the pixels that a plate may cover; None where there are none."""
     corners = target.plate_corners()

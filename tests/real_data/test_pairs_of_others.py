@@ -105,7 +105,7 @@ def test_text_files_of_tabb(data_folder, tmp_path, capsys):
         found = [float(rows["ml"][f"{letter}_{axis}_mm"]) for axis in "xyz"]
         # an image says the distance of 2 m to the target to a few hundredths
         assert np.linalg.norm(found - reference[:3, 3]) < 80.0
-    assert run(["robot-world", *words, "--convention", "opencv", *out]) == 0
+    assert run(["robot-world", *words, "--convention", "opencv", "--verbose", *out]) == 0
     assert "base2world" in capsys.readouterr().out
 
 

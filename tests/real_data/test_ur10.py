@@ -18,6 +18,7 @@ from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
 from posedesign.identification.measurement_set_up import set_up_blocks
 from posedesign.identification.models import kinds_of, robot_blocks
+from tests.cli.conftest import empty_pictures
 
 pytestmark = pytest.mark.real_data
 
@@ -105,7 +106,8 @@ def test_the_study_is_as_written(found, written):
 @pytest.mark.parametrize("noise", ["given", pytest.param("estimated", marks=pytest.mark.slow)])
 def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys):
     names = [str(tables / NOISES[noise]), str(tables / "measurements.csv")]
-    assert run(["identify", *names, "--out", str(tmp_path)]) == 0
+    with empty_pictures():
+        assert run(["identify", *names, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "recommended: geometry with priors" in said
     content = json.loads((tmp_path / "identification.json").read_text(encoding="utf-8"))

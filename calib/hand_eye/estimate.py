@@ -32,6 +32,7 @@ from calib.hand_eye.noise import (
     deviations,
     pixel_scale,
     squares_of_pictures,
+    wrong_points,
 )
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
@@ -52,6 +53,12 @@ OUTLIER_CHANCE = 1e-4
 SCATTERED = 3.0
 """Scatter of the points of a picture, over that of all, from which it is left out: points lie in
 wrong places, or it is blurred."""
+
+_MOST_ROUNDS_OF_POINTS = 3
+"""Times that points in wrong places are looked for: taken out, they no longer hide others."""
+
+LEAST_SCATTER_PX = 0.25
+"""Scatter that no picture is left out for, however little the others have."""
 
 _MOST_NAMED = 8
 
@@ -122,9 +129,13 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fit to the pictures that agree; ``parts`` are those of all stops."""
+    """A fit to the pictures that agree; ``parts`` are those of all stops.
+
+    ``data`` is without points in wrong places.
+    """
 
     model: CalibrationModel
+    data: Measurements
     x: FloatArray
     good: BoolArray
     sigma_px: float
@@ -143,29 +154,53 @@ def _fitted(
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
     noise_found = sigma_px is None, arm_sigma is None
-    model, stops = problem.model(pixel, arm), problem.data.setup.stops
+    data, model = problem.data, problem.model(pixel, arm)
+    stops, rounds = data.setup.stops, 0
     x, still = model.nominal, False
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
         model = problem.model(pixel, arm)
-        x = _minimised(model, problem.data[kept], x, problem.largest_px)
+        x = _minimised(model, data[kept], x, problem.largest_px)
+        if still and rounds < _MOST_ROUNDS_OF_POINTS:
+            kept_points = _without_wrong_points(deviations(model, data, x), data)
+            rounds += 1
+            if kept_points is not None:
+                data, still = kept_points, False
+                continue
         if still:  # the noise is that of these pictures: who else is within it?
-            parts = deviations(model, problem.data, x)
+            parts = deviations(model, data, x)
             used = np.zeros(len(parts.off), dtype=bool)
             used[stops[good]] = True
-            again = _within_noise(parts, arm, used, arm_found=noise_found[1])[stops]
+            again = _within_noise(parts, pixel, arm, used, arm_found=noise_found[1])[stops]
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
                 break
             good, still = again, False
             continue
-        some = deviations(model, problem.data[kept], x)
+        some = deviations(model, data[kept], x)
         before = np.array([pixel, *arm])
         pixel, arm = _noise_of(some, pixel, arm, noise_found)
         after = np.array([pixel, *arm])
         still = bool((np.abs(after - before) <= _SETTLED * after + _NOTHING).all())
-    return _Fit(model, x, good, pixel, arm, noise_found, deviations(model, problem.data, x))
+    return _Fit(model, data, x, good, pixel, arm, noise_found, deviations(model, data, x))
+
+
+def _without_wrong_points(parts: Deviations, data: Measurements) -> Measurements | None:
+    """The pictures without points in wrong places; None where there are none.
+
+    Most points of a picture stay.
+    """
+    seen = data.setup.seen
+    if seen is None:
+        return None
+    points = seen[:, ::2]
+    wrong = wrong_points(parts, points)
+    wrong &= (2 * wrong.sum(axis=1) < points.sum(axis=1))[:, None]
+    if not wrong.any():
+        return None
+    setup = replace(data.setup, seen=seen & ~np.repeat(wrong, 2, axis=1))
+    return replace(data, setup=setup)
 
 
 def _noise_of(
@@ -180,7 +215,12 @@ def _noise_of(
 
 
 def _within_noise(
-    parts: Deviations, arm: tuple[float, float], used: BoolArray, *, arm_found: bool
+    parts: Deviations,
+    pixel: float,
+    arm: tuple[float, float],
+    used: BoolArray,
+    *,
+    arm_found: bool,
 ) -> BoolArray:
     """Stops ``(M,)`` whose deviation and scatter the noise explains.
 
@@ -192,7 +232,8 @@ def _within_noise(
         freedom = max(3 * int(used.sum()) - 6, 1)  # of places alone, or turns: X and Z take six
         bound = 6.0 * float(f_bound(OUTLIER_CHANCE, 6, freedom))
     scatter = np.sqrt(parts.within / np.maximum(parts.within_rows, 1.0))
-    return np.asarray((squares <= bound) & (scatter <= SCATTERED))
+    within = (scatter <= SCATTERED) | (scatter * pixel <= LEAST_SCATTER_PX)
+    return np.asarray((squares <= bound) & within)
 
 
 def _minimised(
@@ -232,7 +273,7 @@ def _contradiction(bad: int, count: int) -> InputError:
 
 
 def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
-    data, stops = problem.data, problem.data.setup.stops
+    data, stops = fit.data, fit.data.setup.stops
     kept = np.flatnonzero(fit.good)
     estimate = identify(fit.model, data[kept], start=fit.x, name="hand-eye calibration")
     x = estimate.values
@@ -312,7 +353,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
     Of several boards the step is that of the first.
     """
     kept = np.flatnonzero(fit.good)
-    data, found = problem.data[kept], list[Suspicion | None]()
+    data, found = fit.data[kept], list[Suspicion | None]()
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
     def tried(new: Sequence[str], **more: Any) -> Step:

@@ -19,6 +19,9 @@ from calib.se3 import BoolArray, FloatArray
 LEAST_ARM = (1e-7, 1e-7)
 """Deviation of an arm below which it counts as none [m, rad]."""
 
+BLURRED = 2.0
+"""Mean square of what is left in a picture over the noise of all, from which on it has more."""
+
 _MOST_ARM = (0.05, 0.05)
 
 
@@ -46,6 +49,8 @@ class Deviations:
         ``Jᵀr``.
     known_block, known_right : array (p, p), (p,)
         The same of what is known besides.
+    left : array (N, m)
+        What is left in the rows of each picture over the pixels' noise.
     """
 
     off: FloatArray
@@ -57,6 +62,7 @@ class Deviations:
     within_right: FloatArray
     known_block: FloatArray
     known_right: FloatArray
+    left: FloatArray
 
 
 def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
@@ -96,6 +102,7 @@ def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> De
         within_right=summed(np.einsum("nmp,nm->np", left_J, left)),
         known_block=K.T @ K,
         known_right=K.T @ known,
+        left=left,
     )
 
 
@@ -173,7 +180,10 @@ def squares_of_pictures(
         them, the others more by what the parameters leave unknown. Without, the parameters are
         the true ones.
     """
-    V = parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
+    # a blurred picture scatters more than the others, and places the board less surely
+    scatter = parts.within / np.maximum(parts.within_rows, 1.0)
+    more = np.where(scatter > BLURRED, scatter, 1.0)[:, None, None]
+    V = more * parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
     L = np.linalg.cholesky(V)
     y = np.linalg.solve(L, parts.off[..., None])[..., 0]
     if used is None:
@@ -192,3 +202,29 @@ def squares_of_pictures(
 
 _NOTHING_LEFT = 1e-3
 """Share of the noise left to a direction, below which the parameters took all that it says."""
+
+
+def wrong_points(parts: Deviations, seen: BoolArray) -> BoolArray:
+    """Points ``(N, K)`` that lie far beside where all others of their picture say that they are.
+
+    A corner at the edge of something in front of the board, say. How far the others scatter is
+    taken from their median, of all pictures or of that one if it scatters more.
+
+    Parameters
+    ----------
+    seen : array (N, K) of bool
+    """
+    far = np.linalg.norm(parts.left.reshape(*seen.shape, 2), axis=-1)
+    own = np.where(seen, far, np.nan)
+    # the median of the length of a vector of two normal numbers
+    usual = np.nanmedian(own) / _MEDIAN_OF_TWO
+    with np.errstate(all="ignore"):
+        each = np.nanmedian(own, axis=1, keepdims=True) / _MEDIAN_OF_TWO
+    return np.asarray(seen & (far > FAR_BESIDE * np.fmax(usual, each)))
+
+
+FAR_BESIDE = 7.0
+"""Standard deviations beyond which a point is in a wrong place: of a billion points noise takes
+none as far."""
+
+_MEDIAN_OF_TWO = float(np.sqrt(2.0 * np.log(2.0)))

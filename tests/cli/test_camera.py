@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from calib.se3 import quaternion_from_rotation, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
 from posedesign.hand_eye.lens_files import read_lens
 from tests.board_pictures import Camera, take_pictures
+from tests.cli.test_glossary import check_explained
 
 LENS = Lens("pinhole", 640, 480, (560.0, 562.0, 322.0, 238.0, -0.12, 0.06, 5e-4, -3e-4, 0.0))
 X = transform(rotation_exp(np.array([0.02, -0.03, 0.5])), np.array([0.05, 0.02, 0.06]))
@@ -91,6 +93,10 @@ def test_a_camera_is_calibrated(there, glance):
     for name in ("camera.png", "camera.svg", "camera_info.yaml", "lens.json", "camera.urdf"):
         assert (there / name).stat().st_size > 100
     np.testing.assert_allclose(read_lens(there / "camera_info.yaml").values, lens.values, atol=1e-9)
+    with (there / "camera_pictures.csv").open() as file:
+        columns = [line for line in file if not line.startswith("#")][0].strip().split(",")
+    labels = re.findall(r"^([a-z][^:\n]*): ", said.out, flags=re.MULTILINE | re.IGNORECASE)
+    check_explained([*columns, *(label for label in labels if label != "calibrated")])
     # and the lens by itself is taken as known
     said = glance(
         "camera", "cell.toml", "pictures", "--joints", "joints.csv", "--lens", "camera.json",

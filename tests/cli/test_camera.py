@@ -94,7 +94,7 @@ def test_a_camera_is_calibrated(there, glance):
         assert (there / name).stat().st_size > 100
     np.testing.assert_allclose(read_lens(there / "camera_info.yaml").values, lens.values, atol=1e-9)
     with (there / "camera_pictures.csv").open() as file:
-        columns = [line for line in file if not line.startswith("#")][0].strip().split(",")
+        columns = next(line for line in file if not line.startswith("#")).strip().split(",")
     labels = re.findall(r"^([a-z][^:\n]*): ", said.out, flags=re.MULTILINE | re.IGNORECASE)
     check_explained([*columns, *(label for label in labels if label != "calibrated")])
     # and the lens by itself is taken as known

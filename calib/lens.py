@@ -21,6 +21,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -115,6 +116,13 @@ class Lens:
         """Distortion in OpenCV's order."""
         return self.values[len(LINEAR) :]
 
+    @cached_property
+    def steepest(self) -> float:
+        """Slope of the steepest ray that the lens shows, a little beyond the edge of the image."""
+        x, y = float(self.width_px), float(self.height_px)
+        edge = np.array([[a * x, b * y] for a in (0.0, 0.5, 1.0) for b in (0.0, 0.5, 1.0)])
+        return BEYOND * float(np.linalg.norm(self.rays(edge), axis=1).max())
+
     def with_values(self, values: FloatArray) -> Lens:
         """The same lens with other values."""
         return replace(self, values=tuple(float(value) for value in values))
@@ -195,6 +203,11 @@ def project(name: str, values: FloatArray, points: FloatArray) -> Projection:
         by_point[row, 2] = -(by_point[row, 0] * x + by_point[row, 1] * y)
     by_point[:, 2] *= points[2] > NEAREST_M
     return Projection(pixels, by_point, by_lens)
+
+
+BEYOND = 1.02
+"""Slope of a ray, over that of the steepest in the image, up to which a lens is described: the
+polynomial of a distortion brings what is far outside back into the picture."""
 
 
 _Distorted = tuple[FloatArray, list[list[FloatArray]], FloatArray]

@@ -141,7 +141,8 @@ def check_constraints(cell: Cell, q: np.ndarray) -> None:
     normal = np.cross(there[:, 2] - there[:, 0], there[:, 1] - there[:, 0])  # into the board
     cosine = np.einsum("nk,nk->n", normal, there[:, 4])
     cosine /= np.linalg.norm(normal, axis=1) * np.linalg.norm(there[:, 4], axis=1)
-    assert (np.rad2deg(np.arccos(cosine)) <= camera.largest_tilt_deg + 1e-6).all()
+    tilt = np.rad2deg(np.arccos(np.minimum(cosine, 1.0)))  # rounding at no tilt
+    assert (tilt <= camera.largest_tilt_deg + 1e-6).all()
     share = inside(cell, seen(cell, T, board.points)).mean(axis=1)
     whole = cell.config.board.kind != "charuco"
     assert (share >= (1.0 if whole else camera.share_in_view)).all()

@@ -249,7 +249,12 @@ def plan(
 
 def next_poses(
     cell: CellFile,
-    measurements: Annotated[Path, typer.Argument(help="The touch-ups so far: touchups.csv")],
+    measurements: Annotated[
+        Path,
+        typer.Argument(
+            help="The touch-ups so far: touchups.csv; of pictures of a board the poses: poses.csv"
+        ),
+    ],
     out: OutFolder = Path(),
     poses: Annotated[int, typer.Option(min=1, max=100, help="How many poses.")] = 3,
     criterion: Annotated[str, typer.Option(help="As of plan --method exchange.")] = "tcp",
@@ -269,7 +274,7 @@ def next_poses(
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
 ) -> int:
-    """Say which poses to touch up next, given those that have been, and when to stop."""
+    """Say which poses to measure next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
     from posedesign.cli.plan_json import next_as_dict
     from posedesign.planning.optimal.request import parse_length

@@ -27,10 +27,6 @@ from posedesign.constraints.visibility import (
 _AT_ONCE = 200_000
 """Points that are projected at once: some 50 MB."""
 
-_BEYOND = 1.02
-"""Slope of a ray, over that of the steepest in the image, up to which the lens is described: the
-polynomial of a distortion brings what is far outside back into the picture."""
-
 
 @dataclass(frozen=True, eq=False)
 class BoardSight:
@@ -81,13 +77,6 @@ class BoardSight:
             return np.asarray(arm.state.T_base_tip @ self.T_tip_own)
         return np.broadcast_to(self.T_base_other, (len(arm.q), 4, 4))
 
-    @cached_property
-    def _steepest(self) -> float:
-        """Slope of the steepest ray in the image."""
-        x, y = float(self.lens.width_px), float(self.lens.height_px)
-        edge = np.array([[a * x, b * y] for a in (0, 0.5, 1) for b in (0, 0.5, 1)])
-        return float(np.linalg.norm(self.lens.rays(edge), axis=1).max())
-
     def margins_px(self, in_camera: FloatArray) -> FloatArray:
         """Distances ``(S, K)`` [px] of points in the camera's frame from the edge of the image.
 
@@ -99,7 +88,7 @@ class BoardSight:
         margin = np.minimum(pixels, size - pixels).min(axis=-1)
         across = np.hypot(in_camera[..., 0], in_camera[..., 1])
         depth = in_camera[..., 2]
-        unseen = ~(across <= _BEYOND * self._steepest * depth) | np.isnan(margin)
+        unseen = ~(across <= lens.steepest * depth) | np.isnan(margin)
         return np.asarray(np.where(unseen, -lens.values[0] * np.arctan2(across, depth), margin))
 
     def off_axis(self, arm: Situation) -> FloatArray:

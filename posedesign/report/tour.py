@@ -242,8 +242,10 @@ def lines(cell: Cell, tour: Tour) -> tuple[Lines, ...]:
         half = np.array(camera.image_px) / 2.0 / camera.focal_px
         rays = np.column_stack([signs * half, np.ones(4)])
         seen = np.vstack([rays * camera.nearest_mm, rays * camera.farthest_mm]) / 1e3
-        T = chain.T_link_tip @ cell.T_tip_camera
-        found.append(Lines("view", cell.robot.n, (seen @ T[:3, :3].T + T[:3, 3])[_EDGES], VIEW[1]))
+        link, T = cell.robot.n, chain.T_link_tip @ cell.T_tip_camera
+        if cell.camera_stands:
+            link, T = 0, cell.board_set_up.Z
+        found.append(Lines("view", link, (seen @ T[:3, :3].T + T[:3, 3])[_EDGES], VIEW[1]))
     if box is not None:
         found.append(Lines("task_box", 0, _edges(box.lowest_mm, box.highest_mm), BOX[1]))
     low, high = limits.workspace_lowest_mm, limits.workspace_highest_mm

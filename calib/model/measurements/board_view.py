@@ -278,7 +278,10 @@ class BoardView(Measurement):
         in_image = ((pixels >= border) & (pixels <= size - border)).all(axis=1)
         in_hand = self.carried == "camera"
         axis = np.broadcast_to(view.tool if in_hand else view.target, (3, 3, rows.shape[-1]))[2]
-        return np.asarray(in_image & (np.einsum("cs,cks->ks", axis, from_camera) > 0.0))
+        depth = np.einsum("cs,cks->ks", axis, from_camera)
+        squares = np.einsum("cks,cks->ks", from_camera, from_camera)
+        shown = (depth > 0.0) & (squares <= (1.0 + self.lens.steepest**2) * depth**2)
+        return np.asarray(in_image & shown)
 
 
 class BoardViews(BoardView):

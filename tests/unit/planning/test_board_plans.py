@@ -8,6 +8,9 @@ import pytest
 
 from calib.errors import CalibError, InputError, UnreachableError
 from calib.hand_eye.points import seen_point_motion
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardShape, BoardView
+from calib.model.parameters import TargetFrame, ToolFrame
 from calib.se3 import inverse, rotation_exp
 from posedesign.candidates import candidates_of, functions_over_box
 from posedesign.candidates.building import view_candidates
@@ -158,6 +161,14 @@ def test_folded_points_of_a_distorted_lens_are_not_in_view():
     assert (np.abs(there.lens.project(far) - [640.0, 512.0]) < 300.0).all()
     margins = sight.margins_px(far)[0]
     assert margins[0] < 0.0 < margins[1]
+    # nor do they count where poses are judged: the same two points, of a board at the base pose
+    T = there.cameras(cell.robot.fk(cell.base_posture))
+    board = BoardShape(0.3 * far[0] @ T[:3, :3].T + T[:3, 3] + there.T_board_middle[:3, 3])
+    kind = BoardView(0.2, board, there.lens, border_px=30.0)
+    model = CalibrationModel(cell.robot, [ToolFrame(there.X), TargetFrame(there.Z)], kind)
+    J = model.linearise(cell.base_posture[None]).jacobian[0]
+    assert not J[:2].any()
+    assert J[2:].any(axis=1).all()
 
 
 @FIXED

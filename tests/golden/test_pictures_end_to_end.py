@@ -53,7 +53,7 @@ def check(scene: Scene, result: HandEyeResult, off: float) -> float:
     assert off < NEAREST_PX
     assert result.sigma_px < NEAREST_PX
     name = "X" if scene.carried == "camera" else "Z"
-    error = pose_error(result.T_camera, getattr(scene, name))
+    error = pose_error(getattr(result, name), getattr(scene, name))
     square = float(error @ np.linalg.solve(result.covariance_of(name), error))
     assert square < chi2_quantile(1 - CHANCE, 6)
     return square

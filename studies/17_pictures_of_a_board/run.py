@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from calib.chance import chi2_quantile
+from posedesign.report.drawing import set_answer
 from posedesign.study import Options
 from studies import writing
 from studies.drawing import log_ticks, rows_of_marks
@@ -99,9 +100,24 @@ def draw(found: pd.DataFrame) -> Figure:
         log_ticks(panel, TICKS)
         panel.set_xlim(0.85, 45.0)  # the two iterations as printed lie beyond
         panel.set_title(arm)
-        panel.set_xlabel("rms error of X at the board's distance over the bound [-]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        panel.set_xlabel(
+            "rms error of X at the board's distance over the bound, log scale; better left"
+        )
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower right", ncols=2)
+    set_answer(figure, answer_of(found), "Bars would be smaller than the marks.")
     return figure
+
+
+def answer_of(found: pd.DataFrame) -> str:
+    """What the figure shows, in a sentence."""
+    pixels = found[found["method"] == "pixels"]["over_mm"].astype(float)
+    others = found[(found["method"] != "pixels") & ~found["method"].str.endswith("literal")]
+    of_arm = others.astype({"over_mm": float}).groupby("arm", sort=False)["over_mm"].median()
+    medians = "; ".join(f"{median:.2g} times on {arm}" for arm, median in of_arm.items())
+    return (
+        f"Pixels are at {pixels.min():.2f} to {pixels.max():.2f} of the bound; poses of the board, "
+        f"then A X = Z B, at a median of {medians}"
+    )
 
 
 def markdown(found: Found) -> str:

@@ -38,7 +38,7 @@ def test_svg_is_to_scale(cli, cell, tmp_path):
     assert cli("board", cell, "--out", out).code == 0  # its own file
 
 
-def test_pdf_is_to_scale(cli, cell, tmp_path):
+def test_pdf_is_to_scale(cli, cell, tmp_path, rendered):
     out = tmp_path / "board.pdf"
     assert cli("board", cell, "--out", out, "--page", "a3").code == 0
     data = out.read_bytes()

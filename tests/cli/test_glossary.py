@@ -78,7 +78,11 @@ VOCABULARIES: dict[str, Iterable[str]] = {
     "where a pose comes from": PoseStatus,
     "why a posture is passed through": Passing,
     "why the loop ended": StopReason,
-    "constraints": [kind.name for kind in every_kind_of(Constraint) if hasattr(kind, "name")],
+    "constraints": [
+        kind.name
+        for kind in every_kind_of(Constraint)
+        if hasattr(kind, "name") and kind.__module__.startswith("posedesign")  # not those of tests
+    ],
     "levels of problems of a program": get_args(Level),
     "causes of findings": get_args(Cause),
 }

@@ -145,9 +145,3 @@ def test_what_cannot_be_planned_for_is_refused_in_a_line(refuse, tmp_path, case)
 )
 def test_what_pictures_are_not_chosen_by_is_refused(refuse, cell, words, says):
     refuse("plan", cell, "--poses", 8, *words).says(says)
-
-
-def test_pictures_are_not_simulated_as_touch_ups(refuse, cli, cell, tmp_path):
-    out = tmp_path / "plan"
-    assert cli("plan", cell, "--out", out).code == 0
-    refuse("simulate", cell, out / "poses.csv", "--out", out).says("takes pictures of a board")

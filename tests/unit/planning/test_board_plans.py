@@ -283,7 +283,9 @@ def test_what_the_camera_sees_moves_as_it_does(fixed):
     model, there = cell.model(), cell.board_set_up
     points = np.array([[0.05, -0.08, 0.4], [0.0, 0.0, 0.5]])
     pixels = there.lens.project(points)
-    motion = seen_point_motion(model, model.nominal, there.carried, there.lens, points)
+    motion = seen_point_motion(
+        model, model.nominal, (model.targets if fixed else model.tools)[0], there.lens, points
+    )
 
     def place(x: np.ndarray) -> np.ndarray:
         lens = there.lens.with_values(x[12:])
@@ -318,7 +320,7 @@ def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed
     assert not scored.off_target
     assert not scored.problem
     given = {name: value for name, _, value in scored.sigma}
-    assert given["lens.camera.fx"] == pytest.approx(found.accuracy.sigma[12], rel=1e-4)
+    assert given["lens.fx"] == pytest.approx(found.accuracy.sigma[12], rel=1e-4)
 
 
 def test_the_next_pictures_gain_what_is_predicted(cell, pool):

@@ -271,13 +271,17 @@ def test_a_bad_greeting_is_one_line_or_does_no_harm(answers, record, ur):
     ],
 )
 def test_hostile_packages_write_no_row(data, record, ur):
-    """Whatever ur_rtde makes of them: it may come to its end, this program does not."""
+    """Whatever ur_rtde makes of them: it may lose the line, or read a state in which nothing
+    runs, depending on how the bytes fall into its reads; no row is written for it either way."""
     with RtdeServer([*told(1), *[Raw(data)] * 5, Stage(state=PAUSED), Raw(None)]) as server:
         said = record(server, "--timeout-s", "1")
-    assert said.code == 2, said
     assert "Traceback" not in said.err
-    (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
-    assert f"{server.host}:30004: " in line
+    if said.code == 1:
+        assert "the program has ended without P03, P01" in said.err, said
+    else:
+        assert said.code == 2, said
+        (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
+        assert f"{server.host}:30004: " in line
     np.testing.assert_allclose(kept(ur).pop("P02"), TOUCHED[0], atol=1e-11)
     assert list(kept(ur)) == ["P02"]
 

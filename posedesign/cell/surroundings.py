@@ -338,8 +338,8 @@ def what_is_odd(cell: CellData) -> list[str]:
             "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
             "plays no part, and the robot's errors come on top of what is predicted"
             if not cell.sees_board
-            else "camera and board are calibrated, [parameters] and [task_box] play no part; the "
-            "robot stops off by the noise of measurement.arm_three_sigma_mm and _deg"
+            else "camera and board are calibrated, [parameters] and [task_box] play no part; plans "
+            "take the arm to stop off by measurement.arm_three_sigma_mm and _deg"
         )
     return said
 

@@ -11,7 +11,7 @@ from PIL import Image
 from calib.errors import InputError
 from calib.lens import Lens
 from calib.model.measurements import TouchUp
-from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr
+from calib.se3 import FloatArray, inverse, rotation_from_wpr
 from calib.vision.boards.plate import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, render
 from posedesign.cell import Cell
@@ -37,8 +37,9 @@ def simulate_pictures(
 ) -> list[Path]:
     """Take a picture at each pose with the arm and the camera of ``[truth]``.
 
-    Camera and board are off by the errors of the cell's truth, the arm by its zero offsets and by
-    where it stops; the table has the joints that the controller shows.
+    Camera and board are off by the errors of the cell's truth, and so is the arm: what it stops off
+    is what its own errors do, and no noise is added to that. The table has the joints that the
+    controller shows.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def simulate_pictures(
     claims = pictures.claim("simulated", *((name, "picture") for name in names), bare=True)
     rng = np.random.default_rng(seed)
     q = poses.measured.postures
-    seen = _seen_from(cell, q, rng)
+    seen = _seen_from(cell, q)
     camera, plate = _camera(cell), BoardPlate(cell.board_set_up.board)
     imaging = imaging_of(cell)
     make_folder(folder)
@@ -75,15 +76,11 @@ def simulate_pictures(
     return [claim.path for claim in claims]
 
 
-def _seen_from(cell: Cell, q: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _seen_from(cell: Cell, q: FloatArray) -> FloatArray:
     """Poses ``T_camera_board (N, 4, 4)`` as they really are."""
-    truth, section, there = cell.config.truth, cell.config.measurement, cell.board_set_up
+    truth, there = cell.config.truth, cell.board_set_up
     robot = SimulatedRobot.of(cell, TouchUp(1e-4))
     T_base_tip = robot.model.view(q, robot.values).T_base_tip
-    turn, shift = rng.standard_normal((2, len(q), 3))
-    turn = rotation_exp(turn * np.deg2rad(section.arm_three_sigma_deg) / 3.0)
-    T_base_tip[:, :3, :3] = turn @ T_base_tip[:, :3, :3]
-    T_base_tip[:, :3, 3] += shift * section.arm_three_sigma_mm / 3e3
     X, Z = there.X.copy(), there.Z.copy()
     X[:3, 3] += np.array(truth.tool_error_mm) / 1e3
     X[:3, :3] = X[:3, :3] @ rotation_from_wpr(np.deg2rad(truth.camera_error_deg))

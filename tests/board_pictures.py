@@ -13,7 +13,21 @@ from numpy.typing import NDArray
 from calib.lens import Lens
 from calib.robots import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
-from calib.vision.boards import Board, board_picture
+from calib.vision.boards import Board, board_picture, make_board
+
+BOARDS = {
+    "charuco": make_board(
+        "charuco", columns=8, rows=6, square_m=0.03, marker_m=0.021, dictionary="5x5_100"
+    ),
+    "aruco-grid": make_board(
+        "aruco-grid", columns=5, rows=4, spacing_m=0.035, marker_m=0.026, dictionary="4x4_50"
+    ),
+    "apriltag-grid": make_board("apriltag-grid", columns=5, rows=4, spacing_m=0.03, marker_m=0.024),
+    "chessboard": make_board("chessboard", columns=10, rows=7, square_m=0.025),
+    "circles": make_board("circles", columns=7, rows=6, spacing_m=0.03),
+    "asymmetric-circles": make_board("asymmetric-circles", columns=4, rows=11, spacing_m=0.02),
+}
+"""One of each kind."""
 
 FINER = 2
 """Pixels are averaged from so many along each side."""

@@ -6,23 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.vision.boards import board_picture, detect_board, make_board
+from calib.vision.boards import board_picture, detect_board
+from tests.board_pictures import BOARDS
 
 COUNT = 84
 """Of each board."""
 SIZE = HEIGHT, WIDTH = 480, 640
-BOARDS = {
-    "charuco": make_board(
-        "charuco", columns=8, rows=6, square_m=0.03, marker_m=0.022, dictionary="5x5_100"
-    ),
-    "aruco-grid": make_board(
-        "aruco-grid", columns=5, rows=4, spacing_m=0.035, marker_m=0.026, dictionary="4x4_50"
-    ),
-    "apriltag-grid": make_board("apriltag-grid", columns=5, rows=4, spacing_m=0.03, marker_m=0.024),
-    "chessboard": make_board("chessboard", columns=10, rows=7, square_m=0.025),
-    "circles": make_board("circles", columns=7, rows=6, spacing_m=0.03),
-    "asymmetric-circles": make_board("asymmetric-circles", columns=4, rows=11, spacing_m=0.02),
-}
 
 Grey = np.ndarray
 Clutter = Callable[[np.random.Generator], Grey]

@@ -308,6 +308,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         scatter_px=_spread(len(names), at, fit.sigma_px * np.sqrt(scatter)[stops]),
         pixels=_spread(len(names), at, _of_points(observed, data.setup)),
         residuals_px=_spread(len(names), at, _of_points(residuals, data.setup)),
+        within_px=_spread(len(names), at, _of_points(fit.sigma_px * fit.parts.left, data.setup)),
         off=_spread(len(names), at, off),
         left_out_px=_spread(len(names), at, left),
         distance_m=distance,

@@ -91,6 +91,9 @@ class HandEyeResult(Shown):
         Where the points were seen, in the order of the board; NaN where they were not.
     residuals_px : array (N, K, 2)
         Of each point, what is shown by the result less what was seen; NaN where it was not.
+    within_px : array (N, K, 2)
+        The same about the best pose of the board at that stop alone: of the lens and of the board,
+        without what the arm stopped off.
     off : array (N, 6)
         By how much the flange seems to have been off in each picture [m, rad]: its place where the
         board is, for a shift alone hardly differs from a turn; base axes.
@@ -128,6 +131,7 @@ class HandEyeResult(Shown):
     scatter_px: FloatArray
     pixels: FloatArray
     residuals_px: FloatArray
+    within_px: FloatArray
     off: FloatArray
     left_out_px: FloatArray
     distance_m: float

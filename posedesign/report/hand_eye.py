@@ -191,7 +191,7 @@ def _draw_pictures(
 
 
 def figure_of_camera(result: HandEyeResult) -> Figure:
-    """Residuals of all points over the picture, and of each picture with and without itself."""
+    """Points about each picture's best board, and residuals of pictures, also left out."""
     figure = figures.new_figure(6.4)
     top, bottom = figures.rows_of(figure, (1.6, 1.0))
     (panel,) = figures.panels_of(top)
@@ -204,8 +204,12 @@ def figure_of_camera(result: HandEyeResult) -> Figure:
 
 
 def _draw_arrows(panel: Axes, result: HandEyeResult) -> None:
-    """Residuals of the points where they are in the picture, many times as long."""
-    off = result.residuals_px[result.used]
+    """Residuals of the points where they are in the picture, many times as long.
+
+    What the arm stopped off is taken out of them: it moves all points of a picture together, and
+    would hide what the lens does.
+    """
+    off = result.within_px[result.used]
     seen = result.pixels[result.used]
     known = np.isfinite(off).all(axis=-1)
     length = np.linalg.norm(off[known], axis=-1)
@@ -228,6 +232,7 @@ def _draw_arrows(panel: Axes, result: HandEyeResult) -> None:
         ylabel="y [px]",
     )
     panel.set_title(
-        f"residuals of points, {longer:.0f} times as long: a pattern is what the lens misses",
+        f"points about the best board of each picture, {longer:.0f} times as long: a pattern is "
+        "what the lens misses",
         fontsize=10,
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -61,6 +62,21 @@ def apart(one, other) -> float:
 def is_likely(error, covariance) -> bool:
     square = float(error @ np.linalg.solve(covariance, error))
     return square < chi2_quantile(1 - CHANCE, len(error))
+
+
+@BOTH
+def test_what_is_left_within_pictures_is_that_of_their_best_poses(carried, seen, usual):
+    """OpenCV places the board in each picture alone, with the lens that was found."""
+    (scene, pixels), result = seen[carried], usual[carried]
+    K, distortion = result.lens.to_opencv()
+    for own, within in zip(pixels, result.within_px, strict=True):
+        _, turn, shift = cv2.solvePnP(scene.points, own - 0.5, K, distortion)
+        turn, shift = cv2.solvePnPRefineLM(scene.points, own - 0.5, K, distortion, turn, shift)
+        shown, _ = cv2.projectPoints(scene.points, turn, shift, K, distortion)
+        np.testing.assert_allclose(within, shown[:, 0] - (own - 0.5), atol=0.02)
+    largest = np.abs(result.within_px).max()
+    assert largest < 6.0 * NOISE["sigma_px"]
+    assert np.abs(result.residuals_px).max() > largest  # the arm's part is not in it
 
 
 @BOTH

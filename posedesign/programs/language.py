@@ -304,6 +304,22 @@ def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
         yield Line(row, text[start : found.end()].rstrip())
 
 
+def without_remarks(pattern: str) -> Callable[[Iterator[Line]], Iterator[Line]]:
+    """Leave out what is a remark, but in texts in quotes, and lines that are nothing else.
+
+    ``pattern`` is that of remarks, letters of either case alike; for `Language.joined`.
+    """
+    remark = re.compile(rf'("[^"\n]*")|{pattern}', re.IGNORECASE)
+
+    def joined(lines: Iterator[Line]) -> Iterator[Line]:
+        for line in lines:
+            text = remark.sub(lambda found: found[1] or "", line.text).rstrip()
+            if text:
+                yield Line(line.row, text)
+
+    return joined
+
+
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
     """A function that builds the node from the texts of the slots; None where it holds none."""
     if isinstance(node, Tree):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from posedesign.programs.abb_rapid.module import LANGUAGE as RAPID
-from posedesign.programs.denso_pac.reader import LANGUAGE as PAC
+from posedesign.programs.denso_pac import LANGUAGE as PAC
 from posedesign.programs.doosan_drl.reader import LANGUAGE as DRL
 from posedesign.programs.fanuc_ls.listing import LANGUAGE as TP
 from posedesign.programs.kawasaki_as.reader import LANGUAGE as AS

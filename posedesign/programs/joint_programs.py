@@ -140,16 +140,6 @@ class JointDialect(Dialect):
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     phrases: ClassVar[Phrases]
-    reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
-    rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
-
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        """A program with its positions; see the module `reader`."""
-        return type(self).reader(data, path)
-
-    def check(self, data: bytes, path: Path) -> list[Problem]:
-        """Check a program; see the module `rules`."""
-        return type(self).rules(data, path)
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""

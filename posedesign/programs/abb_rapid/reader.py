@@ -313,7 +313,7 @@ class _Reader:
         return np.asarray(frames[0] if len(frames) == 1 else frames[0] @ frames[1])
 
 
-def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
+def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
     Raises

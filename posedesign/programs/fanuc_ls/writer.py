@@ -48,8 +48,8 @@ LIMITS = Limits(
 _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
 
 
-def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
-    r"""Text of the program, its lines ended by ``\n``.
+def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of the program by its name, its lines ended by ``\n``.
 
     Positions are rounded to three decimals: joints by at most 0.0005 deg on the pendant and 0.001
     deg in the URDF's joint 3, which is the sum of two; poses by 0.0005 mm and deg. A pose's name
@@ -73,8 +73,8 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
     stored = zip(program.numbers, program.poses, fields(program, arm), strict=True)
     for number, pose, values in sorted(stored, key=lambda entry: entry[0]):
         lines += [f"P[{_label(number, pose)}]{{", "   GP1:", *values, "};"]
-    lines.append("/END")
-    return "\n".join(lines) + "\n"
+    lines += ["/END", ""]
+    return {f"{program.name}.LS": "\n".join(lines)}
 
 
 def lines_besides(program: PoseProgram) -> tuple[int, int]:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose, validate
-from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPose, validate
+from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.reading import MOST_BYTES
 from tests.unit.programs.dialects import breaks
 
@@ -17,7 +17,7 @@ POSES = tuple(
     ProgramPose(f"T{i}", np.radians([i + 1, -90, 90, 4, 5, 6]), via=i == 1) for i in range(3)
 )
 OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=3, keep="register")
-DAT, SRC = render_kuka_krl(PoseProgram("CAL", POSES, OPTIONS), Arm.usual("kuka"))
+DAT, SRC = KukaKrl().files(PoseProgram("CAL", POSES, OPTIONS)).values()
 P1 = "XP1={A1 1.00000,A2 -90.00000,A3 90.00000,A4 4.00000,A5 5.00000,A6 6.00000}"
 POSE = "E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}"
 

@@ -35,10 +35,9 @@ from posedesign.programs.joint_programs import (
     Phrases,
     Standing,
     check_joints,
+    in_moves,
     judged,
     level_of,
-    notes_of,
-    program_of,
 )
 from posedesign.programs.language import (
     Block,
@@ -51,8 +50,7 @@ from posedesign.programs.language import (
 )
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
-from posedesign.programs.reading import text_of as text_of_file
-from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.recorded import Problem
 from posedesign.programs.writing import NameRule
 
 __all__ = ["DensoPac"]
@@ -130,9 +128,8 @@ def _change(s: Statement, variables: Variables) -> None:
             variables[name] = values
 
 
-def parse_denso_pac(data: bytes, path: Path) -> RecordedProgram:
-    """Program in the content of a file; FileFormatError where it holds no position."""
-    text = text_of_file(data, path)
+def _positions(text: str, path: Path) -> list[Found]:
+    """Positions that the program moves to."""
     found: list[Found] = []
     variables: Variables = {}
     for s in LANGUAGE.statements(text):
@@ -150,12 +147,7 @@ def parse_denso_pac(data: bytes, path: Path) -> RecordedProgram:
                 refuse(f"{s.text[:60]!a}: no list of numbers", path, s.row)
             found += [("the position", s.row, values)] if values else []
         _change(s, variables)
-    return program_of(found, notes_of(text, "'"), path, "denso")
-
-
-def check_denso_pac(data: bytes, path: Path) -> list[Problem]:
-    """Problems in a program, at most 1000. Never fails."""
-    return judged(data, LANGUAGE, ("sub",), _check)
+    return found
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
@@ -205,11 +197,10 @@ class DensoPac(JointDialect):
         wait="  Delay {ms}",
         pulse=("  Set IO[{output}]", "  Delay {ms}", "  Reset IO[{output}]"),
         call="  Call {call}({argument})",
-        keep="",
         most_output=4096,
     )
-    reader = parse_denso_pac
-    rules = check_denso_pac
+    reader = in_moves(_positions, "'", "denso")
+    rules = judged(LANGUAGE, ("sub",), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The routine that a program begins with."""

@@ -39,11 +39,11 @@ from lark import Token, Tree
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.programs.language import (
     MOST_FAULTS,
-    MOST_LENGTH,
     Language,
     Line,
     Statement,
     lines_of,
+    open_lines,
     text_of,
     words,
 )
@@ -57,12 +57,7 @@ Node = Tree[Token] | Token
 
 MOST_JOINT_RAD = float(np.radians(MOST_JOINT_DEG))
 
-_MOST_LINES = 300
-"""Of one statement."""
-
-_QUOTED_OR_REMARK = re.compile(r'("[^"\n]*")|#([^\n]*)')
 _SAID = re.compile(r'"[^"\n]*"|#([ \t]*(?:POSE\s+\d|PLAN|Title:).*)|#.*')
-_KEYWORD_FIRST = re.compile(r"\s*(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b")
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
 _MATTERS = re.compile(r"\b(?:move[jlpc]|set_tcp)\b|[\[=]")
 """A statement that may hold a position or change a frame, where it cannot be read."""
@@ -83,31 +78,13 @@ _IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
 _IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
 
-def _join_lines(lines: Iterator[Line]) -> Iterator[Line]:
-    """Leave remarks out, and make one statement of lines while a bracket is open."""
-    row, parts, opened, length = 0, [""], 0, 0
-    for line in lines:
-        code = line.text
-        if code[0] == "#":
-            continue
-        if "#" in code:
-            code = _QUOTED_OR_REMARK.sub(lambda found: found[1] or "", code)
-        bare = _QUOTED_OR_REMARK.sub("", code) if '"' in code else code
-        goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
-        if not goes_on or _KEYWORD_FIRST.match(code):
-            yield Line(row, " ".join(parts))
-            row, parts, opened, length = line.row, [], 0, 0
-        parts.append(code)
-        length += len(code)
-        opened += bare.count("(") + bare.count("[") - bare.count(")") - bare.count("]")
-    yield Line(row, " ".join(parts))
-
-
-def _statements(lines: Iterator[Line]) -> Iterator[Line]:
-    return (line for line in _join_lines(lines) if line.text.strip())
-
-
-LANGUAGE = Language(__package__, joined=_statements, signed=True)
+LANGUAGE = Language(
+    __package__,
+    joined=open_lines(
+        "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
+    ),
+    signed=True,
+)
 
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:

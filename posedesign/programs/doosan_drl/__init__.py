@@ -171,7 +171,7 @@ def _positions(text: str, path: Path) -> list[Found]:
             variables.pop(name, None)
         match s.tree.children:
             # a name of another list is none: what changes that one changes it, too
-            case Tree(data="places", children=[place]), Token(value="="), Tree() as value:
+            case Tree(data="places", children=[Tree() as place]), Token(value="="), Tree() as value:
                 variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
     return found
 

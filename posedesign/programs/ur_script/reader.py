@@ -149,8 +149,12 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     statements = LANGUAGE.statements(text)
     if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
         refuse("is no script: hardly a line of it can be read", path, statements[0].row)
-    for said in sorted([*_remarks(text), *statements], key=lambda said: said.row):
-        reader.take(said) if isinstance(said, Statement) else reader.remark(said)
+    said: list[Line | Statement] = [*_remarks(text), *statements]
+    for line in sorted(said, key=lambda line: line.row):
+        if isinstance(line, Line):
+            reader.remark(line)
+        else:
+            reader.take(line)
     if reader.depth > 0:
         row = text.count("\n") + 1
         refuse("is cut off: a def, if, while, ... has no end", path, row, "copy it again")

@@ -77,6 +77,7 @@ _SHORTEST = 3
 _MOST_NAMES = 2000
 """Of a script in which misspelt ones are looked for."""
 
+_CALLS = ("call", "run")
 _DEFINES = ("define", "thread", "secondary")
 
 Call = tuple[str, list[tuple[str, Node]], int]
@@ -120,8 +121,9 @@ class _Script:
         self.functions: dict[str, tuple[int, tuple[str, ...]] | None] = {}
         self.variables = {"True", "False"}
         for statement in found:
-            first, *others = statement.tree.children or [""]
+            first = next(iter(statement.tree.children), None)
             if statement.kind in _DEFINES:
+                others = statement.tree.children[1:]
                 parameters = [p.children for p in others if isinstance(p, Tree)]
                 names = tuple(str(children[0]) for children in parameters)
                 least = sum(len(children) == 1 for children in parameters)
@@ -149,9 +151,9 @@ class _Script:
             poses = [tree for tree in trees if tree.data == "pose"]
             calls: list[Call] = []
             for tree in trees:
-                name = tree.children[tree.data == "run"] if tree.data in ("call", "run") else None
-                if isinstance(name, Token):
-                    calls.append((str(name), reader.arguments(tree), row))
+                called_by = tree.children[tree.data == "run"] if tree.data in _CALLS else None
+                if isinstance(called_by, Token):
+                    calls.append((str(called_by), reader.arguments(tree), row))
             moves = any(name in MOVES for name, *_ in calls)
             moved |= moves
             for name in [str(t) for t in tokens if t.type == "NAME"]:

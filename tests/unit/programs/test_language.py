@@ -17,7 +17,7 @@ from posedesign.programs.language import Language
 from posedesign.programs.mitsubishi_melfa import LANGUAGE as MELFA
 from posedesign.programs.staubli_val3.project import LANGUAGE as VAL3
 from posedesign.programs.ur_script.reader import LANGUAGE as UR
-from posedesign.programs.yaskawa_jbi.inform import INFORM
+from posedesign.programs.yaskawa_jbi.reader import INFORM
 from tests.unit.programs.dialects import CASES
 from tests.unit.programs.test_all_dialects import written
 

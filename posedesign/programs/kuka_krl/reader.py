@@ -101,7 +101,10 @@ class StoredPosition(Stored):
             refuse(f"{self.label} has {given[0]} and no {other}", path, self.line)
         words = ",".join(f"{name} {self.fields[name]}" for name in given)
         meant = given and configuration_in(KukaConfiguration, words, self.label, path, self.line)
-        values = {"T_world_user": frames.base.value, "T_tip_tool": frames.tool.value}
+        values = {
+            "T_world_user": frames.base.transform,
+            "T_tip_tool": frames.tool.transform,
+        }
         return {"configuration": meant or None, **values, **numbers}
 
 

@@ -19,14 +19,8 @@ from calib.se3 import FloatArray
 class Configuration(ABC):
     """Arm position and turns of joints: one subclass, a frozen dataclass in one file, a maker.
 
-    Attributes
-    ----------
-    maker : str
-        A key of ``calib.robots.POSITIVE_AXES``.
-    form : pattern
-        Of the words; its groups are what `_of_groups` takes.
-    called, hint : str
-        What the words are called, and how to write them.
+    ``maker``: a key of ``calib.robots.POSITIVE_AXES``. ``form``: of the words; its groups are what
+    `_of_groups` takes. ``called``, ``hint``: what the words are called, and how to write them.
     """
 
     maker: ClassVar[str]

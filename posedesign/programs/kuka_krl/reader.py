@@ -111,11 +111,8 @@ class StoredPosition(Stored):
 def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no KRL module, is cut off, or holds no positions, or one that is neither six
-        joint angles nor a pose.
+    Raises FileFormatError: the file is no KRL module, is cut off, or holds no positions, or one
+    that is neither six joint angles nor a pose.
     """
     return _Reader(text_of(data, path, _WHAT), path).program()
 

@@ -135,10 +135,7 @@ class Dialect:
 
         Those with the positions come first, in the order of the visit.
 
-        Raises
-        ------
-        InputError
-            The program cannot be said in this dialect.
+        Raises InputError: the program cannot be said in this dialect.
         """
         if program.options.form not in self.forms:
             raise InputError(
@@ -230,10 +227,7 @@ class Dialect:
     def seen(self, arm: Arm) -> Arm:
         """An arm as the programs of this dialect show it.
 
-        Raises
-        ------
-        InputError
-            Its controller is another maker's, or not known.
+        Raises InputError: its controller is another maker's, or not known.
         """
         if self.maker is None:
             # the description's joints, whatever a pendant shows

@@ -164,14 +164,8 @@ class JointDialect(Dialect):
 class Notes:
     """What the remarks of a program say of its plan.
 
-    Attributes
-    ----------
-    mark : PlanMark or None
-        None: it is of no plan.
-    names : dict of int to str
-        Names of poses by number.
-    rows : dict of int to int
-        Lines of the remarks that name them, and the numbers.
+    ``mark``: None: it is of no plan. ``names``: names of poses by number. ``rows``: lines of the
+    remarks that name them, and the numbers.
     """
 
     mark: PlanMark | None = None

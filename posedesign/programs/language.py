@@ -80,16 +80,9 @@ class Line:
 class Statement:
     """What one line says.
 
-    Attributes
-    ----------
-    row : int
-        Line of the file where it begins, counted from 1.
-    text : str
-        As it stands there.
-    tree : Tree
-        What the grammar makes of it; a tree of the name ``fault`` where nothing.
-    fault : str
-        What is wrong with it, in words; empty for nothing.
+    ``row``: line of the file where it begins, counted from 1. ``text``: as it stands there.
+    ``tree``: what the grammar makes of it; a tree of the name ``fault`` where nothing. ``fault``:
+    what is wrong with it, in words; empty for nothing.
     """
 
     row: int

@@ -82,10 +82,8 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
     the quaternion. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or
     other ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)

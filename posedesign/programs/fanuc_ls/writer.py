@@ -56,11 +56,8 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
     becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
     left out.
 
-    Raises
-    ------
-    InputError
-        A text that the controller would refuse, a number out of its range, or a joint beyond
-        +-720 deg.
+    Raises InputError: a text that the controller would refuse, a number out of its range, or a
+    joint beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)

@@ -77,10 +77,8 @@ def render_kuka_krl(program: PoseProgram, arm: Arm) -> dict[str, str]:
     deg. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or other
     ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     _check_options(program)
     dat, src = _data(program, arm), _source(program, arm)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -216,6 +216,11 @@ class Problem:
             target=np.array(target),
         )
 
+    @cached_property
+    def cameras(self) -> tuple[str, ...]:
+        """Camera of each picture that is used."""
+        return tuple(one.pictures.camera for one in self.prepared for _ in one.usable)
+
     @property
     def largest_px(self) -> float:
         """The longest side of a picture."""
@@ -233,13 +238,16 @@ class Problem:
 
     def model(
         self,
-        sigma_px: float,
+        sigma_px: Mapping[str, float],
         arm_sigma: tuple[float, float],
         *,
         board_errors: Sequence[str] | None = None,
         free_lens: bool | None = None,
     ) -> CalibrationModel:
-        """The model about the starts, with what is asked for or these in place of it."""
+        """The model about the starts, with what is asked for or these in place of it.
+
+        The noise of the pixels is that of each camera.
+        """
         on_flange, around = self.starts
         blocks: list[ParameterBlock] = [
             OnTool(list(on_flange), np.stack(list(on_flange.values())), AXES),
@@ -254,7 +262,7 @@ class Problem:
         arm = arm_sigma if any(arm_sigma) else None
         looks = {
             one.pictures.labels: BoardView(
-                sigma_px,
+                sigma_px[one.pictures.camera],
                 BoardShape(one.pictures.board),
                 one.lens,
                 one.pictures.carried,
@@ -264,5 +272,5 @@ class Problem:
             )
             for one in self.prepared
         }
-        kind = next(iter(looks.values())) if len(looks) == 1 else BoardViews(sigma_px, looks, arm)
+        kind = next(iter(looks.values())) if len(looks) == 1 else BoardViews(looks, arm)
         return CalibrationModel(self.prepared[0].pictures.robot, blocks, kind)

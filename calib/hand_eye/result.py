@@ -76,7 +76,9 @@ class HandEyeResult(Shown):
         All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
         ``board.*``, and those of the robot. cx and cy count from the corner of the image.
     sigma_px : float
-        Noise of a coordinate of a point.
+        Noise of a coordinate of a point, of the first camera.
+    sigmas_px : dict of float
+        The same of all cameras by name.
     arm_sigma : tuple of two floats
         How far the arm stops from where it says: along each axis [m], about each axis [rad].
     names : tuple of str
@@ -124,6 +126,7 @@ class HandEyeResult(Shown):
     lens_estimated: bool
     estimate: IdentificationResult
     sigma_px: float
+    sigmas_px: dict[str, float]
     arm_sigma: tuple[float, float]
     names: tuple[str, ...]
     status: tuple[PictureStatus, ...]

@@ -21,6 +21,7 @@ from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import (
     Step,
     Suspicion,
+    doubt_of_size,
     step_with,
     suspicion_of_arm,
     suspicion_of_board,
@@ -364,10 +365,7 @@ def _listed(
 
 
 def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
-    """What errors of the board would be, and what looks wrong, what explains most first.
-
-    Of several boards the step is that of the first.
-    """
+    """What another size of the first board would be, and what looks wrong, the worst first."""
     kept = np.flatnonzero(fit.good)
     data, found = fit.data[kept], list[Suspicion | None]()
     cameras = np.array(problem.cameras)[kept]
@@ -382,27 +380,28 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
         noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
         return step_with(problem.model(*noise, **more), data, x, new)
 
-    steps = []
-    if not problem.board_errors:
-        errors = ("scale", "bend_x", "bend_y")
-        steps = [
-            tried(BoardErrors(board, errors).names, board_errors=errors) for board in problem.boards
-        ]
-        found += [suspicion_of_board(step) for step in steps]
-    for camera, (lens, is_free) in problem.lenses.items():
-        if not is_free:
-            step = tried(LensParameters(lens, camera).names, free_lens=True)
-            found.append(suspicion_of_lens(step, lens))
     frames = {
         label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
         for stem, labels in (("tool", fit.model.tools), ("target", fit.model.targets))
         for label in labels
     }
+    sizes = []
+    for board in () if problem.board_errors else problem.boards:
+        size, every = (
+            tried(BoardErrors(board, errors).names, board_errors=errors)
+            for errors in (("scale",), ("scale", "bend_x", "bend_y"))
+        )
+        sizes.append(size)
+        found.append(suspicion_of_board(every) or doubt_of_size(size, list(frames.values())))
+    for camera, (lens, is_free) in problem.lenses.items():
+        if not is_free:
+            step = tried(LensParameters(lens, camera).names, free_lens=True)
+            found.append(suspicion_of_lens(step, lens))
     parts = deviations(fit.model, data, fit.x)
     found.append(suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names))))
     found.append(suspicion_of_arm(fit.arm_sigma))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
-    return (steps[0] if steps else None), [one.text for one in order]
+    return (sizes[0] if sizes else None), [one.text for one in order]
 
 
 def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:

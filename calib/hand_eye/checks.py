@@ -34,10 +34,10 @@ LEAST_BEND_M = 5e-5
 LEAST_STEP_M, LEAST_STEP_RAD = 2e-4, 5e-4
 """What is too small to matter, however surely it is there."""
 
-DOUBTED, DOUBTED_SHIFT = 2.0, 3.0
+DOUBTED, DOUBTED_SHIFT = 2.5, 3.0
 """Standard deviations by which a size of the board is off, and by which X or Z would move with it,
 from which on a result is in doubt: the pictures do not tell the size well enough to say that it is
-wrong, and not well enough to say that it is right."""
+wrong, and not well enough to say that it is right. Prints are off by `LEAST_SCALE` anyway."""
 
 FAR_OFF_M, FAR_OFF_RAD = 2e-3, 5e-3
 """Deviation of an arm that is no longer scatter: its zeros, or the model of it, are wrong."""
@@ -145,9 +145,8 @@ def suspicion_of_board(step: Step) -> Suspicion | None:
         )
     if abs(scale) > LEAST_SCALE and as_scale >= as_bend:
         return Suspicion(
-            f"the board seems to be {100 * abs(scale):.2g} +- {100 * sigma:.1g} % "
-            f"{'larger' if scale > 0 else 'smaller'} than described, measured by the arm: check "
-            "the size of its squares, the printer's scaling, and the unit; or estimate it (scale)",
+            f"the board seems to be {_off_size(scale, sigma)}, measured by the arm: check the size "
+            "of its squares, the printer's scaling, and the unit; or estimate it (scale)",
             step.over,
         )
     return None
@@ -162,18 +161,22 @@ def doubt_of_size(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
         Columns of the place and the rotation of each camera and board.
     """
     scale, sigma = float(step.values[0]), float(step.sigma[0])
-    if not abs(scale) > max(DOUBTED * sigma, LEAST_SCALE):
+    if abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE):
         return None
     parts = [half for own in frames for half in (own[:3], own[3:])]
     lengths = np.linalg.norm([[step.moved[own], step.moved_sigma[own]] for own in parts], axis=2)
     if not (lengths[:, 0] > DOUBTED_SHIFT * lengths[:, 1]).any():
         return None
     return Suspicion(
-        f"the result rests on the stated size of the board, which is in doubt: measured by the arm "
-        f"it is {100 * abs(scale):.2g} +- {100 * sigma:.1g} % {'larger' if scale > 0 else 'smaller'} "
-        "than described; measure its squares, or estimate it (scale)",
+        "the result rests on the stated size of the board, which is in doubt: measured by the arm "
+        f"it is {_off_size(scale, sigma)}; measure its squares, or estimate it (scale)",
         0.0,
     )
+
+
+def _off_size(scale: float, sigma: float) -> str:
+    way = "larger" if scale > 0 else "smaller"
+    return f"{100 * abs(scale):.2g} +- {100 * sigma:.1g} % {way} than described"
 
 
 def suspicion_of_lens(step: Step, lens: Lens) -> Suspicion | None:

@@ -322,9 +322,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         scatter_px=_spread(len(names), at, pixel * np.sqrt(fit.parts.scatter)),
         pixels=_spread(len(names), at, _of_points(observed, data.setup)),
         residuals_px=_spread(len(names), at, _of_points(residuals, data.setup)),
-        within_px=_spread(
-            len(names), at, _of_points(pixel[:, None] * fit.parts.left, data.setup)
-        ),
+        within_px=_spread(len(names), at, _of_points(pixel[:, None] * fit.parts.left, data.setup)),
         off=_spread(len(names), at, off),
         left_out_px=_spread(len(names), at, left),
         distance_m=distance,

@@ -12,11 +12,11 @@ from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import explain_misfit, find_half_turns, unmirrored_poses
 from calib.hand_eye.pictures import Pictures
-from calib.hand_eye.start import board_poses, lens_parameters, start_lens
+from calib.hand_eye.start import board_poses, start_lens
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView, BoardViews, Measurements, board_views
-from calib.model.parameters import AXES, BoardErrors, ParameterBlock
+from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock
 from calib.model.parameters.frames import AroundArm, OnTool
 from calib.robot_world import RobotWorldResult
 from calib.robot_world import solve as solve_robot_world
@@ -256,7 +256,7 @@ class Problem:
         ]
         for camera, (lens, is_free) in self.lenses.items():
             if is_free if free_lens is None else free_lens:
-                blocks.append(lens_parameters(lens, camera))
+                blocks.append(LensParameters.usual(lens, camera))
         errors = self.board_errors if board_errors is None else board_errors
         blocks += [BoardErrors(board, errors) for board in self.boards if errors]
         arm = arm_sigma if any(arm_sigma) else None

@@ -275,7 +275,7 @@ class CellData:
                 X, Z = self.board_set_up.X, self.board_set_up.Z
             frames = [ToolFrame(X), TargetFrame(Z, self.config.target.name)]
             freed = [] if offsets is None else [ZeroOffsets(self.robot, offsets)]
-            lens = [LensParameters(self.board_set_up.lens)] if self.estimates_lens else []
+            lens = [LensParameters.usual(self.board_set_up.lens)] if self.estimates_lens else []
             return CalibrationModel(self.robot, [*freed, *frames, *lens], measured)
         axes = self.tool_axes if measurement is None else self.tool_axes_of(measurement)
         return CalibrationModel(

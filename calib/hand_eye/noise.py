@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.errors import ConvergenceError
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardView, Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -23,6 +24,10 @@ BLURRED = 2.0
 """Mean square of what is left in a picture over the noise of all, from which on it has more."""
 
 _MOST_ARM = (0.05, 0.05)
+
+_FLATTEST = 1e-12
+"""Least of what the six of a deviation do to a picture, over the most, squared: with less, nothing
+of it is left by rounding. Boards in pictures are above 1e-7."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +89,13 @@ def _summed(of_pictures: FloatArray, stops: IntArray) -> FloatArray:
 
 
 def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
-    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind."""
+    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind.
+
+    Raises
+    ------
+    ConvergenceError
+        At these parameters no deviation can be told from the pictures: a fit has run away.
+    """
     kind = model.measurement
     if not isinstance(kind, BoardView):
         raise TypeError("deviations are those of views of boards")
@@ -98,6 +109,12 @@ def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> De
     squares = _summed(np.swapaxes(D, 1, 2) @ D, stops)
     inner = _summed(np.einsum("nmt,nm->nt", D, rows), stops)
     inner_J = _summed(np.swapaxes(D, 1, 2) @ J, stops)
+    size = np.linalg.eigvalsh(squares)
+    if not (size[:, 0] > _FLATTEST * size[:, -1]).all():
+        raise ConvergenceError(
+            "the estimate has not converged: it shows a board that has no place of its own",
+            hint="are lengths of the arm and the board in the units that are said?",
+        )
     inverse = np.linalg.inv(squares)
     off = -(inverse @ inner[..., None])[..., 0]
     by_parameters = -inverse @ inner_J

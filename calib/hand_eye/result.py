@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.identification import IdentificationResult
 from calib.lens import Lens
+from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
 from calib.robot_world import RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
@@ -147,6 +148,20 @@ class HandEyeResult(Shown):
     def used(self) -> BoolArray:
         """Pictures that the estimate rests on, ``(N,)``."""
         return np.array([status == "used" for status in self.status])
+
+    @property
+    def time_offsets_s(self) -> dict[str, tuple[float, float]]:
+        """By camera, how much later than its joints a picture was taken, and its sigma [s].
+
+        Empty where the arm stood still.
+        """
+        found = {}
+        for camera in self.lenses:
+            name = f"{reading_label('time', camera, 'camera')}.offset"
+            if name in self.estimate.names:
+                sigma = float(self.estimate.sigma[self.estimate.names.index(name)])
+                found[camera] = self.estimate.value(name), sigma
+        return found
 
     @property
     def is_ok(self) -> bool:

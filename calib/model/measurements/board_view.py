@@ -412,6 +412,7 @@ def board_views(
     kind: ArrayLike = 0,
     tool: ArrayLike = 0,
     target: ArrayLike = 0,
+    motion: FloatArray | None = None,
 ) -> Measurements:
     """Views of boards as measurements.
 
@@ -423,8 +424,8 @@ def board_views(
         NaN for points that were not seen.
     names : sequence of str, optional
         Of the stops of the arm; pictures of one stop share a name.
-    tools, targets, kind, tool, target
-        Labels, and indices of each picture, as of `Setup`.
+    tools, targets, kind, tool, target, motion
+        Labels, indices of each picture, and how the arm moved, as of `Setup`.
     """
     given = np.asarray(pixels, dtype=float)
     rows = given.reshape(len(given), -1)
@@ -432,6 +433,6 @@ def board_views(
     seen = np.isfinite(rows)
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     stop = np.array([index[name] for name in names]) if len(index) < len(names) else None
-    setup = replace(how, seen=seen, stop=stop)
+    setup = replace(how, seen=seen, stop=stop, motion=motion)
     q, observed = np.asarray(postures, dtype=float), np.where(seen, rows, 0.0)
     return Measurements(q, setup, tuple(targets), tuple(tools), observed, tuple(names))

@@ -125,11 +125,10 @@ def test_other_lenses_are_found_by_what_they_show(lens):
 
 @pytest.mark.parametrize("name", ["pinhole", "rational", "fisheye"])
 def test_lenses_of_long_focal_length_are_found_without_their_higher_terms(name):
-    """30 deg wide: what k3 does is below the noise, and its standard deviation in the hundreds."""
+    """30 deg wide: k3 does less than the noise, its standard deviation is in the hundreds."""
     rng = np.random.default_rng([22, len(name)])
-    lens = Lens.from_opencv(
-        name, SIZE, np.array([[4000.0, 0, 960], [0, 4000, 540], [0, 0, 1]]), np.array([-0.2, 0.1])
-    )
+    K = np.array([[4000.0, 0, 960], [0, 4000, 540], [0, 0, 1]])
+    lens = Lens.from_opencv(name, SIZE, K, np.array([-0.2, 0.1]))
     scene = draw_scene(rng, 15, lens=lens, far_m=(1.0, 1.8))
     result = calibrate(scene.shown(scene.seen(rng, arm=STOPS_OFF)), name)
     assert result.warnings == ()

@@ -36,7 +36,7 @@ from posedesign.cell import Cell
 from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
 from posedesign.report.answer import Answer, Table
 from posedesign.report.identification import answer_of_identification
-from posedesign.simulation import PLATE_PITCH_M, PlateTest, true_cell, true_observer
+from posedesign.simulation import PLATE_PITCH_M, PlateTest, target_of, true_cell, true_observer
 from posedesign.simulation.rehearsal import simulated_arms
 from posedesign.workflow import PAIRS, TOUCH_UPS
 
@@ -248,7 +248,7 @@ def calibrate_robot(
     warn: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
     """Calibrate a robot behind its adapter; see :func:`run_by_sight`."""
-    arms = OneArm(robot, dark=cell.config.target.dark)
+    arms = OneArm(robot, target_of(cell))
     session = _Session(_about(cell, _named(robot)))
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
     return _calibrate(cell, arms, results, session, source, restart, progress, warn)

@@ -20,7 +20,8 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
-from calib.vision.camera import Camera, CircleTarget, Views
+from calib.vision.camera import Camera, Views
+from calib.vision.camera.observers import Target
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
 from calib.vision.touch_up.jacobian import MeasuredJacobian
 from calib.vision.touch_up.servo import Bias, Status
@@ -368,7 +369,7 @@ class KeptStation(Station):
         return self._recall(name, q, measure, read)
 
     def target_pose(
-        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
+        self, name: str, camera: Camera, target: Target, about: FloatArray
     ) -> FloatArray | None:
         """See :meth:`Station.target_pose`; where the arm stands after what was measured last."""
 

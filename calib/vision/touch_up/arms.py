@@ -14,8 +14,8 @@ from calib.model import CalibrationModel, Setup
 from calib.model.parameters import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
-from calib.vision.camera import EllipseMeasurement, ImageObserver, Observer, Views, measure_ellipse
-from calib.vision.camera.observers import SMALLEST_PX
+from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
+from calib.vision.camera.observers import Target
 from calib.vision.camera.rendering import GreyImage
 
 _LEAST_TORQUE_NM = 1e-6
@@ -295,15 +295,15 @@ class OneArm:
 
     Parameters
     ----------
-    dark : bool
-        Whether the target's circle is darker than the plate about it.
+    target : Target
+        What is looked at; by default a dark circle of any size.
     """
 
     count = 1
 
-    def __init__(self, robot: RobotAdapter, *, dark: bool = True) -> None:
+    def __init__(self, robot: RobotAdapter, target: Target | None = None) -> None:
         self._robot = robot
-        self._dark = dark
+        self._target: Target = CircleTarget() if target is None else target
         self._size: tuple[int, int] | None = None
         self._moved = False
         self._last: GreyImage | None = None
@@ -337,12 +337,11 @@ class OneArm:
             image = self._grabbed()
             self._size, self._last = (image.shape[1], image.shape[0]), image
             near = None if near_px is None else near_px[k]
-            found = measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
-            if found.is_ok and self._is_old(image):
-                found = EllipseMeasurement.failed(
-                    "no target", "the camera repeats a picture from before the arm moved"
-                )
-            seen.append(found)
+            ellipse, reason = self._target.measure(image, near)
+            if not reason and self._is_old(image):
+                ellipse = np.full(5, np.nan)
+                reason = "no target: the camera repeats a picture from before the arm moved"
+            seen.append((ellipse, reason))
         return Views.of(seen)
 
     def _is_old(self, image: GreyImage) -> bool:

@@ -21,7 +21,7 @@ from hypothesis import settings
 
 from calib import mat_file
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.study.library import find_study
 
 settings.register_profile(

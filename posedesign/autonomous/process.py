@@ -24,7 +24,7 @@ from calib.vision.touch_up.set_up import NoSetUp, SetUp
 from calib.vision.touch_up.sighting import camera_of
 from posedesign.cell import CameraSection, Cell
 from posedesign.cell.board_set_up import FOUND_WHOLE
-from posedesign.cell.data import cell_text
+from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import Kind

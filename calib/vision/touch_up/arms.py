@@ -147,6 +147,7 @@ class SimulatedArms:
         self._stopped = np.zeros((count, robot.n))
         self._gravity = GravityLoad(robot, cell.payload)
         self.pictures = 0
+        self.seen: GreyImage | None = None
 
     @property
     def count(self) -> int:
@@ -178,7 +179,12 @@ class SimulatedArms:
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
         """See :meth:`Arms.look`."""
         self.pictures += len(which)
-        return self._observer.views(self.T_camera_target(which), self._rng, near_px)
+        T, observer = self.T_camera_target(which), self._observer
+        if len(which) > 1 or not isinstance(observer, ImageObserver):
+            return observer.views(T, self._rng, near_px)
+        self.seen = observer.grab(T[0], self._rng)
+        near = None if near_px is None else near_px[0]
+        return Views.of([observer.target.measure(self.seen, near)])
 
     def picture(self, arm: int) -> GreyImage | None:
         """See :meth:`Arms.picture`."""
@@ -355,6 +361,11 @@ class OneArm:
         if not old:
             self._before = joints, image
         return old
+
+    @property
+    def seen(self) -> GreyImage | None:
+        """The last picture that was looked at, if the arm has not moved since."""
+        return self._last
 
     def picture(self, arm: int) -> GreyImage | None:
         """See :meth:`Arms.picture`: the last that was looked at, if the arm has not moved since."""

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.chance import student_quantile
-from calib.identification.least_squares import equal_sigma
 from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
 from calib.identification.prediction import ExpectedError
 from calib.identification.result import IdentificationResult
@@ -230,7 +229,7 @@ class _Scale:
         """Squares ``(N,)`` of the lengths among rows ``(N, m)`` [m, rad] over the noise."""
         lengths = np.nan_to_num(np.where(self.angles, 0.0, rows))
         if not self.weighted:
-            return np.asarray(np.sum(lengths**2, axis=1) / equal_sigma(self.model) ** 2)
+            return np.asarray(np.sum(lengths**2, axis=1) / self.model.equal_sigma**2)
         view = self.model.view(self.data.postures, self.x, self.data.setup)
         return np.asarray(np.sum(self.model.whiten_last(lengths.T, view) ** 2, axis=0))
 
@@ -242,7 +241,7 @@ class _Scale:
     def alike_m(self) -> float | None:
         """The noise [m] where it is the same for all lengths that were measured."""
         if not self.weighted:
-            return equal_sigma(self.model)
+            return self.model.equal_sigma
         kinds = [self.model.measurements[k] for k in np.unique(self.data.setup.kind)]
         sigma = np.concatenate([kind.sigma[: kind.rows - kind.turns] for kind in kinds])
         return float(sigma[0]) if np.allclose(sigma, sigma[0], rtol=1e-9, atol=0.0) else None

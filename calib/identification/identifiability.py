@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError
-from calib.identification.least_squares import equal_sigma, white_rows
+from calib.identification.least_squares import orthonormal
 from calib.identification.result import DISPLAY
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
@@ -229,7 +229,7 @@ def covariance_at(
         What the noise of each kind really is, over the one that the estimate is weighed by.
     """
     model = linear.model
-    white = triangle(information_root(linear, x))
+    white = triangle(linear.stacked(x)[1])
     if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
     each = np.ones(linear.view.setup.count)
@@ -240,9 +240,10 @@ def covariance_at(
         best = root @ root.T
         if noise is None:
             return np.asarray(best)
-        known = model.known(np.atleast_2d(x))[1][0]
-        rows = (linear.white_jacobian * each[:, None, None]).reshape(linear.rows_last.size, model.p)
-        spread = best @ np.concatenate([rows, known]).T
+        rows = linear.stacked(x)[1]
+        measured = np.repeat(each, len(linear.rows_last))
+        rows[: measured.size] *= measured[:, None]
+        spread = best @ rows.T
         return np.asarray(spread @ spread.T)
     check_unweighted(model)
     J = linear.jacobian
@@ -265,13 +266,6 @@ def check_unweighted(model: CalibrationModel) -> None:
             hint="weight them, or leave these out",
             name="weighted",
         )
-
-
-def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
-    """Rows ``(M, p)`` over their noise of all that is known: its square is the information."""
-    measured = linear.white_jacobian.reshape(linear.rows_last.size, linear.model.p)
-    _, known = linear.model.known(np.atleast_2d(x))
-    return np.concatenate([measured, known[0]])
 
 
 def triangle(rows: FloatArray) -> FloatArray:
@@ -300,13 +294,10 @@ def leave_one_out(
     weighted : bool
         As in the fit.
     """
-    rows_last, J_last = white_rows(linear, weighted)
-    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last)
-    count, m, p = J.shape
-    known = linear.model.known(np.atleast_2d(x))[1][0] if weighted else np.zeros((0, p))
-    stacked = np.concatenate([J.reshape(count * m, p), known])
-    Q = np.linalg.qr(stacked / column_lengths(stacked))[0] if p else stacked
-    Q = Q[: count * m].reshape(count, m, p)
+    rows, J = linear.stacked(x, weighted=weighted)
+    (count, m), p = linear.rows.shape, J.shape[1]
+    rows = rows[: count * m].reshape(count, m)
+    Q = (orthonormal(J) if p else J)[: count * m].reshape(count, m, p)
     out = np.full((count, m), np.nan)
     sizes = np.bincount(groups)
     for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
@@ -316,9 +307,7 @@ def leave_one_out(
         out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
             len(members), size, m
         )
-    if weighted:
-        return linear.coloured(out)
-    return out * equal_sigma(linear.model)
+    return linear.coloured(out, weighted=weighted)
 
 
 def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
@@ -337,12 +326,6 @@ def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
     )
     found[alone] = np.nan
     return np.asarray(found)
-
-
-def column_lengths(columns: FloatArray) -> FloatArray:
-    """Lengths ``(p,)`` of columns ``(M, p)``, 1 for columns of noughts."""
-    length = np.linalg.norm(columns, axis=0)
-    return np.where(length > 0, length, 1.0)
 
 
 def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
@@ -424,7 +407,7 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     setup, q = measurements.setup, measurements.postures
     if not all(kind.reads for kind in model.measurements):
         q, _ = touch(model, q, x, setup, hold_orientation=False)
-    return information_root(model.linearise(q, x, setup), x)
+    return model.linearise(q, x, setup).stacked(x)[1]
 
 
 WORTH_HAVING: dict[Unit, float] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.identification.least_squares import equal_sigma, minimise, white_rows
+from calib.identification.least_squares import column_lengths, minimise
 from calib.identification.result import IdentificationResult
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
@@ -89,12 +89,11 @@ def _is_held(
 ) -> bool:
     """Whether measurements of the other targets hold all parameters but that target's place."""
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    J = linear.white_jacobian * np.sqrt(weights)[:, None, None]
-    stacked = np.concatenate([J.reshape(-1, model.p), model.known(x[None])[1][0]])[:, ~place]
-    length = np.linalg.norm(stacked, axis=0)
-    if not (length > 0).all():
+    held = linear.weighed(weights).stacked(x)[1][:, ~place]
+    if not held.any(axis=0).all():
         return False
-    return bool(np.linalg.matrix_rank(stacked / length, tol=1e-9) == stacked.shape[1])
+    rank = np.linalg.matrix_rank(held / column_lengths(held), tol=1e-9)
+    return bool(rank == held.shape[1])
 
 
 def _placed_by_others(
@@ -120,8 +119,8 @@ def _placed_by_others(
     if not np.isfinite(placed).all():
         return np.full((len(own), model.rows), np.nan)
     linear = model.linearise(some.postures, placed, some.setup, some.observed)
-    rows_last, J_last = white_rows(linear, weighted)
-    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last[place])
+    rows, J = map(linear.view.posture_first, linear.over_noise_last(weighted))
+    J = J[..., place]
     known = model.known(placed[None])[1][0][:, place]
     group = np.unique(data.groups[own], return_inverse=True)[1]
     information = np.zeros((group.max() + 1, 3, 3))
@@ -135,6 +134,4 @@ def _placed_by_others(
     step = np.linalg.solve(left, gradient[..., None])[..., 0]
     step[~held] = np.nan
     predicted = rows + np.einsum("kmi,ki->km", J, step[group])
-    if weighted:
-        return linear.coloured(predicted)
-    return np.asarray(predicted * equal_sigma(model))
+    return linear.coloured(predicted, weighted=weighted)

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError
-from calib.identification.least_squares import orthonormal
 from calib.identification.result import DISPLAY
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Linearisation, Setup, touch
 from calib.model.measurements import Measurements
 from calib.model.parameters import LinkGeometry, ParameterBlock, Part, Unit
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts.
@@ -184,11 +183,6 @@ def _absorbed_by(unit: FloatArray, k: int, kept: list[int], names: Sequence[str]
     return f"{names[k]} is absorbed by {shown}"
 
 
-_NOTHING_LEFT = 1e-9
-"""Smallest singular value of I - H of a pose left out, below which nothing but it holds some
-parameter."""
-
-
 def covariance_of(
     model: CalibrationModel,
     q: FloatArray,
@@ -271,61 +265,6 @@ def check_unweighted(model: CalibrationModel) -> None:
 def triangle(rows: FloatArray) -> FloatArray:
     """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
-def leave_one_out(
-    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
-) -> FloatArray:
-    """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
-
-    In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
-    group. Exact where the model is linear, and calibrations are nearly so at their solution. A
-    group without which the parameters cannot be identified gives NaN.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        Of one set, at its solution.
-    x : array (p,)
-        The solution.
-    groups : array (N,)
-        Index of the group that each measurement belongs to: those of one pose are left out
-        together.
-    weighted : bool
-        As in the fit.
-    """
-    rows, J = linear.stacked(x, weighted=weighted)
-    (count, m), p = linear.rows.shape, J.shape[1]
-    rows = rows[: count * m].reshape(count, m)
-    Q = (orthonormal(J) if p else J)[: count * m].reshape(count, m, p)
-    out = np.full((count, m), np.nan)
-    sizes = np.bincount(groups)
-    for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
-        members = np.argsort(groups, kind="stable")
-        members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
-        own = Q[members].reshape(len(members), size * m, p)
-        out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
-            len(members), size, m
-        )
-    return linear.coloured(out, weighted=weighted)
-
-
-def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
-    """``(I - Q Qᵀ)⁻¹ r`` of groups ``(G, k, p)`` with rows ``(G, k, 1)``; NaN where singular.
-
-    Of groups with more rows than parameters as ``r + Q (I - Qᵀ Q)⁻¹ Qᵀ r``, whose matrix does not
-    grow with the group: a pose that is measured thousands of times is one.
-    """
-    many = own.shape[1] > own.shape[2]
-    turned = np.swapaxes(own, 1, 2)
-    left = np.eye(min(own.shape[1:])) - (turned @ own if many else own @ turned)
-    alone = np.linalg.svd(left, compute_uv=False).min(axis=-1, initial=1.0) < _NOTHING_LEFT
-    left[alone] = np.eye(left.shape[-1])
-    found = (
-        rows + own @ np.linalg.solve(left, turned @ rows) if many else np.linalg.solve(left, rows)
-    )
-    found[alone] = np.nan
-    return np.asarray(found)
 
 
 def check_enough(model: CalibrationModel, measurements: Measurements) -> None:

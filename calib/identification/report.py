@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from calib.chance import chi2_tail
+from calib.identification.cross_validation import leave_one_out
 from calib.identification.identifiability import (
     covariance_at,
-    leave_one_out,
 )
 from calib.identification.least_squares import column_lengths, orthonormal
 from calib.identification.result import IdentificationResult, KindNoise

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from calib.errors import InputError, near_names, one_line
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import (
     andreff,
     daniilidis,
@@ -25,7 +26,6 @@ from calib.robot_world.methods import (
 )
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 CHANGES = (
     "unit",

@@ -24,8 +24,8 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray, IntArray
 
 _SAFE_SCALAR = 0.2

@@ -18,12 +18,12 @@ from calib.robot_world import (
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import PLACE, TURN
 from posedesign.pairs.certificate import FRAMES, Camera, Proof
-from posedesign.pairs.file import Pairs
+from posedesign.pairs.file import DEFAULT_FORM, Pairs
 from posedesign.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
 
-_SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *PLACE)
+POSE_AXES = (*DEFAULT_FORM.place_columns, *DEFAULT_FORM.turn_columns)
+_SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *DEFAULT_FORM.place_columns)
 
 
 ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
@@ -78,7 +78,7 @@ def solver_row(outcome: SolverOutcome) -> dict[str, object]:
     for letter in "xz":
         values = _numbers(result.X if letter == "x" else result.Z) if result else [None] * 6
         sigma = _sigma_numbers(result, letter)
-        for axis, value in zip((*PLACE, *TURN), values, strict=True):
+        for axis, value in zip(POSE_AXES, values, strict=True):
             row[f"{letter}_{axis}"] = value
         for axis, deviation in zip(_SIGMA_AXES, sigma, strict=True):
             row[f"sigma_{letter}_{axis}"] = deviation
@@ -237,7 +237,7 @@ def opencv_rows(outcomes: Iterable[SolverOutcome]) -> list[dict[str, object]]:
         {
             "method": outcome.method,
             "transform": name,
-            **dict(zip((*PLACE, *TURN), _numbers(T), strict=True)),
+            **dict(zip(POSE_AXES, _numbers(T), strict=True)),
         }
         for outcome in outcomes
         if outcome.result is not None

@@ -45,11 +45,10 @@ from posedesign.report.identification_json import (
     Parameter,
     Residual,
 )
+from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
 from posedesign.report.plots import (
-    SIGMA_AXES,
     figure_of_identification,
-    figure_of_pairs,
     figure_of_plan,
 )
 

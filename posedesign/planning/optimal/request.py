@@ -248,7 +248,9 @@ class Request:
     of each that is an angle. ``threshold``: value of the criterion to be reached. ``validation``:
     poses to choose besides, for a test. ``refine``: turn the tool at the chosen poses, off the
     pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
-    ``"average"``, ``"worst"``: for what is known of it before measuring.
+    ``"average"``, ``"worst"``: for what is known of it before measuring. ``time_s``: what a round
+    through the poses may take; it decides how many, in place of ``count``. ``beside``: how many
+    poses fewer and more a choice is compared with.
     """
 
     method: str = "exchange"
@@ -261,6 +263,8 @@ class Request:
     validation: int = 0
     refine: bool = False
     robust: str = "none"
+    time_s: float | None = None
+    beside: int = 1
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -268,6 +272,7 @@ class Request:
             ("a wanted standard deviation", self.sigma_m),
             ("a wanted standard deviation", self.sigma_rad),
             ("the threshold", self.threshold),
+            ("the time", self.time_s),
         ):
             if value is not None and not usable(value) >= LEAST_POSITIVE:
                 raise InputError(

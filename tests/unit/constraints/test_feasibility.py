@@ -376,7 +376,8 @@ def test_what_is_broken_is_measured_all_the_same(demo_cell):
     rng = np.random.default_rng(6)
     robot = demo_cell.robot
     q = demo_cell.base_posture + rng.uniform(-0.5, 0.5, (400, robot.n))
-    lazy, full = (demo_cell.checker.check(q, every=every) for every in (False, True))
+    checker = Checker(robot, demo_cell.solid)
+    lazy, full = (checker.check(q, every=every) for every in (False, True))
     np.testing.assert_array_equal(lazy.feasible, full.feasible)
     broken = lazy.margin < 0.0
     assert (broken.sum(axis=1) == ~full.feasible).all()

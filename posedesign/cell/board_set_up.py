@@ -125,8 +125,18 @@ def rotations_to(across: FloatArray) -> FloatArray:
     return np.asarray(rotation_exp(axis * angle[:, None]))
 
 
-def board_set_up(cell: CellData) -> BoardSetUp:
-    """Camera and board of a cell that calibrates by pictures of a board.
+@dataclass(frozen=True, eq=False)
+class CameraFound:
+    """Camera, board and lens as pictures showed them: see `BoardSetUp`."""
+
+    lens: Lens
+    carried: Carried
+    X: FloatArray
+    Z: FloatArray
+
+
+def board_set_up(cell: CellData, found: CameraFound | None = None) -> BoardSetUp:
+    """Camera and board of a cell that calibrates by pictures of a board, as described or found.
 
     Raises
     ------
@@ -155,10 +165,21 @@ def board_set_up(cell: CellData) -> BoardSetUp:
         along = (cell.robot.fk(cell.base_posture) @ cell.T_tip_camera)[:3, 0]
         R = _facing(cell, cell.target_normal, along)
         X, Z = cell.T_tip_camera, transform(R, cell.target_m - R @ middle)
+    carried: Carried = "board" if fixed else "camera"
+    lens = _lens(camera)
+    if found is not None:
+        if found.carried != carried:
+            raise InputError(
+                f"the {found.carried} was on the flange where the camera was calibrated, and in "
+                f"this cell it is the {carried}",
+                hint='correct camera.mount, "flange" or "fixed"',
+                name="camera.mount",
+            )
+        lens, X, Z = found.lens, found.X, found.Z
     return BoardSetUp(
         board=board,
-        lens=_lens(camera),
-        carried="board" if fixed else "camera",
+        lens=lens,
+        carried=carried,
         X=X,
         Z=Z,
         share=1.0 if board.name in FOUND_WHOLE else camera.share_in_view,

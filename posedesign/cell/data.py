@@ -38,6 +38,7 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from posedesign.cell.board_set_up import (
     BoardSetUp,
+    CameraFound,
     board_normal_in_base,
     board_set_up,
     board_view,
@@ -71,6 +72,8 @@ class CellData:
         Joints whose zero offset is identified.
     tool_bodies, obstacles : tuple of Body
         What the flange carries, and what stands around.
+    camera_found : CameraFound, optional
+        Camera, board and lens as they were calibrated before, in place of those described.
     """
 
     config: CellConfig
@@ -81,6 +84,7 @@ class CellData:
     offset_joints: tuple[str, ...]
     tool_bodies: tuple[Body, ...]
     obstacles: tuple[Body, ...]
+    camera_found: CameraFound | None = None
 
     @property
     def measurement(self) -> Measurement:
@@ -103,7 +107,7 @@ class CellData:
         InputError
             One of them is not described, or cannot be.
         """
-        return board_set_up(self)
+        return board_set_up(self, self.camera_found)
 
     @cached_property
     def board(self) -> Board | None:

@@ -260,7 +260,8 @@ def next_poses(
     measurements: Annotated[
         Path,
         typer.Argument(
-            help="The touch-ups so far: touchups.csv; of pictures of a board the poses: poses.csv"
+            help="The touch-ups so far: touchups.csv; of pictures of a board camera.json, or the "
+            "poses: poses.csv"
         ),
     ],
     out: OutFolder = Path(),

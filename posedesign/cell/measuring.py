@@ -67,7 +67,7 @@ def hand_eye_model(
     lens = []
     if set_up is not None:
         X, Z = set_up.X, set_up.Z
-        lens = [LensParameters(set_up.lens)] if cell.estimates_lens else []
+        lens = [LensParameters.usual(set_up.lens)] if cell.estimates_lens else []
     frames = [ToolFrame(X), TargetFrame(Z, cell.config.target.name)]
     freed = [ZeroOffsets(cell.robot, offsets)] if offsets else []
     return CalibrationModel(cell.robot, [*freed, *frames, *lens], measurement)

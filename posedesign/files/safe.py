@@ -335,16 +335,17 @@ def write_json_atomic(path: StrPath, content: object) -> Path:
 
 def json_text(content: object) -> str:
     """A value as JSON: arrays as lists, and null for numbers that JSON does not have."""
-    return json.dumps(_plain(content), indent=2)
+    return json.dumps(plain(content), indent=2)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A value of what JSON has: arrays as lists, None for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

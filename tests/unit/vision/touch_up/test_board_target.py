@@ -90,7 +90,7 @@ def test_a_tilt_moves_neither_the_middle_nor_the_size():
 
 @pytest.mark.parametrize("kind", ["charuco", "chessboard", "circles", "apriltag-grid"])
 def test_its_pose(kind):
-    """In OpenCV's frame of the board; the right way round where it is rolled by more than 90 deg."""
+    """In OpenCV's frame of the board; the right way round where it is rolled by 120 deg."""
     target, rng = target_of_kind(kind), np.random.default_rng(2)
     T = seen_at(30.0, 120.0)
     T_camera_board = T @ inverse(target.T_board_target)

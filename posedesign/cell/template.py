@@ -543,7 +543,7 @@ picture."""
 _FOCAL_PX, _CLEAR_OF_WRIST_MM = 1400.0, 80.0
 
 
-def _camera_cell(robot: Robot, mount: Mount, **lines: str) -> str:
+def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
     """A cell with a camera and a board of the size of an arm, its base pose clear of all."""
     square = max(_round(_scale(robot) * _BOARD_OF_SCALE, 0), _SMALLEST_SQUARE_MM)
     away, carried = _AWAY * square, max(4.0 * square, _CLEAR_OF_WRIST_MM)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -96,6 +96,13 @@ def new(
     robot: Annotated[
         str | None, typer.Option(help="Preset or URDF file; default: the reference cell.")
     ] = None,
+    camera: Annotated[
+        Literal["flange", "fixed"] | None,
+        typer.Option(
+            help="A cell for pictures of a board: the camera on the flange, or fixed around the "
+            "arm, with the board on the flange.",
+        ),
+    ] = None,
     xacro_arg: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME:=VALUE", help="Argument of a xacro file; may be repeated."),
@@ -114,7 +121,12 @@ def new(
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
 
-    text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
+    text = cell_template(
+        robot,
+        camera=camera,
+        packages=packages or (),
+        xacro_args=xacro_arg or (),
+    )
     made = Cell.from_text(text)
     if robot is None:
         note(

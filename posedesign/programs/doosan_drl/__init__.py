@@ -32,7 +32,6 @@ from posedesign.programs.joint_programs import (
     PLAIN,
     Found,
     JointDialect,
-    Phrases,
     Standing,
     check_joints,
     in_moves,
@@ -43,7 +42,7 @@ from posedesign.programs.language import Language, Statement, nodes, open_lines,
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
-from posedesign.programs.writing import NameRule
+from posedesign.programs.writing import NameRule, Phrases
 
 __all__ = ["DoosanDrl"]
 
@@ -259,17 +258,17 @@ class DoosanDrl(JointDialect):
     reserved = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
     names = NameRule("a DRL name", 32, small=True, reserved=reserved)
     phrases = Phrases(
-        remark="# {}",
+        note="# {}",
         move=("movej(posj({joints}), vel={speed}, acc={speed})", "mwait()"),
-        wait="wait({time})",
+        wait="wait({time:.3f})",
         pulse=(
             "set_digital_output({output}, ON)",
-            "wait({time})",
+            "wait({time:.3f})",
             "set_digital_output({output}, OFF)",
         ),
-        call="{call}({argument})",
-        most_output=16,
+        call=("{call}({argument})",),
     )
+    most_output = 16
     reader = in_moves(_positions, "#", "doosan", _without_blocks)
     rules = check_doosan_drl
 

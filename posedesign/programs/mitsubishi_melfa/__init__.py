@@ -34,7 +34,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from posedesign.programs import rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JOINTS, JointDialect, Phrases
+from posedesign.programs.joint_programs import JOINTS, JointDialect
 from posedesign.programs.language import (
     Language,
     Statement,
@@ -54,7 +54,7 @@ from posedesign.programs.recorded import (
     RecordedPosition,
     RecordedProgram,
 )
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["MitsubishiMelfa"]
 
@@ -208,14 +208,14 @@ class MitsubishiMelfa(JointDialect):
     names = NameRule("a MELFA program name", 12)
     newline = "\r\n"
     phrases = Phrases(
-        remark="'{}",
-        head=("Servo On", "Cnt 0", "JOvrd {percent}"),
+        note="'{}",
         move=("Mov J{number}",),
-        wait="Dly {time}",
-        pulse=("M_Out({output})=1 Dly {time}",),
-        call='CallP "{call}",{argument}',
-        most_output=4096,
+        wait="Dly {time:.3f}",
+        pulse=("M_Out({output})=1 Dly {time:.3f}",),
+        call=('CallP "{call}",{argument}',),
+        bare=('CallP "{call}"',),
     )
+    head = ("Servo On", "Cnt 0", "JOvrd {percent}")
     reader = parse_mitsubishi_melfa
     rules = check_mitsubishi_melfa
 
@@ -232,6 +232,4 @@ class MitsubishiMelfa(JointDialect):
         """Numbered steps, and the positions behind them."""
         rows = zip(program.numbers, shown_deg(arm, program.poses), strict=True)
         listed = [f"J{number}=({','.join(plain_all(row, 5))})" for number, row in rows]
-        # a call without an argument has no comma
-        said = [step.removesuffix(",") if step[0] == "C" else step for step in steps]
-        return [f"{k} {step}" for k, step in enumerate([*said, "End"], start=1)] + listed
+        return [f"{k} {step}" for k, step in enumerate([*steps, "End"], start=1)] + listed

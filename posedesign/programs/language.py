@@ -259,7 +259,8 @@ class Language:
             try:
                 tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
-                return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
+                at, fault = _fault(text, error, self.parser)
+                return Statement(line.row + text.count("\n", 0, at), line.text, NOTHING, fault)
             spans = [found.span() for found in pieces.finditer(text) if not found[2]]
             if len(self._builders) >= _MOST_SHAPES:
                 self._builders.clear()
@@ -283,17 +284,17 @@ def _depth(text: str) -> int:
     return most
 
 
-def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
+def lines_of(text: str, *, indented: bool = False, row: int = 1) -> Iterator[Line]:
     """Lines of a text that are not blank, without the blanks before them where those say nothing.
 
-    Lines without anything cost nothing.
+    Lines without anything cost nothing. ``row``: of the first one.
     """
-    row, last = 1, 0
+    first, last = row, 0
     for found in _LINE.finditer(text):
         start = found.start()
         row += text.count("\n", last, start)
         if indented:
-            start = text.rfind("\n", last, start) + 1 if row > 1 else 0
+            start = text.rfind("\n", last, start) + 1 if row > first else 0
         last = found.start()
         yield Line(row, text[start : found.end()].rstrip())
 
@@ -398,7 +399,8 @@ def _token(kind: str, text: str) -> Token:
     return token
 
 
-def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:
+def _fault(text: str, error: UnexpectedInput, parser: Lark) -> tuple[int, str]:
+    """Where in a text a fault is, and what it is."""
     at = (error.pos_in_stream or 0) if isinstance(error, UnexpectedCharacters) else None
     if at is None:
         token = getattr(error, "token", None)
@@ -411,8 +413,8 @@ def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:
     )
     hint = f"; one of {' '.join(keywords)} can" if 0 < len(keywords) <= 5 else ""
     if not rest:
-        return f"{text[-30:]!a} is not complete" + hint
-    return f"{rest!a} cannot stand behind {text[max(0, at - 20) : at]!a}" + hint
+        return at, f"{text[-30:]!a} is not complete" + hint
+    return at, f"{rest!a} cannot stand behind {text[max(0, at - 20) : at]!a}" + hint
 
 
 @dataclass(frozen=True)

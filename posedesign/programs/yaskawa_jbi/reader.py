@@ -32,7 +32,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
-from posedesign.programs.language import Language, Line, Statement, nodes
+from posedesign.programs.language import Language, Line, Statement
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
 from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
@@ -198,6 +198,7 @@ INFORM = Language(__package__, joined=_without_argument_names, signed=True, lett
 _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
+_POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
 are then in BC variables."""
@@ -292,8 +293,8 @@ class _Reader:
             self.announced.take(text, row)
 
     def _move(self, statement: Statement) -> None:
-        names = names_in(statement.tree)
-        others = [n for also in nodes(statement.tree, "also") for n in names_in(also)]
+        names, *also = map(names_in, statement.all("move", "also"))
+        others = [name for them in also for name in them]
         self.other_robot.update(name for name in others if name[0] in "CP")
         for name in names:
             if "C" in name[0] and name not in self.stored:
@@ -318,7 +319,11 @@ class _Reader:
         ]
         self._check_carriers(wanted)
         taken = [self.stored[source[name]] for name in wanted]
-        values = [self._values(stored) for stored in taken if stored.form != "PULSE"]
+        values = [
+            pose_values(self._six(stored), _POSE, stored.label, self.path, stored.row)
+            for stored in taken
+            if stored.form != "PULSE"
+        ]
         poses = iter(poses_of(values))
         # without any comment, that of the variable
         usual = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
@@ -365,11 +370,6 @@ class _Reader:
             reason = f"{stored.label} has {len(stored.values)} values, a six-axis arm six"
             self.refuse(reason, stored.row, "is this the job of another robot?")
         return stored.values
-
-    def _values(self, stored: Stored) -> list[float]:
-        """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-        names = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-        return pose_values(self._six(stored), names, stored.label, self.path, stored.row)
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
         values = []

@@ -228,13 +228,11 @@ def _check_use(job: Job) -> Iterator[Problem]:
     there = {stored.name for stored in job.stored}
     used: set[Name] = set()
     for statement in (*job.kinds["move"], *job.kinds["also"]):
-        moves = [part for part in statement.tree.children if isinstance(part, Tree)]
-        for move in (statement.tree, *(part for part in moves if part.data == "also")):
+        for move in statement.all("move", "also"):
             names = {name for name in reader.names_in(move) if "C" in name[0]}
             for name in sorted(names - there):
-                yield Problem(
-                    statement.row, "position-defined", f"{reader.label_of(name)} is not there"
-                )
+                reason = f"{reader.label_of(name)} is not there"
+                yield Problem(statement.row, "position-defined", reason)
             used |= names
     for statement in job.kinds["other"]:
         used |= {reader.name_of(word) for word in statement.words("POINT")}
@@ -262,7 +260,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
                 stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
                 if not has_speed and not any(p.data.endswith("speed") for p in parts):
                     found.append(("move", "no speed, and no SPEED above", "measuring"))
-            for move in (statement.tree, *(p for p in parts if p.data == "also")):
+            for move in statement.all("move", "also"):
                 found += _move_faults(move)
         elif kind == "call" and not stands:
             reason = "no move with PL=0 before the CALL: the arm may not have arrived"

@@ -196,7 +196,7 @@ def _moved(path: Path) -> Iterator[tuple[str, str]]:
         root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
     for code in root.all("Code", "code"):
         for statement in project.statements_of(code):
-            yield from project.targets_of(project.parts_of(statement)["function"])
+            yield from project.targets_of(statement)
 
 
 def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[RecordedPosition, ...]:

@@ -33,10 +33,11 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, moving_xyz_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.program import PoseProgram
 from posedesign.programs.writing import (
     Limits,
     NameRule,
+    Phrases,
     plain_all,
     rounded_deg,
     shown_deg,
@@ -65,6 +66,15 @@ _DATA_NAMES = (
 _XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _VAL3 = "http://www.staubli.com/robotics/VAL3"
 _DECLARED = '<?xml version="1.0" encoding="utf-8" ?>'
+
+_PHRASES = Phrases(
+    note="// {}",
+    move=("nTraj=movej({element},tTool[0],mMeasure)", "waitEndMove()"),
+    wait="delay({time:.3f})",
+    pulse=("doMeasure=true", "delay({time:.3f})", "doMeasure=false"),
+    call=("call {call}({argument})",),
+    keep="jActual[{kept}]=herej()",
+)
 
 
 def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
@@ -136,35 +146,15 @@ def _fits(text: str) -> bool:
 
 def _start(program: PoseProgram) -> list[str]:
     options = program.options
+    array = "jPose" if options.form == "joint" else "pPose"
     notes = [f"// {text}" for text in (options.comment, program.mark) if text]
     notes += [f"// {line}" for line in warning_lines(program, TEXT_LENGTH, "[]<>&")]
     lines = [*notes, "resetMotion()"]
     for number, pose in zip(program.numbers, program.poses, strict=True):
-        lines += _at_pose(options, pose, number)
+        name = pose.name if _fits(pose.name) else ""
+        given = {"element": f"{array}[{number - 1}]", "kept": options.first_register + number - 2}
+        lines += _PHRASES.at_pose(options, pose, number, name, **given)
     return lines
-
-
-def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> Iterator[str]:
-    yield f"// POSE {number} {pose.name if _fits(pose.name) else ''}".rstrip()
-    if pose.comment.strip():
-        yield f"// {pose.comment.strip()}"
-    array = "jPose" if options.form == "joint" else "pPose"
-    yield f"nTraj=movej({array}[{number - 1}],tTool[0],mMeasure)"
-    yield "waitEndMove()"
-    if pose.via:
-        return
-    if options.settle_s > 0:
-        # at least a millisecond: a time that is asked for must not round to none
-        yield f"delay({max(options.settle_s, 0.001):.3f})"
-    if options.measure_output is not None:
-        yield "doMeasure=true"
-        yield f"delay({max(options.measure_pulse_s, 0.001):.3f})"
-        yield "doMeasure=false"
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        yield f"call {options.measure_call}({'' if argument is None else argument})"
-    if options.keep == "register":
-        yield f"jActual[{options.first_register + number - 2}]=herej()"
 
 
 def _data_file(program: PoseProgram, arm: Arm) -> str:

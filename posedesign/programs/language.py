@@ -153,6 +153,8 @@ class Language:
         Of the dialect, whose folder holds ``grammar.lark``.
     joined : callable, optional
         Makes one statement of several lines, or several of one.
+    divided : callable, optional
+        Finds the statements in a text, where lines say nothing.
     start : str
         Rule of a statement.
     others : tuple of str
@@ -169,6 +171,7 @@ class Language:
 
     package: str
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
+    divided: Callable[[str], Iterator[Line]] | None = None
     start: str = "statement"
     others: tuple[str, ...] = ()
     name: str = "grammar.lark"
@@ -210,7 +213,7 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
-        lines = lines_of(text)
+        lines = self.divided(text) if self.divided else lines_of(text)
         found: list[Statement] = []
         faults = size = 0
         self._parsed = self._filled = 0

@@ -210,6 +210,8 @@ class Phrases:
         Shortest time: none that is asked for must round to nothing [s].
     always : bool
         Waits where no time to settle is asked for, too.
+    still : str
+        A step where no time is asked for, and the arm has to stand. Empty for none.
     """
 
     note: str
@@ -222,12 +224,19 @@ class Phrases:
     keep: str = ""
     least_s: float = 0.001
     always: bool = False
+    still: str = ""
 
     def at_pose(
         self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object
     ) -> Iterator[str]:
         """Steps at a pose; its name is given as it fits, empty for none."""
         yield self.note.format(f"POSE {number} {name}".rstrip())
+        yield from self.steps(options, pose, number, **given)
+
+    def steps(
+        self, options: ProgramOptions, pose: ProgramPose, number: int, /, **given: object
+    ) -> Iterator[str]:
+        """The same without its name."""
         if pose.comment.strip():
             yield (self.remark or self.note).format(pose.comment.strip())
         yield from (line.format(number=number, **given) for line in self.move)
@@ -235,6 +244,8 @@ class Phrases:
             return
         if options.settle_s > 0 or self.always:
             yield self.wait.format(**self._times(options.settle_s))
+        elif self.still:
+            yield self.still
         if options.measure_output is not None:
             pulse = {"output": options.measure_output, **self._times(options.measure_pulse_s)}
             yield from (line.format(**pulse) for line in self.pulse)

@@ -138,7 +138,7 @@ class _Reader:
         """All that is read."""
         self._take_remarks()
         faults = 0
-        for statement in krl.statements_of(self.text):
+        for statement in krl.LANGUAGE.statements(self.text):
             faults += bool(statement.fault)
             self._take(statement)
         if not self.kind or faults >= MOST_FAULTS:

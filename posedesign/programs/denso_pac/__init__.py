@@ -57,7 +57,6 @@ __all__ = ["DensoPac"]
 LANGUAGE = Language(
     __package__ or "",
     joined=without_remarks(r"'.*|^\s*rem\b.*"),
-    start="line",
     signed=True,
     letters=r"\w",
 )

@@ -69,6 +69,7 @@ _FUNCTIONS = {
 _MOVES = ("movej", "amovej")
 _WORDS = """def if elif else while for try except return pass break continue from import in and or
 not on"""
+_RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
@@ -80,7 +81,6 @@ _BLOCK = re.compile(
 LANGUAGE = Language(
     __package__ or "",
     joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="([{)]}"),
-    start="line",
     signed=True,
     letters=r"\w",
 )
@@ -255,8 +255,7 @@ class DoosanDrl(JointDialect):
     title = "Doosan DRL program"
     maker = "doosan"
     suffixes = (".drl",)
-    reserved = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
-    names = NameRule("a DRL name", 32, small=True, reserved=reserved)
+    names = NameRule("a DRL name", 32, small=True, reserved=_RESERVED)
     phrases = Phrases(
         note="# {}",
         move=("movej(posj({joints}), vel={speed}, acc={speed})", "mwait()"),

@@ -98,7 +98,7 @@ def _sections(lines: Iterator[Line]) -> Iterator[Line]:
         yield Line(line.row, text)
 
 
-LANGUAGE = Language(__package__ or "", joined=_sections, start="line", signed=True, letters=r"\w.")
+LANGUAGE = Language(__package__ or "", joined=_sections, signed=True, letters=r"\w.")
 
 
 @dataclass(eq=False)
@@ -108,13 +108,10 @@ class _Stored(Named):
     values: list[str]
 
 
-_Planned = tuple[str, Notes, tuple[int, int] | None]
-
-
-def _planned(text: str, path: Path) -> _Planned:
+def _planned(text: str, path: Path) -> tuple[str, Notes, tuple[int, int] | None]:
     """Name and remarks of the program of a plan, and what its first HERE keeps of which pose."""
-    found: _Planned = ("", Notes(), None)
-    name, notes, first = found
+    first: tuple[int, int] | None = None
+    name, notes, first = found = "", Notes(), first
     for line in lines_of(text):
         program, remark, element = ((m := _NOTE.match(line.text)) and m.groups()) or ("", "", "")
         if program:

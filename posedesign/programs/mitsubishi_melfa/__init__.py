@@ -71,7 +71,6 @@ _STEP = re.compile(r"\s*\d{1,5} +([A-Za-z]\w*)(?: .*)?")
 LANGUAGE = Language(
     __package__ or "",
     joined=without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
-    start="step",
     signed=True,
     letters=r"\w",
 )

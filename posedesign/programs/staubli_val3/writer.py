@@ -81,13 +81,8 @@ def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
     r"""Text of each file by its path, ``NAME/NAME.dtx`` first, lines ended by ``\n``.
 
     Joints and angles are rounded to 5e-6 deg, coordinates to 5e-5 mm. A pose's name is left out
-    where it is longer than 60 characters or not plain ASCII.
-
-    Parameters
-    ----------
-    program : PoseProgram
-    arm : Arm
-        Its tool frame becomes ``tTool``, its user frame ``fUser``.
+    where it is longer than 60 characters or not plain ASCII. The arm's tool frame becomes
+    ``tTool``, its user frame ``fUser``.
 
     Raises
     ------
@@ -230,43 +225,36 @@ def _points(poses: FloatArray) -> Iterator[str]:
 
 
 def _project_file(name: str, programs: list[str]) -> str:
-    return "\n".join(
-        [
-            _DECLARED,
-            f'<Project xmlns="{_VAL3}/Project/3">',
-            '  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />',
-            "  <Programs>",
-            *(f'    <Program file="{program}.pgx" />' for program in programs),
-            "  </Programs>",
-            "  <Database>",
-            f'    <Data file="{name}.dtx" />',
-            "  </Database>",
-            "  <Libraries>",
-            "  </Libraries>",
-            "</Project>",
-            "",
-        ]
-    )
+    listed = "\n".join(f'    <Program file="{program}.pgx" />' for program in programs)
+    return f"""{_DECLARED}
+<Project xmlns="{_VAL3}/Project/3">
+  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />
+  <Programs>
+{listed}
+  </Programs>
+  <Database>
+    <Data file="{name}.dtx" />
+  </Database>
+  <Libraries>
+  </Libraries>
+</Project>
+"""
+
+
+_PARAMETERS = f"""
+    <Parameters xmlns="{_VAL3}/Param/1">
+      <Parameter name="x_nNumber" type="num" use="value" xsi:type="element" dimensions="1" />
+    </Parameters>"""
 
 
 def _program_file(name: str, lines: list[str], *, argument: bool) -> str:
-    parameters = [
-        f'    <Parameters xmlns="{_VAL3}/Param/1">',
-        '      <Parameter name="x_nNumber" type="num" use="value" xsi:type="element" '
-        'dimensions="1" />',
-        "    </Parameters>",
-    ]
-    return "\n".join(
-        [
-            _DECLARED,
-            f'<Programs {_XSI} xmlns="{_VAL3}/Program/2">',
-            f'  <Program name="{name}" access="{"private" if name == "stop" else "public"}">',
-            *(parameters if argument else []),
-            "    <Code><![CDATA[begin",
-            *(f"  {line}" for line in lines),
-            "end]]></Code>",
-            "  </Program>",
-            "</Programs>",
-            "",
-        ]
-    )
+    access = "private" if name == "stop" else "public"
+    code = "".join(f"\n  {line}" for line in lines)
+    return f"""{_DECLARED}
+<Programs {_XSI} xmlns="{_VAL3}/Program/2">
+  <Program name="{name}" access="{access}">{_PARAMETERS if argument else ""}
+    <Code><![CDATA[begin{code}
+end]]></Code>
+  </Program>
+</Programs>
+"""

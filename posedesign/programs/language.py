@@ -417,8 +417,13 @@ def _fault(text: str, error: UnexpectedInput, parser: Lark) -> tuple[int, str]:
     )
     hint = f"; one of {' '.join(keywords)} can" if 0 < len(keywords) <= 5 else ""
     if not rest:
-        return at, f"{text[-30:]!a} is not complete" + hint
-    return at, f"{rest!a} cannot stand behind {text[max(0, at - 20) : at]!a}" + hint
+        return at, f"{_in_line(text[-30:])} is not complete" + hint
+    before = _in_line(text[max(0, at - 20) : at])
+    return at, f"{_in_line(rest)} cannot stand behind {before}" + hint
+
+
+def _in_line(text: str) -> str:
+    return ascii(re.sub(r" *\n *", " ", text))
 
 
 @dataclass(frozen=True)

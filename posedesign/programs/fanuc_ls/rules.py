@@ -60,7 +60,7 @@ from posedesign.programs.fanuc_ls.listing import (
 from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
 from posedesign.programs.language import Block, block_faults
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
-from posedesign.programs.recorded import Problem
+from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
@@ -81,21 +81,6 @@ _ATTRIBUTE_NAMES = """
     ABORT_ANFRAGE HALT_ANFRAGE DEFAULT_GRUP KONTROLLCODE
 """
 _ATTRIBUTES = frozenset(_ATTRIBUTE_NAMES.split())
-_SIZES = ("PROG_SIZE", "VERSION", "LINE_COUNT", "MEMORY_SIZE", "PAUSE_REQUEST")
-_TASKS = ("STACK_SIZE", "TASK_PRIORITY", "TIME_SLICE", "BUSY_LAMP_OFF", "ABORT_REQUEST")
-_VALUES = {
-    **dict.fromkeys(_SIZES, r"\d{1,9};"),
-    **dict.fromkeys(_TASKS, r"\d{1,9},"),
-    **dict.fromkeys(("CREATE", "MODIFIED"), r"DATE [\d-]+\s+TIME [\d:]+;"),
-    "OWNER": r"[^,]+;",
-    "COMMENT": r'".*";',
-    "PROTECT": r"(?:READ|READ_WRITE);",
-    "DEFAULT_GROUP": r"[\d*](?:,[\d*]){4,7};",
-    "CONTROL_CODE": r"[\dA-F]{8} [\dA-F]{8};",
-}
-"""What the attributes of English controllers have for a value."""
-
-
 _LONE_CR: rules.Asked = ("text", *rules.LONE_CR[1:])
 
 
@@ -138,13 +123,10 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
             yield Problem(row, "sections", f"{text[:30]!a} stands behind /{section}")
     for row, fault in listing.unclear:
         yield Problem(row, "attribute", fault)
-    for row, name, text in listing.attributes:
+    for row, name, _ in listing.attributes:
         near = rules.near(name, _ATTRIBUTES, alike=0.75)
-        meant = _VALUES.get(name, "")
         if name not in _ATTRIBUTES and near and name.isascii():
             yield Problem(row, "attribute", f"{name} is no attribute: {near} is")
-        elif meant and not re.fullmatch(meant, text.partition("=")[2].strip()):
-            yield Problem(row, "attribute", f"{name} has another value: {text.strip()[-30:]!a}")
 
 
 def _check_lines(listing: Listing) -> Iterator[Problem]:
@@ -264,8 +246,6 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
     seen: set[int] = set()
     for position in listing.positions:
         label = position.label
-        for row, fault in position.faults:
-            yield Problem(row, "position-format", f"{label} {fault}")
         if position.number in seen:
             yield Problem(position.row, "position-unique", f"{label} is defined twice")
         seen.add(position.number)
@@ -278,7 +258,7 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
             reason = f"{label} has no UF and UT in GP1"
             yield Problem(position.row, "position-format", reason)
         names = {*first.fields} - {*EXTENDED}
-        if names not in _KINDS and not position.faults:
+        if names not in _KINDS:
             found = " ".join(sorted(names)) or "nothing"
             other_arm = names == {f"J{j + 1}" for j in range(len(names))} and len(names) != 6
             reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
@@ -302,15 +282,18 @@ def _check_values(listing: Listing) -> Iterator[Problem]:
             unset = not group.config.translate(str.maketrans("", "", "*, "))
             reason = f"{label}: there is no CONFIG {group.config[:30]!a}"
             yield Problem(position.row, "configuration", reason, "measuring" if unset else "error")
-        for name, (text, unit, row) in group.fields.items():
+        for name, (text, unit) in group.fields.items():
             wanted = "mm" if name.lstrip("R") in PLACE else "deg"
+            level: Level = "error"
+            rule = reason = ""
             if text.startswith("*"):
-                yield Problem(row, "position-value", f"{label}: {name} has no value", "measuring")
+                rule, reason, level = "position-value", "has no value", "measuring"
             elif unit != wanted and not (name in EXTENDED and unit):
-                reason = f"{label}: {name} is in {unit or 'no unit'}, not in {wanted}"
-                yield Problem(row, "unit", reason)
+                rule, reason = "unit", f"is in {unit or 'no unit'}, not in {wanted}"
             elif len(text) > 20 or not _in_range(name, float(text)):
-                yield Problem(row, "range", f"{label}: {name} is {text[:20]}")
+                rule, reason = "range", f"is {text[:20]}"
+            if rule:
+                yield Problem(group.row_of(name), rule, f"{label}: {name} {reason}", level)
 
 
 def _in_range(name: str, value: float) -> bool:
@@ -321,7 +304,7 @@ def _in_range(name: str, value: float) -> bool:
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:
-    defined = {position.number for position in listing.positions}
+    defined = {position.number for position in listing.positions} | listing.broken
     used: set[int] = set()
     indirect = False
     for line in listing.instructions:

@@ -154,7 +154,7 @@ class _Module:
 
     def __init__(self, data: bytes) -> None:
         self.text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
-        self.statements = krl.statements_of(self.text)
+        self.statements = krl.LANGUAGE.statements(self.text)
         self.begins = [statement for statement in self.statements if statement.kind in BEGINS]
         self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
         self.name = krl.name_of_module(self.begins[0]) if self.begins else ""

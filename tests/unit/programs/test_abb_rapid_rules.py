@@ -102,7 +102,7 @@ ONE_RULE = [
     ("syntax", JOINT, "MODULE CAL", "MODULE 1CAL", "cannot stand"),
     ("string", JOINT, "MEASURE 1", f'TPWrite "{"x" * 81}"', "81 characters"),
     ("syntax", JOINT, "MEASURE 1;", 'TPWrite "x;\n;', "cannot stand behind"),
-    ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1\n", "cannot stand behind 'MEASURE 1 '"),
+    ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1\n", "cannot stand behind"),
     ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1;;\n", "';' cannot stand"),
     ("syntax", JOINT, "PROC CAL_run", "VAR num a:=1\nVAR num b;\nPROC CAL_run", "not complete"),
     ("syntax", JOINT, "MEASURE 1", "1 MEASURE", "cannot stand"),

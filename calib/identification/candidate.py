@@ -22,7 +22,7 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
+from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy
 from calib.identification.prediction import (
     LEAST_PROBABILITY,
     DrawnArms,
@@ -310,7 +310,7 @@ def _tails(fitted: Fitted, data: Measurements) -> float:
         return 0.0
     model, x = fitted.model, fitted.result.values
     white, free = redundancy(model, data, x, np.ones(data.count))
-    rows = rows_of(model, data)
+    rows = model.rows_read(data.setup)
     left = free.sum(axis=1) / rows
     seen = left > LEAST_LEFT
     return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])

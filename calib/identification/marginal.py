@@ -142,7 +142,9 @@ def linear_evidence(
     known, K = fixed.known(x[None])
     unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K[0]]))
     classes, counts = noise_classes(model, data), []
-    there = _there(model, data)
+    there = data.setup.seen  # rows that measurements have; others fill the block
+    if there is None:
+        there = np.arange(model.rows) < model.rows_read(data.setup)[:, None]
     grams = np.zeros((len(classes) + 1, model.p + 1, model.p + 1))
     rest = there.copy()
     for c, own in enumerate(classes):
@@ -182,13 +184,6 @@ def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) 
     """``[B y]ᵀ[B y]`` of rows (M,) with the derivative (M, p), off the nominal values by (p,)."""
     both = np.column_stack([J * unit, J @ moved - rows])
     return np.asarray(both.T @ both)
-
-
-def _there(model: CalibrationModel, data: Measurements) -> BoolArray:
-    """Rows ``(N, m)`` that measurements have, others fill the block."""
-    if data.setup.seen is not None:
-        return data.setup.seen
-    return np.arange(model.rows) < model.rows_read(data.setup)[:, None]
 
 
 def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:

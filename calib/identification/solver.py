@@ -26,9 +26,10 @@ from calib.identification.least_squares import (
     STEP_TOLERANCE,
     minimise,
 )
+from calib.identification.noise import Loss
 from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
-from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
+from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements

@@ -63,16 +63,16 @@ def _place_frames(model: CalibrationModel, data: Measurements, x: FloatArray) ->
             rows = np.flatnonzero(data.setup.target == model.targets.index(label))
             of = {kind: rows[kinds[rows] == kind] for kind in (Pose, CameraPose, Point, Distance)}
             poses = np.concatenate([of[Pose], of[CameraPose]])
-            if len(poses) >= _FEWEST_POSES and (turns or _tool_turns(model, data, poses)):
+            enough = len(poses) >= _FEWEST_POSES
+            if enough and not turns:
+                tool = model.tools[data.setup.tool[poses[0]]]
+                enough = _nominal(model, tool, "tools")[1]
+            if enough:
                 _from_poses(model, data, x, poses, kinds)
             elif turns and len(of[Point]) >= 2 * _FEWEST_POSES:
                 _from_points(model, data, x, block, of[Point])
             elif not turns and block.size and len(of[Distance]) > _FEWEST_POSES:
                 _from_distances(model, data, x, block, k, of[Distance])
-
-
-def _tool_turns(model: CalibrationModel, data: Measurements, rows: np.ndarray) -> bool:
-    return _nominal(model, model.tools[data.setup.tool[rows[0]]], "tools")[1]
 
 
 def _set(model: CalibrationModel, x: FloatArray, label: str, T: FloatArray, side: str) -> None:

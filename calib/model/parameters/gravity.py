@@ -79,11 +79,21 @@ class GravityLoad:
                 name="payload",
             )
         index = np.tile(setup.payload, q.shape[1] // setup.count)
-        return _torques(self.robot, q, self._mass[index], self._com[:, index])
+        robot, mass, com = self.robot, self._mass[index], self._com[:, index]
+        walk = robot.chain.walk(q)
+        # of all that a joint carries, from the tip down
+        moment = robot.link_mass[:, None, None] * robot.chain.in_base(walk, robot.link_com)
+        moment[-1] += mass * (walk.p_base_tip + turn(walk.tip, com))
+        for j in reversed(range(robot.n - 1)):
+            moment[j] += moment[j + 1]
+        weight = np.cumsum(robot.link_mass[::-1])[::-1, None] + mass
+        moment -= weight[:, None] * walk.origins
+        return np.asarray(-skew(robot.gravity) @ moment), walk
 
     def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`."""
-        return _along_axes(self.robot, *self.torques(q, setup))
+        torque, walk = self.torques(q, setup)
+        return np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
 
 
 def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
@@ -104,23 +114,3 @@ def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) 
     last = np.ascontiguousarray(q.reshape(-1, robot.n).T)
     load = GravityLoad(robot, payload)
     return np.asarray(load.joint_torque(last, Setup.of(last.shape[1])).T.reshape(q.shape))
-
-
-def _torques(
-    robot: Robot, q: FloatArray, mass: FloatArray, com: FloatArray
-) -> tuple[FloatArray, Walk]:
-    """Torque vectors ``(n, 3, S)`` with masses ``(S,)`` at ``(3, S)`` in the tip frame."""
-    chain = robot.chain
-    walk = chain.walk(q)
-    # of all that a joint carries, from the tip down
-    moment = robot.link_mass[:, None, None] * chain.in_base(walk, robot.link_com)
-    moment[-1] += mass * (walk.p_base_tip + turn(walk.tip, com))
-    for j in reversed(range(robot.n - 1)):
-        moment[j] += moment[j + 1]
-    weight = np.cumsum(robot.link_mass[::-1])[::-1, None] + mass
-    moment -= weight[:, None] * walk.origins
-    return np.asarray(-skew(robot.gravity) @ moment), walk
-
-
-def _along_axes(robot: Robot, torque: FloatArray, walk: Walk) -> FloatArray:
-    return np.asarray((robot.chain.all_axes(walk) * torque).sum(axis=1))

@@ -226,7 +226,8 @@ def test_places_are_fitted_to_other_poses_by_the_noise(touching, make_model):
     fitted = identify(truth, data)
     result = replace(fitted, weights=np.random.default_rng(1).uniform(0.1, 1.0, 21))
     found = targets_left_out(truth, data, result)
-    place = measured_points(truth, data)[0]
+    place = np.zeros(truth.p, dtype=bool)
+    place[measured_points(truth, data)[0]] = True
     start = fitted.values[None]
     others = minimise(
         truth, data.trials(None), start, weights=(result.weights * (data.target != 0))[None]

@@ -7,7 +7,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import CalibError, InputError
-from calib.identification.robust import OUTLIER_CHANCE
+from calib.identification.noise import OUTLIER_CHANCE
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, Pose, TouchUp
 from calib.model.parameters import TargetFrame, ToolFrame, ZeroOffsets

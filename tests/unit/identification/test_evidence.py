@@ -51,10 +51,17 @@ def draw(seed: int, count: int = 40, kind: Measurement | None = None) -> Measure
     return simulate(truth, x, q, rng)
 
 
-def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None):
+def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None, x=None):
     members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
     w = np.ones(data.count) if weights is None else weights
-    return linear_evidence(model, data, model.nominal, members, w)
+    return linear_evidence(model, data, model.nominal if x is None else x, members, w)
+
+
+def solved(model: CalibrationModel, data: Measurements, found: TunedPriors, groups=GROUPS):
+    """The problem linearised where it was solved, and the logarithms found."""
+    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
+    problem = problem_of(model, data, groups, found.weights, found.x)
+    return problem, np.log([*found.sigma, scale])
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -168,10 +175,7 @@ def test_sizes_of_simulated_errors_are_found_within_what_chance_allows():
         data = draw(seed)
         found = tune_priors(model, data, GROUPS)
         noise = found.model.measurement.sigma[0]
-        members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-        problem = linear_evidence(model, data, found.x, members, found.weights)
-        scale = noise / model.measurement.sigma[0]
-        information = curvature(problem, np.append(np.log(found.sigma), np.log(scale)))
+        information = curvature(*solved(model, data, found))
         off = np.append(np.log(found.sigma / TRUE_SIZES), np.log(noise / NOISE_M))
         total += off @ information @ off
         freedom += len(off)
@@ -185,10 +189,7 @@ def test_the_maximum_is_one():
     """No small change of a size or of the noise makes the measurements likelier."""
     model, data = model_of(Point(None)), draw(3)
     found = tune_priors(model, data, GROUPS)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    theta = np.log([*found.sigma, scale])
+    problem, theta = solved(model, data, found)
     best, gradient = problem.log_evidence(theta)
     np.testing.assert_allclose(gradient, 0.0, atol=0.05)
     assert best == pytest.approx(found.log_evidence, abs=1e-3)
@@ -330,10 +331,7 @@ def test_uncertain_sizes_widen_what_rests_on_them():
     usual = [replace(group, usual=8e-4) for group in GROUPS]
     model, data = model_of(Point(None)), draw(6, 12)
     found = tune_priors(model, data, usual)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    best = np.log([*found.sigma, scale])
+    problem, best = solved(model, data, found)
     grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 13)] * 3), axis=-1).reshape(-1, 3) + best
 
     def log_density(theta: np.ndarray) -> float:
@@ -358,10 +356,7 @@ def test_the_likelihood_over_all_sizes_is_its_integral() -> None:
     groups = [replace(GROUPS[0], usual=8e-4), GROUPS[1]]
     model, data = model_of(Point(None)), draw(8)
     found = tune_priors(model, data, groups)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    best = np.log([*found.sigma, scale])
+    problem, best = solved(model, data, found, groups)
     step = 0.1
     grid = [m + step * np.arange(-16, 17) for m in best[:2]]
     grid.append(best[2] + 0.5 * step * np.arange(-12, 13))

@@ -33,7 +33,7 @@ from calib.identification.prediction import (
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
-from calib.model.measurements import Measurements
+from calib.model.measurements import Measurement, Measurements
 from calib.se3 import FloatArray
 
 HELD = 1e-3
@@ -217,6 +217,12 @@ class Reference:
     arms: DrawnArms
     loss: Loss
     probabilities: dict[str, float]
+
+    @property
+    def noise_found(self) -> list[tuple[Measurement, Measurement]]:
+        """Kinds whose noise is that of the residuals and not the one given: both."""
+        kinds = zip(self.given.measurements, self.fitted.model.measurements, strict=True)
+        return [(given, found) for given, found in kinds if found.found and not given.estimated]
 
 
 def fit_reference(

@@ -26,9 +26,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.evidence import PriorGroup, tune_priors
+from calib.identification.evidence import (
+    LinearEvidence,
+    PriorGroup,
+    linear_evidence,
+    noise_classes,
+    tune_priors,
+)
 from calib.identification.least_squares import column_lengths
-from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray

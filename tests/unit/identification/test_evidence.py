@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from calib import CalibrationModel, Robot, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
-from calib.identification.marginal import linear_evidence
+from calib.identification.evidence import linear_evidence
 from calib.identification.noise import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose

@@ -493,7 +493,7 @@ def linear_evidence(
         tied[columns] = True
         shares[columns] = proportions(model.prior[columns])
     fixed = model.with_prior(np.where(tied, np.inf, model.prior))
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     weighed = linear.weighed(weights)
     rows, J = weighed.white_rows, weighed.white_jacobian
     known, K = fixed.known(x[None])

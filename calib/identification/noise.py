@@ -54,7 +54,7 @@ def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> Fl
 
 
 def _squares(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
-    white = model.white_residuals(data.postures, x, data.setup, data.observed)
+    white = model.white_residuals(data, x)
     return np.asarray(np.sum(white**2, axis=-1))
 
 
@@ -67,7 +67,7 @@ def redundancy(
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
     if linear is None:
-        linear = model.linearise(data.postures, x, data.setup, data.observed)
+        linear = model.linearise_at(data, x)
     linear = linear.weighed(weights)
     rows = linear.white_rows
     Q = orthonormal(linear.stacked(x)[1])[: rows.size]

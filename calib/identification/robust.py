@@ -282,7 +282,7 @@ def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
     Few measurements decide on fewer parameters than all of them do: the trace of the information
     of so many in that of the posterior.
     """
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     Q = orthonormal(linear.stacked(x)[1])[linear.rows_last.size :]
     held = np.clip(np.linalg.eigvalsh(Q.T @ Q), 0.0, 1.0)
     told = np.arange(1, data.count + 1)[:, None] / data.count * (1.0 - held)

@@ -36,7 +36,7 @@ def first_guess(
     if placed[free].all():
         return x
     for _ in range(_STEPS):
-        linear = model.linearise(data.postures, x, data.setup, data.observed)
+        linear = model.linearise_at(data, x)
         rows, J = linear.over_noise_last(weighted)
         known, K = model.known(x[None])
         J = np.concatenate([J.reshape(model.p, -1).T, K[0]])

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
-from calib.model.measurements import Measurement
+from calib.model.measurements import Measurement, Measurements
 from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, numbers
@@ -350,16 +350,14 @@ class CalibrationModel:
         J = self._gathered(view, (self.p,), moved)
         return Linearisation(self, view, rows, J, motion)
 
-    def white_residuals(
-        self,
-        q: ArrayLike,
-        x: ArrayLike | None = None,
-        setup: Setup | None = None,
-        observed: FloatArray | None = None,
-    ) -> FloatArray:
+    def linearise_at(self, data: Measurements, x: FloatArray) -> Linearisation:
+        """:meth:`linearise` measurements at parameters ``(..., p)``."""
+        return self.linearise(data.postures, x, data.setup, data.observed)
+
+    def white_residuals(self, data: Measurements, x: FloatArray) -> FloatArray:
         """Rows ``(..., N, m)`` of :attr:`Linearisation.white_rows`, without their derivative."""
-        view = self.view(q, x, setup)
-        return view.posture_first(self.whiten_last(self._differences(view, observed), view))
+        view = self.view(data.postures, x, data.setup)
+        return view.posture_first(self.whiten_last(self._differences(view, data.observed), view))
 
     def _differences(self, view: MeasurementContext, observed: FloatArray | None) -> FloatArray:
         """Residuals ``(m, S)``; predictions without readings, of rotations nothing."""

@@ -312,7 +312,7 @@ def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
         if "geometry" in words and PRIORS not in words:
             whole = _model(cell, table, words, kinds)
             x = first_guess(whole, data)
-            linear = whole.linearise(data.postures, x, data.setup, data.observed)
+            linear = whole.linearise_at(data, x)
             if unseen_scale(linear, x) > UNSEEN_SCALE:
                 found.append(name_of(words))
     return found

@@ -128,7 +128,7 @@ class Held:
 
 def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
     """Linearise at the solution ``(p,)`` of a model."""
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     rows, J = linear.white_rows, linear.white_jacobian
     right, stacked = linear.stacked(x)
     U, singular, _ = np.linalg.svd(stacked / column_lengths(stacked), full_matrices=False)

@@ -166,25 +166,10 @@ def propagate(
 ) -> FloatArray:
     """Mean square error of X and Z: the scatter that noise makes, and the bias.
 
-    Parameters
-    ----------
-    estimate : callable
-        The method, for sets of pairs.
-    A, B : ndarray (N, 4, 4)
-        Measured transforms.
-    noise : PairNoise or PairCovariances
-        Their noise.
-    excess : float
-        How many times larger than this the errors are.
+    ``(12, 12)`` in the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`;
+    last, ``(13, 13)``, the scale of B's translations, where the method estimates it. The errors are
+    ``excess`` times as large as the noise.
 
-    Returns
-    -------
-    ndarray (12, 12) or (13, 13)
-        In the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`; last the
-        scale of B's translations, where the method estimates it.
-
-    Notes
-    -----
     The derivatives of (X, Z) by the errors of the pairs are central differences of the method. Of
     up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
     with the square of N, by 600 random directions of all errors at once, always the same ones: the
@@ -321,12 +306,7 @@ class Following:
 def following(fit: Fit, trial: int, used: BoolArray) -> Following:
     """Compare neighbours of one set, made up for what the fit makes of independent errors.
 
-    Parameters
-    ----------
-    trial : int
-        Which set.
-    used : ndarray of bool (N,)
-        The pairs that count; those that do not stand between no neighbours.
+    Pairs that are not used ``(N,)`` stand between no neighbours.
     """
     white, J = fit.rows(trial, used)
     count = len(white)
@@ -351,10 +331,8 @@ def widening(
 
     Parameters
     ----------
-    fit : Fit
-        With the pairs as they were measured, one after the other.
     used : ndarray of bool (T, N)
-        Those that count.
+        Pairs that count, in the order in which they were measured.
     excess : ndarray (T,), optional
         By how much these standard deviations are scaled up already.
     noise_known : bool

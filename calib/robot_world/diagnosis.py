@@ -88,14 +88,7 @@ _FEWEST = 4
 def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, ...]:
     """What seems to be wrong with the pairs of one set, in sentences; nothing where they fit.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        All pairs.
-    used : ndarray of bool (N,)
-        Those that a solution is made from.
-    motion : Motion
-        Of these.
+    Of all pairs; the motion is of those used ``(N,)``, which a solution is made from.
     """
     left = misfit(motion)
     few = pairs.N <= _FEW and not motion.degenerate[0]
@@ -155,15 +148,7 @@ def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
 
 
 def standing_out(sizes: Sequence[FloatArray], used: BoolArray) -> BoolArray:
-    """Pairs ``(N,)`` that are far off.
-
-    Parameters
-    ----------
-    sizes : sequence of ndarray (N,)
-        Residuals of the pairs in one measure or several, each in any unit.
-    used : ndarray of bool (N,)
-        Those that the solution is made from.
-    """
+    """Pairs ``(N,)``, of those used, that are far off by any of some measures ``(N,)``."""
     far = np.zeros(len(used), dtype=bool)
     for size in sizes:
         median = np.median(size[used])
@@ -354,18 +339,8 @@ def drifting(
 ) -> tuple[str, ...]:
     """What changes along the sequence of one set, in sentences; nothing where it is steady.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        All pairs, in the order in which they were measured.
-    found : Estimate
-        The likeliest X and Z; of a method that does not weigh the pairs nothing is said.
-    used : ndarray of bool (N,)
-        Pairs that they are from.
-    noise : PairNoise or PairCovariances, optional
-        That they were weighed by; else it is that of B which they have been found with.
-    trial : int
-        Which of many sets.
+    Pairs are in the order in which they were measured. Without a noise that they were weighed by it
+    is that of B which was found with X and Z; of a method that does not weigh them nothing is said.
     """
     count = int(used.sum())
     if found.fit is None or count < FEWEST_FOR_A_DRIFT:

@@ -43,18 +43,6 @@ of the result shows it."""
 def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the rotations first, then the translations.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-
-    Notes
-    -----
     All frames are turned before the equations are written: the base and the flange so that a
     reference orientation far from half a turn from every A becomes the identity, the target and
     the camera so that X and Z, taken from the rotations in closed form, are near the identity

@@ -14,7 +14,6 @@ included. The larger of this and of the covariance by the noise is what is said.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -45,30 +44,8 @@ _RANK_TOLERANCE = 1e-12
 """Eigenvalue of the information, scaled to a unit diagonal, that counts as none."""
 
 
-@dataclass(frozen=True)
-class GoodnessOfFit:
-    """Residuals of a solution in units of the noise given.
-
-    Attributes
-    ----------
-    chi2 : float
-        Sum of their squares at the likeliest X and Z.
-    probability : float
-        Of one as large.
-    excess : float
-        How many times larger than the noise they are; 1 where chance may have made them as large.
-    """
-
-    chi2: float
-    freedom: int
-    probability: float
-    excess: float
-
-
-def goodness(
-    pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise
-) -> GoodnessOfFit | None:
-    """Compare the residuals of one set with the noise given.
+def least_chi2(pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise) -> float | None:
+    """Sum of the squares of the residuals of one set in units of the noise given.
 
     At its likeliest X and Z, whatever method has found others: what a method leaves more than
     these says nothing of the noise. None where the noise has no likelihood, a part of it being 0.
@@ -78,11 +55,8 @@ def goodness(
     fit = found.fit
     if fit is None:
         X, Z = pairs.rotations_first
-        weights = used[None].astype(float)
-        fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
-    chi2, freedom = float(fit.cost[0]), 6 * int(used.sum()) - 12
-    probability, excess = judged(fit.cost, freedom)
-    return GoodnessOfFit(chi2, freedom, float(probability[0]), float(excess[0]))
+        fit = adjust(pairs, noise.model(pairs), X, Z, weights=used[None].astype(float))
+    return float(fit.cost[0])
 
 
 def judged(chi2: FloatArray, freedom: FloatArray | int) -> tuple[FloatArray, FloatArray]:
@@ -119,7 +93,7 @@ def covariance_of(
     """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise.
 
     By the noise, given or not, and by runs of pairs whose errors follow each other: see
-    :func:`following`. Those widen what any method says by as much as maximum likelihood.
+    :func:`widening`. Those widen what any method says by as much as maximum likelihood.
     """
     if noise is None:
         return None
@@ -282,43 +256,24 @@ _FEWEST_WITNESSES = 4.0
 """Independent pairs that a set is worth at least: of three the noise could not be told."""
 
 
-@dataclass(frozen=True)
-class Following:
-    """How alike the residuals of consecutive pairs of one set are.
+def _correlation(fit: Fit, trial: int, used: BoolArray) -> float | None:
+    """Correlation of a pair's white rows with those of the next; None where chance may make it.
 
-    Attributes
-    ----------
-    correlation : float
-        Of a pair's white rows with those of the next.
-    significance : float
-        The same in standard deviations of what independent errors make.
-    """
-
-    correlation: float
-    significance: float
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether independent errors would hardly be as alike."""
-        return bool(self.significance > -normal_quantile(CHANCE))
-
-
-def following(fit: Fit, trial: int, used: BoolArray) -> Following:
-    """Compare neighbours of one set, made up for what the fit makes of independent errors.
-
-    Pairs that are not used ``(N,)`` stand between no neighbours.
+    Made up for what the fit makes of independent errors. Pairs that are not used ``(N,)`` stand
+    between no neighbours.
     """
     white, J = fit.rows(trial, used)
     count = len(white)
-    free = max(6.0 * count - 12.0, 1.0)
-    variance = float((white**2).sum()) / free
+    variance = float((white**2).sum()) / max(6.0 * count - 12.0, 1.0)
     if count < FEWEST_PAIRS or variance <= 0.0:
-        return Following(0.0, 0.0)
+        return None
     # residuals are what the errors leave: C = s² (1 - H), so that neighbours have -H in common
     taken = float(np.einsum("iak,kl,ial->", J[:-1], fit.covariance[trial], J[1:]))
     alike = float((white[:-1] * white[1:]).sum()) / variance + taken
     products = 6.0 * (count - 1)
-    return Following(float(np.clip(alike / products, -1.0, 1.0)), alike / np.sqrt(products))
+    if not alike / np.sqrt(products) > -normal_quantile(CHANCE):
+        return None
+    return float(np.clip(alike / products, -1.0, 1.0))
 
 
 def widening(
@@ -340,13 +295,13 @@ def widening(
     """
     factors = np.ones((len(fit.X), 12))
     for trial, own in enumerate(used):
-        shown = following(fit, trial, own)
-        if not shown.is_certain:
+        correlation = _correlation(fit, trial, own)
+        if correlation is None:
             continue
         more = 1.0 if excess is None else float(excess[trial])
         factors[trial] = np.maximum(_of_runs(fit, trial, own) / more, 1.0)
         if more > 1.0 or not noise_known:
-            factors[trial] *= _fewer(shown.correlation, int(own.sum()))
+            factors[trial] *= _fewer(correlation, int(own.sum()))
     return factors
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,26 +57,13 @@ class Place:
         return f"{self.variable}{self.marks[0]}{i + self.first}{self.marks[1]}"
 
     def error(
-        self,
-        i: int,
-        message: str,
-        *,
-        hint: str,
-        column: str | None = None,
-        value: float | None = None,
-        bound: float | None = None,
+        self, i: int, message: str, *, column: str | None = None, **details: Any
     ) -> FileFormatError:
-        """The error of one pose."""
-        return FileFormatError(
-            message,
-            path=self.path,
-            row=None if self.variable else self.lines[i],
-            column=None if self.variable else column,
-            key=self.name(i) if self.variable else None,
-            hint=hint,
-            value=value,
-            bound=bound,
-        )
+        """The error of one pose, with hint, value and bound as any."""
+        if self.variable:
+            return FileFormatError(message, path=self.path, key=self.name(i), **details)
+        row = self.lines[i]
+        return FileFormatError(message, path=self.path, row=row, column=column, **details)
 
 
 def transforms_from_matrices(

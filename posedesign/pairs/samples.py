@@ -34,7 +34,7 @@ from calib.se3 import FloatArray, inverse, transform
 from posedesign.files.trees import numbers
 from posedesign.pairs.certificate import Camera
 from posedesign.pairs.checks import Place, rotations_from_quaternions, transforms_from_matrices
-from posedesign.pairs.forms import Poses, check_lengths, refuse_endless_lengths
+from posedesign.pairs.forms import Poses, check_lengths, refuse_endless
 
 _MOVEIT = ("effector_wrt_world", "object_wrt_sensor")
 _EASY = ("hand_world_samples", "camera_marker_samples")
@@ -115,7 +115,7 @@ def _poses(given: list[Any], place: Place, trust_units: bool) -> Poses:
     else:
         R, note = rotations_from_quaternions(np.roll(T[:, 3:], 1, axis=-1), place, "rotation")
         T = transform(R, T[:, :3])
-    refuse_endless_lengths(place, T[:, :3, 3])
+    refuse_endless(place, T[:, :3, 3])
     if not trust_units:
         check_lengths(place, T[:, :3, 3], "m", "divide them by 1000")
     notes = (f"{place.path}, {place.variable}: {note}",) if note else ()

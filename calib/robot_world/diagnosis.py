@@ -90,7 +90,7 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
 
     Of all pairs; the motion is of those used ``(N,)``, which a solution is made from.
     """
-    left = misfit(motion)
+    left = float(motion.misfit[0])
     few = pairs.N <= _FEW and not motion.degenerate[0]
     if left <= (_POOR_OF_FEW if few else POOR) and used.all():
         return ()
@@ -117,13 +117,6 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
         f"({_motion_sizes(motion)}): few pairs in a wrong order fit as well now "
         "and then",
     )
-
-
-def misfit(motion: Motion) -> float:
-    """Residual of the closed form, in parts of the motion of one set: the larger of rotation's and
-    translation's, or that of rotation alone where nothing fixes X.
-    """
-    return float(motion.misfit[0])
 
 
 def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
@@ -183,13 +176,13 @@ def copies(pairs: PairSets, used: BoolArray) -> tuple[str, ...]:
 def _meant(pairs: PairSets, whole: Motion) -> tuple[str, ...]:
     """A change of all pairs that makes them fit far better, as a sentence."""
     doubtful = whole.turned_rad[0] < _NO_TURN_RAD
-    enough = (_SURELY_BETTER if doubtful else _FAR_BETTER) * misfit(whole)
+    enough = (_SURELY_BETTER if doubtful else _FAR_BETTER) * float(whole.misfit[0])
     for text, change in _CHANGES:
         A, B = change(pairs.A[0], pairs.B[0])
         if len(A) < _FEWEST:
             continue
         other = examine(PairSets(A[None], B[None]))
-        if misfit(other) < enough:
+        if float(other.misfit[0]) < enough:
             return (
                 f"the pairs fit far better ({_sizes(other)} in place of {_sizes(whole)}) with "
                 f"{text}",
@@ -210,7 +203,7 @@ def _contradicting(motion: Motion) -> tuple[str, ...]:
     if agree.all() or count < max(_FEWEST_AGREEING, _AGREEING * pairs.N):
         return ()
     others = examine(PairSets(pairs.A[:, agree], pairs.B[:, agree]))
-    if others.degenerate[0] or misfit(others) > _FAR_BETTER * misfit(motion):
+    if others.degenerate[0] or float(others.misfit[0]) > _FAR_BETTER * float(motion.misfit[0]):
         return ()
     rows = np.flatnonzero(~agree)
     remedy = "the method ml-robust leaves such pairs out"

@@ -150,8 +150,12 @@ def translation(pairs: PairSets, R_X: FloatArray) -> FloatArray:
     )
 
 
-def complete(pairs: PairSets, R_X: FloatArray, p_X: FloatArray) -> Estimate:
-    """X and Z ``(T, 4, 4)``, Z being the mean of what the pairs say with this X."""
+def complete(pairs: PairSets, R_X: FloatArray, p_X: FloatArray | None = None) -> Estimate:
+    """X and Z ``(T, 4, 4)``, Z being the mean of what the pairs say with this X.
+
+    The translation of X is the one of :func:`translation` where none is given.
+    """
+    p_X = translation(pairs, R_X) if p_X is None else p_X
     mean = apply_matrix(pairs.kronecker_mean, R_X.reshape(-1, 9)).reshape(-1, 3, 3)
     R_Z = se3.project_to_rotation(mean)
     A, B = pairs.A.mean(axis=1), pairs.B.mean(axis=1)

@@ -22,6 +22,7 @@ from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
+from calib.robot_world.algebra import unit_diagonal
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import examine
@@ -113,10 +114,8 @@ def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> i
     R_Z = pairs.spread(columns_of(Z[:, :3, :3]))
     J = derivatives(pairs.R_A, turn(R_Z, pairs.p_B))[..., used]
     J[:, 3:] /= pairs.size[0]
-    information = J.reshape(12, -1) @ J.reshape(12, -1).T
-    size = np.sqrt(np.diag(information))
-    size = np.where(size > 0.0, size, 1.0)
-    return int((np.linalg.eigvalsh(information / np.outer(size, size)) > _RANK_TOLERANCE).sum())
+    scaled, _ = unit_diagonal(J.reshape(12, -1) @ J.reshape(12, -1).T)
+    return int((np.linalg.eigvalsh(scaled) > _RANK_TOLERANCE).sum())
 
 
 Estimator = Callable[[PairSets], Estimate]
@@ -339,10 +338,9 @@ def _fewer(correlation: float, count: int) -> float:
 
 def _root(covariance: FloatArray) -> FloatArray:
     """A matrix ``(12, 12)`` whose square is the covariance, also where that is singular."""
-    size = np.sqrt(np.diag(covariance))
-    scale = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None)))
+    scaled, size = unit_diagonal(covariance)
+    values, vectors = np.linalg.eigh(scaled)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
 _FEWEST = 4
@@ -394,9 +392,9 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
     of the residual rotations in radians.
     """
     white, J = fit.rows(0, np.ones(fit.white.shape[-1], dtype=bool))
-    size = np.sqrt(np.diag(fit.information[0]))
+    scaled, size = unit_diagonal(fit.information[0])
     J = J / size
-    rest = fit.information[0] / np.outer(size, size) - np.swapaxes(J, -1, -2) @ J
+    rest = scaled - np.swapaxes(J, -1, -2) @ J
     gradient = np.swapaxes(J, -1, -2) @ white[..., None]
     values, vectors = np.linalg.eigh(rest)
     seen = values[:, 0] > _ALL_OF_IT

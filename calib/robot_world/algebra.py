@@ -71,6 +71,16 @@ def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
     return apply_matrix(inverse, R[..., :n, n])
 
 
+def unit_diagonal(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Symmetric matrices ``(..., n, n)`` scaled to a unit diagonal, and the scales ``(..., n)``.
+
+    Radians and metres differ by the unit of length. A row of zeros stays, with the scale 1.
+    """
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return np.asarray(matrix / (size[..., :, None] * size[..., None, :])), size
+
+
 def kronecker(A: FloatArray, B: FloatArray) -> FloatArray:
     """``R_A ⊗ R_B`` of each pair: ``(..., 4, 4)`` to ``(..., 9, 9)``."""
     R_A, R_B = A[..., :3, :3], B[..., :3, :3]

@@ -24,7 +24,7 @@ import numpy as np
 from calib import se3
 from calib.chance import chi2_tail, f_bound, f_tail
 from calib.robot_world.adjustment import linear_rows
-from calib.robot_world.algebra import kronecker_mean
+from calib.robot_world.algebra import kronecker_mean, unit_diagonal
 from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import Motion, examine
@@ -395,10 +395,8 @@ def _steps(one: _Sequence, rows: IntArray) -> list[tuple[float, str]]:
         cross = information[at][:, part]
         inner = information[at][:, part, part]
         V = inner - cross @ one.covariance @ np.swapaxes(cross, 1, 2)
-        size = np.sqrt(np.maximum(np.diagonal(V, axis1=1, axis2=2), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(
-            V / (size[:, :, None] * size[:, None]), rcond=_LEAST_PART, hermitian=True
-        )
+        scaled, size = unit_diagonal(V)
+        inverse = np.linalg.pinv(scaled, rcond=_LEAST_PART, hermitian=True)
         step = (inverse @ (S / size)[..., None])[..., 0] / size
         score = (step * S).sum(axis=1)
         best = int(np.argmax(score))

@@ -174,7 +174,6 @@ def robot_world(
     from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
 
-    refuse_fixed_opencv(camera, convention)
     source = PairSource(
         pairs,
         a,
@@ -260,7 +259,7 @@ def _solved(
     from posedesign.report.pairs import solve_and_draw
 
     shown: AbstractContextManager[Advance] = (
-        nullcontext(_say_nothing) if quiet else progress("A X = Z B")
+        nullcontext(lambda what, part: None) if quiet else progress("A X = Z B")
     )
     try:
         with shown as advance:
@@ -277,10 +276,6 @@ def _solved(
         if pairs.misread:
             note(f"warning: {pairs.misread}")
         raise
-
-
-def _say_nothing(what: str, part: float) -> None:
-    """Progress that nobody sees."""
 
 
 def refuse_unfit_noise(
@@ -318,18 +313,6 @@ def refuse_unfit_noise(
             f"--noise-on {noise_on} needs --noise-deg and --noise-mm",
             hint="b and shown alone have their sizes from the residuals",
             name="noise",
-        )
-
-
-def refuse_fixed_opencv(camera: str, convention: str) -> None:
-    """OpenCV's function has no fixed camera: its world would be the flange."""
-    from calib.errors import InputError
-
-    if camera == "fixed" and convention == "opencv":
-        raise InputError(
-            "--convention opencv is for a camera on the flange",
-            hint="for a fixed one give gripper2base as A and target2cam as B, without it",
-            name="convention",
         )
 
 

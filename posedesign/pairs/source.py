@@ -241,6 +241,13 @@ class PairSource:
     camera: Camera = "on-flange"
 
     def __post_init__(self) -> None:
+        if self.camera == "fixed" and self.convention == "opencv":
+            # its function has no fixed camera: its world would be the flange
+            raise InputError(
+                "--convention opencv is for a camera on the flange",
+                hint="for a fixed one give gripper2base as A and target2cam as B, without it",
+                name="convention",
+            )
         given = (self.pairs is not None, self.a is not None, self.b is not None)
         if given not in ((True, False, False), (False, True, True)):
             raise InputError(

@@ -32,6 +32,7 @@ from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
+from posedesign.identification.file import IdentificationFile
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
@@ -55,7 +56,6 @@ from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.report.figures import draw
 from posedesign.report.hand_eye import figure_of_camera
-from posedesign.report.identification_json import IdentificationFile
 from posedesign.report.pairs import solve_and_draw
 from posedesign.report.plots import (
     figure_of_identification,

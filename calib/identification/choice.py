@@ -12,15 +12,13 @@ three targets may agree by luck.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from calib.chance import student_quantile
-from calib.identification.least_squares import equal_sigma
-from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
-from calib.identification.prediction import ExpectedError
-from calib.identification.result import IdentificationResult
+from calib.identification.candidate import Trial
+from calib.identification.cross_validation import FEWEST_TARGETS, measured_points, with_noise_of
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -40,30 +38,6 @@ of what another model can be judged by, for a model to be compared at all."""
 
 
 @dataclass(frozen=True, eq=False)
-class Contender:
-    """A model that could be identified.
-
-    Attributes
-    ----------
-    target_out : array (N, m)
-        Rows with targets left out [m, rad], see :func:`targets_left_out`.
-    expected : ExpectedError or None
-        Where the arm will work, by a reference.
-    """
-
-    name: str
-    model: CalibrationModel
-    result: IdentificationResult
-    target_out: FloatArray
-    expected: ExpectedError | None = None
-
-    @property
-    def size(self) -> float:
-        """How many parameters the measurements have to tell."""
-        return self.result.effective_parameters
-
-
-@dataclass(frozen=True, eq=False)
 class Choice:
     """The model to take.
 
@@ -78,7 +52,7 @@ class Choice:
     criterion: str = ""
 
 
-def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = True) -> Choice:
+def choose(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
     """The smallest model that is not worse than the best by more than chance.
 
     Weights, noise and what counts as a gross error are those of the largest model: it leaves least
@@ -92,22 +66,20 @@ def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = Tr
         As in the fits: in units of the noise, or all lengths alike.
     """
     able = _judgeable(able)
-    judged = _left_out(able, data, weighted)
-    if judged is None:
+    place = _left_out(able, data, weighted)
+    if place is None:
         said = "no measurement can be left out of every model, so they cannot be judged"
         return Choice(None, said)
-    place, criterion, aside = judged
-    sizes = [one.size for one in able]
+    sizes = [one.found.effective_parameters for one in able]
     order = sorted(range(len(able)), key=lambda k: sizes[k])
     best = min(range(len(able)), key=lambda k: float(place.squares[k].mean()))
     taken = next(k for k in order if k == best or place.no_worse(k, best))
-    said = f"{place.of(taken)} {criterion}{_in_position(place, sizes, taken, best)}"
-    return Choice(able[taken].name, said + aside + _in_orientation(able, data, taken), criterion)
+    said = f"{place.of(taken)}{_in_position(place, sizes, taken, best)}{place.aside}"
+    said += _in_orientation(able, data, taken)
+    return Choice(able[taken].name, said, place.criterion)
 
 
-def choose_expected(
-    able: Sequence[Contender], data: Measurements, *, weighted: bool = True
-) -> Choice:
+def choose_expected(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
     """The smallest model whose expected error where the arm will work is as good as the least.
 
     What measurements left out say has a veto: a model that says less of them than a smaller one,
@@ -115,29 +87,29 @@ def choose_expected(
 
     Parameters
     ----------
-    able : sequence of Contender
+    able : sequence of Trial
         With their expected errors, the baseline first.
     data, weighted
         See :func:`choose`.
     """
     # models of one draw of the noise differ less than their intervals say: they are of one arm
     error = [one.expected.rms_m if one.expected is not None else np.inf for one in able]
-    judged = _left_out(able, data, weighted)
+    place = _left_out(able, data, weighted)
+    sizes = [one.found.effective_parameters for one in able]
     contradicted = [False] * len(able)
-    if judged is not None:
-        place, criterion, _ = judged
-        for k, one in enumerate(able):
-            smaller = [j for j, other in enumerate(able) if other.size < one.size]
+    if place is not None:
+        for k, size in enumerate(sizes):
+            smaller = [j for j, other in enumerate(sizes) if other < size]
             contradicted[k] = any(not place.no_worse(k, j) for j in smaller)
     free = [k for k in range(len(able)) if not contradicted[k]]
     least = min(free, key=lambda k: error[k])
     near = [k for k in free if error[k] <= (1.0 + AS_GOOD) * error[least]]
-    taken = min(near, key=lambda k: able[k].size)
+    taken = min(near, key=lambda k: sizes[k])
     said = [_expected_in_words(able, taken)]
     if taken == 0:
         said.append("no model of the arm is better than the arm as described by more than that")
-    if judged is not None:
-        said.append(f"{place.of(taken)} {criterion}")
+    if place is not None:
+        said.append(place.of(taken))
         said += [
             f"{able[k].name} would be better by expected error, but says less of measurements left "
             f"out than a smaller model: {place.rms[k]:.3f} mm"
@@ -154,7 +126,7 @@ def choose_expected(
     return Choice(able[taken].name, "; ".join(said), "expected error")
 
 
-def _expected_in_words(able: Sequence[Contender], taken: int) -> str:
+def _expected_in_words(able: Sequence[Trial], taken: int) -> str:
     """Expected errors of the model taken, the arm as described, and the best of the others."""
 
     def shown(k: int) -> str:
@@ -167,40 +139,73 @@ def _expected_in_words(able: Sequence[Contender], taken: int) -> str:
     return said + (f", {able[0].name} {shown(0)}" if taken else "")
 
 
-def _left_out(
-    able: Sequence[Contender], data: Measurements, weighted: bool
-) -> tuple[_Errors, str, str] | None:
-    """Errors of all models at measurements left out of each, how, and what is to be said of it.
+def _left_out(able: Sequence[Trial], data: Measurements, weighted: bool) -> _Errors | None:
+    """Errors of all models at measurements left out of each, in units of the noise of the largest.
 
     None where there is no measurement that could be left out of all of them.
     """
-    largest = max(able, key=lambda one: one.size)
-    used = largest.result.used
-    left = [one.result.leave_one_out for one in able]
-    common = _everywhere(left) & used
+    largest = max(able, key=lambda one: one.found.effective_parameters)
+    result = largest.found
+    left = [one.found.leave_one_out for one in able]
+    common = _everywhere(left) & result.used
     if not common.any():
         return None
     criterion, target, aside = "leave-one-out", None, ""
-    apart = _everywhere([one.target_out for one in able]) & used
-    if apart.sum() >= JUDGED * used.sum():
+    apart = _everywhere([one.target_out for one in able]) & result.used
+    if apart.sum() >= JUDGED * result.used.sum():
         criterion, target = "leave-one-target-out", data.target
         left, common = [one.target_out for one in able], apart
-    elif len(free_points(largest.model, data)) >= FEWEST_TARGETS:
+    elif len(measured_points(largest.candidate.model, data)) >= FEWEST_TARGETS:
         aside = (
-            f"; only {apart.sum()} of {used.sum()} measurements can be predicted with their target "
-            "left out of every model, too few to judge by"
+            f"; only {apart.sum()} of {result.used.sum()} measurements can be predicted with their "
+            "target left out of every model, too few to judge by"
         )
-    scale = _Scale.of(largest, data, weighted)
-    units = _Units.of(data, common, target, largest.result.weights)
-    return _Errors.of_lengths([one.name for one in able], left, scale, units), criterion, aside
+    model = with_noise_of(largest.candidate.model, result)
+    lengths = [np.nan_to_num(np.where(result.angles, 0.0, rows)) for rows in left]
+    plain = [np.asarray(np.sum(rows**2, axis=1)) for rows in lengths]
+    if weighted:
+        view = model.view(data.postures, result.values, data.setup)
+        white = [np.sum(model.whiten_last(rows.T, view) ** 2, axis=0) for rows in lengths]
+    else:
+        white = [squares / model.equal_sigma**2 for squares in plain]
+    units = _Units.of(data, common, target, result.weights)
+    alike, kinds = _equal_noise_m(model, data, weighted), {}
+    measured = {k: model.measurements[k] for k in np.unique(data.setup.kind).tolist()}
+    with_lengths = {k: kind for k, kind in measured.items() if kind.rows > kind.turns}
+    if alike is None and len(with_lengths) > 1:
+        for k, kind in with_lengths.items():
+            own = data.setup.kind == k
+            if (own & common).any():
+                parts = [float(np.sum(squares[own & common])) for squares in white]
+                kinds[kind.name] = parts, [_rms_milli(units.mean(each, own)) for each in plain]
+    return _Errors(
+        names=[one.name for one in able],
+        squares=[(1.0 if alike is None else (1e3 * alike) ** 2) * units.mean(s) for s in white],
+        rms=[_rms_milli(units.mean(squares)) for squares in plain],
+        unit="mm",
+        square="noise²" if alike is None else "mm²",
+        criterion=criterion,
+        cluster=units.cluster,
+        by_kind=kinds,
+        aside=aside,
+    )
 
 
-def _judgeable(able: Sequence[Contender]) -> list[Contender]:
+def _equal_noise_m(model: CalibrationModel, data: Measurements, weighted: bool) -> float | None:
+    """The noise [m] where it is the same for all lengths that were measured."""
+    if not weighted:
+        return model.equal_sigma
+    kinds = [model.measurements[k] for k in np.unique(data.setup.kind)]
+    sigma = np.concatenate([kind.sigma[: kind.rows - kind.turns] for kind in kinds])
+    return float(sigma[0]) if np.allclose(sigma, sigma[0], rtol=1e-9, atol=0.0) else None
+
+
+def _judgeable(able: Sequence[Trial]) -> list[Trial]:
     """Without large models that hang on most measurements: they keep the others from nothing.
 
     The baseline and the smallest of an arm with errors stay: without either nothing is compared.
     """
-    counts = [int(_everywhere([one.result.leave_one_out]).sum()) for one in able]
+    counts = [int(_everywhere([one.found.leave_one_out]).sum()) for one in able]
     enough = max(1.0, JUDGED * max(counts, default=0))
     return [one for k, one in enumerate(able) if k < 2 or counts[k] >= enough]
 
@@ -208,53 +213,6 @@ def _judgeable(able: Sequence[Contender]) -> list[Contender]:
 def _everywhere(rows: Sequence[FloatArray]) -> BoolArray:
     """Measurements ``(N,)`` that every model says something of."""
     return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in rows], axis=0))
-
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """The one noise that errors of all models are divided by."""
-
-    model: CalibrationModel
-    x: FloatArray
-    data: Measurements
-    angles: BoolArray
-    weighted: bool
-
-    @classmethod
-    def of(cls, largest: Contender, data: Measurements, weighted: bool) -> _Scale:
-        result = largest.result
-        model = with_noise_of(largest.model, result)
-        return cls(model, result.values, data, result.angles, weighted)
-
-    def squares(self, rows: FloatArray) -> FloatArray:
-        """Squares ``(N,)`` of the lengths among rows ``(N, m)`` [m, rad] over the noise."""
-        lengths = np.nan_to_num(np.where(self.angles, 0.0, rows))
-        if not self.weighted:
-            return np.asarray(np.sum(lengths**2, axis=1) / equal_sigma(self.model) ** 2)
-        view = self.model.view(self.data.postures, self.x, self.data.setup)
-        return np.asarray(np.sum(self.model.whiten_last(lengths.T, view) ** 2, axis=0))
-
-    def squares_m2(self, rows: FloatArray) -> FloatArray:
-        """The same [m²]."""
-        return np.asarray(np.sum(np.nan_to_num(np.where(self.angles, 0.0, rows)) ** 2, axis=1))
-
-    @property
-    def alike_m(self) -> float | None:
-        """The noise [m] where it is the same for all lengths that were measured."""
-        if not self.weighted:
-            return equal_sigma(self.model)
-        kinds = [self.model.measurements[k] for k in np.unique(self.data.setup.kind)]
-        sigma = np.concatenate([kind.sigma[: kind.rows - kind.turns] for kind in kinds])
-        return float(sigma[0]) if np.allclose(sigma, sigma[0], rtol=1e-9, atol=0.0) else None
-
-    @property
-    def kinds(self) -> dict[str, BoolArray]:
-        """Which measurements ``(N,)`` are of each kind with lengths."""
-        return {
-            kind.name: self.data.setup.kind == k
-            for k, kind in enumerate(self.model.measurements)
-            if kind.rows > kind.turns and (self.data.setup.kind == k).any()
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,47 +267,29 @@ class _Errors:
     Attributes
     ----------
     squares : list of array (G,)
-        What is compared.
+        What is compared, in units of ``square``.
     rms : list of float
-        What is shown [mm, mrad].
+        What is shown, in units of ``unit``.
+    criterion : str
+        How measurements were left out.
+    cluster : array (G,) or None
+        See :class:`_Units`.
     by_kind : dict
         Of each kind of measurement, where there are several: part of the squares of each model,
         and its rms [mm].
-    square : str
-        Unit of ``squares``.
-    cluster : array (G,) or None
+    aside : str
+        What is to be said of the criterion.
     """
 
     names: Sequence[str]
     squares: list[FloatArray]
     rms: list[float]
-    by_kind: dict[str, tuple[list[float], list[float]]]
     unit: str
     square: str
-    cluster: IntArray | None
-
-    @classmethod
-    def of_lengths(
-        cls, names: Sequence[str], rows: Sequence[FloatArray], scale: _Scale, units: _Units
-    ) -> _Errors:
-        white = [scale.squares(each) for each in rows]
-        plain = [scale.squares_m2(each) for each in rows]
-        alike, kinds = scale.alike_m, {}
-        if alike is None and len(scale.kinds) > 1:
-            for name, own in scale.kinds.items():
-                if (own & units.rows).any():
-                    parts = [float(np.sum(each[own & units.rows])) for each in white]
-                    kinds[name] = parts, [_rms_milli(units.mean(each, own)) for each in plain]
-        factor = 1.0 if alike is None else (1e3 * alike) ** 2
-        return cls(
-            names,
-            [factor * units.mean(each) for each in white],
-            [_rms_milli(units.mean(each)) for each in plain],
-            kinds,
-            "mm",
-            "mm² in the mean square" if alike is not None else "noise² in the mean square",
-            units.cluster,
-        )
+    criterion: str
+    cluster: IntArray | None = None
+    by_kind: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
+    aside: str = ""
 
     def paired(self, k: int, other: int) -> tuple[float, float, float]:
         """Mean of the differences of squares, its standard error, and how far chance reaches.
@@ -376,11 +316,11 @@ class _Errors:
         return more <= reach
 
     def of(self, k: int) -> str:
-        return f"{self.names[k]} leaves {self.rms[k]:.3f} {self.unit}"
+        return f"{self.names[k]} leaves {self.rms[k]:.3f} {self.unit} {self.criterion}"
 
     def against(self, k: int, other: int) -> str:
         off, error, _ = self.paired(k, other)
-        by = f"{off:+.3g} +- {error:.2g} {self.square}"
+        by = f"{off:+.3g} +- {error:.2g} {self.square} in the mean square"
         return f"{self.names[k]} {self.rms[k]:.3f} {self.unit} ({by})"
 
     def decided_by(self, k: int, better: int) -> str:
@@ -419,26 +359,26 @@ def _in_position(place: _Errors, sizes: Sequence[float], taken: int, best: int) 
     return said
 
 
-def _in_orientation(able: Sequence[Contender], data: Measurements, taken: int) -> str:
+def _in_orientation(able: Sequence[Trial], data: Measurements, taken: int) -> str:
     """Whether another model than the one taken is better in orientation; nothing without angles."""
-    largest = max(able, key=lambda one: one.size)
-    turns = [one.result.leave_one_out_rad for one in able]
-    common = np.isfinite(turns).all(axis=0) & largest.result.used
+    largest = max(able, key=lambda one: one.found.effective_parameters).found
+    turns = [one.found.leave_one_out_rad for one in able]
+    common = np.isfinite(turns).all(axis=0) & largest.used
     if not common.any():
         return ""
-    units = _Units.of(data, common, None, largest.result.weights)
+    units = _Units.of(data, common, None, largest.weights)
     squares = [units.mean(np.nan_to_num(1e3 * turn) ** 2) for turn in turns]
     rms = [float(np.sqrt(each.mean())) for each in squares]
-    square = "mrad² in the mean square"
-    angle = _Errors([one.name for one in able], squares, rms, {}, "mrad", square, None)
+    names = [one.name for one in able]
+    angle = _Errors(names, squares, rms, "mrad", "mrad²", "leave-one-out")
     best = int(np.argmin(rms))
     if angle.no_worse(taken, best):
-        return f"; no other is better in orientation beyond chance: {angle.of(taken)} leave-one-out"
+        return f"; no other is better in orientation beyond chance: {angle.of(taken)}"
     gains = [
         k for k in range(len(able)) if not angle.no_worse(taken, k) and angle.no_worse(k, best)
     ]
-    k = min(gains, key=lambda k: able[k].size)
+    k = min(gains, key=lambda k: able[k].found.effective_parameters)
     return (
         f"; in orientation, which this choice does not weigh, {angle.against(k, taken)} gains "
-        f"beyond chance: {angle.of(taken)} leave-one-out"
+        f"beyond chance: {angle.of(taken)}"
     )

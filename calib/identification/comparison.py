@@ -14,58 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.candidate import Candidate, Reference, fit
-from calib.identification.choice import Contender, choose, choose_expected
-from calib.identification.left_out import targets_left_out
+from calib.identification.candidate import Candidate, Reference, Trial, fit
+from calib.identification.choice import choose, choose_expected
+from calib.identification.cross_validation import targets_left_out
 from calib.identification.noise import Loss
-from calib.identification.prediction import ExpectedError
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """What became of a candidate.
-
-    Attributes
-    ----------
-    candidate : Candidate
-        With the sizes of its priors and the noise that were found.
-    result : IdentificationResult or None
-        None where it could not be identified.
-    error : CalibError or None
-        Why not.
-    target_out : array (N, m)
-        Rows at each measurement [m, rad] with the arm identified from all targets but its own, and
-        only that target's place from other poses at it; NaN where no target was left out.
-    expected : ExpectedError or None
-        Of the tool point where the arm will work, by the reference; None without one.
-    """
-
-    candidate: Candidate
-    result: IdentificationResult | None
-    error: CalibError | None
-    target_out: FloatArray
-    expected: ExpectedError | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return self.candidate.name
-
-    @property
-    def target_out_m(self) -> FloatArray:
-        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
-        if self.result is None:
-            return np.full(len(self.target_out), np.nan)
-        return self.result.lengths_m(self.target_out)
-
-    @property
-    def target_out_rms_m(self) -> float:
-        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
-        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,35 +94,31 @@ def compare(
     CalibError
         As :func:`identify` for the first candidate, where none can be identified.
     """
-    trials: list[Trial] = []
-    contenders: list[Contender] = []
-    none = np.full(data.count, np.nan)
-    every = [*candidates, *([] if reference is None else [reference.candidate])]
-    for tried in every:
-        candidate = tried
+
+    def tried(candidate: Candidate) -> Trial:
         try:
-            if reference is not None and tried is reference.candidate:
+            if reference is not None and candidate is reference.candidate:
                 fitted = reference.fitted
             else:
                 fitted = fit(candidate, data, weighted=weighted, method=method, loss=loss)
         except CalibError as error:
-            trials.append(Trial(candidate, None, error, none[:, None]))
-            continue
+            return Trial(candidate, None, error, np.full((data.count, 1), np.nan))
         model, result = fitted.model, fitted.result
-        candidate = replace(candidate, model=model)
         out = targets_left_out(model, data, result, weighted=weighted)
         expected = None if reference is None else reference.arms.error_of(model, result.values)
-        trials.append(Trial(candidate, result, None, out, expected))
-        contenders.append(Contender(candidate.name, model, result, out, expected))
-    refused = next((trial.error for trial in trials if trial.error is not None), None)
-    if refused is not None and all(trial.result is None for trial in trials):
-        raise refused
-    before = none if nominal_m is None else nominal_m
-    if reference is None:
-        choice, judge = choose(contenders, data, weighted=weighted), None
-    else:
-        choice, judge = (
-            choose_expected(contenders, data, weighted=weighted),
-            reference.candidate.name,
-        )
-    return Comparison(before, tuple(trials), choice.name, choice.reason, choice.criterion, judge)
+        return Trial(replace(candidate, model=model), result, None, out, expected)
+
+    every = [*candidates, *([] if reference is None else [reference.candidate])]
+    trials = tuple(map(tried, every))
+    able = [trial for trial in trials if trial.result is not None]
+    if not able and trials[0].error is not None:
+        raise trials[0].error
+    chosen = (choose if reference is None else choose_expected)(able, data, weighted=weighted)
+    return Comparison(
+        np.full(data.count, np.nan) if nominal_m is None else nominal_m,
+        trials,
+        chosen.name,
+        chosen.reason,
+        chosen.criterion,
+        None if reference is None else reference.candidate.name,
+    )

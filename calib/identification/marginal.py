@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import ConvergenceError
+from calib.identification.least_squares import column_lengths
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -136,11 +137,10 @@ def linear_evidence(
         shares[columns] = proportions(model.prior[columns])
     fixed = model.with_prior(np.where(tied, np.inf, model.prior))
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    root = np.sqrt(weights)[:, None]
-    rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
+    weighed = linear.weighed(weights)
+    rows, J = weighed.white_rows, weighed.white_jacobian
     known, K = fixed.known(x[None])
-    length = np.linalg.norm(np.concatenate([J.reshape(-1, model.p), K[0]]), axis=0)
-    unit = 1.0 / np.where(length > 0.0, length, 1.0)
+    unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K[0]]))
     classes, counts = noise_classes(model, data), []
     there = _there(model, data)
     grams = np.zeros((len(classes) + 1, model.p + 1, model.p + 1))
@@ -157,7 +157,11 @@ def linear_evidence(
     for k, kind in enumerate(model.measurements):
         sigma[data.setup.kind == k, : kind.rows] = kind.sigma
     given = fixed.prior[np.isfinite(fixed.prior)]
-    constant = float(np.log(root / sigma)[there].sum() + np.log(unit).sum() - np.log(given).sum())
+    constant = float(
+        np.log(np.sqrt(weights)[:, None] / sigma)[there].sum()
+        + np.log(unit).sum()
+        - np.log(given).sum()
+    )
     constant -= float(np.log(shares).sum())
     constant -= sum(np.log(known.sigma_m) for known in model.distances)
     left = int(there.sum()) + known.shape[1] + int(tied.sum()) - model.p

@@ -22,6 +22,7 @@ import numpy as np
 
 from calib.chance import chi2_quantile
 from calib.errors import InputError
+from calib.identification.least_squares import orthonormal
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -72,12 +73,9 @@ def redundancy(
     """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
     if linear is None:
         linear = model.linearise(data.postures, x, data.setup, data.observed)
-    root = np.sqrt(weights)[:, None]
-    rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
-    known = model.known(x[None])[1][0]
-    stacked = np.concatenate([J.reshape(rows.size, model.p), known])
-    length = np.linalg.norm(stacked, axis=0)
-    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0][: rows.size]
+    linear = linear.weighed(weights)
+    rows = linear.white_rows
+    Q = orthonormal(linear.stacked(x)[1])[: rows.size]
     free = 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
     return rows, free if data.setup.seen is None else free * data.setup.seen
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError, InputError
-from calib.identification.least_squares import ITERATIONS, minimise
+from calib.identification.least_squares import ITERATIONS, minimise, orthonormal
 from calib.identification.noise import (
     OUTLIER_CHANCE,
     STUDENT_FREEDOM,
@@ -304,12 +304,8 @@ def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
     of so many in that of the posterior.
     """
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    J = linear.white_jacobian.reshape(linear.rows_last.size, model.p)
-    known = model.known(x[None])[1][0]
-    stacked = np.concatenate([J, known])
-    length = np.linalg.norm(stacked, axis=0)
-    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0]
-    held = np.clip(np.linalg.eigvalsh(Q[len(J) :].T @ Q[len(J) :]), 0.0, 1.0)
+    Q = orthonormal(linear.stacked(x)[1])[linear.rows_last.size :]
+    held = np.clip(np.linalg.eigvalsh(Q.T @ Q), 0.0, 1.0)
     told = np.arange(1, data.count + 1)[:, None] / data.count * (1.0 - held)
     decided = np.sum(told / np.maximum(told + held, _TINY), axis=1)
     equations = np.arange(1, data.count + 1) * float(np.mean(rows_of(model, data)))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.identification.least_squares import white_rows
 from calib.model import CalibrationModel
 from calib.model.measurements import CameraPose, Distance, Measurements, Point, Pose
 from calib.model.parameters import Frames, ParameterBlock
@@ -38,7 +37,7 @@ def first_guess(
         return x
     for _ in range(_STEPS):
         linear = model.linearise(data.postures, x, data.setup, data.observed)
-        rows, J = white_rows(linear, weighted)
+        rows, J = linear.over_noise_last(weighted)
         known, K = model.known(x[None])
         J = np.concatenate([J.reshape(model.p, -1).T, K[0]])
         r = np.concatenate([rows.ravel(), known[0]])

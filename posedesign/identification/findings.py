@@ -79,11 +79,11 @@ def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
         "things": list(finding.things),
         "poses": [table.data.names[i] for i in finding.rows],
         "lines": [table.lines[i] for i in finding.rows],
-        "size": _or_none(finding.size * factor),
+        "size": finding.size * factor,
         "unit": unit,
-        "rms_before_mm": _or_none(1e3 * finding.before_m),
-        "rms_after_mm": _or_none(1e3 * finding.after_m),
-        "log_odds": _or_none(finding.log_odds),
+        "rms_before_mm": 1e3 * finding.before_m,
+        "rms_after_mm": 1e3 * finding.after_m,
+        "log_odds": finding.log_odds,
         "text": in_words(finding, table),
         "also": [_said(other, table)[0] for other in finding.also],
     }
@@ -225,7 +225,3 @@ def _read(finding: Finding) -> tuple[str, str]:
         f"as if {what} stood one row {'too low' if names[0] == 'later' else 'too high'}",
         "is a row missing, or one there twice?",
     )
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -20,10 +20,10 @@ from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, functions_over_box
 from posedesign.cell import Cell
 from posedesign.cell.task_box import BoxAccuracy, predict_box
+from posedesign.identification.file import IdentificationFile
 from posedesign.planning.optimal import NextPoses, OptimalPlan
 from posedesign.planning.pose_plan import PosePlan, named_stops
 from posedesign.report import figures
-from posedesign.report.identification_json import IdentificationFile
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,10 +9,9 @@ from scipy.stats import t
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import NotIdentifiableError
-from calib.identification import Comparison, compare, minimise
+from calib.identification import Candidate, Comparison, compare, minimise
 from calib.identification.choice import CHANCE
-from calib.identification.comparison import Candidate
-from calib.identification.left_out import targets_left_out
+from calib.identification.cross_validation import targets_left_out
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose, TouchUp, touch_ups
 from calib.model.parameters import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs import Pairs, SolverOutcome
-    from posedesign.pairs.results import NoiseOn
 
 
 DEFAULT_METHODS = "ml,ml-robust,papers"
@@ -169,7 +169,7 @@ def robot_world(
     """
     from posedesign.pairs import PairSource
     from posedesign.pairs.certificate import refuse_uncertifiable
-    from posedesign.pairs.results import methods_of, reached
+    from posedesign.pairs.results import asked_noise, methods_of, reached
     from posedesign.pairs.tables import outcome_as_dict
     from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
@@ -193,7 +193,11 @@ def robot_world(
         noise_on = noise_on or "b"
         refuse_uncertifiable(methods, noise_on, camera)
     found = source.read()
-    noise = asked_noise(found, camera, noise_deg, noise_mm, noise_on)
+    sizes = (
+        None if noise_deg is None else math.radians(noise_deg),
+        None if noise_mm is None else noise_mm / 1e3,
+    )
+    noise = asked_noise(found, camera, *sizes, noise_on)
     results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     claims = claim_transforms(results) if transforms else []
     outcomes = _solved(
@@ -220,27 +224,6 @@ def robot_world(
     content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
     tell(answer, verbose=verbose, first=rehearsed, content=content if as_json else None)
     return DONE if reached(outcomes) else NOT_REACHED
-
-
-def asked_noise(
-    pairs: Pairs,
-    camera: CameraPlace,
-    noise_deg: float | None,
-    noise_mm: float | None,
-    noise_on: NoiseSide | None,
-) -> Noise | NoiseShown | None:
-    """The noise of the options, or how it is to be estimated, if they say any."""
-    import math
-
-    from posedesign.pairs.results import noise_of
-
-    if noise_on == "shown":
-        return "shown"
-    if noise_deg is None or noise_mm is None:
-        return "B" if noise_on == "b" else None
-    sides: dict[str, NoiseOn] = {"a": "A", "b": "B", "both": "both", "seen": "seen"}
-    side = sides[noise_on or "b"]
-    return noise_of(pairs, camera, math.radians(noise_deg), noise_mm / 1e3, side)
 
 
 def _solved(

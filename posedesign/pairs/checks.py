@@ -177,24 +177,3 @@ def _rounding_note(off: FloatArray, place: Place) -> str:
         f"rotations are rounded, off by up to {off[worst]:.1g} ({place.name(worst)}): the nearest "
         f"ones are taken, good to about {math.degrees(off[worst]):.1g} deg"
     )
-
-
-def repeats(A: FloatArray, B: FloatArray) -> tuple[BoolArray, list[tuple[int, int]]]:
-    """Pairs that repeat an earlier one number by number.
-
-    A measurement that was made twice differs in its last digits; a row that was pasted twice does
-    not, and would count double.
-
-    Returns
-    -------
-    kept : array (N,) of bool
-        False where a pair repeats another.
-    found : list of (int, int)
-        Each repetition, and what it repeats.
-    """
-    first: dict[bytes, int] = {}
-    keys = [T_a.tobytes() + T_b.tobytes() for T_a, T_b in zip(A, B, strict=True)]
-    found = [(i, first[key]) for i, key in enumerate(keys) if first.setdefault(key, i) != i]
-    kept = np.ones(len(A), dtype=bool)
-    kept[[i for i, _ in found]] = False
-    return kept, found

@@ -70,8 +70,8 @@ def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> S
         note = f"{path} does not say where the camera is: taken as {taken}, by --camera"
         a = replace(a, notes=(note, *a.notes))
     if camera == "fixed":
-        return Samples(_other_way(a) if inverted else a, b)
-    return Samples(a, _other_way(b))
+        return Samples(replace(a, T=inverse(a.T)) if inverted else a, b)
+    return Samples(a, replace(b, T=inverse(b.T)))
 
 
 def _sides_of(tree: Any) -> tuple[list[Any], list[Any], Sequence[str], bool] | None:
@@ -128,7 +128,3 @@ def _message(item: Any) -> FloatArray | None:
     item = _at(item, "transform") or item
     moved, turned = _at(item, "translation"), _at(item, "rotation")
     return numbers([*(_at(moved, k) for k in "xyz"), *(_at(turned, k) for k in "xyzw")], 7)
-
-
-def _other_way(poses: Poses) -> Poses:
-    return Poses(inverse(poses.T), poses.place, poses.names, poses.notes, poses.turn, poses.numbers)

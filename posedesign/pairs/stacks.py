@@ -183,7 +183,8 @@ def _numpy_array(data: bytes) -> Variable:
             warnings.simplefilter("error")
             shape, by_columns, kind = readers[version](stream)
     except Exception as error:  # it parses Python: anything may come out of that
-        raise ValueError(str(error)) from error
+        # what it says of a node of Python's own has the address of that
+        raise ValueError(re.sub(r":? <.*", "", str(error))) from error
     if kind.kind not in "fc":
         return Variable("object" if kind.hasobject else kind.name, tuple(shape))
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(data) - stream.tell():

@@ -51,8 +51,8 @@ def estimate(pairs: PairSets) -> Estimate:
     others. Without noise none of this changes the answer.
     """
     a, b = pairs.quaternions
-    one = 1 if shared(pairs.A) else pairs.T
-    reference = np.broadcast_to(_reference(pairs.A[:one], a[:one]), (pairs.T, 4))
+    sets = 1 if shared(pairs.A) else pairs.T
+    reference = np.broadcast_to(_reference(pairs.A[:sets], a[:sets]), (pairs.T, 4))
     R_X, R_Z = pairs.rotations
     # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
     x, z = pairs.quaternions_of_rotations

@@ -369,7 +369,8 @@ class _Planning:
         """Refuse what this pool cannot give, before anything is chosen."""
         white = pool.white(self._model)
         names, nuisance = self._model.names, self._model.nuisance
-        check_identifiable(white.reshape(-1, self._model.p), names, nuisance)
+        told = np.vstack([white.reshape(-1, self._model.p), self._model.known_rows])
+        check_identifiable(told, names, nuisance)
         count, validation = self._request.count, self._request.validation
         if count is None:
             return
@@ -390,7 +391,12 @@ class _Planning:
         if request.count is None:
             limit = 1.0 if objective.limit is None else objective.limit
             fewest = select_fewest(
-                blocks, criterion, limit, names=self._model.names, keep=range(len(self._kept))
+                blocks,
+                criterion,
+                limit,
+                known=objective.known,
+                names=self._model.names,
+                keep=range(len(self._kept)),
             )
             return fewest.selection, fewest
         try:
@@ -399,6 +405,7 @@ class _Planning:
                 request.count if first else min(request.count, len(pool)),
                 criterion,
                 request.method,
+                known=objective.known,
                 names=self._model.names,
                 threshold=objective.limit if first else None,
                 keep=range(len(self._kept)),
@@ -456,7 +463,8 @@ class _Planning:
             count, m, p = white.shape
             if count * m < p:
                 self._refuse_few(count, m)
-            check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
+            told = np.vstack([white.reshape(-1, p), self._model.known_rows])
+            check_identifiable(told, self._model.names, self._model.nuisance)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
             request=self._request,
@@ -535,7 +543,10 @@ class _Planning:
                 other = fewest.fewer
             else:
                 keep = range(len(self._kept))
-                other = select(blocks, count, criterion, self._request.method, starts=1, keep=keep)
+                known = self._objective.known
+                other = select(
+                    blocks, count, criterion, self._request.method, known=known, starts=1, keep=keep
+                )
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
 
@@ -579,7 +590,9 @@ def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Out
     smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
     try:
         blocks = objective.of_pool(model, candidates_of(away_from_singularities(smaller)))
-        found = select(blocks, count, objective.criterion, starts=1, bound=False)
+        found = select(
+            blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
+        )
     except CalibError:  # no pool, or too small a one: there is nothing to compare with
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

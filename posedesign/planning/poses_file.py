@@ -440,7 +440,7 @@ def _write(
 
 def _configurations(robot: Robot, postures: FloatArray) -> list[str]:
     """Arm positions in the words of the robot's controller; empty where there are none for it."""
-    from posedesign.programs.configuration import words  # programs are read with these tables
+    from posedesign.programs.configurations import words  # programs are read with these tables
 
     try:
         return words(robot, postures)

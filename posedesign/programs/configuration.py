@@ -65,21 +65,3 @@ class Configuration(ABC):
         Some makers' words leave open what they do not say, and numbers agree on either side of a
         boundary nearby (:mod:`~posedesign.programs.configurations.boundaries`).
         """
-
-
-def configuration_of(maker: str) -> type[Configuration] | None:
-    """The words of a maker for arm positions; None where it has none."""
-    from posedesign.programs.configurations import CONFIGURATIONS
-
-    return CONFIGURATIONS.get(maker)
-
-
-def words(robot: Robot, postures: FloatArray) -> list[str]:
-    """The configuration of each posture ``(N, n)`` [rad]; empty where there are no words for it."""
-    kind = configuration_of(robot.controller.maker) if robot.controller else None
-    if kind is None:
-        return [""] * len(postures)
-    try:
-        return [found.words for found in kind.of(robot, postures)]
-    except InputError:  # an arm with another wrist than the words are for
-        return [""] * len(postures)

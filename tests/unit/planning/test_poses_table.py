@@ -26,7 +26,7 @@ from posedesign.planning.poses_file import (
     write_pose_list,
     write_poses,
 )
-from posedesign.programs import configuration
+from posedesign.programs import configurations
 
 FILES_BETWEEN_EXAMPLES = settings(
     max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -271,15 +271,15 @@ def test_configuration_in_the_words_of_the_controller(tmp_path, reference_cell, 
         write_pose_list(path, some, robot, tool_m)
         return [row.cells["configuration"] for row in read_rows(path)[1]]
 
-    assert written_words() == configuration.words(robot, some.postures)
-    monkeypatch.setattr(configuration, "words", lambda robot, q: [f"N U T, {x[0]:.2f}" for x in q])
+    assert written_words() == configurations.words(robot, some.postures)
+    monkeypatch.setattr(configurations, "words", lambda robot, q: [f"N U T, {x[0]:.2f}" for x in q])
     assert written_words() == [f"N U T, {q[0]:.2f}" for q in some.postures]
     assert read_poses(path, 6).extra == {}
 
     def of_no_known_kind(robot: object, q: object) -> list[str]:
         raise InputError("this arm has no elbow")
 
-    monkeypatch.setattr(configuration, "words", of_no_known_kind)
+    monkeypatch.setattr(configurations, "words", of_no_known_kind)
     assert written_words() == [""] * 4
 
 

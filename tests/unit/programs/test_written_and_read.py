@@ -12,7 +12,7 @@ import pytest
 from calib.robots import Robot, preset_names
 from calib.se3 import inverse, rotation_from_wpr
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, postures_of
-from posedesign.programs.configuration import configuration_of
+from posedesign.programs.configurations import configuration_of
 from posedesign.programs.recorded import RecordedProgram
 from tests.marks import by_stage
 from tests.unit.programs.dialects import (

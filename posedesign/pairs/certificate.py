@@ -122,11 +122,7 @@ class Proof:
 def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> None:
     """Refuse what no certificate can be asked for, before anything is solved.
 
-    Parameters
-    ----------
-    on : {"a", "b", "both", "seen", "shown"}
-        Where the noise is.
-    camera : {"on-flange", "fixed"}
+    ``on`` says where the noise is.
     """
     if not any(METHODS[method].likelihood for method in methods):
         raise InputError(

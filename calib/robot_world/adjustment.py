@@ -225,10 +225,8 @@ def _at_errors(
     right angles to w, which does not count where errors are alike in all directions; elsewhere
     steps without it end beside the minimum, or never.
 
-    Returns
-    -------
-    ndarray (S, 3, 3), ndarray (S, 3, 3)
-        What the rotation vector of A's error is multiplied by in e_R, and in its lever.
+    Returns what the rotation vector of A's error is multiplied by ``(S, 3, 3)`` in e_R, and in its
+    lever.
     """
     own = b if model.on_B else a
     M = se3.inverse_left_jacobian(-own[:3].T)

@@ -210,14 +210,9 @@ def _shared(
 class _Lever:
     """Squares ``(n,)`` of residual translations by m, the vector from the flange to X's origin.
 
-    Attributes
-    ----------
-    along, across : ndarray (n,)
-        Along m, and at right angles to it.
-    mixed, turned : ndarray (n,)
-        Product of the translation with ``e_R x m``, and square of that: it is across m.
-    rotation : ndarray (n,)
-        Variance of the rotations times the square of m.
+    Along m, and across it, at right angles; mixed: the product of the translation with ``e_R x m``,
+    and turned: the square of that, which is across m; rotation: the variance of the rotations times
+    the square of m.
     """
 
     along: FloatArray

@@ -52,13 +52,7 @@ class PairNoise:
                     value=value,
                     bound=0.0,
                 )
-        if not isinstance(self.on, str) or self.on not in get_args(Side):
-            raise InputError(
-                f"noise on {one_line(self.on)}",
-                hint=near_names(one_line(self.on), get_args(Side)),
-                name="on",
-                value=self.on,
-            )
+        _check_choice("on", self.on, get_args(Side), "noise on")
 
     @property
     def is_positive(self) -> bool:
@@ -119,13 +113,7 @@ class PairCovariances:
     def __post_init__(self) -> None:
         if self.A is None and self.B is None:
             raise InputError("no covariance is given", hint="give that of A, of B or of both")
-        if not isinstance(self.axes, str) or self.axes not in get_args(Axes):
-            raise InputError(
-                f"there are no axes {one_line(self.axes)}",
-                hint=near_names(one_line(self.axes), get_args(Axes)),
-                name="axes",
-                value=self.axes,
-            )
+        _check_choice("axes", self.axes, get_args(Axes), "there are no axes")
         for name in ("A", "B"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _checked_covariance(getattr(self, name), name))
@@ -207,6 +195,12 @@ def is_number(value: object) -> bool:
         return math.isfinite(float(value))
     except OverflowError:
         return False
+
+
+def _check_choice(name: str, value: object, known: tuple[str, ...], said: str) -> None:
+    if not isinstance(value, str) or value not in known:
+        text = one_line(value)
+        raise InputError(f"{said} {text}", hint=near_names(text, known), name=name, value=value)
 
 
 def check_noise_given(noise: object) -> None:

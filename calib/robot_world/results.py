@@ -212,7 +212,7 @@ class RobotWorldResult(Shown):
                 "estimated with X and Z"
             )
         elif scale is not None and scale.is_named and abs(scale.value - 1.0) > WRONG:
-            reasons += (scale.off,)
+            reasons += (scale.in_words,)
         return (
             ("doubtful", f"{message}; but {'; '.join(reasons)}") if reasons else (status, message)
         )
@@ -443,10 +443,10 @@ class RobotWorldResult(Shown):
             return ()
         turned_rad, moved_m = moved(scale, self.X, self.Z)
         return (
-            f"{scale.off}: that turns X and Z by up to {np.degrees(turned_rad):.2g} deg and moves "
-            f"them by up to {1e3 * moved_m:.3g} mm; check the size of the target (tag, squares of "
-            "a board), the unit of length and the focal length, or the unit of A, since the pairs "
-            "tell the ratio of both alone; estimate_scale corrects B",
+            f"{scale.in_words}: that turns X and Z by up to {np.degrees(turned_rad):.2g} deg and "
+            f"moves them by up to {1e3 * moved_m:.3g} mm; check the size of the target (tag, "
+            "squares of a board), the unit of length and the focal length, or the unit of A, since "
+            "the pairs tell the ratio of both alone; estimate_scale corrects B",
         )
 
     def _uncertain(self) -> tuple[str, ...]:

@@ -110,7 +110,7 @@ class Scale:
         return max(abs(self.value - 1.0), self.sigma) < WRONG and not self.is_named
 
     @property
-    def off(self) -> str:
+    def in_words(self) -> str:
         """How far it is from 1, in words."""
         return (
             f"translations of B fit those of A multiplied by {self.value:.5g} ± {self.sigma:.2g}, "

@@ -122,11 +122,7 @@ class Proof:
 def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> None:
     """Refuse what no certificate can be asked for, before anything is solved.
 
-    Parameters
-    ----------
-    on : {"a", "b", "both", "seen", "shown"}
-        Where the noise is.
-    camera : {"on-flange", "fixed"}
+    ``on`` says where the noise is.
     """
     if not any(METHODS[method].likelihood for method in methods):
         raise InputError(
@@ -134,24 +130,25 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
             hint="add the method ml",
             name="method",
         )
-    if on == "shown":
+    if on in _UNPROVABLE and not (on == "seen" and camera == "fixed"):
+        what, hint = _UNPROVABLE[on]
         raise InputError(
-            "--noise-on shown may find noise on both sides, of which there is no certificate",
-            hint="certify without it, by noise of B, or with --noise-on a or b and its sizes",
-            name="noise",
+            f"--noise-on {on} {what}, of which there is no certificate", hint=hint, name="noise"
         )
-    if on == "both":
-        raise InputError(
-            "--noise-on both has noise on A and B at once, of which there is no certificate",
-            hint="certify with --noise-on a or b, the side that has more of it",
-            name="noise",
-        )
-    if on == "seen" and camera == "on-flange":
-        raise InputError(
-            "--noise-on seen has another size in each direction, of which there is no certificate",
-            hint="certify with --noise-on b",
-            name="noise",
-        )
+
+
+_UNPROVABLE: Mapping[str, tuple[str, str]] = {
+    "shown": (
+        "may find noise on both sides",
+        "certify without it, by noise of B, or with --noise-on a or b and its sizes",
+    ),
+    "both": (
+        "has noise on A and B at once",
+        "certify with --noise-on a or b, the side that has more of it",
+    ),
+    "seen": ("has another size in each direction", "certify with --noise-on b"),
+}
+"""Why noise has no certificate, and what to do."""
 
 
 def prove(A: FloatArray, B: FloatArray, result: RobotWorldResult) -> Proof | None:

@@ -120,14 +120,8 @@ def read_side(
 ) -> Poses:
     """Read a table with the poses of one side, with or without ``a_`` before the names.
 
-    Parameters
-    ----------
-    letter : {"a", "b"}
-    columns : sequence of str
-        Names of the columns, for a file without a header line. If any begins with ``a_`` or
-        ``b_``, those of the other side are not of this file.
-    trust_units : bool
-        As for :func:`read_pairs`.
+    Otherwise as :func:`read_pairs`. If any of the names given begins with ``a_`` or ``b_``, those
+    of the other side are not of this file.
     """
     named = expanded(columns)
     if any(name.startswith(("a_", "b_")) for name in named):

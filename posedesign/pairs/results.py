@@ -201,10 +201,7 @@ def reached(outcomes: Sequence[SolverOutcome]) -> bool:
 def warnings_of(outcomes: Iterable[SolverOutcome], *, misread: bool = False) -> list[str]:
     """What the solvers warn of, each thing once, with the methods that say so.
 
-    Parameters
-    ----------
-    misread : bool
-        Whether the pairs are said to be read wrongly: doubts of the solvers are then no news.
+    Where the pairs are said to be misread already, doubts of the solvers are no news.
     """
     said: list[tuple[str, str]] = []
     for outcome in outcomes:

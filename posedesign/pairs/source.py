@@ -113,12 +113,8 @@ class Misfit:
 def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
     """What to say of two sides of N poses each that no X and Z fit; nothing where some do.
 
-    Parameters
-    ----------
-    a, b : Poses
-        As read.
-    arrange : callable
-        Makes A and B of A X = Z B from transforms ``(..., N, 4, 4)`` as the files have them.
+    ``arrange`` makes A and B of A X = Z B from transforms ``(..., N, 4, 4)`` as the files have
+    them.
     """
     if len(a.T) < FEWEST_PAIRS:
         return None

@@ -4,6 +4,9 @@
 Absolute times depend on the machine; ratios are of one run, both sides in turns.
 """
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +26,7 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.se3 import FloatArray
+from posedesign.pairs import Pairs, write_pairs
 from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot
 
@@ -166,6 +170,23 @@ def test_all_that_is_said_of_thousands_of_pairs(capsys, method):
     with capsys.disabled():
         print(f"\n{method}: 1,000 pairs {few:.2f} s, 4,000 over it {many / few:.2f}")
     assert many < LINEAR * few
+
+
+def test_the_command_on_thousands_of_pairs(tmp_path, capsys):
+    """All methods that it takes by default, files and figure: seconds of the processor in all."""
+    seconds = []
+    for N in (1_000, 5_000):
+        A, B = (T[0] for T in pairs(1, N))
+        path = write_pairs(tmp_path / f"{N}.csv", Pairs(tuple(map(str, range(N))), A, B))
+        before = os.times()
+        command = [sys.executable, "-m", "posedesign", "robot-world", path, "--out", tmp_path / "o"]
+        subprocess.run([*command, "--overwrite"], check=True, capture_output=True)
+        after = os.times()
+        spent = after.children_user + after.children_system
+        seconds.append(spent - before.children_user - before.children_system)
+    with capsys.disabled():
+        print(f"\nrobot-world: 1,000 pairs {seconds[0]:.1f} s, 5,000 pairs {seconds[1]:.1f} s")
+    assert seconds[1] < 5.0 * seconds[0]
 
 
 @pytest.fixture(scope="module")

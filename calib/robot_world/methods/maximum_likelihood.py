@@ -64,18 +64,9 @@ def with_estimated_noise(
 ) -> tuple[Fit, FloatArray]:
     """Adjust X and Z ``(T, 4, 4)`` and the noise of B together.
 
-    Parameters
-    ----------
-    weights : ndarray (T, N), optional
-        1 for the pairs that count, 0 for the others.
-    widening : float
-        By how much the standard deviations are larger than what the pairs that count show, where
-        those were chosen by their residuals.
-
-    Returns
-    -------
-    ndarray (2, T)
-        Standard deviations of rotation [rad] and translation [m].
+    That noise is standard deviations ``(2, T)`` of rotation [rad] and translation [m]. Weights
+    ``(T, N)`` are 1 for the pairs that count, 0 for the others; where those were chosen by their
+    residuals, the deviations are larger than what they show by ``widening``.
     """
     counted = np.ones((pairs.T, pairs.N)) if weights is None else weights
     few = counted.sum(axis=-1) < _FEWEST_FOR_BOTH

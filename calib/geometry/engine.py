@@ -118,12 +118,16 @@ class Engine:
 
     def place(self, state: ChainState) -> Placed:
         """Where the bodies are at S states of the chain."""
-        S = len(state.origins)
-        base = np.broadcast_to(np.eye(3), (S, 1, 3, 3))
-        links_R = np.concatenate([base, state.rotations], axis=1)[:, self._links]
-        links_p = np.concatenate([np.zeros((S, 1, 3)), state.origins], axis=1)[:, self._links]
-        origins = (links_R @ self._origins[..., None])[..., 0] + links_p
-        return Placed(links_R @ self._rotations, origins)
+        S, B = len(state.origins), len(self._links)
+        rotations, origins = np.empty((S, B, 3, 3)), np.empty((S, B, 3))
+        for b, link in enumerate(self._links.tolist()):  # a product of all rows with one matrix
+            if link == 0:
+                rotations[:, b], origins[:, b] = self._rotations[b], self._origins[b]
+                continue
+            R = state.rotations[:, link - 1].reshape(-1, 3)
+            rotations[:, b] = (R @ self._rotations[b]).reshape(-1, 3, 3)
+            origins[:, b] = (R @ self._origins[b]).reshape(-1, 3) + state.origins[:, link - 1]
+        return Placed(rotations, origins)
 
     def bounds(self, placed: Placed, done: BoolArray | None = None) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.

@@ -86,20 +86,49 @@ def outer_points(solid: Solid) -> tuple[FloatArray, float]:
     return around.corners, around.radius_m
 
 
-_HULLS: WeakKeyDictionary[Mesh, FloatArray] = WeakKeyDictionary()
+_HULLS: WeakKeyDictionary[Mesh, tuple[FloatArray, float]] = WeakKeyDictionary()
 
 
 def hull_vertices(mesh: Mesh) -> FloatArray:
     """The vertices ``(K, 3)`` [m] of a mesh that lie on its convex hull."""
+    return _hull(mesh)[0]
+
+
+def _hull(mesh: Mesh) -> tuple[FloatArray, float]:
+    """Vertices ``(K, 3)`` [m] of the convex hull of a mesh, and its volume [m³]."""
     found = _HULLS.get(mesh)
     if found is None:
         from scipy.spatial import ConvexHull, QhullError
 
-        found = mesh.vertices[np.unique(mesh.triangles)]
+        vertices, volume = mesh.vertices[np.unique(mesh.triangles)], 0.0
         with suppress(QhullError):  # all in a plane
-            found = found[ConvexHull(found).vertices]
-        _HULLS[mesh] = found
+            hull = ConvexHull(vertices)
+            vertices, volume = vertices[hull.vertices], float(hull.volume)
+        found = _HULLS[mesh] = vertices, volume
     return found
+
+
+_SAME_VOLUME = 1e-6
+"""Share by which the volume inside a surface may differ from its hull's. Where the hull is taken
+for it, nothing comes nearer than is told, since the hull holds all of it."""
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether each edge of a triangle is one of another, the other way round."""
+    start, end = mesh.triangles.T, np.roll(mesh.triangles, -1, axis=1).T
+    count = len(mesh.vertices)
+    there, back = np.sort((start * count + end).ravel()), np.sort((end * count + start).ravel())
+    return bool((there == back).all() and (np.diff(there) > 0).all())
+
+
+def is_convex(mesh: Mesh) -> bool:
+    """Whether a mesh is the closed surface of its convex hull."""
+    if not is_closed(mesh):
+        return False
+    hull = _hull(mesh)[1]
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles] - mesh.vertices.mean(axis=0), 1, 0)
+    inside = float(np.einsum("fk,fk->", a, np.cross(b, c))) / 6.0
+    return hull > 0.0 and abs(abs(inside) - hull) <= _SAME_VOLUME * hull
 
 
 _FACES = 2

@@ -17,7 +17,14 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 
-from calib.geometry.enclosure import enclose, hull_vertices, polytope_vertices, reach
+from calib.geometry.enclosure import (
+    enclose,
+    hull_vertices,
+    is_closed,
+    is_convex,
+    polytope_vertices,
+    reach,
+)
 from calib.geometry.rays import box_box_bound, contains, segment_segment
 from calib.robots import ChainState
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
@@ -111,12 +118,16 @@ class Engine:
 
     def place(self, state: ChainState) -> Placed:
         """Where the bodies are at S states of the chain."""
-        S = len(state.origins)
-        base = np.broadcast_to(np.eye(3), (S, 1, 3, 3))
-        links_R = np.concatenate([base, state.rotations], axis=1)[:, self._links]
-        links_p = np.concatenate([np.zeros((S, 1, 3)), state.origins], axis=1)[:, self._links]
-        origins = (links_R @ self._origins[..., None])[..., 0] + links_p
-        return Placed(links_R @ self._rotations, origins)
+        S, B = len(state.origins), len(self._links)
+        rotations, origins = np.empty((S, B, 3, 3)), np.empty((S, B, 3))
+        for b, link in enumerate(self._links.tolist()):  # a product of all rows with one matrix
+            if link == 0:
+                rotations[:, b], origins[:, b] = self._rotations[b], self._origins[b]
+                continue
+            R = state.rotations[:, link - 1].reshape(-1, 3)
+            rotations[:, b] = (R @ self._rotations[b]).reshape(-1, 3, 3)
+            origins[:, b] = (R @ self._origins[b]).reshape(-1, 3) + state.origins[:, link - 1]
+        return Placed(rotations, origins)
 
     def bounds(self, placed: Placed, done: BoolArray | None = None) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.
@@ -293,7 +304,8 @@ class _Oracle:
         self._is_mesh = np.array([b in self._meshes for b in range(len(bodies))], dtype=bool)
         self._low, self._high = np.full((2, len(bodies), 3), np.nan)  # nothing is within
         for b, surface in self._meshes.items():
-            self._low[b], self._high[b] = surface.low, surface.high
+            if not isinstance(self._solids[b], coal.ConvexBase):  # of which coal knows the inside
+                self._low[b], self._high[b] = surface.low, surface.high
         self._points = np.array([_a_point(body.solid) for body in bodies]).reshape(-1, 3)
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
@@ -376,7 +388,6 @@ class MeshSurface:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        self._tree = _tree(mesh)
         self.low, self.high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         self._size_m = float(np.linalg.norm(self.high - self.low))
         self._known: deque[tuple[FloatArray, float, bool]] = deque(maxlen=_REMEMBERED)
@@ -397,11 +408,7 @@ class MeshSurface:
 
     @cached_property
     def _closed(self) -> bool:
-        """Whether each edge of a triangle is one of another, the other way round."""
-        start, end = self._mesh.triangles.T, np.roll(self._mesh.triangles, -1, axis=1).T
-        count = len(self._mesh.vertices)
-        there, back = np.sort((start * count + end).ravel()), np.sort((end * count + start).ravel())
-        return bool((there == back).all() and (np.diff(there) > 0).all())
+        return is_closed(self._mesh)
 
     def encloses_far(self, point: FloatArray, clear_m: float) -> bool:
         """Whether a point (3,), at least that far from the surface [m], lies in its inside.
@@ -419,25 +426,38 @@ class MeshSurface:
 
     def crosses(self, start: FloatArray, end: FloatArray) -> BoolArray:
         """Whether segments (M, 3) to (M, 3) [m], in the axes of the mesh, meet it, (M,)."""
-        way = end - start
-        length = np.linalg.norm(way, axis=-1)
-        z = np.where(length[:, None] > 0.0, way, [0.0, 0.0, 1.0])
-        z /= np.linalg.norm(z, axis=-1, keepdims=True)
-        x = np.cross(z, np.eye(3)[np.abs(z).argmin(axis=-1)])
-        x /= np.linalg.norm(x, axis=-1, keepdims=True)
-        rotations = np.stack([x, np.cross(z, x), z], axis=-1)
-        middles = (start + end) / 2.0
-        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
-        met = np.empty(len(start), dtype=bool)
-        for m, (R, p, l_m) in enumerate(zip(rotations, middles, length.tolist(), strict=True)):
-            there.setRotation(R)
-            there.setTranslation(p)
-            result.clear()
-            # its round ends must not reach beyond the segment, which may end on the surface
-            line = coal.Capsule(LINE_RADIUS_M, max(0.0, l_m - 4.0 * LINE_RADIUS_M))
-            met[m] = coal.collide(self._tree, here, line, there, request, result) > 0
+        if not len(start):
+            return np.zeros(0, dtype=bool)
+        solid = _own_polytope(self._mesh)
+        if solid is None:
+            return _meets(_tree(self._mesh), start, end)
+        met = _meets(solid, start, end)
+        within = [_meets(solid, ends[met], ends[met]) for ends in (start, end)]
+        met[met] = ~np.logical_and(*within)
         return met
+
+
+def _meets(solid: coal.CollisionGeometry, start: FloatArray, end: FloatArray) -> BoolArray:
+    """Whether segments (M, 3) to (M, 3) [m], in the axes of a solid, meet it, (M,)."""
+    way = end - start
+    length = np.linalg.norm(way, axis=-1)
+    z = np.where(length[:, None] > 0.0, way, [0.0, 0.0, 1.0])
+    z /= np.linalg.norm(z, axis=-1, keepdims=True)
+    x = np.cross(z, np.eye(3)[np.abs(z).argmin(axis=-1)])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    rotations = np.stack([x, np.cross(z, x), z], axis=-1)
+    middles = (start + end) / 2.0
+    here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    met = np.empty(len(start), dtype=bool)
+    for m, (R, p, l_m) in enumerate(zip(rotations, middles, length.tolist(), strict=True)):
+        there.setRotation(R)
+        there.setTranslation(p)
+        result.clear()
+        # its round ends must not reach beyond the segment, which may end on the surface
+        line = coal.Capsule(LINE_RADIUS_M, max(0.0, l_m - 4.0 * LINE_RADIUS_M))
+        met[m] = coal.collide(solid, here, line, there, request, result) > 0
+    return met
 
 
 _REMEMBERED = 64
@@ -450,7 +470,11 @@ _DIRECTIONS = _STEPS / np.linalg.norm(_STEPS, axis=1, keepdims=True)
 
 
 def coal_solid(solid: Solid) -> coal.CollisionGeometry:
-    """A solid as coal has it; a mesh becomes a tree of oriented boxes about its triangles."""
+    """A solid as coal has it; a mesh becomes a tree of oriented boxes about its triangles.
+
+    Of a fine one that is convex its polytope is taken: distances to it take a hundredth of the
+    time, because they need not look at many triangles that are about as near.
+    """
     match solid:
         case Sphere(radius_m=radius):
             return coal.Sphere(radius)
@@ -463,7 +487,7 @@ def coal_solid(solid: Solid) -> coal.CollisionGeometry:
         case HalfSpace():
             return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
         case Mesh():
-            return _tree(solid)
+            return _own_polytope(solid) or _tree(solid)
     assert_never(solid)
 
 
@@ -473,19 +497,40 @@ _FINE = 2_000
 
 def is_fine(solid: Solid) -> bool:
     """Whether a solid is a mesh of so many triangles that distances to it take long."""
-    return isinstance(solid, Mesh) and len(solid.triangles) >= _FINE
+    return isinstance(solid, Mesh) and _many(solid) and _own_polytope(solid) is None
 
 
+def _many(mesh: Mesh) -> bool:
+    return len(mesh.triangles) >= _FINE
+
+
+_OWN: WeakKeyDictionary[Mesh, coal.ConvexBase | None] = WeakKeyDictionary()
 _POLYTOPES: WeakKeyDictionary[Mesh, coal.ConvexBase] = WeakKeyDictionary()
 
 
+def _own_polytope(mesh: Mesh) -> coal.ConvexBase | None:
+    """A fine convex mesh as the polytope that it is the surface of; None of others."""
+    if mesh not in _OWN:
+        convex = _many(mesh) and is_convex(mesh)
+        _OWN[mesh] = _solid_of(mesh) if convex else None
+    return _OWN[mesh]
+
+
+def _solid_of(mesh: Mesh) -> coal.ConvexBase:
+    """What a convex surface encloses."""
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(mesh.vertices))
+    triangles.extend([coal.Triangle(*corners) for corners in mesh.triangles.tolist()])
+    return coal.Convex(points, triangles)
+
+
 def _polytope(mesh: Mesh) -> coal.ConvexBase:
-    found = _POLYTOPES.get(mesh)
-    if found is None:
+    """A polytope of few faces about a mesh."""
+    if mesh not in _POLYTOPES:
         points = coal.StdVec_Vec3s()
         points.extend(list(polytope_vertices(mesh)))
-        found = _POLYTOPES[mesh] = coal.ConvexBase.convexHull(points, True, "Qt")
-    return found
+        _POLYTOPES[mesh] = coal.ConvexBase.convexHull(points, True, "Qt")
+    return _POLYTOPES[mesh]
 
 
 def _thinned(solid: Solid) -> tuple[Solid, float]:

@@ -14,7 +14,7 @@ joint, whose offsets are not identified but whose loss would still scatter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise, product
 
@@ -58,6 +58,7 @@ class KnownMotions:
         self._base = base
         self._speeds = speeds
         self._reasons: dict[frozenset[bytes], str] = {}
+        self._checked: dict[bytes, set[bytes]] = {}  # the other ends of each posture's motions
         self._detours: dict[frozenset[bytes], list[FloatArray] | None] = {}
         self._retreats: dict[bytes, list[FloatArray]] = {}
 
@@ -67,6 +68,9 @@ class KnownMotions:
         if unknown:
             starts, ends = (np.array(side) for side in zip(*unknown.values(), strict=True))
             self._reasons.update(zip(unknown, self._blocked(starts, ends), strict=True))
+            for a, b in unknown.values():
+                self._checked.setdefault(a.tobytes(), set()).add(b.tobytes())
+                self._checked.setdefault(b.tobytes(), set()).add(a.tobytes())
         return bool(unknown)
 
     def reason(self, start: FloatArray, end: FloatArray) -> str:
@@ -77,12 +81,18 @@ class KnownMotions:
         """Motions ``(K, K)`` from each of ``(K, n)`` to each of ``(K, n)`` known to be blocked."""
         leave, enter = _rows(starts), _rows(ends)
         found = np.zeros((len(starts), len(ends)), dtype=bool)
-        for edge in (edge for edge, why in self._reasons.items() if why):
-            a, b = tuple(edge) * (3 - len(edge))
-            for one, other in ((a, b), (b, a)):
-                for i in leave.get(one, ()):
-                    found[i, enter.get(other, [])] = True
+        for one, other in self._motions_between(leave, enter):
+            if self._reasons[frozenset((one, other))]:
+                found[np.ix_(leave[one], enter[other])] = True
         return found
+
+    def _motions_between(
+        self, starts: Mapping[bytes, object], ends: Mapping[bytes, object]
+    ) -> Iterator[tuple[bytes, bytes]]:
+        """The motions that were checked from some postures to others."""
+        for one in starts:
+            for other in ends.keys() & self._checked.get(one, set()):
+                yield one, other
 
     def through(
         self, start: FloatArray, end: FloatArray, others: Sequence[FloatArray]
@@ -147,11 +157,10 @@ class KnownMotions:
         ends = {places[0].tobytes(): 0, places[-1].tobytes(): len(places) - 1}
         rows = {q.tobytes(): row for row, q in enumerate(places)} | ends
         onward: dict[int, list[int]] = {row: [] for row in rows.values()}
-        for edge, why in self._reasons.items():
-            if len(edge) == 2 and edge <= rows.keys() and not (why and not self._detours.get(edge)):
-                a, b = (rows[place] for place in edge)
-                onward[a].append(b)
-                onward[b].append(a)
+        for one, other in self._motions_between(rows, rows):
+            edge = frozenset((one, other))
+            if one != other and not (self._reasons[edge] and not self._detours.get(edge)):
+                onward[rows[one]].append(rows[other])
         target = len(places) - 1
         reached: dict[int, tuple[float, list[FloatArray]]] = {0: (0.0, [])}
         front = [0]

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from calib.geometry import engine
-from calib.geometry.enclosure import polytope_vertices
+from calib.geometry.enclosure import is_convex, polytope_vertices
 from calib.geometry.engine import Engine, MeshSurface, Placed
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, Mesh, Solid, Sphere
 from calib.se3 import rotation_exp
@@ -109,3 +109,46 @@ def test_sides_of_a_surface_are_remembered_where_it_is_closed(ring, cut):
     assert 0.2 < np.mean(found) < 0.8
     assert (len(remembers._known) > 0) == (cut == 0)
     assert len(remembers._known) <= engine._REMEMBERED
+
+
+def egg(dent: float = 0.0) -> Mesh:
+    """A convex surface of 5120 triangles, unless one vertex of it is pushed in by a share."""
+    made = trimesh.creation.icosphere(4, 0.2)
+    vertices = np.array(made.vertices) * [1.0, 0.7, 1.4] + [0.03, 0.0, 0.05]
+    vertices[7] *= 1.0 - dent
+    return Mesh(vertices, np.array(made.faces, dtype=np.intp))
+
+
+def test_a_surface_is_convex_that_is_all_of_its_hull(ring):
+    ball, other = egg(), egg()
+    apart = Mesh(
+        np.concatenate([ball.vertices, other.vertices + np.eye(3)[0]]),
+        np.concatenate([ball.triangles, other.triangles + len(ball.vertices)]),
+    )
+    assert is_convex(ball)
+    assert is_convex(Mesh(ball.vertices, ball.triangles[:, ::-1]))
+    for mesh in (ring, apart, egg(0.05), Mesh(ball.vertices, ball.triangles[1:])):
+        assert not is_convex(mesh)
+
+
+def test_a_convex_mesh_is_as_its_triangles_are(monkeypatch):
+    rng = np.random.default_rng(8)
+    start, end = rng.uniform(-0.4, 0.4, size=(2, 400, 3))
+    found = []
+    for fine in (engine._FINE, 10**9):
+        monkeypatch.setattr(engine, "_FINE", fine)
+        mesh = egg()
+        assert (engine._own_polytope(mesh) is not None) == (fine < 10**9)
+        bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate([mesh, *SOLIDS])]
+        turns = rotation_exp(np.random.default_rng(9).normal(size=(60, len(bodies), 3)))
+        places = np.random.default_rng(10).uniform(-0.35, 0.35, size=(60, len(bodies), 3))
+        found.append(
+            (settled(bodies, Placed(turns, places)), MeshSurface(mesh).crosses(start, end))
+        )
+    (here, seen), (there, crossed) = found
+    assert 0.1 < (here < 0.0).mean() < 0.9
+    np.testing.assert_allclose(here, there, atol=5e-6)
+    np.testing.assert_array_equal(seen, crossed)
+    inside = MeshSurface(mesh).encloses(start) & MeshSurface(mesh).encloses(end)
+    assert inside.any()
+    assert not crossed[inside].any()

@@ -121,6 +121,11 @@ def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
             yield from nodes(child, *names)
 
 
+def subtrees(tree: Tree[Token]) -> list[Tree[Token]]:
+    """What a tree is made of, without its tokens."""
+    return [child for child in tree.children if isinstance(child, Tree)]
+
+
 def words(tree: Tree[Token], *types: str) -> list[str]:
     """Texts of all tokens of these terminals in a tree, from the left."""
     found: list[str] = []
@@ -331,7 +336,7 @@ def open_lines(
     What ``begins`` a statement never goes on with another; for `Language.joined`.
     """
     pattern, in_quotes = re.compile(f"{quoted}|{remark}.*"), re.compile(quoted)
-    first, pairs = re.compile(begins), brackets.split()
+    first, pairs = re.compile(begins), [(pair[0], pair[1]) for pair in brackets.split()]
 
     def joined(lines: Iterator[Line]) -> Iterator[Line]:
         row, parts, opened, length = 0, list[str](), 0, 0

@@ -20,7 +20,7 @@ from posedesign.programs import (
     find_dialect,
 )
 from posedesign.programs.registry import dialect_of
-from tests.unit.programs.dialects import changed, export, refused, texts_of
+from tests.unit.programs.dialects import changed, export, refused
 
 LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")
 PATH = Path("X.yaml")

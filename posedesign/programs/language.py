@@ -324,14 +324,14 @@ def without_remarks(
 
 
 def open_lines(
-    remark: str, quoted: str = _QUOTED, brackets: str = "([)]", begins: str = "(?!)"
+    remark: str, quoted: str = _QUOTED, brackets: str = "() []", begins: str = "(?!)"
 ) -> Callable[[Iterator[Line]], Iterator[Line]]:
     """Make one statement of lines while a bracket is open, without remarks.
 
     What ``begins`` a statement never goes on with another; for `Language.joined`.
     """
     pattern, in_quotes = re.compile(f"{quoted}|{remark}.*"), re.compile(quoted)
-    first, half = re.compile(begins), len(brackets) // 2
+    first, pairs = re.compile(begins), brackets.split()
 
     def joined(lines: Iterator[Line]) -> Iterator[Line]:
         row, parts, opened, length = 0, list[str](), 0, 0
@@ -349,7 +349,8 @@ def open_lines(
             parts.append(text)
             length += len(text)
             bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
-            opened += sum(map(bare.count, brackets[:half])) - sum(map(bare.count, brackets[half:]))
+            for opening, closing in pairs:
+                opened += bare.count(opening) - bare.count(closing)
         if parts:
             yield Line(row, " ".join(parts))
 

@@ -80,7 +80,7 @@ _BLOCK = re.compile(
 
 LANGUAGE = Language(
     __package__ or "",
-    joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="([{)]}"),
+    joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}"),
     signed=True,
     letters=r"\w",
 )

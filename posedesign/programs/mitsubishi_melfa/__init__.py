@@ -145,6 +145,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     names = [_entry_of(s)[0].upper() for s in statements]
     counts = Counter(names)
     defined = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
+    known = counts.keys() | defined
     moved: set[str] = set()
     step, stands = 0, True
     for s, name in zip(statements, names, strict=True):
@@ -162,7 +163,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if body.data == "move":
             target = text_of(_trees(body)[0]).upper()
             moved.add(target)
-            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in counts.keys() | defined:
+            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list")
         if body.data == "override" and not 1 <= float(words(body, "NUMBER")[0][:9]) <= 100:
             yield Problem(s.row, "range", "an override is from 1 to 100 percent")

@@ -289,14 +289,14 @@ class _Scope:
 
     def faults(self, statement: Statement) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
-        for kind, check in (
-            ("function", self._of_function),
-            ("routine", self._of_routine),
-            ("place", self._of_place),
-        ):
-            for tree in statement.all(kind):
-                if ":" not in name_of(tree):  # else of a library
-                    yield from check(tree)
+        checks = {
+            "function": self._of_function,
+            "routine": self._of_routine,
+            "place": self._of_place,
+        }
+        for tree in statement.all(*checks):
+            if ":" not in name_of(tree):  # else of a library
+                yield from checks[tree.data](tree)
 
     def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
         name, given = name_of(function), arguments_of(function)

@@ -193,6 +193,7 @@ def test_the_small_list_is_good() -> None:
         ("joint_names: [a]\njoint_values:\n- 1.0", "moveit-joints", 3, "row 1 is not a list"),
         ("[]", "robot-calibration", 1, "holds no poses"),
         ("- 1", "robot-calibration", 1, "entry 1 is not a map"),
+        ("- {}", "robot-calibration", 1, "entry 1: joints is missing"),
         ("- {joints: [a]}", "robot-calibration", 1, "entry 1: positions is missing"),
         ("- {positions: [1.0]}", "robot-calibration", 1, "entry 1: joints is missing"),
         (

@@ -47,7 +47,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from lark import Token, Tree
+from lark import Token
 
 from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
@@ -58,7 +58,7 @@ from posedesign.programs.fanuc_ls.listing import (
     read_listing,
 )
 from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
-from posedesign.programs.language import Block, block_faults
+from posedesign.programs.language import Block, block_faults, nodes, words
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
 from posedesign.programs.recorded import Level, Problem
 
@@ -183,11 +183,10 @@ def _check_motion(line: Instruction) -> Iterator[Problem]:
         yield Problem(line.row, "line-format", reason, "measuring")
     for option in line.statement.all("other_option"):
         yield from _unknown(line, str(option.children[0]), "")
-    percent = re.search(r"\] ?(\d{1,9}(?:\.\d{0,9})?) ?%", line.code)
-    if percent and not 0 < float(percent[1]) <= 100:
-        yield Problem(line.row, "speed", f"a speed of {percent[1]}%: from 1% to 100%")
-    joint = line.code.lstrip().startswith("J")
-    unit = line.statement.word("UNIT")
+    joint, unit = line.code.lstrip().startswith("J"), line.statement.word("UNIT")
+    speed = next((words(tree, "INT", "DECIMAL") for tree in line.statement.all("speed")), [])
+    if unit == "%" and speed and not 0 < float(speed[0][:20]) <= 100:
+        yield Problem(line.row, "speed", f"a speed of {speed[0][:20]}%: from 1% to 100%")
     if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
         yield Problem(line.row, "speed", f"{unit} is no speed of this kind of motion")
 
@@ -225,8 +224,7 @@ def _check_labels(listing: Listing) -> Iterator[Problem]:
     jumps: list[tuple[int, str]] = []
     for line in listing.instructions:
         for label in line.statement.all("label"):
-            (index,) = label.children
-            number = next(iter(index.children), None) if isinstance(index, Tree) else None
+            number = next(nodes(label, "index")).children[0]
             if not isinstance(number, Token) or number.type != "INT":
                 continue  # a register chooses the label
             if line.kind != "label_":
@@ -323,19 +321,13 @@ def _positions_of(line: Instruction) -> tuple[set[int], bool]:
     """Numbers of the positions that an instruction names, and whether a register chooses one."""
     numbers: set[int] = set()
     chosen = False
-    if line.kind in ("remark", "message", "fault"):
-        return numbers, chosen
     for tree in line.statement.all("target", "indexed"):
-        head = tree.children[0]
-        token = head if isinstance(head, Token) else head.children[0]
-        index = tree.children[1]
-        if not isinstance(token, Token) or token.type != "P" or not isinstance(index, Tree):
-            continue
-        first = index.children[0]
-        if isinstance(first, Token) and first.type == "INT":
-            numbers.add(int(first[:9]))
-        else:
-            chosen = True
+        if str(tree.children[0]) == "P":
+            first = next(nodes(tree, "index")).children[0]
+            if isinstance(first, Token) and first.type == "INT":
+                numbers.add(int(first[:9]))
+            else:
+                chosen = True
     return numbers, chosen
 
 

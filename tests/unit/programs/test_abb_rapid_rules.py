@@ -58,6 +58,7 @@ def check(text: str, name: str = "CAL.mod") -> list[Problem]:
         ("  PROC CAL_run()", "PROC go()\nMoveAbsJ jp1,v5,z1,tool0;\nENDPROC\nPROC f()\nMEASURE 1;\n"
          "ENDPROC\n  PROC CAL_run()"),
         ("MoveAbsJ jp1", "MoveAbsJ \\Conc, jp1"),
+        ("jp1\\NoEOffs,vCalib", "jp1,\\NoEOffs,vCalib"),
         ("MEASURE 1;", 'TPWrite "a;b" \\Num:=3;'),
         ("MEASURE 1;", "a{1}.x:=-(3-0);"),
         ("MEASURE 1;", "again:\n MEASURE 1;"),
@@ -121,6 +122,7 @@ ONE_RULE = [
     ("place", JOINT, "PROC CAL_run()", "PROC CAL_run()\nLOCAL VAR num a;", "data of the module"),
     ("position", JOINT, JP1[1], "[[1,2,3,4,5],[9E9,9E9,9E9,9E9,9E9,9E9]]", "jp1 has not"),
     ("position", JOINT, JP1[1], "[1,2,3,4,5,6]", "jp1 has not"),
+    ("position", JOINT, JP1[1], "5", "jp1: '5' is no jointtarget"),
     ("position", JOINT, "{2}:=[", "{3}:=[", "jMeasured{3} has 2 elements"),
     ("name", JOINT, "PROC CAL_run", f"CONST jointtarget JP1:={JP1[1]};\nPROC CAL_run", "too"),
     ("position-used", JOINT, "PROC CAL_run", f"CONST jointtarget jp9:={JP1[1]};\nPROC CAL_run",

@@ -49,7 +49,7 @@ def test_every_rule_of_the_table_is_broken_by_a_file(module: ModuleType) -> None
 
 RUBBISH = {
     "abb-rapid": "MODULE CAL\n" + "\xe4 nan (;\n" * 5000,
-    "fanuc-ls": "/PROG  A\n/MN\n" + "rubbish\n" * 5000,
+    "fanuc-ls": "".join(f"/{s}  A\n" + "P[1]{ rubbish}\n" * 2000 for s in ("PROG", "MN", "POS")),
     "kuka-krl": "DEF CAL( )\n" + "\xe4 nan (\n" * 5000,
     "moveit-joints": "joint_names: [a, b]\njoint_values:\n" + "- [1e5, 1e5]\n" * 3000,
     "robodk-csv": "x\n" * 5000,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
@@ -64,7 +65,7 @@ def _speed(arm: Arm, options: ProgramOptions) -> str:
     return plain(max(slowest * options.speed_percent / 100, 0.01), 2)
 
 
-class JointDialect(Dialect):
+class JointDialect(Dialect, ABC):
     """A dialect of joint positions in one file.
 
     Attributes
@@ -96,9 +97,9 @@ class JointDialect(Dialect):
         lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
 
-    def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> Iterable[str]:
+    @abstractmethod
+    def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """Lines of the file of these steps."""
-        return steps
 
     def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
         options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)

@@ -121,6 +121,11 @@ def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
             yield from nodes(child, *names)
 
 
+def subtrees(tree: Tree[Token]) -> list[Tree[Token]]:
+    """What a tree is made of, without its tokens."""
+    return [child for child in tree.children if isinstance(child, Tree)]
+
+
 def words(tree: Tree[Token], *types: str) -> list[str]:
     """Texts of all tokens of these terminals in a tree, from the left."""
     found: list[str] = []

@@ -44,6 +44,7 @@ from posedesign.programs.language import (
     Statement,
     block_faults,
     nodes,
+    subtrees,
     text_of,
     without_remarks,
 )
@@ -83,7 +84,7 @@ def _joints_in(tree: Tree[Token]) -> list[str] | None:
     group = next(nodes(tree, "group"), None)
     if group is None or not re.fullmatch(r"[jJ]\([^()]*\)", text):
         return None
-    return [text_of(value) for value in group.children if isinstance(value, Tree)]
+    return [text_of(value) for value in subtrees(group)]
 
 
 def _targets(s: Statement) -> Iterator[tuple[str, str, list[str] | None]]:
@@ -110,7 +111,7 @@ def _change(s: Statement, variables: Variables) -> None:
         words = set(_NAME.findall(text))
         variables |= dict.fromkeys(v for v in variables if v.partition("[")[0] in words)
         variables |= dict.fromkeys(re.findall(r"#define +(\w+) .*\bj *\(", text))
-    trees = [child for child in s.tree.children if isinstance(child, Tree)]
+    trees = subtrees(s.tree)
     for k, place in enumerate(trees if s.kind in ("assign", "dim") else ()):
         if place.data != "place":
             continue

@@ -38,7 +38,7 @@ from posedesign.programs.joint_programs import (
     judged,
     level_of,
 )
-from posedesign.programs.language import Language, Statement, nodes, open_lines, text_of
+from posedesign.programs.language import Language, Statement, nodes, open_lines, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
@@ -98,21 +98,17 @@ def _without_blocks(text: str) -> str:
     return _BLOCK.sub(emptied, text)
 
 
-def _trees(tree: Tree[Token]) -> list[Tree[Token]]:
-    return [child for child in tree.children if isinstance(child, Tree)]
-
-
 def _calls(s: Statement) -> Iterator[tuple[str, list[Tree[Token]]]]:
     """Names of the functions that a statement calls, and their arguments."""
     for invoke in nodes(s.tree, "invoke"):
-        yield str(invoke.children[0]), _trees(_trees(invoke)[0])
+        yield str(invoke.children[0]), subtrees(subtrees(invoke)[0])
 
 
 def _given(arguments: list[Tree[Token]], place: int, name: str) -> list[Tree[Token]]:
     """Values of the argument in this place, and of those with this name."""
     placed = [a for a in arguments[place : place + 1] if a.data == "argument"]
     named = [a for a in arguments if a.data == "keyword" and a.children[0] == name]
-    return [_trees(a)[-1] for a in placed + named]
+    return [subtrees(a)[-1] for a in placed + named]
 
 
 def _is_relative(arguments: list[Tree[Token]]) -> bool:
@@ -126,11 +122,11 @@ def _joints_in(tree: Tree[Token], variables: dict[str, list[str]]) -> list[str] 
 
     ``variables`` has those of the variables that are lists of numbers.
     """
-    values = _trees(tree)
+    values = subtrees(tree)
     if tree.data == "name":
         return variables.get(text_of(tree))
     if tree.data == "invoke" and tree.children[0] == "posj":
-        values = [_trees(a)[-1] for a in _trees(values[0])]
+        values = [subtrees(a)[-1] for a in subtrees(values[0])]
         if len(values) == 1:
             return _joints_in(values[0], variables)
     elif tree.data != "list":
@@ -146,7 +142,7 @@ def _changed_in(s: Statement) -> set[str]:
     changed = [*nodes(s.tree, "parameter")]
     changed += [name for places in nodes(s.tree, "places") for name in nodes(places, "name")]
     # a method may change what it is of
-    changed += [tree for tree in _trees(s.tree)[:1] if s.kind == "call" and tree.data == "name"]
+    changed += [tree for tree in subtrees(s.tree)[:1] if s.kind == "call" and tree.data == "name"]
     return {text_of(name) for name in changed}
 
 

@@ -207,16 +207,18 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
         if statement.fault:
             reason = f"cannot make sense of {body.strip()[:30]!r}: {statement.fault}"
             refuse(reason, path, statement.row)
-        arm, number = (int(text[:5]) for text in statement.words("INT")[:2])
+        arm, number = (int(found) if len(found) <= 5 else 0 for found in statement.words("INT")[:2])
         label, tree = f"PR[{number}]", statement.one("registered")
+        if not arm or not number:
+            refuse(f"there is no register {body.strip()[:20]!r}", path, row)
         if arm != 1:
             continue
         if label in groups:
             refuse(f"{label} is there twice", path, row, "remove one of them")
         groups[label] = group = Group.of(row, body, tree) if tree else None
-        if group is not None and group.twice:
-            refuse(f"{label} has {group.twice} twice", path, group.row_of(group.twice))
         if group is not None:
+            if group.twice:
+                refuse(f"{label} has {group.twice} twice", path, group.row_of(group.twice))
             name = statement.word("TEXT").strip("'").strip()
             positions.append(_recorded(label, number, name, row, group, path))
     if not found:
@@ -224,5 +226,5 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     if not positions:
         refuse("holds no positions: all registers are empty", path, hint="save the backup again")
     _check_other_axes({label: {1: group} for label, group in groups.items() if group}, path)
-    mark, found_at = PlanMark(), tuple(positions)
-    return RecordedProgram("POSREG", "", mark, found_at, "fanuc", in_registers=True)
+    named = "POSREG", "", PlanMark()
+    return RecordedProgram(*named, tuple(positions), "fanuc", in_registers=True)

@@ -26,7 +26,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from lark import Token, Tree
@@ -39,6 +38,7 @@ from posedesign.programs.language import (
     Language,
     Statement,
     lines_of,
+    subtrees,
     text_of,
     without_remarks,
     words,
@@ -76,17 +76,13 @@ LANGUAGE = Language(
 )
 
 
-def _trees(tree: Tree[Token]) -> list[Tree[Token]]:
-    return cast("list[Tree[Token]]", tree.children)
-
-
 def _entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
     """Name, values and flags of an entry of the list, which has no number of a step; else empty."""
-    body = _trees(statement.tree)[-1:]
+    body = subtrees(statement.tree)[-1:]
     if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
         return "", [], ""
-    place, value, *flags = _trees(body[0])
-    values = _trees(value) if value.data == "group" else []
+    place, value, *flags = subtrees(body[0])
+    values = subtrees(value) if value.data == "group" else []
     return text_of(place), values, text_of(flags[0]) if flags else "none"
 
 
@@ -155,13 +151,13 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if name:
             yield from _check_position(s, counts[name] > 1)
             continue
-        first, body = str(s.tree.children[0]), _trees(s.tree)[-1]
+        first, body = str(s.tree.children[0]), subtrees(s.tree)[-1]
         own = int(first) if re.fullmatch(r"\d{1,5}", first) else 0
         if not step < own <= 32767 or len(s.text) > 127:
             yield Problem(s.row, "step", f"step {own} behind {step}, {len(s.text)} characters")
         step = max(step, own)
         if body.data == "move":
-            target = text_of(_trees(body)[0]).upper()
+            target = text_of(subtrees(body)[0]).upper()
             moved.add(target)
             if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list")

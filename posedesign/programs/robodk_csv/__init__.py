@@ -77,11 +77,8 @@ def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
     Poses that are only passed through are rows as well. The format has no speed, no time to settle
     and no call: the macro that moves the robot sets them.
 
-    Raises
-    ------
-    InputError
-        A text that cannot stand in a line, a joint beyond +-720 deg, an output to be pulsed, or
-        registers to be kept.
+    Raises InputError: a text that cannot stand in a line, a joint beyond +-720 deg, an output to be
+    pulsed, or registers to be kept.
     """
     check_options(program)
     name, title = program.name, program.options.comment
@@ -110,11 +107,8 @@ def _is_beside(data: bytes) -> bool:
 def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
     """The rows of a list.
 
-    Raises
-    ------
-    FileFormatError
-        A row has not as many finite joint values within +-720 deg as the others, or the file beside
-        the list is that of another one.
+    Raises FileFormatError: a row has not as many finite joint values within +-720 deg as the
+    others, or the file beside the list is that of another one.
     """
     if _is_beside(data):
         name = path.with_suffix(".csv").name

@@ -40,12 +40,9 @@ _NONE = _Label("", 0, "", 0)
 def read_list(data: bytes, path: Path, layout: Layout) -> RecordedProgram:
     """The program in the content of a file.
 
-    Raises
-    ------
-    FileFormatError
-        The content is no such list or is cut off; an entry has not one finite joint value for each
-        joint, within +-720 deg, or other joints than the first; or comments do not fit: only some
-        entries have a number, one is there twice, or the arm moves while it is to stand.
+    Raises FileFormatError: the content is no such list or is cut off; an entry has not one finite
+    joint value for each joint, within +-720 deg, or other joints than the first; or comments do not
+    fit: only some entries have a number, one is there twice, or the arm moves while it is to stand.
     """
     try:
         text = text_of(data)

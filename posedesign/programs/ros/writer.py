@@ -58,11 +58,9 @@ def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
     features, so that all feature finders look. MoveIt plans only where the joints are those of the
     planning group, in its order.
 
-    Raises
-    ------
-    InputError
-        No pose is to be captured, a text that cannot stand in a comment, a joint beyond +-720 deg,
-        an output to be pulsed, registers to be kept, or a time that a trajectory cannot say.
+    Raises InputError: no pose is to be captured, a text that cannot stand in a comment, a joint
+    beyond +-720 deg, an output to be pulsed, registers to be kept, or a time that a trajectory
+    cannot say.
     """
     check_options(program)
     if not layout.timed and all(pose.via for pose in program.poses):
@@ -76,7 +74,8 @@ def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
     lines = _heading(program, layout.title) + (_STAMP if layout.timed else [])
     if layout.keys:
         lines += [f"{layout.keys[-2]}:", *names, f"{layout.keys[-1]}:"]
-    entries = _points(program, arm, postures) if layout.timed else _captures(postures)
+    captures = ([f"  - {value:.{DECIMALS}f}" for value in row] for row in postures.tolist())
+    entries = _points(program, arm, postures) if layout.timed else captures
     for number, pose, entry in zip(program.numbers, program.poses, entries, strict=True):
         if pose.via and not layout.timed:
             continue
@@ -106,10 +105,6 @@ def _heading(program: PoseProgram, what: str) -> list[str]:
     motion = f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"
     notes += [*warning_lines(program, WARNING_LENGTH), f"{frames}, {motion}"]
     return lines + [f"# {note}" for note in notes]
-
-
-def _captures(postures: FloatArray) -> Iterator[list[str]]:
-    return ([f"  - {value:.{DECIMALS}f}" for value in row] for row in postures.tolist())
 
 
 def _points(program: PoseProgram, arm: Arm, postures: FloatArray) -> Iterator[list[str]]:
@@ -159,10 +154,7 @@ def point_times_ms(
     cubic would be faster than the joint speeds. The first one begins wherever the arm is: it takes
     the time from the farthest that the joint limits allow, or from a half turn away.
 
-    Raises
-    ------
-    InputError
-        The whole takes longer than a Duration can say.
+    Raises InputError: the whole takes longer than a Duration can say.
     """
     speeds, farthest = joint_speeds(arm, percent), np.full(arm.n, np.pi)
     if arm.robot is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from defusedxml import DefusedXmlException, ElementTree
 from lark import Token, Tree
 
-from posedesign.programs.language import Language, Statement, text_of, without_remarks
+from posedesign.programs.language import Language, Statement, subtrees, text_of, without_remarks
 
 MOST_NODES = 300_000
 """Elements of a file that are read: ten times those of 10,000 poses."""
@@ -122,7 +122,7 @@ _INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
 def targets_of(statement: Statement) -> Iterator[tuple[str, str]]:
     """Variables that a statement moves to: name, and index; see :func:`index_of`."""
     for function in statement.all("function"):
-        for target in arguments_of(function)[: MOVES.get(name_of(function).lower(), 0)]:
+        for target in subtrees(function)[: MOVES.get(name_of(function).lower(), 0)]:
             if target.data == "place":
                 yield name_of(target), index_of(target)
 
@@ -134,13 +134,8 @@ def name_of(tree: Tree[Token]) -> str:
     return ":".join([str(first), *own])
 
 
-def arguments_of(tree: Tree[Token]) -> list[Tree[Token]]:
-    """Arguments of a call, or indices of a variable."""
-    return [child for child in tree.children if isinstance(child, Tree)]
-
-
 def index_of(place: Tree[Token]) -> str:
     """First index of a variable: 0 without one, empty where it is computed."""
-    indices = arguments_of(place)
+    indices = subtrees(place)
     found = _INDEX.fullmatch(text_of(indices[0])) if indices else None
     return "" if indices and not found else found[1] if found else "0"

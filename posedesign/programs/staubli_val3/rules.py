@@ -46,11 +46,11 @@ from lark import Token, Tree
 
 from calib.errors import FileFormatError
 from posedesign.programs import rules
-from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.language import Block, Statement, block_faults, subtrees, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.staubli_val3 import project, spec
-from posedesign.programs.staubli_val3.project import Node, arguments_of, index_of, name_of
+from posedesign.programs.staubli_val3.project import Node, index_of, name_of
 
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
 _OLD_PROGRAMS = "{ProgramNameSpace}programList"
@@ -289,17 +289,17 @@ class _Scope:
 
     def faults(self, statement: Statement) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
-        for kind, check in (
-            ("function", self._of_function),
-            ("routine", self._of_routine),
-            ("place", self._of_place),
-        ):
-            for tree in statement.all(kind):
-                if ":" not in name_of(tree):  # else of a library
-                    yield from check(tree)
+        checks = {
+            "function": self._of_function,
+            "routine": self._of_routine,
+            "place": self._of_place,
+        }
+        for tree in statement.all(*checks):
+            if ":" not in name_of(tree):  # else of a library
+                yield from checks[tree.data](tree)
 
     def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
-        name, given = name_of(function), arguments_of(function)
+        name, given = name_of(function), subtrees(function)
         word = name.lower()
         if name.startswith("$"):
             return  # of an option
@@ -340,7 +340,7 @@ class _Scope:
             yield "target", f"{_shown(place)} is beyond its size {size}", "error"
 
     def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
-        name, given = name_of(routine), len(arguments_of(routine))
+        name, given = name_of(routine), len(subtrees(routine))
         takes = self.programs.get(name)
         if self.whole and takes is None:
             yield "target", f"{name[:40]} is no program of the project", "error"

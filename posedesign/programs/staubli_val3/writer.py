@@ -84,11 +84,8 @@ def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
     where it is longer than 60 characters or not plain ASCII. The arm's tool frame becomes
     ``tTool``, its user frame ``fUser``.
 
-    Raises
-    ------
-    InputError
-        A name or a text that cannot stand in a project, a number out of its range, or a joint
-        beyond +-720 deg.
+    Raises InputError: a name or a text that cannot stand in a project, a number out of its range,
+    or a joint beyond +-720 deg.
     """
     _check_options(program)
     name, call = program.name, program.options.measure_call

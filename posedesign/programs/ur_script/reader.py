@@ -44,6 +44,7 @@ from posedesign.programs.language import (
     Statement,
     lines_of,
     open_lines,
+    subtrees,
     text_of,
     words,
 )
@@ -89,7 +90,7 @@ LANGUAGE = Language(
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
     """Keywords, empty for none, and expressions of the arguments of a call."""
-    listed = [a.children for a in call.children if isinstance(a, Tree) and a.data == "argument"]
+    listed = [part.children for part in subtrees(call) if part.data == "argument"]
     return [(str(keyword[0]) if keyword else "", value) for *keyword, value in listed]
 
 
@@ -137,10 +138,8 @@ def is_log(data: bytes) -> bool:
 def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     """Program, or log of its run, in the content of a file; see the module.
 
-    Raises
-    ------
-    FileFormatError
-        The file is neither, is cut off, or holds a position that cannot be read.
+    Raises FileFormatError: the file is neither, is cut off, or holds a position that cannot be
+    read.
     """
     text = text_of_file(data, path, "name a text file", strict=True)
     if is_log(data):

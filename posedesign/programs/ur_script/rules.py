@@ -42,7 +42,7 @@ from pathlib import Path
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Statement, block_faults
+from posedesign.programs.language import Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.ur_script import reader
 from posedesign.programs.ur_script.reader import Node, shown
@@ -123,8 +123,7 @@ class _Script:
         for statement in found:
             first = next(iter(statement.tree.children), None)
             if statement.kind in _DEFINES:
-                others = statement.tree.children[1:]
-                parameters = [p.children for p in others if isinstance(p, Tree)]
+                parameters = [parameter.children for parameter in subtrees(statement.tree)]
                 names = tuple(str(children[0]) for children in parameters)
                 least = sum(len(children) == 1 for children in parameters)
                 twice = str(first) in self.functions

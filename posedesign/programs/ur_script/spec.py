@@ -124,7 +124,7 @@ BLOCKS = {
 }
 
 _WORDS = """and break continue def elif else end enter_critical exit_critical false for global halt
-    if join kill local mod not or p pass return run sec switch thread true while xor"""
+    if join kill local mod not or p pass pause return run sec switch thread true while xor"""
 RESERVED = frozenset(word.upper() for word in (*_WORDS.split(), *FUNCTIONS))
 
 NAMES = NameRule("a URScript name", 32, small=True, reserved=RESERVED)

@@ -104,11 +104,8 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
     micrometres. The arm's tool frame becomes the TCP; its user frame is written where it is not the
     base frame. Its load becomes the payload; where it is not known, that of the installation stays.
 
-    Raises
-    ------
-    InputError
-        A name or a text that URScript would refuse, a number out of its range, or a joint beyond
-        +-363 deg.
+    Raises InputError: a name or a text that URScript would refuse, a number out of its range, or a
+    joint beyond +-363 deg.
     """
     LIMITS.check(program)
     check_call(NAMES, program.options, program.name)

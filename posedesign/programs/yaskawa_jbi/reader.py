@@ -32,7 +32,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
-from posedesign.programs.language import Language, Line, Statement
+from posedesign.programs.language import Language, Line, Statement, subtrees
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
 from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
@@ -191,8 +191,7 @@ def _count_faults(job: Job) -> Iterator[Problem]:
 
 def names_in(move: Tree[Token]) -> list[Name]:
     """Positions of the job and variables that a move has, without those of other robots."""
-    targets = [part for part in move.children if isinstance(part, Tree) and part.data == "target"]
-    points = [target.children[0] for target in targets]
+    points = [part.children[0] for part in subtrees(move) if part.data == "target"]
     return [Name.of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
 
 
@@ -217,10 +216,7 @@ def parse_yaskawa_jbi(
 
     ``pulses_per_deg`` are for jobs that do not say them; refused where the job says otherwise.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no job, is cut off, or holds no position that can be read.
+    Raises FileFormatError: the file is no job, is cut off, or holds no position that can be read.
     """
     hint = "name a job saved by the controller, .JBI"
     # comments may be in any language: positions and instructions are in ASCII

@@ -50,7 +50,7 @@ from pathlib import Path
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.language import Block, Statement, block_faults, subtrees, text_of
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi import reader
@@ -255,7 +255,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
         if kind == "comment" and len(statement.text) > 1 + MOST_COMMENT:
             found.append(("comment", "the comment is longer than 32 characters", "measuring"))
         elif kind in ("move", "also"):
-            parts = [child for child in statement.tree.children if isinstance(child, Tree)]
+            parts = subtrees(statement.tree)
             if kind == "move":
                 stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
                 if not has_speed and not any(p.data.endswith("speed") for p in parts):
@@ -278,9 +278,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
 def _move_faults(move: Tree[Token]) -> Iterator[Found]:
     own = str(move.children[0])
     names: list[str] = []
-    for part in move.children[1:]:
-        if not isinstance(part, Tree):
-            continue
+    for part in subtrees(move):
         first = str(part.children[0])
         if part.data == "target":
             kind = first.lstrip("L").rstrip("0123456789")

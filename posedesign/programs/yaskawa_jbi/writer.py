@@ -89,11 +89,8 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
 
     ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool.
 
-    Raises
-    ------
-    InputError
-        The pulses/deg are missing, a text that the pendant cannot show, a number out of its range,
-        a user frame that is not that of the job, or a joint beyond +-720 deg.
+    Raises InputError: the pulses/deg are missing, a text that the pendant cannot show, a number out
+    of its range, a user frame that is not that of the job, or a joint beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)

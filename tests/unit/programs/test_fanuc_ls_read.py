@@ -207,6 +207,7 @@ def test_a_backup_is_read_by_register(tmp_path: Path) -> None:
         ("EXT1:     0.000 mm\n    [1,8]", "EXT1:     1.000 mm\n    [1,8]", 12, "E1 differs"),
         ("    [1,1] =   'HOME'   Group: 1\n", "", 2, "cannot make sense of"),
         ("J3 =", "?3 =", 3, "cannot make sense of"),
+        ("    [1,8] = '' Uni", "    [1,123456] = '' Uni", 13, "there is no register"),
         ("    [1,8] = '' Uni", "    [1,1] = '' Uni", 13, r"PR\[1\] is there twice"),
     ],
 )

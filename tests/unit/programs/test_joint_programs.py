@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.programs import DIALECTS, Problem, RecordedProgram
+from posedesign.programs import (
+    DIALECTS,
+    PoseProgram,
+    Problem,
+    ProgramPose,
+    RecordedProgram,
+)
 from tests.unit.programs.dialects import arm_of, export, shown, three_poses
 
 FILES = {
@@ -355,6 +361,12 @@ def test_what_a_language_does_not_have_is_refused(name, changes, message):
     program = WRITTEN[name][0]
     with pytest.raises(InputError, match=message):
         DIALECTS[name].files(replace(program, options=replace(program.options, **changes)))
+
+
+def test_a_position_of_melfa_has_eight_values_at_most() -> None:
+    program = PoseProgram("CAL", (ProgramPose("T", np.zeros(9)),))
+    with pytest.raises(InputError, match="at most 8 values"):
+        DIALECTS["mitsubishi-melfa"].files(program)
 
 
 def test_names_that_are_words_or_leave_no_room_for_their_ending() -> None:

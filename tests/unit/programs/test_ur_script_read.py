@@ -131,6 +131,8 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
             "POSE 1 is not",
         ),
         ("movej(get_inverse_kin(p[1,0,0,0,0,0])+[1])\n", "1", "2", 1, "cannot be known"),
+        ("movel(pose_trans(a, p[1,0,0,0,0,0]))\n", "a", "b", 1, "cannot be known"),
+        ("movej(get_inverse_kin(a, qnear=[1,1,1,1,1,1]))\n", "a,", "b,", 1, "cannot be known"),
         ("q=[1,1,1,1,1,1]\nmovej(f(q))\n", "f", "g", 2, r"target 'g\(q\)' cannot be known"),
         (
             "movep(p[1,0,0,0,0,0])\nmovel(pose_trans(p[1,0,0,0,0,0],p[0,0,0,0,0,0]))\n",

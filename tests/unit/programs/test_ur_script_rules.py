@@ -174,3 +174,9 @@ def test_problems_name_their_lines() -> None:
     moves = [i for i, line in enumerate(GOOD.splitlines(), 1) if "movej" in line]
     problems = check(GOOD.replace("v=0.3142", "v=0").replace("  # PLAN", "\n\n  # PLAN"))
     assert [p.line for p in problems] == [line + 2 for line in moves]
+
+
+@pytest.mark.parametrize("name", ["time", "Force", "sync", "pause", "while"])
+def test_words_and_functions_of_urscript_are_no_names_of_programs(name: str) -> None:
+    assert not UrScript().names.is_legal(name)
+    assert UrScript().names.is_legal(f"{name}_1")

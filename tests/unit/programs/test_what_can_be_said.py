@@ -74,6 +74,7 @@ SAID = [
         "(36, 1)\n  sleep(0.5)\n  write_output_integer_register(36, 0)",
     ),
     ("ur-script", {"settle_s": 1e-9}, "  sleep(0.001)"),
+    ("ur-script", {"guided": False}, "Is this pose measured?", "-freedrive_mode"),
     ("ur-script", {"measure_call": "probe", "measure_argument": None}, "def probe():", "  probe()"),
     ("ur-script", {"measure_call": "probe", "measure_argument": -7}, "  probe(-7)"),
     ("yaskawa-jbi", {"settle_s": 0, "measure_call": None}, "-TIMER", "-CALL", "-SET I000"),

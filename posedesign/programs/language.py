@@ -339,7 +339,7 @@ def open_lines(
     What ``begins`` a statement never goes on with another; for `Language.joined`.
     """
     pattern, in_quotes = re.compile(f"{quoted}|{remark}.*"), re.compile(quoted)
-    first, pairs = re.compile(begins), brackets.split()
+    first, pairs = re.compile(begins), [(pair[0], pair[1]) for pair in brackets.split()]
 
     def joined(lines: Iterator[Line]) -> Iterator[Line]:
         row, parts, opened, length = 0, list[str](), 0, 0

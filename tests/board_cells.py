@@ -10,7 +10,7 @@ from calib.hand_eye import Pictures, calibrate
 from calib.lens import LINEAR
 from calib.se3 import inverse, rotation_exp, rotation_log, transform
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 
 COLUMNS, ROWS = 8, 6
 FACING = np.diag([1.0, -1.0, -1.0])

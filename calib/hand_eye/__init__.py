@@ -8,9 +8,9 @@ from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib.hand_eye.estimate import calibrate
-    from calib.hand_eye.pictures import Pictures
+    from calib.hand_eye.pictures import Pictures, motion_at
     from calib.hand_eye.result import HandEyeResult, PlacedFrame
 else:
     __getattr__ = load_when_asked(__name__)
 
-__all__ = ["HandEyeResult", "Pictures", "PlacedFrame", "calibrate"]
+__all__ = ["HandEyeResult", "Pictures", "PlacedFrame", "calibrate", "motion_at"]

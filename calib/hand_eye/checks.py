@@ -34,6 +34,11 @@ LEAST_BEND_M = 5e-5
 LEAST_STEP_M, LEAST_STEP_RAD = 2e-4, 5e-4
 """What is too small to matter, however surely it is there."""
 
+DOUBTED, DOUBTED_SHIFT = 2.5, 3.0
+"""Standard deviations by which a size of the board is off, and by which X or Z would move with it,
+from which on a result is in doubt: the pictures do not tell the size well enough to say that it is
+wrong, and not well enough to say that it is right. Prints are off by `LEAST_SCALE` anyway."""
+
 FAR_OFF_M, FAR_OFF_RAD = 2e-3, 5e-3
 """Deviation of an arm that is no longer scatter: its zeros, or the model of it, are wrong."""
 
@@ -67,11 +72,17 @@ class Step:
         Of the new parameters.
     gain : float
         By how much chi² is lower with them.
+    moved : array (p - k,)
+        By how much the others move with them.
+    moved_sigma : array (p - k,)
+        Standard deviations of the others where the new ones are known.
     """
 
     values: FloatArray
     sigma: FloatArray
     gain: float
+    moved: FloatArray
+    moved_sigma: FloatArray
 
     @property
     def is_sure(self) -> bool:
@@ -107,7 +118,14 @@ def _stepped(H: FloatArray, g: FloatArray, new: np.ndarray) -> Step:
     b = g[new] - H[new][:, old] @ inner[:, -1]
     values = -np.linalg.lstsq(S, b, rcond=1e-12)[0]
     sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(S, rcond=1e-12)), 0.0))
-    return Step(values / unit[new], sigma / unit[new], float(-values @ b))
+    known = np.diag(np.linalg.pinv(H[np.ix_(old, old)], rcond=1e-13, hermitian=True))
+    return Step(
+        values / unit[new],
+        sigma / unit[new],
+        float(-values @ b),
+        -(inner[:, :-1] @ values) / unit[old],
+        np.sqrt(np.maximum(known, 0.0)) / unit[old],
+    )
 
 
 def suspicion_of_board(step: Step) -> Suspicion | None:
@@ -127,12 +145,38 @@ def suspicion_of_board(step: Step) -> Suspicion | None:
         )
     if abs(scale) > LEAST_SCALE and as_scale >= as_bend:
         return Suspicion(
-            f"the board seems to be {100 * abs(scale):.2g} +- {100 * sigma:.1g} % "
-            f"{'larger' if scale > 0 else 'smaller'} than described, measured by the arm: check "
-            "the size of its squares, the printer's scaling, and the unit; or estimate it (scale)",
+            f"the board seems to be {_off_size(scale, sigma)}, measured by the arm: check the size "
+            "of its squares, the printer's scaling, and the unit; or estimate it (scale)",
             step.over,
         )
     return None
+
+
+def doubt_of_size(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
+    """Of error scale alone: the result rests on the stated size of the board, and it may be wrong.
+
+    Parameters
+    ----------
+    frames : sequence of array (6,)
+        Columns of the place and the rotation of each camera and board.
+    """
+    scale, sigma = float(step.values[0]), float(step.sigma[0])
+    if abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE):
+        return None
+    parts = [half for own in frames for half in (own[:3], own[3:])]
+    lengths = np.linalg.norm([[step.moved[own], step.moved_sigma[own]] for own in parts], axis=2)
+    if not (lengths[:, 0] > DOUBTED_SHIFT * lengths[:, 1]).any():
+        return None
+    return Suspicion(
+        "the result rests on the stated size of the board, which is in doubt: measured by the arm "
+        f"it is {_off_size(scale, sigma)}; measure its squares, or estimate it (scale)",
+        0.0,
+    )
+
+
+def _off_size(scale: float, sigma: float) -> str:
+    way = "larger" if scale > 0 else "smaller"
+    return f"{100 * abs(scale):.2g} +- {100 * sigma:.1g} % {way} than described"
 
 
 def suspicion_of_lens(step: Step, lens: Lens) -> Suspicion | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib import se3
 from calib.chance import chi2_quantile, f_bound
@@ -20,6 +21,7 @@ from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import (
     Step,
     Suspicion,
+    doubt_of_size,
     step_with,
     suspicion_of_arm,
     suspicion_of_board,
@@ -71,8 +73,8 @@ _USUAL_ARM = (1e-3, 2e-3)
 
 _ROUNDS = 30
 _SETTLED = 0.01
-_NOTHING = np.array([1e-3, 1e-6, 1e-6])
-"""Change of the noise that is none, relative and absolute [px, m, rad]."""
+_NOTHING = np.array([1e-6, 1e-6, 1e-3])
+"""Change of the noise that is none, relative and absolute [m, rad, px]."""
 
 
 @one_blas_thread
@@ -99,7 +101,8 @@ def calibrate(
     free : sequence of ParameterBlock
         What else to estimate, of the robot.
     sigma_px : float, optional
-        Noise of a coordinate of a point; from the scatter within pictures by default.
+        Noise of a coordinate of a point; from the scatter within pictures by default, for each
+        camera its own.
     arm_sigma : tuple of two floats, optional
         How far the arm stops from where it says: standard deviations along each axis [m] and
         about each axis [rad]; from what is left between pictures by default.
@@ -138,7 +141,8 @@ class _Fit:
     data: Measurements
     x: FloatArray
     good: BoolArray
-    sigma_px: float
+    sigma_px: dict[str, float]
+    """Of each camera."""
     arm_sigma: tuple[float, float]
     noise_found: tuple[bool, bool]
     """Of pixels and arm: whether it was found, not given."""
@@ -152,7 +156,8 @@ def _fitted(
     arm_sigma: tuple[float, float] | None,
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
-    pixel, arm = sigma_px or _USUAL_PX, arm_sigma or _USUAL_ARM
+    pixel, arm = dict.fromkeys(problem.lenses, sigma_px or _USUAL_PX), arm_sigma or _USUAL_ARM
+    cameras = np.array(problem.cameras)
     noise_found = sigma_px is None, arm_sigma is None
     data, model = problem.data, problem.model(pixel, arm)
     stops, rounds = data.setup.stops, 0
@@ -171,7 +176,8 @@ def _fitted(
             parts = deviations(model, data, x)
             used = np.zeros(len(parts.off), dtype=bool)
             used[stops[good]] = True
-            again = _within_noise(parts, pixel, arm, used, arm_found=noise_found[1])[stops]
+            each = np.array([pixel[camera] for camera in problem.cameras])
+            again = _within_noise(parts, each, arm, used, arm_found=noise_found[1])
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
@@ -179,10 +185,11 @@ def _fitted(
             good, still = again, False
             continue
         some = deviations(model, data[kept], x)
-        before = np.array([pixel, *arm])
-        pixel, arm = _noise_of(some, pixel, arm, noise_found)
-        after = np.array([pixel, *arm])
-        still = bool((np.abs(after - before) <= _SETTLED * after + _NOTHING).all())
+        before = np.array([*arm, *pixel.values()])
+        pixel, arm = _noise_of(some, cameras[kept], pixel, arm, noise_found)
+        after = np.array([*arm, *pixel.values()])
+        nothing = np.append(_NOTHING[:2], np.full(len(pixel), _NOTHING[2]))
+        still = bool((np.abs(after - before) <= _SETTLED * after + nothing).all())
     return _Fit(model, data, x, good, pixel, arm, noise_found, deviations(model, data, x))
 
 
@@ -204,25 +211,29 @@ def _without_wrong_points(parts: Deviations, data: Measurements) -> Measurements
 
 
 def _noise_of(
-    parts: Deviations, pixel: float, arm: tuple[float, float], found: tuple[bool, bool]
-) -> tuple[float, tuple[float, float]]:
-    """Noise of pixels and arm, what of it is to be found."""
+    parts: Deviations,
+    cameras: NDArray[np.str_],
+    pixel: dict[str, float],
+    arm: tuple[float, float],
+    found: tuple[bool, bool],
+) -> tuple[dict[str, float], tuple[float, float]]:
+    """Noise of the pixels of each camera and of the arm, what of it is to be found."""
     if found[0]:
-        scale = pixel_scale(parts)
-        pixel *= scale
-        parts = _with_pixels(parts, scale)
+        scale = {camera: pixel_scale(parts, cameras == camera) for camera in pixel}
+        pixel = {camera: scale[camera] * sigma for camera, sigma in pixel.items()}
+        parts = _with_pixels(parts, np.array([scale[camera] for camera in cameras]))
     return pixel, arm_deviation(parts) if found[1] else arm
 
 
 def _within_noise(
     parts: Deviations,
-    pixel: float,
+    pixel: FloatArray,
     arm: tuple[float, float],
     used: BoolArray,
     *,
     arm_found: bool,
 ) -> BoolArray:
-    """Stops ``(M,)`` whose deviation and scatter the noise explains.
+    """Pictures ``(N,)`` whose scatter, and stop, the noise explains.
 
     Where it was found from as many of them, it is less surely what it is.
     """
@@ -231,9 +242,9 @@ def _within_noise(
     if arm_found:
         freedom = max(3 * int(used.sum()) - 6, 1)  # of places alone, or turns: X and Z take six
         bound = 6.0 * float(f_bound(OUTLIER_CHANCE, 6, freedom))
-    scatter = np.sqrt(parts.within / np.maximum(parts.within_rows, 1.0))
+    scatter = np.sqrt(parts.scatter)
     within = (scatter <= SCATTERED) | (scatter * pixel <= LEAST_SCATTER_PX)
-    return np.asarray((squares <= bound) & within)
+    return np.asarray((squares <= bound)[parts.stops] & within)
 
 
 def _minimised(
@@ -251,14 +262,16 @@ def _minimised(
     return np.asarray(found.x[0])
 
 
-def _with_pixels(parts: Deviations, scale: float) -> Deviations:
-    """The same for pixels of another noise."""
+def _with_pixels(parts: Deviations, scale: FloatArray) -> Deviations:
+    """The same for pictures ``(N,)`` of another noise, nearly where it differs within a stop."""
+    squares = scale**2
+    mean = parts.at_stops(squares) / np.maximum(parts.at_stops(np.ones(len(squares))), 1.0)
     return replace(
         parts,
-        covariance=parts.covariance * scale**2,
-        within=parts.within / scale**2,
-        within_blocks=parts.within_blocks / scale**2,
-        within_right=parts.within_right / scale**2,
+        covariance=parts.covariance * mean[:, None, None],
+        within=parts.within / squares,
+        within_blocks=parts.within_blocks / squares[:, None, None],
+        within_right=parts.within_right / squares[:, None],
     )
 
 
@@ -285,7 +298,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     lenses = _lenses_of(problem, fit.model, x)
     first = problem.prepared[0].pictures
     X, Z = (poses[label] for label in first.labels)
-    scatter = fit.parts.within / np.maximum(fit.parts.within_rows, 1.0)
+    pixel = np.array([fit.sigma_px[camera] for camera in problem.cameras])
     distance = _distance(first, problem.prepared[0].postures, X, Z)
     board, suspicions = _suspicions(problem, fit)
     names, status, at = _listed(problem, fit.good)
@@ -300,15 +313,16 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         lenses=lenses,
         lens_estimated=problem.prepared[0].free_lens,
         estimate=estimate,
-        sigma_px=fit.sigma_px,
+        sigma_px=fit.sigma_px[first.camera],
+        sigmas_px=fit.sigma_px,
         arm_sigma=fit.arm_sigma,
         names=names,
         status=status,
         rms_px=_spread(len(names), at, _rms(residuals, data.setup)),
-        scatter_px=_spread(len(names), at, fit.sigma_px * np.sqrt(scatter)[stops]),
+        scatter_px=_spread(len(names), at, pixel * np.sqrt(fit.parts.scatter)),
         pixels=_spread(len(names), at, _of_points(observed, data.setup)),
         residuals_px=_spread(len(names), at, _of_points(residuals, data.setup)),
-        within_px=_spread(len(names), at, _of_points(fit.sigma_px * fit.parts.left, data.setup)),
+        within_px=_spread(len(names), at, _of_points(pixel[:, None] * fit.parts.left, data.setup)),
         off=_spread(len(names), at, off),
         left_out_px=_spread(len(names), at, left),
         distance_m=distance,
@@ -349,12 +363,10 @@ def _listed(
 
 
 def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
-    """What errors of the board would be, and what looks wrong, what explains most first.
-
-    Of several boards the step is that of the first.
-    """
+    """What another size of the first board would be, and what looks wrong, the worst first."""
     kept = np.flatnonzero(fit.good)
     data, found = fit.data[kept], list[Suspicion | None]()
+    cameras = np.array(problem.cameras)[kept]
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
     def tried(new: Sequence[str], **more: Any) -> Step:
@@ -363,30 +375,31 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
         pairs = zip(model.names, model.nominal, strict=True)
         x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
         parts = deviations(model, data, x)
-        noise = _noise_of(parts, fit.sigma_px, fit.arm_sigma, fit.noise_found)
+        noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
         return step_with(problem.model(*noise, **more), data, x, new)
 
-    steps = []
-    if not problem.board_errors:
-        errors = ("scale", "bend_x", "bend_y")
-        steps = [
-            tried(BoardErrors(board, errors).names, board_errors=errors) for board in problem.boards
-        ]
-        found += [suspicion_of_board(step) for step in steps]
-    for camera, (lens, is_free) in problem.lenses.items():
-        if not is_free:
-            step = tried(LensParameters(lens, camera).names, free_lens=True)
-            found.append(suspicion_of_lens(step, lens))
     frames = {
         label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
         for stem, labels in (("tool", fit.model.tools), ("target", fit.model.targets))
         for label in labels
     }
+    sizes = []
+    for board in () if problem.board_errors else problem.boards:
+        size, every = (
+            tried(BoardErrors(board, errors).names, board_errors=errors)
+            for errors in (("scale",), ("scale", "bend_x", "bend_y"))
+        )
+        sizes.append(size)
+        found.append(suspicion_of_board(every) or doubt_of_size(size, list(frames.values())))
+    for camera, (lens, is_free) in problem.lenses.items():
+        if not is_free:
+            step = tried(LensParameters(lens, camera).names, free_lens=True)
+            found.append(suspicion_of_lens(step, lens))
     parts = deviations(fit.model, data, fit.x)
     found.append(suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names))))
     found.append(suspicion_of_arm(fit.arm_sigma))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
-    return (steps[0] if steps else None), [one.text for one in order]
+    return (sizes[0] if sizes else None), [one.text for one in order]
 
 
 def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.errors import ConvergenceError
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardView, Measurements
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 LEAST_ARM = (1e-7, 1e-7)
 """Deviation of an arm below which it counts as none [m, rad]."""
@@ -24,15 +25,21 @@ BLURRED = 2.0
 
 _MOST_ARM = (0.05, 0.05)
 
+_FLATTEST = 1e-12
+"""Least of what the six of a deviation do to a picture, over the most, squared: with less, nothing
+of it is left by rounding. Boards in pictures are above 1e-7."""
+
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
     """Each of M stops of the arm taken apart: what its own deviation explains, and what is left.
 
-    A stop has one picture, or several by several cameras.
+    A stop has one of the N pictures, or several by several cameras.
 
     Attributes
     ----------
+    stops : array (N,)
+        Stop of each picture.
     off : array (M, 6)
         By how much the tip would have to be shifted [m] and turned [rad] for the best fit of the
         pictures of each stop, base axes.
@@ -40,11 +47,11 @@ class Deviations:
         The same by the parameters.
     covariance : array (M, 6, 6)
         Of ``off``, by pixels alone, for pixels of the noise of the model.
-    within : array (M,)
-        Squares of what is left in the pictures of each stop over the pixels' noise.
-    within_rows : array (M,)
-        Their rows less the six of the deviation.
-    within_blocks, within_right : array (M, p, p), (M, p)
+    within : array (N,)
+        Squares of what is left in each picture over the pixels' noise.
+    within_rows : array (N,)
+        Its rows less its share of the six that the deviation takes.
+    within_blocks, within_right : array (N, p, p), (N, p)
         What the inside of the pictures says of the parameters, of the lens above all: ``JᵀJ`` and
         ``Jᵀr``.
     known_block, known_right : array (p, p), (p,)
@@ -53,6 +60,7 @@ class Deviations:
         What is left in the rows of each picture over the pixels' noise.
     """
 
+    stops: IntArray
     off: FloatArray
     by_parameters: FloatArray
     covariance: FloatArray
@@ -64,27 +72,49 @@ class Deviations:
     known_right: FloatArray
     left: FloatArray
 
+    def at_stops(self, of_pictures: FloatArray) -> FloatArray:
+        """Sums ``(M, ...)`` over the pictures of each stop, of ``(N, ...)``."""
+        return _summed(of_pictures, self.stops)
+
+    @property
+    def scatter(self) -> FloatArray:
+        """Mean square ``(N,)`` of what is left in each picture over the pixels' noise."""
+        return np.asarray(self.within / np.maximum(self.within_rows, 1.0))
+
+
+def _summed(of_pictures: FloatArray, stops: IntArray) -> FloatArray:
+    out = np.zeros((int(stops.max(initial=-1)) + 1, *of_pictures.shape[1:]))
+    np.add.at(out, stops, of_pictures)
+    return out
+
 
 def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
-    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind."""
+    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind.
+
+    Raises
+    ------
+    ConvergenceError
+        At these parameters no deviation can be told from the pictures: a fit has run away.
+    """
     kind = model.measurement
     if not isinstance(kind, BoardView):
         raise TypeError("deviations are those of views of boards")
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    rows, J = linear.rows / kind.sigma, linear.jacobian / kind.sigma[:, None]
-    D = kind.by_deviation(linear.view).transpose(2, 0, 1) / kind.sigma[None, :, None]
+    sigma = kind.sigma_of(linear.view).T
+    rows, J = linear.rows / sigma, linear.jacobian / sigma[..., None]
+    D = kind.by_deviation(linear.view).transpose(2, 0, 1) / sigma[..., None]
     scale = np.linalg.norm(D, axis=(0, 1))
     D = D / np.where(scale > 0, scale, 1.0)
     stops = data.setup.stops
-
-    def summed(parts: FloatArray) -> FloatArray:
-        out = np.zeros((int(stops.max(initial=-1)) + 1, *parts.shape[1:]))
-        np.add.at(out, stops, parts)
-        return out
-
-    squares = summed(np.swapaxes(D, 1, 2) @ D)
-    inner = summed(np.einsum("nmt,nm->nt", D, rows))
-    inner_J = summed(np.swapaxes(D, 1, 2) @ J)
+    squares = _summed(np.swapaxes(D, 1, 2) @ D, stops)
+    inner = _summed(np.einsum("nmt,nm->nt", D, rows), stops)
+    inner_J = _summed(np.swapaxes(D, 1, 2) @ J, stops)
+    size = np.linalg.eigvalsh(squares)
+    if not (size[:, 0] > _FLATTEST * size[:, -1]).all():
+        raise ConvergenceError(
+            "the estimate has not converged: it shows a board that has no place of its own",
+            hint="are lengths of the arm and the board in the units that are said?",
+        )
     inverse = np.linalg.inv(squares)
     off = -(inverse @ inner[..., None])[..., 0]
     by_parameters = -inverse @ inner_J
@@ -92,35 +122,47 @@ def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> De
     left = rows + np.einsum("nmt,nt->nm", D, off[stops])
     left_J = J + D @ by_parameters[stops]
     known, K = (part[0] for part in model.known(x[None]))
+    shares = np.einsum("nmt,nmt->n", D, D @ inverse[stops])
     return Deviations(
+        stops=stops,
         off=off / scale,
         by_parameters=by_parameters / scale[:, None],
         covariance=inverse / np.outer(scale, scale),
-        within=summed(np.sum(left**2, axis=1)),
-        within_rows=summed(model.rows_read(data.setup).astype(float)) - 6.0,
-        within_blocks=summed(np.swapaxes(left_J, 1, 2) @ left_J),
-        within_right=summed(np.einsum("nmp,nm->np", left_J, left)),
+        within=np.sum(left**2, axis=1),
+        within_rows=model.rows_read(data.setup) - shares,
+        within_blocks=np.swapaxes(left_J, 1, 2) @ left_J,
+        within_right=np.einsum("nmp,nm->np", left_J, left),
         known_block=K.T @ K,
         known_right=K.T @ known,
         left=left,
     )
 
 
-def pixel_scale(parts: Deviations) -> float:
-    """Noise of the pixels over that of the model: what is left within pictures, lens fitted."""
+def pixel_scale(parts: Deviations, some: BoolArray | slice = slice(None)) -> float:
+    """Noise of the pixels over that of the model: what is left within pictures, lens fitted.
+
+    Of several cameras each has its own: squares of what is left in its pictures over their share
+    of the freedom (Förstner, Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten,
+    Allgemeine Vermessungs-Nachrichten 86, 1979).
+
+    Parameters
+    ----------
+    some : array (N,) of bool, optional
+        Pictures of the camera that is asked for; all by default.
+    """
     H, g = parts.within_blocks.sum(axis=0), parts.within_right.sum(axis=0)
     scale = np.sqrt(np.diag(H))
     used = scale > 1e-9 * scale.max(initial=1e-300)
-    if not used.any():
-        rank, gain = 0, 0.0
-    else:
-        scaled = H[np.ix_(used, used)] / np.outer(scale[used], scale[used])
-        values, vectors = np.linalg.eigh(scaled)
-        kept = values > 1e-9
-        along = vectors[:, kept].T @ (g[used] / scale[used])
-        rank, gain = int(kept.sum()), float(np.sum(along**2 / values[kept]))
-    freedom = max(float(parts.within_rows.sum()) - rank, 1.0)
-    return float(np.sqrt(max(float(parts.within.sum()) - gain, 0.0) / freedom))
+    squares, freedom = float(parts.within[some].sum()), float(parts.within_rows[some].sum())
+    if used.any():
+        unit = np.outer(scale[used], scale[used])
+        inverse = np.linalg.pinv(H[np.ix_(used, used)] / unit, rcond=1e-9, hermitian=True)
+        own = parts.within_blocks[some].sum(axis=0)[np.ix_(used, used)] / unit
+        step = -inverse @ (g[used] / scale[used])
+        right = parts.within_right[some].sum(axis=0)[used] / scale[used]
+        squares += float(step @ (2.0 * right + own @ step))
+        freedom -= float(np.sum(inverse * own))
+    return float(np.sqrt(max(squares, 0.0) / max(freedom, 1.0)))
 
 
 def arm_deviation(parts: Deviations) -> tuple[float, float]:
@@ -181,7 +223,7 @@ def squares_of_pictures(
         the true ones.
     """
     # a blurred picture scatters more than the others, and places the board less surely
-    scatter = parts.within / np.maximum(parts.within_rows, 1.0)
+    scatter = parts.at_stops(parts.within) / np.maximum(parts.at_stops(parts.within_rows), 1.0)
     more = np.where(scatter > BLURRED, scatter, 1.0)[:, None, None]
     V = more * parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
     L = np.linalg.cholesky(V)
@@ -190,7 +232,7 @@ def squares_of_pictures(
         return np.asarray(np.sum(y**2, axis=1))
     H = np.linalg.solve(L, parts.by_parameters)
     information = np.einsum("nip,niq->pq", H[used], H[used]) + parts.known_block
-    information += parts.within_blocks[used].sum(axis=0)
+    information += parts.within_blocks[used[parts.stops]].sum(axis=0)
     unit = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     C = np.linalg.pinv(information / np.outer(unit, unit), rcond=1e-12, hermitian=True)
     shares, axes = np.linalg.eigh(H / unit @ C @ np.swapaxes(H / unit, 1, 2))

@@ -10,7 +10,71 @@ from calib.errors import InputError
 from calib.hand_eye.start import FEWEST_POINTS
 from calib.model.measurements.board_view import Carried
 from calib.robots import Robot
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+MOVING = np.array([[5e-3], [np.inf]])
+"""Velocity [rad/s, m/s] of a joint from which on the arm moves: in a hundredth of a second by less
+than it stops off."""
+
+NEAR_S, FEWEST_NEAR, MOST_NEAR = 0.25, 4, 9
+"""Rows of a record that its motion is found from at a time: no further away, so many at least, and
+the nearest. Rounding and noise of single ones matter less."""
+
+
+def rows_near(times_s: FloatArray, at_s: float) -> IntArray:
+    """Rows of a record that tell how the arm moves at a time; none where it is too coarse."""
+    far = np.abs(times_s - at_s)
+    near = np.argsort(far, kind="stable")[:MOST_NEAR]
+    near = np.sort(near[far[near] <= NEAR_S])
+    enough = len(near) >= FEWEST_NEAR and times_s[near[0]] <= at_s <= times_s[near[-1]]
+    return near if enough else near[:0]
+
+
+def motion_at(
+    times_s: FloatArray, postures: FloatArray, at_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Joints, and how they move, out of a record of them.
+
+    By the cubic of least squares through the nearest rows.
+
+    Parameters
+    ----------
+    times_s : array (M,)
+        Of the rows of the record, rising.
+    postures : array (M, n)
+        [rad]
+    at_s : array (N,)
+        Within the record.
+
+    Returns
+    -------
+    postures : array (N, n)
+    motion : array (N, 2, n)
+        Velocity [rad/s] and acceleration [rad/s²].
+
+    Raises
+    ------
+    InputError
+        Times that do not rise, or one that the record has no rows about.
+    """
+    times, rows = np.asarray(times_s, dtype=float), np.asarray(postures, dtype=float)
+    if not (np.diff(times) > 0).all():
+        raise InputError("the times of the record do not all rise", hint="sort it", name="time")
+    at = np.asarray(at_s, dtype=float)
+    q, motion = np.empty((len(at), rows.shape[1])), np.empty((len(at), 2, rows.shape[1]))
+    for i, time in enumerate(at.tolist()):
+        near = rows_near(times, time)
+        if not len(near):
+            raise InputError(
+                f"the record of the joints has no {FEWEST_NEAR} rows about time {time:g} s",
+                hint=f"within {NEAR_S:g} s, on both sides; are times in seconds, by one clock?",
+                name="time",
+            )
+        scale = float(np.abs(times[near] - time).max())
+        powers = np.vander((times[near] - time) / scale, 4, increasing=True)
+        found = np.linalg.lstsq(powers, rows[near], rcond=None)[0]
+        q[i], motion[i] = found[0], found[1:3] * [[1.0 / scale], [2.0 / scale**2]]
+    return q, motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +102,10 @@ class Pictures:
         round: its points then stand in the opposite order.
     camera, board_name : str
         Names of both, where there are several.
+    motion : array (N, 2, n), optional
+        Velocity [rad/s] and acceleration [rad/s²] of the joints where the arm moved, as
+        :func:`motion_at` gives them: how much later than the joints were read each picture was
+        taken is estimated then.
     """
 
     robot: Robot
@@ -50,6 +118,7 @@ class Pictures:
     half_turn: bool = False
     camera: str = "camera"
     board_name: str = "board"
+    motion: FloatArray | None = None
 
     def __post_init__(self) -> None:
         postures, pixels = (
@@ -67,6 +136,16 @@ class Pictures:
                 hint="give (N, n), (N, K, 2) and (K, 3)",
                 name="pictures",
             )
+        if self.motion is not None:
+            motion = np.asarray(self.motion, dtype=float)
+            known = np.isfinite(motion).all(axis=(1, 2)) if motion.ndim == 3 else np.zeros(0)
+            if motion.shape != (N, 2, self.robot.n) or not known[self.usable].all():
+                raise InputError(
+                    f"velocities and accelerations {motion.shape} do not belong to {N} pictures",
+                    hint="give (N, 2, n), known wherever the posture is",
+                    name="motion",
+                )
+            object.__setattr__(self, "motion", motion)
         for name in (self.camera, self.board_name):
             if not name or "." in name:
                 raise InputError(
@@ -87,6 +166,11 @@ class Pictures:
     def with_board(self) -> BoolArray:
         """Pictures ``(N,)`` that show enough of the board."""
         return np.asarray(np.isfinite(self.pixels).all(axis=-1).sum(axis=1) >= FEWEST_POINTS)
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the arm moved in a picture that is used."""
+        return self.motion is not None and bool((np.abs(self.motion[self.usable]) > MOVING).any())
 
     @property
     def usable(self) -> BoolArray:

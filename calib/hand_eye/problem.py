@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -12,11 +13,17 @@ from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye.checks import explain_misfit, find_half_turns, unmirrored_poses
 from calib.hand_eye.pictures import Pictures
-from calib.hand_eye.start import board_poses, lens_parameters, start_lens
+from calib.hand_eye.start import board_poses, start_lens
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView, BoardViews, Measurements, board_views
-from calib.model.parameters import AXES, BoardErrors, ParameterBlock
+from calib.model.parameters import (
+    AXES,
+    BoardErrors,
+    LensParameters,
+    ParameterBlock,
+    TimeOffsets,
+)
 from calib.model.parameters.frames import AroundArm, OnTool
 from calib.robot_world import RobotWorldResult
 from calib.robot_world import solve as solve_robot_world
@@ -24,6 +31,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_PICTURES = 4
 """Pictures with the board from which X and Z are estimated: three leave nothing to judge by."""
+
+USUAL_DELAY_S = 0.2
+"""Standard deviation of how much later than the joints were read a picture was taken."""
 
 _LETTERS = "A are the poses of the flange, B those of the board in the pictures"
 
@@ -196,7 +206,7 @@ class Problem:
         """All pictures that are used, those of each camera and board together."""
         tools, targets = (list(frames) for frames in self.starts)
         most = max(one.pixels.shape[1] for one in self.prepared)
-        pixels, tool, target, names = [], [], [], []
+        pixels, tool, target, names, motions = [], [], [], [], []
         for one in self.prepared:
             n, K, _ = one.pixels.shape
             wide = np.full((n, most, 2), np.nan)
@@ -206,6 +216,9 @@ class Problem:
             tool += [tools.index(on_flange)] * n
             target += [targets.index(around)] * n
             names += one.names
+            motions.append(np.zeros((n, 2, one.pictures.robot.n)))
+            if one.pictures.motion is not None:
+                motions[-1] = one.pictures.motion[one.usable]
         return board_views(
             np.concatenate([one.postures for one in self.prepared]),
             np.concatenate(pixels),
@@ -214,7 +227,25 @@ class Problem:
             targets=targets,
             tool=np.array(tool),
             target=np.array(target),
+            motion=np.concatenate(motions) if self.moving else None,
         )
+
+    @property
+    def moving(self) -> dict[str, tuple[Literal["tool", "target"], int]]:
+        """Cameras that took pictures of an arm that moved, and which label of those is theirs."""
+        found: dict[str, tuple[Literal["tool", "target"], int]] = {}
+        for one in self.prepared:
+            if one.pictures.is_moving:
+                side: Literal["tool", "target"]
+                side = "tool" if one.pictures.carried == "camera" else "target"
+                labels = list(self.starts[side == "target"])
+                found[one.pictures.camera] = side, labels.index(one.pictures.camera)
+        return found
+
+    @cached_property
+    def cameras(self) -> tuple[str, ...]:
+        """Camera of each picture that is used."""
+        return tuple(one.pictures.camera for one in self.prepared for _ in one.usable)
 
     @property
     def largest_px(self) -> float:
@@ -233,28 +264,33 @@ class Problem:
 
     def model(
         self,
-        sigma_px: float,
+        sigma_px: Mapping[str, float],
         arm_sigma: tuple[float, float],
         *,
         board_errors: Sequence[str] | None = None,
         free_lens: bool | None = None,
     ) -> CalibrationModel:
-        """The model about the starts, with what is asked for or these in place of it."""
+        """The model about the starts, with what is asked for or these in place of it.
+
+        The noise of the pixels is that of each camera.
+        """
         on_flange, around = self.starts
         blocks: list[ParameterBlock] = [
             OnTool(list(on_flange), np.stack(list(on_flange.values())), AXES),
             AroundArm(list(around), np.stack(list(around.values())), AXES),
             *self.free,
         ]
+        if self.moving:
+            blocks.append(TimeOffsets(self.moving, USUAL_DELAY_S))
         for camera, (lens, is_free) in self.lenses.items():
             if is_free if free_lens is None else free_lens:
-                blocks.append(lens_parameters(lens, camera))
+                blocks.append(LensParameters.usual(lens, camera))
         errors = self.board_errors if board_errors is None else board_errors
         blocks += [BoardErrors(board, errors) for board in self.boards if errors]
         arm = arm_sigma if any(arm_sigma) else None
         looks = {
             one.pictures.labels: BoardView(
-                sigma_px,
+                sigma_px[one.pictures.camera],
                 BoardShape(one.pictures.board),
                 one.lens,
                 one.pictures.carried,
@@ -264,5 +300,5 @@ class Problem:
             )
             for one in self.prepared
         }
-        kind = next(iter(looks.values())) if len(looks) == 1 else BoardViews(sigma_px, looks, arm)
+        kind = next(iter(looks.values())) if len(looks) == 1 else BoardViews(looks, arm)
         return CalibrationModel(self.prepared[0].pictures.robot, blocks, kind)

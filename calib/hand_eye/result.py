@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.identification import IdentificationResult
 from calib.lens import Lens
+from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
 from calib.robot_world import RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
@@ -76,7 +77,9 @@ class HandEyeResult(Shown):
         All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
         ``board.*``, and those of the robot. cx and cy count from the corner of the image.
     sigma_px : float
-        Noise of a coordinate of a point.
+        Noise of a coordinate of a point, of the first camera.
+    sigmas_px : dict of float
+        The same of all cameras by name.
     arm_sigma : tuple of two floats
         How far the arm stops from where it says: along each axis [m], about each axis [rad].
     names : tuple of str
@@ -124,6 +127,7 @@ class HandEyeResult(Shown):
     lens_estimated: bool
     estimate: IdentificationResult
     sigma_px: float
+    sigmas_px: dict[str, float]
     arm_sigma: tuple[float, float]
     names: tuple[str, ...]
     status: tuple[PictureStatus, ...]
@@ -144,6 +148,20 @@ class HandEyeResult(Shown):
     def used(self) -> BoolArray:
         """Pictures that the estimate rests on, ``(N,)``."""
         return np.array([status == "used" for status in self.status])
+
+    @property
+    def time_offsets_s(self) -> dict[str, tuple[float, float]]:
+        """By camera, how much later than its joints a picture was taken, and its sigma [s].
+
+        Empty where the arm stood still.
+        """
+        found = {}
+        for camera in self.lenses:
+            name = f"{reading_label('time', camera, 'camera')}.offset"
+            if name in self.estimate.names:
+                sigma = float(self.estimate.sigma[self.estimate.names.index(name)])
+                found[camera] = self.estimate.value(name), sigma
+        return found
 
     @property
     def is_ok(self) -> bool:

@@ -8,7 +8,6 @@ import numpy as np
 from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.lens import DISTORTION, Lens, LensName
-from calib.model.parameters import LensParameters
 from calib.se3 import BoolArray, FloatArray
 
 FEWEST_POINTS = 6
@@ -20,14 +19,13 @@ _MOST_PICTURES = 40
 _USUAL_FOCAL = 1.2
 """Focal length over the longer side of the image where nothing says more: 45 deg wide."""
 
-_USUAL_BELOW = 0.3
-"""Standard deviation of the factors of a denominator of distortion, about zero."""
-
 
 def start_lens(
     name: LensName, size_px: tuple[int, int], points: FloatArray, pixels: FloatArray
 ) -> Lens:
     """A lens from pictures of a board alone (Zhang, IEEE TPAMI 22, 2000), by OpenCV.
+
+    Its higher terms of distortion are zero: pictures may say nothing of them.
 
     Parameters
     ----------
@@ -53,6 +51,7 @@ def start_lens(
     try:
         if name == "fisheye":
             flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC + cv2.fisheye.CALIB_FIX_SKEW
+            flags += cv2.fisheye.CALIB_FIX_K3 + cv2.fisheye.CALIB_FIX_K4
             start = np.eye(3), np.zeros(4)  # where it is written to
             found = cv2.fisheye.calibrate(
                 [o.astype(float) for o in objects],
@@ -64,23 +63,19 @@ def start_lens(
             )
         else:
             found = cv2.calibrateCamera(
-                objects, images, size_px, np.eye(3), np.zeros(5), criteria=ends
+                objects,
+                images,
+                size_px,
+                np.eye(3),
+                np.zeros(5),
+                flags=cv2.CALIB_FIX_K3,
+                criteria=ends,
             )
         terms = np.ravel(found[2]).astype(float)[: len(DISTORTION[name])]
         lens = Lens.from_opencv(name, size_px, np.asarray(found[1], dtype=float), terms)
     except (cv2.error, InputError):  # pictures that Zhang's method cannot do with
         return usual
     return lens if 0.1 < lens.values[0] / max(size_px) < 50.0 else usual
-
-
-def lens_parameters(lens: Lens, camera: str) -> LensParameters:
-    """The lens as parameters to estimate.
-
-    Factors of a denominator stand against those above it: many of both show the same. They are
-    said to be small, or about what was given, so that one of these is found.
-    """
-    below = np.isin(lens.names, ("k4", "k5", "k6")) & (lens.name == "rational")
-    return LensParameters(lens, camera, prior=np.where(below, _USUAL_BELOW, np.inf))
 
 
 def board_poses(lens: Lens, points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, BoolArray]:

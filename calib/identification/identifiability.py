@@ -328,7 +328,9 @@ def check_identifiable_at(
         return  # nobody knows the noise yet: the result is judged by what it turns out to be
     # what the noise alone leaves unknown would wander off before it could be refused
     sigma = np.linalg.norm(np.linalg.inv(white), axis=1)
-    check_believable(sigma, model.names, model.units)
+    # what is known beforehand is known whatever was measured
+    unknown = np.where(np.isfinite(model.prior), 0.0, sigma)
+    check_believable(unknown, model.names, model.units)
 
 
 def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArray) -> FloatArray:

@@ -111,7 +111,8 @@ def identify(
         )
     result = make_result(solved, measurements, weighted=weighted, name=name)
     # what is known beforehand is known whatever was measured
-    check_believable(np.minimum(result.sigma, result.prior), model.names, model.units)
+    unknown = np.where(np.isfinite(result.prior), 0.0, result.sigma)
+    check_believable(unknown, model.names, model.units)
     return result
 
 

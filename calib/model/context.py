@@ -55,6 +55,8 @@ class Setup:
     stop : array (N,) or None
         Which stop of the arm each was taken at, from 0 up, where several may be of one: pictures
         of two cameras. None: each is of its own.
+    motion : array (N, 2, n) or None
+        Velocity [rad/s] and acceleration [rad/s²] of the joints at each. None: the arm stood still.
     """
 
     kind: IntArray
@@ -63,6 +65,7 @@ class Setup:
     payload: IntArray
     seen: BoolArray | None = None
     stop: IntArray | None = None
+    motion: FloatArray | None = None
 
     @classmethod
     def of(
@@ -111,9 +114,9 @@ class Setup:
         """Set-up of some of the measurements."""
         seen = None if self.seen is None else self.seen[rows]
         stop = None if self.stop is None else np.unique(self.stop[rows], return_inverse=True)[1]
-        return Setup(
-            self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows], seen, stop
-        )
+        motion = None if self.motion is None else self.motion[rows]
+        four = (self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows])
+        return Setup(*four, seen, stop, motion)
 
 
 @dataclass(frozen=True, eq=False)

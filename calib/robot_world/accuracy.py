@@ -23,7 +23,8 @@ from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
-from calib.robot_world.errors_of_pairs import Fit, derivatives
+from calib.robot_world.errors_of_pairs import derivatives
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import Method, maximum_likelihood
 from calib.robot_world.noise import (
@@ -35,7 +36,6 @@ from calib.robot_world.noise import (
     perturb,
 )
 from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 NOISE_DOUBT = 1e-4
@@ -328,7 +328,7 @@ def following(fit: Fit, trial: int, used: BoolArray) -> Following:
     used : ndarray of bool (N,)
         The pairs that count; those that do not stand between no neighbours.
     """
-    white, J = _rows(fit, trial, used)
+    white, J = fit.rows(trial, used)
     count = len(white)
     free = max(6.0 * count - 12.0, 1.0)
     variance = float((white**2).sum()) / free
@@ -374,7 +374,7 @@ def widening(
 
 def _of_runs(fit: Fit, trial: int, used: BoolArray) -> FloatArray:
     """Standard deviations ``(12,)`` by the jackknife over runs, over those by the noise."""
-    white, J = _rows(fit, trial, used)
+    white, J = fit.rows(trial, used)
     root = _root(fit.covariance[trial])
     # in units in which the information on X and Z is the identity
     scores = np.einsum("lc,ial,ia->ic", root, J, white)
@@ -402,12 +402,6 @@ def _fewer(correlation: float, count: int) -> float:
     """
     worth = max(count * (1.0 - correlation) / (1.0 + correlation), _FEWEST_WITNESSES)
     return float(np.sqrt((6.0 * count - 12.0) / (6.0 * count) * 6.0 * worth / (6.0 * worth - 12.0)))
-
-
-def _rows(fit: Fit, trial: int, used: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """White rows ``(n, 6)`` of the pairs used of one set, and their derivatives ``(n, 6, 12)``."""
-    white = fit.white[:, trial, used].T
-    return white, fit.jacobian[:, :, trial, used].transpose(2, 1, 0)
 
 
 def _root(covariance: FloatArray) -> FloatArray:
@@ -466,8 +460,7 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
     opposite of that pair's own. One step from there is enough: the next one is smaller by the size
     of the residual rotations in radians.
     """
-    J = fit.jacobian[:, :, 0].transpose(2, 1, 0)  # (N, 6, 12)
-    white = fit.white[:, 0].T
+    white, J = fit.rows(0, np.ones(fit.white.shape[-1], dtype=bool))
     size = np.sqrt(np.diag(fit.information[0]))
     J = J / size
     rest = fit.information[0] / np.outer(size, size) - np.swapaxes(J, -1, -2) @ J

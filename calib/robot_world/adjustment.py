@@ -29,11 +29,11 @@ from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.errors_of_pairs import (
     ErrorModel,
     Errors,
-    Fit,
     General,
     derivatives,
     left_over,
 )
+from calib.robot_world.estimate import Fit
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
 

@@ -25,13 +25,13 @@ from calib import se3
 from calib.chance import chi2_tail, f_bound, f_tail
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.algebra import kronecker_mean
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit
+from calib.robot_world.errors_of_pairs import ErrorModel
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import Motion, examine
 from calib.robot_world.methods import robust
 from calib.robot_world.methods.maximum_likelihood import estimated_model
 from calib.robot_world.noise import Noise, difference, perturb
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 POOR = 0.1
@@ -370,7 +370,7 @@ def drifting(
     count = int(used.sum())
     if found.fit is None or count < FEWEST_FOR_A_DRIFT:
         return ()
-    fit = found.fit.of(np.array([trial]))
+    fit = found.fit
     pairs = PairSets(pairs.A[trial : trial + 1], pairs.B[trial : trial + 1])
     if noise is not None:
         model = noise.model(pairs)
@@ -378,15 +378,14 @@ def drifting(
         model = estimated_model(pairs, found.sigma[:, trial : trial + 1])
     else:
         return ()
-    one = _Sequence(
-        fit.white[:, 0, used].T, fit.jacobian[:, :, 0, used].transpose(2, 1, 0), fit.covariance[0]
-    )
+    one = _Sequence(*fit.rows(trial, used), fit.covariance[trial])
     if not np.square(one.white).mean() > _ROUNDING**2:
         return ()
     if count < FEWEST_PAIRS:
         changes = _drifts(one)
     else:
-        changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, fit, used)]
+        own = fit.of(np.array([trial]))
+        changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, own, used)]
     return tuple(text for chance, text in sorted(changes)[:1] if chance < CHANCE)
 
 

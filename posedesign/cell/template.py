@@ -13,6 +13,7 @@ from calib.errors import InputError, RobotModelError
 from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.se3 import FloatArray
+from posedesign.cell.measuring import usual_offsets
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 
 REFERENCE = "r2000ic165f"
@@ -563,8 +564,6 @@ def _fill(
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
-    from posedesign.cell.data import usual_offsets
-
     point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(

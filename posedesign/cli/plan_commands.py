@@ -206,7 +206,7 @@ def plan(
     exchange, the best poses are chosen out of a pool, and it is proven how good they are.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.optimal.request import request_of_words
+    from posedesign.cli.plan_request import request_of_words
 
     loaded = Cell.load(cell)
     request = request_of_words(
@@ -277,7 +277,7 @@ def next_poses(
     """Say which poses to measure next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
     from posedesign.cli.plan_json import next_as_dict
-    from posedesign.planning.optimal.request import parse_length
+    from posedesign.cli.plan_request import parse_length
     from posedesign.report.plans import answer_of_next
     from posedesign.workflow import plan_next_poses
 

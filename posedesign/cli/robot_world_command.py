@@ -257,7 +257,7 @@ def _solved(
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
     from posedesign.pairs.results import certified
-    from posedesign.workflow import solve_and_draw
+    from posedesign.report.pairs import solve_and_draw
 
     shown: AbstractContextManager[Advance] = (
         nullcontext(_say_nothing) if quiet else progress("A X = Z B")

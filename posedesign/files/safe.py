@@ -161,7 +161,7 @@ def kept_aside(path: Path) -> Path:
     except OSError as error:
         raise OutputError(
             f"{path}: cannot be kept aside: {error.strerror or error}",
-            hint="name another folder with --out",
+            hint="name another folder: `out`",
             name=str(path),
         ) from error
     return aside
@@ -280,7 +280,7 @@ def check_writable(path: Path) -> None:
     if not os.access(there, os.W_OK | os.X_OK):
         raise OutputError(
             f"{path}: cannot be written: the folder {there} is closed to writing",
-            hint="name another one with --out",
+            hint="name another one: `out`",
             name=str(path),
         )
 
@@ -456,7 +456,7 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         raise OutputError(
             f"{path}: the output folder cannot be made: {error.strerror}",
-            hint="name another one with --out",
+            hint="name another one: `out`",
             name=str(path),
         ) from error
     return path

@@ -202,6 +202,7 @@ def _seen(
         shown.names,
         board.ambiguous_half_turn,
         camera,
+        motion=shown.motion,
     )
 
 
@@ -244,6 +245,10 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     """The result for ``camera.json``: millimetres, degrees, pixels."""
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
+    offsets = {
+        camera: {"value": 1e3 * value, "sigma": 1e3 * sigma}
+        for camera, (value, sigma) in result.time_offsets_s.items()
+    }
     return {
         "camera": calibrated.asked.camera,
         "board": calibrated.board.words,
@@ -253,9 +258,11 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         **({"lens": next(iter(lenses.values()))} if len(lenses) == 1 else {"lenses": lenses}),
         "noise": {
             "pixel_sigma": result.sigma_px,
+            **({} if len(lenses) == 1 else {"pixel_sigma_of": result.sigmas_px}),
             "arm_sigma_mm": 1e3 * result.arm_sigma[0],
             "arm_sigma_deg": float(np.degrees(result.arm_sigma[1])),
         },
+        **({"time_offset_ms": offsets} if offsets else {}),
         "point_sigma_mm": 1e3 * result.point_sigma_m,
         "distance_mm": 1e3 * result.distance_m,
         "board_scale": {"value": result.scale[0], "sigma": result.scale[1]},

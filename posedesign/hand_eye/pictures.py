@@ -3,6 +3,10 @@
 A table says them by the names of the pictures (column ``picture``), or in their order: the natural
 one of their names (2 before 10), or that of the times in their EXIF. A robot program or a list for
 ROS or RoboDK says them in order. What is taken for granted in this is said in a note.
+
+Of an arm that moved the table is a record of its joints by the column ``time_s``, by one clock:
+rows of joints as they were recorded, and rows of pictures with the time that each was taken at,
+with or without joints. The joints of a picture are those of the record at its time.
 """
 
 from __future__ import annotations
@@ -10,16 +14,17 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PureWindowsPath
 from typing import Literal
 
 import numpy as np
 
 from calib.errors import FileFormatError, InputError
+from calib.hand_eye.pictures import FEWEST_NEAR, NEAR_S, motion_at, rows_near
 from calib.robots import Robot
-from calib.se3 import FloatArray
-from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, read_table
+from calib.se3 import FloatArray, IntArray
+from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, read_table
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
@@ -58,6 +63,8 @@ class PictureSet:
         of the flange are given, or nothing.
     T_base_flange : array (N, 4, 4) or None
         Poses of the flange in the base frame [m], likewise.
+    motion : array (N, 2, n) or None
+        Velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them.
     notes : tuple of str
         What is odd about them, or was taken for granted, in words.
     """
@@ -67,6 +74,7 @@ class PictureSet:
     size_px: tuple[int, int]
     postures: FloatArray | None
     T_base_flange: FloatArray | None
+    motion: FloatArray | None
     notes: tuple[str, ...]
 
 
@@ -130,6 +138,7 @@ def read_picture_set(
         heads[0].size_px,
         values if found is not None and found.joints else None,
         values if found is not None and not found.joints else None,
+        found.motion[kept] if found is not None and found.motion is not None else None,
         tuple(notes),
     )
 
@@ -259,6 +268,8 @@ class _Poses:
         NaN in rows that give none.
     pictures : list of str
         The picture of each row; empty where the file does not say.
+    motion : array (R, 2, n) or None
+        How the joints moved, where the file is a record of them.
     """
 
     path: Path
@@ -267,6 +278,7 @@ class _Poses:
     lines: list[int]
     pictures: list[str]
     notes: tuple[str, ...] = ()
+    motion: FloatArray | None = None
 
     @classmethod
     def read(cls, path: Path, robot: Robot | None, trust_units: bool) -> _Poses:
@@ -307,7 +319,35 @@ class _Poses:
         values = np.full((len(rows), *found.shape[1:]), np.nan)
         values[full] = found
         pictures = _pictures_of(path, columns, rows)
-        return cls(path, joints, values, [row.line for row in rows], pictures, notes)
+        given = cls(path, joints, values, [row.line for row in rows], pictures, notes)
+        if joints and pictures and "time_s" in columns:
+            return given._out_of_record(numbers_of(path, rows, ["time_s"])[:, 0])
+        return given
+
+    def _out_of_record(self, times: FloatArray) -> _Poses:
+        """The rows of pictures, with the joints of a record at their times."""
+        recorded = np.asarray(np.isfinite(self.values).all(axis=1))
+        rise, first = np.unique(times[recorded], return_index=True)
+        record = self.values[recorded][first]
+        named = np.flatnonzero([bool(picture) for picture in self.pictures])
+        fine = np.array([len(rows_near(rise, time)) > 0 for time in times[named]])
+        if recorded[named].all() and not fine.any():
+            return self._rows(named)  # an arm that stood still, and when it did
+        if not fine.all():
+            raise FileFormatError(
+                f"has no {FEWEST_NEAR} rows of joints within {NEAR_S:g} s of this picture",
+                path=self.path,
+                row=self.lines[named[~fine][0]],
+                column="time_s",
+                hint="record joints more often, from before the first picture to after the last, "
+                "by the same clock in seconds",
+            )
+        q, motion = motion_at(rise, record, times[named])
+        return replace(self._rows(named), values=q, motion=motion)
+
+    def _rows(self, some: IntArray) -> _Poses:
+        lines, pictures = ([of[i] for i in some] for of in (self.lines, self.pictures))
+        return replace(self, values=self.values[some], lines=lines, pictures=pictures)
 
     @classmethod
     def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
@@ -358,10 +398,10 @@ class _Poses:
             for name in {path.name.casefold(), path.stem.casefold()}:
                 index.setdefault(name, []).append(i)
         exact = {path.name: [i] for i, path in enumerate(paths)}
-        values = np.full((len(paths), *self.values.shape[1:]), np.nan)
+        row_of = np.full(len(paths), -1)
         lines: dict[int, int] = {}
         lost: list[str] = []
-        for cell, value, line in zip(self.pictures, self.values, self.lines, strict=True):
+        for k, (cell, line) in enumerate(zip(self.pictures, self.lines, strict=True)):
             name = PureWindowsPath(cell).name  # takes both slashes for what they are
             fits = exact.get(name) or index.get(name.casefold(), [])
             if not fits:
@@ -374,14 +414,16 @@ class _Poses:
                     line, f"gives a second pose of {name}, after line {lines[fits[0]]}"
                 )
             lines[fits[0]] = line
-            values[fits[0]] = value
+            row_of[fits[0]] = k
         if not lines:
             raise self._fault(
                 self.lines[0], f"no row names a picture that is there; the first is {paths[0].name}"
             )
         if lost:
             notes.append(f"{self.path}: there is no such picture, passed over: {_listed(lost)}")
-        return _Poses(self.path, self.joints, values, [], [])
+        values = _picked(self.values, row_of)
+        motion = None if self.motion is None else _picked(self.motion, row_of)
+        return replace(self, values=values, lines=[], pictures=[], motion=motion)
 
     def _fault(self, line: int, message: str) -> FileFormatError:
         return FileFormatError(
@@ -391,6 +433,12 @@ class _Poses:
             column="picture",
             hint="name each picture in one row, by its file with the ending",
         )
+
+
+def _picked(rows: FloatArray, which: IntArray) -> FloatArray:
+    """Rows by index; NaN where that is below zero."""
+    missing = (which < 0).reshape(-1, *[1] * (rows.ndim - 1))
+    return np.where(missing, np.nan, rows[which])
 
 
 def _pictures_of(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> list[str]:

@@ -34,7 +34,7 @@ from calib.model.parameters import (
 from calib.robots import Robot
 from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
-from posedesign.cell.data import noise_sigma
+from posedesign.cell.measuring import noise_sigma
 from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.measurement_set_up import set_up_blocks
 

@@ -81,14 +81,7 @@ class Place:
 def transforms_from_matrices(
     T: FloatArray, place: Place, column: str | None = None
 ) -> tuple[FloatArray, str]:
-    """Rigid transforms ``(N, 4, 4)`` from matrices of a file, and a note where they are rounded.
-
-    Raises
-    ------
-    FileFormatError
-        A number that is not finite, a last row other than 0 0 0 1, a scaled, sheared or
-        left-handed rotation.
-    """
+    """Rigid transforms ``(N, 4, 4)`` from matrices of a file, and a note where they are rounded."""
     bad = np.asarray(~np.isfinite(T).all(axis=(-2, -1)))
     if bad.any():
         raise place.error(
@@ -103,13 +96,7 @@ def transforms_from_matrices(
 
 
 def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tuple[FloatArray, str]:
-    """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded.
-
-    Raises
-    ------
-    FileFormatError
-        A norm that is not 1.
-    """
+    """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded."""
     with np.errstate(over="ignore"):
         square = (q**2).sum(axis=-1)
     off = np.abs(square - 1.0)

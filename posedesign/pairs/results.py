@@ -34,8 +34,8 @@ NoiseOn = Literal["A", "B", "both", "seen"]
 Advance = Callable[[str, float], None]
 """Told what is being done, and the part of all work that is done."""
 
-_STEPS = 3
-"""Solving, standard deviations, leaving out: the last two take most of the time of most methods."""
+_LATER = (("standard deviations", "covariance"), ("leaving out pairs", "left_out_residuals"))
+"""What takes most of the time of most methods, after solving."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,7 @@ class SolverOutcome:
 
 
 def methods_of(names: str) -> tuple[str, ...]:
-    """Methods by their names with commas between them, ``papers`` and ``all`` among them.
-
-    Raises
-    ------
-    InputError
-        No name beside a comma, or an unknown one; the hint has the near ones.
-    """
+    """Methods by their names with commas between them, ``papers`` and ``all`` among them."""
     chosen: list[str] = []
     for name in map(str.strip, names.split(",")):
         if not name:
@@ -124,19 +118,10 @@ def solve_pairs(
 
     Parameters
     ----------
-    noise : PairNoise, PairCovariances, "B" or "shown", optional
+    noise, estimate_scale
         See :func:`calib.robot_world.solve`.
     advance : callable, optional
         Told what is being done, and the part of all work that is done.
-    estimate_scale : bool
-        Whether to estimate the scale of B's translations as well.
-
-    Raises
-    ------
-    InputError
-        An unknown method, or too few pairs.
-    NotIdentifiableError
-        No method has an answer because the motions do not allow one.
     """
     if not methods:
         raise InputError("no method to solve A X = Z B by", name="methods")
@@ -145,7 +130,7 @@ def solve_pairs(
     for k, method in enumerate(methods):
 
         def step(what: str, done: int, method: str = method, k: int = k) -> None:
-            advance(f"{method}, {what}", (k + done / _STEPS) / len(methods))
+            advance(f"{method}, {what}", (k + done / (1 + len(_LATER))) / len(methods))
 
         step("solving", 0)
         try:
@@ -161,7 +146,10 @@ def solve_pairs(
                 raise
             outcomes.append(SolverOutcome(method, None, error.message))
             continue
-        _work_out(result, step)
+        # a result works these out when it is first asked: here, so that progress shows it
+        for done, (what, name) in enumerate(_LATER, 1):
+            step(what, done)
+            getattr(result, name)
         out = tuple(
             place for place, ok in zip(places_of(pairs), result.used, strict=True) if not ok
         )
@@ -172,23 +160,8 @@ def solve_pairs(
     return tuple(outcomes)
 
 
-def _work_out(result: RobotWorldResult, step: Callable[[str, int], None]) -> None:
-    """Have worked out what a result does when it is first asked, so that progress shows it."""
-    for done, (what, name) in enumerate(
-        (("standard deviations", "covariance"), ("leaving out pairs", "left_out_residuals")), 1
-    ):
-        step(what, done)
-        getattr(result, name)
-
-
 def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOutcome, ...]:
-    """Outcomes, those of maximum likelihood with a proof from the pairs that they used.
-
-    Raises
-    ------
-    InputError
-        See :func:`posedesign.pairs.certificate.refuse_uncertifiable`.
-    """
+    """Outcomes, those of maximum likelihood with a proof from the pairs that they used."""
     return tuple(
         replace(outcome, proof=prove(pairs.A, _corrected(pairs.B, outcome.result), outcome.result))
         if outcome.result is not None and METHODS[outcome.method].likelihood

@@ -51,15 +51,7 @@ class Samples:
 
 
 def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> Samples | None:
-    """The samples of a file, of which `read_tree` is known; None where they are none of these.
-
-    Raises
-    ------
-    FileFormatError
-        A sample has not the numbers of two transforms, or they are no rigid ones.
-    InputError
-        The file says that the camera is elsewhere.
-    """
+    """The samples of a file, of which `read_tree` is known; None where they are none of these."""
     found = _sides_of(tree)
     if found is None:
         return None

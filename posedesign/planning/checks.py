@@ -182,7 +182,7 @@ def check_clear(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
         more = f", and {len(said) - 1} more" if len(said) > 1 else ""
         raise InputError(
             f"pose {said[0]}{more}",
-            hint="look at them with posedesign check; --force writes the program all the same",
+            hint="look at them with posedesign check; `force` writes the program all the same",
             name="poses",
         )
     return said

@@ -17,7 +17,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
-from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse
+from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse, text_of
 from posedesign.programs.recorded import (
     Level,
     PlanMark,
@@ -56,7 +56,7 @@ PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Phrases:
     """How a language says the steps of a measuring program: formats that are filled in.
 
@@ -77,12 +77,12 @@ class Phrases:
     """
 
     remark: str
-    head: tuple[str, ...]
+    head: tuple[str, ...] = ()
     move: tuple[str, ...]
     wait: str
     pulse: tuple[str, ...]
     call: str
-    keep: str
+    keep: str = ""
     most_output: int
 
     def steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
@@ -140,16 +140,6 @@ class JointDialect(Dialect):
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     phrases: ClassVar[Phrases]
-    reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
-    rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
-
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        """A program with its positions; see the module `reader`."""
-        return type(self).reader(data, path)
-
-    def check(self, data: bytes, path: Path) -> list[Problem]:
-        """Check a program; see the module `rules`."""
-        return type(self).rules(data, path)
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""
@@ -174,14 +164,8 @@ class JointDialect(Dialect):
 class Notes:
     """What the remarks of a program say of its plan.
 
-    Attributes
-    ----------
-    mark : PlanMark or None
-        None: it is of no plan.
-    names : dict of int to str
-        Names of poses by number.
-    rows : dict of int to int
-        Lines of the remarks that name them, and the numbers.
+    ``mark``: None: it is of no plan. ``names``: names of poses by number. ``rows``: lines of the
+    remarks that name them, and the numbers.
     """
 
     mark: PlanMark | None = None
@@ -195,15 +179,6 @@ class Notes:
         if found:
             self.names[int(found[1])] = found[2] or ""
             self.rows[row] = int(found[1])
-
-
-def notes_of(text: str, remark: str) -> Notes:
-    """What the remarks of a text say, which begin with this mark."""
-    notes = Notes()
-    for line in lines_of(text):
-        if line.text[: len(remark)] == remark:
-            notes.take(line.row, line.text[len(remark) :])
-    return notes
 
 
 def joints_of(label: str, row: int, texts: Sequence[str], path: Path) -> FloatArray:
@@ -229,26 +204,44 @@ def refuse_lost(found: Sequence[Found], path: Path) -> None:
     at_rest(values, path)
 
 
-def program_of(found: Sequence[Found], notes: Notes, path: Path, maker: str) -> RecordedProgram:
-    """The program of positions in the order of its moves.
+def in_moves(
+    find: Callable[[str, Path], list[Found]],
+    remark: str,
+    maker: str,
+    code: Callable[[str], str] = str,
+) -> Callable[[bytes, Path], RecordedProgram]:
+    """A reader of programs in whose moves the positions stand: ``find`` gives them in their order.
 
     The first behind a remark of a pose has its number; others come behind all that are planned.
+    Remarks begin with the mark ``remark``; ``code`` is what of a text is read.
     """
-    refuse_lost(found, path)
-    mark = notes.mark or PlanMark()
-    rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
-    chosen: dict[int, RecordedPosition] = {}
-    above = -1
-    for label, row, texts in found:
-        last, above = above, bisect_left(rows, row) - 1
-        own = notes.rows[rows[above]] if above > last else 0
-        free += not own
-        if own in chosen:
-            refuse(f"pose {own} is there twice", path, row)
-        shown = joints_of(label, row, texts, path)
-        chosen[own or free] = RecordedPosition(own or free, notes.names.get(own, ""), row, shown)
-    positions = tuple(position for _, position in sorted(chosen.items()))
-    return RecordedProgram(path.stem, "", mark, positions, maker)
+
+    def read(data: bytes, path: Path) -> RecordedProgram:
+        text = code(text_of(data, path))
+        notes = Notes()
+        for line in lines_of(text):
+            if line.text[: len(remark)] == remark:
+                notes.take(line.row, line.text[len(remark) :])
+        found = find(text, path)
+        refuse_lost(found, path)
+        mark = notes.mark or PlanMark()
+        rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
+        chosen: dict[int, RecordedPosition] = {}
+        above = -1
+        for label, row, texts in found:
+            last, above = above, bisect_left(rows, row) - 1
+            own = notes.rows[rows[above]] if above > last else 0
+            free += not own
+            if own in chosen:
+                refuse(f"pose {own} is there twice", path, row)
+            shown = joints_of(label, row, texts, path)
+            chosen[own or free] = RecordedPosition(
+                own or free, notes.names.get(own, ""), row, shown
+            )
+        positions = tuple(position for _, position in sorted(chosen.items()))
+        return RecordedProgram(path.stem, "", mark, positions, maker)
+
+    return read
 
 
 @dataclass
@@ -299,13 +292,16 @@ def level_of(word: str, known: str, others: str) -> Level:
 
 
 def judged(
-    data: bytes,
     language: Language,
     kinds: tuple[str, ...],
     check: Callable[[list[Statement]], Iterator[Problem]],
-) -> list[Problem]:
-    """Problems of the statements of a file; one of these kinds makes it a program."""
-    statements = language.statements(data.decode("latin-1").replace("\r", ""))
-    if not any(s.kind in kinds for s in statements):
-        return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
-    return told(check(statements), check_bytes(data, CONTROL))
+) -> Callable[[bytes, Path], list[Problem]]:
+    """The rules of files that are checked by their statements; one of these kinds is a program."""
+
+    def problems(data: bytes, path: Path) -> list[Problem]:
+        statements = language.statements(data.decode("latin-1").replace("\r", ""))
+        if not any(s.kind in kinds for s in statements):
+            return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
+        return told(check(statements), check_bytes(data, CONTROL))
+
+    return problems

@@ -49,6 +49,7 @@ _LONG = 1000
 _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
+_MOST_LINES = 300
 
 _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
@@ -79,16 +80,9 @@ class Line:
 class Statement:
     """What one line says.
 
-    Attributes
-    ----------
-    row : int
-        Line of the file where it begins, counted from 1.
-    text : str
-        As it stands there.
-    tree : Tree
-        What the grammar makes of it; a tree of the name ``fault`` where nothing.
-    fault : str
-        What is wrong with it, in words; empty for nothing.
+    ``row``: line of the file where it begins, counted from 1. ``text``: as it stands there.
+    ``tree``: what the grammar makes of it; a tree of the name ``fault`` where nothing. ``fault``:
+    what is wrong with it, in words; empty for nothing.
     """
 
     row: int
@@ -302,6 +296,60 @@ def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
             start = text.rfind("\n", last, start) + 1 if row > 1 else 0
         last = found.start()
         yield Line(row, text[start : found.end()].rstrip())
+
+
+_QUOTED = r'("[^"\n]*")'
+
+
+def without_remarks(
+    remark: str, quoted: str = _QUOTED
+) -> Callable[[Iterator[Line]], Iterator[Line]]:
+    """Leave out what is a remark, but in texts in quotes, and lines that are nothing else.
+
+    Patterns of both, letters of either case alike; for `Language.joined`.
+    """
+    pattern = re.compile(f"{quoted}|{remark}", re.IGNORECASE)
+
+    def joined(lines: Iterator[Line]) -> Iterator[Line]:
+        for line in lines:
+            text = pattern.sub(lambda found: found[1] or "", line.text).rstrip()
+            if text:
+                yield Line(line.row, text)
+
+    return joined
+
+
+def open_lines(
+    remark: str, quoted: str = _QUOTED, brackets: str = "([)]", begins: str = "(?!)"
+) -> Callable[[Iterator[Line]], Iterator[Line]]:
+    """Make one statement of lines while a bracket is open, without remarks.
+
+    What ``begins`` a statement never goes on with another; for `Language.joined`.
+    """
+    pattern, in_quotes = re.compile(f"{quoted}|{remark}.*"), re.compile(quoted)
+    first, half = re.compile(begins), len(brackets) // 2
+
+    def joined(lines: Iterator[Line]) -> Iterator[Line]:
+        row, parts, opened, length = 0, list[str](), 0, 0
+        for line in lines:
+            text = line.text
+            if remark in text:
+                text = pattern.sub(lambda found: found[1] or "", text).rstrip()
+            if not text:
+                continue
+            goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
+            if parts and (not goes_on or first.match(text)):
+                yield Line(row, " ".join(parts))
+                parts, opened, length = [], 0, 0
+            row = row if parts else line.row
+            parts.append(text)
+            length += len(text)
+            bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
+            opened += sum(map(bare.count, brackets[:half])) - sum(map(bare.count, brackets[half:]))
+        if parts:
+            yield Line(row, " ".join(parts))
+
+    return joined
 
 
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:

@@ -41,18 +41,9 @@ def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
 class NameRule:
     """What a controller takes for a name.
 
-    Attributes
-    ----------
-    what : str
-        For messages: "a FANUC program name".
-    length : int
-        Most characters.
-    small : bool
-        Whether small letters are legal.
-    stand_in : str
-        A legal name, where nothing of the one given can be kept.
-    reserved : frozenset of str
-        Words of the language, in capitals, that are no names.
+    ``what``: for messages: "a FANUC program name". ``length``: most characters. ``small``: whether
+    small letters are legal. ``stand_in``: a legal name, where nothing of the one given can be kept.
+    ``reserved``: words of the language, in capitals, that are no names.
     """
 
     what: str
@@ -105,16 +96,8 @@ class NameRule:
 def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
     """Raise InputError where a text has other characters than printable ASCII, or too many.
 
-    Parameters
-    ----------
-    what : str
-        For messages: "comment", "comment of pose 'P01'".
-    text : str
-        An empty one is legal.
-    length : int
-        Most characters.
-    forbidden : str
-        Characters that the language gives a meaning.
+    ``what``: for messages: "comment", "comment of pose 'P01'". ``text``: an empty one is legal.
+    ``length``: most characters. ``forbidden``: characters that the language gives a meaning.
     """
     if len(text) <= length and re.fullmatch(r"[ -~]*", text) and not set(text) & set(forbidden):
         return
@@ -255,10 +238,8 @@ def check_call(
 def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     """Joint values ``(N, n)`` [deg] of poses as the controller shows them, each within +-720.
 
-    Raises
-    ------
-    InputError
-        A joint value is beyond, with its pose and joint, or the arm has other joints.
+    Raises InputError: a joint value is beyond, with its pose and joint, or the arm has other
+    joints.
     """
     listed = list(poses)
     postures = np.stack([pose.posture_rad for pose in listed])

@@ -26,6 +26,10 @@ LONG_ARROW = 0.06
 """Length of the longest residual in a figure, in parts of the picture's width."""
 
 
+SIGNIFICANT = 4.0
+"""Standard deviations from which on pictures were taken at another moment than joints were read."""
+
+
 def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answer:
     """The answer: where cameras and boards are, how surely, the lens, what does not fit."""
     result = calibrated.result
@@ -41,12 +45,22 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
     for camera in result.lenses:
         name = "lens" if len(result.lenses) == 1 else f"lens of {camera}"
         shown[name] = _lens(lens_as_dict(result, camera))
+    pixels = ", ".join(f"{sigma:.2g}" for sigma in result.sigmas_px.values())
     shown["left over"] = (
         f"{_rms(result.rms_px, result.used):.3g} px rms, of pictures left out "
-        f"{_rms(result.left_out_px, result.used):.3g} px; points scatter by {result.sigma_px:.2g} "
+        f"{_rms(result.left_out_px, result.used):.3g} px; points scatter by {pixels} "
         f"px, the arm by {1e3 * result.arm_sigma[0]:.2g} mm and "
         f"{np.degrees(result.arm_sigma[1]):.2g} deg"
     )
+    for camera, (value, sigma) in result.time_offsets_s.items():
+        name = "time" if len(result.lenses) == 1 else f"time of {camera}"
+        way = "after" if value > 0 else "before"
+        shown[name] = (
+            f"pictures were taken {1e3 * abs(value):.3g} +- {1e3 * sigma:.2g} ms {way} the joints "
+            "were read; that is taken into account"
+            if abs(value) > SIGNIFICANT * sigma
+            else f"pictures and joints are of the same moment, to {1e3 * sigma:.2g} ms"
+        )
     robot = sum(not name.startswith(_OF_SET_UP) for name in result.estimate.names)
     shown["robot"] = f"{robot} parameters identified, in the tables" if robot else ""
     unseen = [
@@ -73,7 +87,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
     )
 
 
-_OF_SET_UP = ("tool", "target", "lens", "board")
+_OF_SET_UP = ("tool", "target", "lens", "board", "time")
 
 
 def _six(T: FloatArray) -> str:

@@ -44,11 +44,10 @@ from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
+from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
 from posedesign.report.plots import (
-    SIGMA_AXES,
     figure_of_identification,
-    figure_of_pairs,
     figure_of_plan,
 )
 

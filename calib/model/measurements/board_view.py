@@ -160,10 +160,14 @@ class BoardView(Measurement):
         tip of one standard deviation does to them: ``I - A V f Vᵀ Aᵀ`` with
         ``f = (1 - 1/sqrt(1 + λ))/λ``.
         """
-        return self._turned(rows / self.sigma[:, None], view, inverse=True)
+        return self._turned(rows / self.sigma_of(view), view, inverse=True)
 
     def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        return self._turned(rows, view, inverse=False) * self.sigma[:, None]
+        return self._turned(rows, view, inverse=False) * self.sigma_of(view)
+
+    def sigma_of(self, view: MeasurementContext) -> FloatArray:
+        """Noise of the pixels of each picture ``(1, S)``, or of all ``(1, 1)``."""
+        return self.sigma[:1, None]
 
     def _turned(self, white: FloatArray, view: MeasurementContext, *, inverse: bool) -> FloatArray:
         if self.arm_sigma is None:
@@ -186,7 +190,7 @@ class BoardView(Measurement):
     def _deviation(self, view: MeasurementContext) -> _Deviation:
         key = ("deviation", id(self))
         if key not in view.found:
-            A = self.by_deviation(view) / self.sigma[:, None, None]
+            A = self.by_deviation(view) / self.sigma_of(view)[:, None]
             scale = np.repeat(np.array(self.arm_sigma), 3)
             A = A * scale[:, None]
             squares, stop = np.einsum("ris,rjs->sij", A, A, optimize=True), None
@@ -289,24 +293,29 @@ class BoardViews(BoardView):
 
     Parameters
     ----------
-    sigma_px : float or None
-        As of `BoardView`, the same for all cameras.
     looks : mapping of (str, str) to BoardView
-        By the labels of what is on the flange and of what stands around the arm. Their own noise
-        does not count.
+        By the labels of what is on the flange and of what stands around the arm, each with the
+        noise of its camera.
     arm_sigma : tuple of two floats, optional
         As of `BoardView`. Pictures of one stop of the arm share its deviation.
     """
 
     def __init__(
         self,
-        sigma_px: float | None,
         looks: Mapping[tuple[str, str], BoardView],
         arm_sigma: tuple[float, float] | None = None,
     ) -> None:
         self.looks = dict(looks)
         largest = max(self.looks.values(), key=lambda look: look.rows)
-        super().__init__(sigma_px, largest.board, largest.lens, largest.carried, arm_sigma)
+        sigma = float(largest.sigma[0])
+        super().__init__(sigma, largest.board, largest.lens, largest.carried, arm_sigma)
+
+    def sigma_of(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`BoardView.sigma_of`."""
+        out = np.ones((1, view.q.shape[1]))
+        for look, _, columns in self._looked(view):
+            out[:, columns] = look.sigma[0]
+        return out
 
     def predict(self, view: MeasurementContext) -> FloatArray:
         return self._gathered(view, lambda look, part, columns: look.predict(part))
@@ -337,11 +346,7 @@ class BoardViews(BoardView):
 
     def _gathered(self, view: MeasurementContext, ask: _Ask) -> FloatArray:
         """Rows ``(..., m, S)`` of all looks at their pictures; noughts where one has none."""
-        parts: list[tuple[BoardView, MeasurementContext, IntArray]] | None
-        parts = view.found.get(id(self))
-        if parts is None:
-            parts = view.found[id(self)] = list(self._parts(view))
-        asked = [(ask(look, part, columns), columns) for look, part, columns in parts]
+        asked = [(ask(look, part, columns), columns) for look, part, columns in self._looked(view)]
         known = [(rows, columns) for rows, columns in asked if rows is not None]
         shape = known[0][0].shape[:-2] if known else ()
         out = np.zeros((*shape, self.rows, view.q.shape[1]))
@@ -349,9 +354,13 @@ class BoardViews(BoardView):
             out[..., : rows.shape[-2], columns] = rows
         return out
 
-    def _parts(
-        self, view: MeasurementContext
-    ) -> Iterator[tuple[BoardView, MeasurementContext, IntArray]]:
+    def _looked(self, view: MeasurementContext) -> list[_Look]:
+        """Each look with the view of its pictures, and their columns."""
+        if id(self) not in view.found:
+            view.found[id(self)] = list(self._parts(view))
+        return cast("list[_Look]", view.found[id(self)])
+
+    def _parts(self, view: MeasurementContext) -> Iterator[_Look]:
         setup = view.setup
         trials = view.q.shape[1] // max(setup.count, 1)
         for (tool, target), look in self.looks.items():
@@ -364,6 +373,7 @@ class BoardViews(BoardView):
                 yield look, view.part(columns, own), columns
 
 
+_Look = tuple[BoardView, MeasurementContext, IntArray]
 _Ask = Callable[[BoardView, MeasurementContext, "IntArray"], "FloatArray | None"]
 
 
@@ -402,6 +412,7 @@ def board_views(
     kind: ArrayLike = 0,
     tool: ArrayLike = 0,
     target: ArrayLike = 0,
+    motion: FloatArray | None = None,
 ) -> Measurements:
     """Views of boards as measurements.
 
@@ -413,8 +424,8 @@ def board_views(
         NaN for points that were not seen.
     names : sequence of str, optional
         Of the stops of the arm; pictures of one stop share a name.
-    tools, targets, kind, tool, target
-        Labels, and indices of each picture, as of `Setup`.
+    tools, targets, kind, tool, target, motion
+        Labels, indices of each picture, and how the arm moved, as of `Setup`.
     """
     given = np.asarray(pixels, dtype=float)
     rows = given.reshape(len(given), -1)
@@ -422,6 +433,6 @@ def board_views(
     seen = np.isfinite(rows)
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     stop = np.array([index[name] for name in names]) if len(index) < len(names) else None
-    setup = replace(how, seen=seen, stop=stop)
+    setup = replace(how, seen=seen, stop=stop, motion=motion)
     q, observed = np.asarray(postures, dtype=float), np.where(seen, rows, 0.0)
     return Measurements(q, setup, tuple(targets), tuple(tools), observed, tuple(names))

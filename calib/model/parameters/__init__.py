@@ -22,6 +22,7 @@ from calib.model.parameters.joints import (
     JointHarmonics,
     JointScale,
     LostMotion,
+    TimeOffsets,
     ZeroOffsets,
 )
 from calib.model.parameters.links import AXES, BearingCompliance, LinkGeometry
@@ -47,6 +48,7 @@ __all__ = [
     "TargetFrame",
     "TargetPlane",
     "TargetPoints",
+    "TimeOffsets",
     "ToolBody",
     "ToolFrame",
     "ToolPoint",

@@ -7,18 +7,19 @@ They differ in the function only.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.batch_last import cross
 from calib.errors import InputError
-from calib.model.context import ArmErrors, MeasurementContext, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup, reading_label
 from calib.model.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 
 
 class JointErrors(ParameterBlock):
@@ -92,6 +93,84 @@ class ZeroOffsets(JointErrors):
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """One: an offset is the same in every posture."""
         return np.ones((self.size, 1))
+
+
+class TimeOffsets(ParameterBlock):
+    """How much later than its joints were read each measurement was taken, by instrument.
+
+    The joints have gone on by then, as ``Setup.motion`` says: ``q + v t + a t²/2``.
+
+    Parameters
+    ----------
+    instruments : mapping of str to (str, int)
+        Name of each camera, say, to where its measurements are told by: ``tool`` or ``target`` of
+        the set-up, and the index there.
+    prior_s : float, optional
+        Standard deviation known before measuring [s].
+    """
+
+    nuisance = True
+    beyond_chain = ""
+
+    def __init__(
+        self,
+        instruments: Mapping[str, tuple[Literal["tool", "target"], int]],
+        prior_s: float | None = None,
+    ) -> None:
+        self._where = tuple(instruments.values())
+        self.names = tuple(f"{reading_label('time', i, 'camera')}.offset" for i in instruments)
+        second: Unit = "s"
+        self.units = (second,) * len(self.names)
+        self.prior = prior_of(prior_s, len(self.names))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: what was read at one time is of one time."""
+        return np.zeros(self.size)
+
+    def _own(self, setup: Setup, width: int) -> BoolArray:
+        """Which measurements ``(size, S)`` are of each instrument."""
+        own = [getattr(setup, side) == index for side, index in self._where]
+        return np.tile(np.array(own), width // max(setup.count, 1))
+
+    def _gone(
+        self, values: FloatArray, setup: Setup, width: int
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """How far joints have gone on ``(n, S)`` [rad], and how fast they are then [rad/s]."""
+        if setup.motion is None:
+            return None
+        late = (values * self._own(setup, width)).sum(axis=0)
+        repeated = np.tile(setup.motion.transpose(1, 2, 0), width // max(setup.count, 1))
+        velocity, acceleration = repeated
+        return late * velocity + late**2 / 2.0 * acceleration, velocity + late * acceleration
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        gone = self._gone(values, setup, q.shape[1])
+        if gone is not None:
+            errors.joints = errors.joints + gone[0]
+
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`: by differences of the chain, whatever its joints are."""
+        gone = self._gone(values, view.setup, view.q.shape[1])
+        if gone is None:
+            return
+        q, step = view.q + view.errors.joints, _STEP_S * gone[1]
+        ahead, behind = (
+            view.robot.chain.walk(q + change, view.displacements) for change in (step, -step)
+        )
+        twist = np.zeros((6, q.shape[1]))
+        # columns c of a rotation move by w x c, and the sum of c x (w x c) is 2 w
+        turned = ahead.tip - behind.tip
+        twist[3:] = sum(cross(view.walk.tip[k], turned[k]) for k in range(3)) / (4.0 * _STEP_S)
+        lever = view.point - view.walk.p_base_tip
+        twist[:3] = (ahead.p_base_tip - behind.p_base_tip) / (2.0 * _STEP_S)
+        twist[:3] += cross(twist[3:], lever)
+        out[:] = self._own(view.setup, q.shape[1])[:, None] * twist[: out.shape[1]]
+
+
+_STEP_S = 1e-4
+"""Of differences of the arm's motion: an arm that turns by 10 rad/s is a thousandth of a radian
+further, where the differences are right to a millionth of themselves."""
 
 
 class JointScale(JointErrors):

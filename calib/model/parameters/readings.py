@@ -13,6 +13,13 @@ from calib.model.context import ArmErrors, MeasurementContext, Setup, reading_la
 from calib.model.parameters.base import ParameterBlock, Unit, prior_of
 from calib.se3 import FloatArray
 
+USUAL_SHIFT = 0.3
+"""Standard deviation of what a term of distortion shifts the corner of the picture by, as a share
+of its distance from the middle."""
+
+USUAL_BELOW = 0.3
+"""Standard deviation of the factors of a denominator of distortion."""
+
 
 class ReadingParameters(ParameterBlock):
     """Values that an instrument reads by; they move nothing.
@@ -103,6 +110,22 @@ class LensParameters(ReadingParameters):
             reading_label("lens", label, "camera"), lens.values, lens.names, units, free, prior
         )
         self.lens, self.label = lens, label
+
+    @classmethod
+    def usual(cls, lens: Lens, label: str = "camera") -> LensParameters:
+        """All values of a lens, its distortion known to be of a usual size.
+
+        What a lens of long focal length does not show of its higher terms would have no bounds
+        otherwise. Factors of a denominator stand against those above it, and many of both show the
+        same: they are said to be small, so that one of these is found.
+        """
+        edge = float(np.hypot(lens.width_px, lens.height_px)) / 2.0 / lens.values[0]
+        if lens.name == "fisheye":
+            edge = float(np.arctan(edge))
+        powers = {"k1": 2, "k2": 4, "k3": 6, "k4": 8, "p1": 1, "p2": 1}
+        prior = [USUAL_SHIFT / edge ** powers[n] if n in powers else np.inf for n in lens.names]
+        below = np.isin(lens.names, ("k4", "k5", "k6")) & (lens.name == "rational")
+        return cls(lens, label, prior=np.where(below, USUAL_BELOW, prior))
 
 
 class BoardErrors(ReadingParameters):

@@ -1,8 +1,7 @@
 """The certificate: whether a solution of A X = Z B is the global optimum.
 
-Local minimum of the cost over both rotations, by Newton's method on the manifold.
-
-Every iteration works on 18 numbers whatever the number of pairs. Steps are rotation vectors from
+A local minimum of the cost over both rotations is found by Newton's method on the manifold. Every
+iteration works on 18 numbers whatever the number of pairs. Steps are rotation vectors from
 the left, ``R ← exp([w]) R``. Far from the minimum the Hessian may be indefinite: the absolute
 values of its eigenvalues, plus a damping, then make every step one that descends.
 """
@@ -310,7 +309,6 @@ class LocalMinimum:
     Attributes
     ----------
     X, Z : ndarray (T, 4, 4)
-        The transforms.
     cost : ndarray (T,)
         chi², where the weights are those of the noise.
     iterations : ndarray of int (T,)
@@ -393,13 +391,8 @@ def derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient ``(T, 6)`` and Hessian ``(T, 6, 6)`` of the cost by (w_X, w_Z).
 
-    Parameters
-    ----------
-    quadratic, linear : ndarray (T, 18, 18), (T, 18)
-        Of the form.
-    turns : ndarray (T, 2, 3, 3)
-        Rotations of X and Z from the reference, at which to take them, moved by ``exp([w])`` from
-        the left.
+    Of a form ``(T, 18, 18), (T, 18)``, at rotations ``(T, 2, 3, 3)`` of X and Z from the reference,
+    which are moved by ``exp([w])`` from the left.
     """
     T = len(turns)
     D = np.zeros((T, 18, 6))

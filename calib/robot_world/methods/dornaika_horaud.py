@@ -26,9 +26,9 @@ from calib.robot_world.algebra import (
 )
 from calib.robot_world.certificate import Weights, minimise
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import centred
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 PAPER_WEIGHTS = Weights(rotation=1.0, translation=1.0)

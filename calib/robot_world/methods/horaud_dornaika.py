@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import dornaika_horaud
 from calib.robot_world.methods.relative_motions import (
     complete,
@@ -27,7 +28,6 @@ from calib.robot_world.methods.relative_motions import (
     translation,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 _NO_AXIS = 1e-12

@@ -25,8 +25,8 @@ from calib.robot_world.algebra import (
     transforms,
     triangle,
 )
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.robot_world.adjustment import adjust
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit, Isotropic
+from calib.robot_world.errors_of_pairs import ErrorModel, Isotropic
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import FloatArray
 
 _ROUNDS = 100

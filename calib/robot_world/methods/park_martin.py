@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import (
     complete,
     rotation_between_axes,
     translation,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 

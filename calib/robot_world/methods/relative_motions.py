@@ -23,8 +23,8 @@ import numpy as np
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix, least_squares, triangle
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 _MOTIONS_AT_ONCE = 2**15

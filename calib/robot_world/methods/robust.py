@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.chance import chi2_quantile, chi2_tail, f_bound
 from calib.robot_world.adjustment import adjust, linear_rows
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit
+from calib.robot_world.errors_of_pairs import ErrorModel
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
     estimated_model,
@@ -21,7 +22,6 @@ from calib.robot_world.methods.maximum_likelihood import (
 )
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 CHANCE = 1e-3

@@ -20,6 +20,7 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import least_squares
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import (
     complete,
     few_motions,
@@ -28,7 +29,6 @@ from calib.robot_world.methods.relative_motions import (
     vector_rows,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:

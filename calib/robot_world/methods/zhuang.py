@@ -24,8 +24,8 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate
+from calib.robot_world.estimate import Estimate
+from calib.robot_world.pairs import PairSets, own_order, shared
 from calib.se3 import FloatArray, IntArray
 
 _SAFE_SCALAR = 0.2
@@ -63,7 +63,8 @@ def estimate(pairs: PairSets) -> Estimate:
     others. Without noise none of this changes the answer.
     """
     a, b = pairs.quaternions
-    reference = _reference(pairs.A, a)
+    one = 1 if shared(pairs.A) else pairs.T
+    reference = np.broadcast_to(_reference(pairs.A[:one], a[:one]), (pairs.T, 4))
     R_X, R_Z = pairs.rotations
     # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
     x, z = pairs.quaternions_of_rotations

@@ -212,7 +212,7 @@ def plan_fewest(
     if sigma_m is None and sigma_rad is None:
         raise InputError(
             "no accuracy is wanted of anything that is identified",
-            hint="give --wanted-sigma-mm, --wanted-sigma-deg, or both",
+            hint="give `wanted_sigma_mm`, `wanted_sigma_deg`, or both",
             name="wanted",
         )
     request = Request(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
@@ -343,7 +343,7 @@ class _Planning:
         return InputError(
             f"no {self._request.count} poses of this pool reach the deviations wanted: those of "
             f"the best are proven not to be below {error.bound:.4g} times them",
-            hint="take more poses (--poses auto: as many as it takes), or a wider pool",
+            hint="take more poses (`poses` auto: as many as it takes), or a wider pool",
             name="threshold",
             value=error.value,
             bound=error.bound,

@@ -264,11 +264,8 @@ class _Reader:
     def give_frames(self) -> None:
         """Give poses the frames of the motions that go to them.
 
-        Raises
-        ------
-        FileFormatError
-            A pose is used in two frames, or in one that is not that of a tool at the flange, or is
-            changed by the program.
+        Raises FileFormatError: a pose is used in two frames, or in one that is not that of a tool
+        at the flange, or is changed by the program.
         """
         posed = [p for p in self.positions if p.kind == "robtarget"]
         poses = {p.variable.upper() or f"[{p.line}": p for p in posed}
@@ -313,14 +310,11 @@ class _Reader:
         return np.asarray(frames[0] if len(frames) == 1 else frames[0] @ frames[1])
 
 
-def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
+def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no RAPID module, is cut off, or holds no positions, or one that is neither a
-        jointtarget nor a robtarget.
+    Raises FileFormatError: the file is no RAPID module, is cut off, or holds no positions, or one
+    that is neither a jointtarget nor a robtarget.
     """
     text = text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)

@@ -75,17 +75,15 @@ _LEAST_LOAD = f"[{LEAST_MASS_KG},[0,0,0.001],[1,0,0,0],0,0,0]"
 _IDENTITY_WITHIN = 1e-12
 
 
-def render_module(program: PoseProgram, arm: Arm) -> str:
-    r"""Text of the module, its lines ended by ``\n``.
+def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of the module by its name, its lines ended by ``\n``.
 
     Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 1e-9 of
     the quaternion. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or
     other ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)
@@ -117,8 +115,8 @@ def render_module(program: PoseProgram, arm: Arm) -> str:
             lines.append(f"    MoveJ p{number},{SPEED},fine,{tool}\\WObj:={work_object};")
         if not pose.via:
             lines += [f"    {line}" for line in _measuring(program, number)]
-    lines += ["  ENDPROC", "ENDMODULE"]
-    return "\n".join(lines) + "\n"
+    lines += ["  ENDPROC", "ENDMODULE", ""]
+    return {f"{program.name}.mod": "\n".join(lines)}
 
 
 def run_name(name: str) -> str:

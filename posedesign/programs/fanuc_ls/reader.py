@@ -101,10 +101,7 @@ def recorded(
 ) -> RecordedPosition:
     """A position from its first group: six joint values, or a pose with its configuration.
 
-    Raises
-    ------
-    FileFormatError
-        A value is missing, is none, or is in another unit.
+    Raises FileFormatError: a value is missing, is none, or is in another unit.
     """
     known = {*JOINTS, *EXTENDED, *PLACE, *TURN}
     strange = sorted(set(group.fields) - known)
@@ -151,10 +148,7 @@ def check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str
 
     A rail may be either, and a positioner carries the target. Axes without a value are passed over.
 
-    Raises
-    ------
-    FileFormatError
-        One moves, or is not there in all positions.
+    Raises FileFormatError: one moves, or is not there in all positions.
     """
     owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
     first = next(iter(owned), "")

@@ -47,10 +47,7 @@ class _Register:
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     """Positions of all registers that have one, by their numbers.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no such backup, holds no positions, or one that is damaged.
+    Raises FileFormatError: the file is no such backup, holds no positions, or one that is damaged.
     """
     registers: list[_Register] = []
     numbers: set[int] = set()

@@ -48,19 +48,16 @@ LIMITS = Limits(
 _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
 
 
-def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
-    r"""Text of the program, its lines ended by ``\n``.
+def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of the program by its name, its lines ended by ``\n``.
 
     Positions are rounded to three decimals: joints by at most 0.0005 deg on the pendant and 0.001
     deg in the URDF's joint 3, which is the sum of two; poses by 0.0005 mm and deg. A pose's name
     becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
     left out.
 
-    Raises
-    ------
-    InputError
-        A text that the controller would refuse, a number out of its range, or a joint beyond
-        +-720 deg.
+    Raises InputError: a text that the controller would refuse, a number out of its range, or a
+    joint beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)
@@ -73,8 +70,8 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
     stored = zip(program.numbers, program.poses, fields(program, arm), strict=True)
     for number, pose, values in sorted(stored, key=lambda entry: entry[0]):
         lines += [f"P[{_label(number, pose)}]{{", "   GP1:", *values, "};"]
-    lines.append("/END")
-    return "\n".join(lines) + "\n"
+    lines += ["/END", ""]
+    return {f"{program.name}.LS": "\n".join(lines)}
 
 
 def lines_besides(program: PoseProgram) -> tuple[int, int]:

@@ -101,18 +101,18 @@ class StoredPosition(Stored):
             refuse(f"{self.label} has {given[0]} and no {other}", path, self.line)
         words = ",".join(f"{name} {self.fields[name]}" for name in given)
         meant = given and configuration_in(KukaConfiguration, words, self.label, path, self.line)
-        values = {"T_world_user": frames.base.value, "T_tip_tool": frames.tool.value}
+        values = {
+            "T_world_user": frames.base.transform,
+            "T_tip_tool": frames.tool.transform,
+        }
         return {"configuration": meant or None, **values, **numbers}
 
 
 def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no KRL module, is cut off, or holds no positions, or one that is neither six
-        joint angles nor a pose.
+    Raises FileFormatError: the file is no KRL module, is cut off, or holds no positions, or one
+    that is neither six joint angles nor a pose.
     """
     return _Reader(text_of(data, path, _WHAT), path).program()
 

@@ -70,20 +70,19 @@ _POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
 _FORM = ";%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P"
 
 
-def render_kuka_krl(program: PoseProgram, arm: Arm) -> tuple[str, str]:
-    r"""Texts of the ``.dat`` and the ``.src``, their lines ended by ``\n``.
+def render_kuka_krl(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Texts of the ``.dat`` and the ``.src`` by name, their lines ended by ``\n``.
 
     Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 0.000005
     deg. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or other
     ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     _check_options(program)
-    return _data(program, arm), _source(program, arm)
+    dat, src = _data(program, arm), _source(program, arm)
+    return {f"{program.name}.dat": dat, f"{program.name}.src": src}
 
 
 def _check_options(program: PoseProgram) -> None:

@@ -26,6 +26,7 @@ The layout is that of these manuals and of exports. Nothing was loaded on a cont
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -35,20 +36,19 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.writing import (
     Limits,
-    NameRule,
     check_call,
     plain_all,
     rounded_deg,
     shown_deg,
     warning_lines,
 )
-from posedesign.programs.yaskawa_jbi.pulses import checked, comments
-
-NAMES = NameRule("a Yaskawa job name", 8)
-"""What every controller takes, NX100 too."""
-
-COMMENT_LENGTH = 32
-"""Characters of a job's comment and of a comment line."""
+from posedesign.programs.yaskawa_jbi.spec import (
+    MOST_COMMENT,
+    MOST_FRAME,
+    NAMES,
+    checked,
+    comments,
+)
 
 MOST_LINES = 2000
 """Instructions of one job: where public post-processors split."""
@@ -57,12 +57,12 @@ MOST_INTEGER = 32767
 """Largest value of an I variable."""
 
 LIMITS = Limits(
-    text=COMMENT_LENGTH,
-    remark=COMMENT_LENGTH,
+    text=MOST_COMMENT,
+    remark=MOST_COMMENT,
     begins=("POSE ", "PLAN ", "PULSES "),
     settle_s=655.35,  # hundredths of a second in 16 bits
     pulse_s=(0.01, 655.35),
-    frames=(63, 63),  # NX100 has fewer
+    frames=(MOST_FRAME, MOST_FRAME),
     registers=(127, "variable P{}"),
 )
 
@@ -74,12 +74,7 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
     most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
     comment.
 
-    Parameters
-    ----------
-    program : PoseProgram
-    arm : Arm
-    pulses_per_deg : sequence of float
-        Of S, L, U, R, B, T, signed; not used for poses of the tool.
+    ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool.
 
     Raises
     ------
@@ -95,6 +90,8 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
     pulses = checked(pulses_per_deg) if options.form == "joint" else ()
     positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
+    frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
+    relative = ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
     return "\n".join(
         [
             "/JOB",
@@ -105,9 +102,14 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
             "//INST",
             f"///DATE {options.written:%Y/%m/%d %H:%M}",
             *([f"///COMM {options.comment}"] if options.comment else []),
-            *_attributes(options),
+            *(["///ATTR SC,RW"] if pulses else relative),
             "///GROUP1 RB1",
-            *_instructions(program, pulses),
+            *_head(program, pulses),
+            *chain.from_iterable(
+                _at_pose(options, pose, k, number)
+                for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True))
+            ),
+            "END",
             "",
         ]
     )
@@ -155,24 +157,10 @@ def _millimetres(poses: FloatArray) -> Iterator[str]:
         yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
 
 
-def _attributes(options: ProgramOptions) -> list[str]:
-    if options.form == "joint":
-        return ["///ATTR SC,RW"]
-    frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
-    return ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
-
-
-def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
-    lines = _head(program, pulses_per_deg)
-    for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
-        lines += _at_pose(program.options, pose, k, number)
-    return [*lines, "END"]
-
-
 def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
     notes = [program.mark] if program.mark else []
     notes += comments(pulses_per_deg) if pulses_per_deg else []
-    notes += warning_lines(program, COMMENT_LENGTH)
+    notes += warning_lines(program, MOST_COMMENT)
     return ["NOP", *(f"'{note}" for note in notes)]
 
 

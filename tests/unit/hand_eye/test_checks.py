@@ -22,6 +22,7 @@ from studies.board_scenes import (
     draw_scene,
     inner_corners,
 )
+from tests.picture_mistakes import FAR_OFF, case_of, distance_in_sigma
 
 BOTH = pytest.mark.parametrize("carried", ["camera", "board"])
 COUNT = 16
@@ -67,6 +68,20 @@ def test_a_board_of_another_size_is_named(seen, carried, factor, word):
     assert not result.is_ok
     scale, sigma = result.scale
     assert abs(scale - (1 / factor - 1)) < 5 * sigma
+
+
+def test_a_size_of_the_board_that_pictures_neither_confirm_nor_contradict_is_in_doubt():
+    """1 % off, 12 pictures of an arm that stops off: Z is 4 mm off, with a sigma of .6 mm."""
+    case = case_of("squares off by 1 %", 7210)
+    result = calibrate(case.pictures)
+    assert distance_in_sigma(case.scene, result) > FAR_OFF
+    assert not result.is_ok
+    assert "rests on the stated size of the board, which is in doubt" in result.warnings[0]
+    scale, sigma = result.scale
+    assert abs(scale - (1 / 1.01 - 1)) < 3 * sigma
+    free = calibrate(case.pictures, board_errors=("scale",))
+    assert distance_in_sigma(case.scene, free) < FAR_OFF
+    assert free.is_ok
 
 
 @BOTH

@@ -123,6 +123,19 @@ def test_other_lenses_are_found_by_what_they_show(lens):
     assert result.sigma_px == pytest.approx(SIGMA_PX, rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["pinhole", "rational", "fisheye"])
+def test_lenses_of_long_focal_length_are_found_without_their_higher_terms(name):
+    """30 deg wide: k3 does less than the noise, its standard deviation is in the hundreds."""
+    rng = np.random.default_rng([22, len(name)])
+    K = np.array([[4000.0, 0, 960], [0, 4000, 540], [0, 0, 1]])
+    lens = Lens.from_opencv(name, SIZE, K, np.array([-0.2, 0.1]))
+    scene = draw_scene(rng, 15, lens=lens, far_m=(1.0, 1.8))
+    result = calibrate(scene.shown(scene.seen(rng, arm=STOPS_OFF)), name)
+    assert result.warnings == ()
+    pose = np.r_[0:12]
+    assert is_likely(scene.errors(result)[pose], result.estimate.covariance[np.ix_(pose, pose)])
+
+
 @BOTH
 def test_the_order_of_the_pictures_changes_nothing(seen, usual, carried):
     scene, pixels = seen[carried]

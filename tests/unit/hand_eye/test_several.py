@@ -32,7 +32,11 @@ def model_of_four_looks() -> tuple[CalibrationModel, np.ndarray, Setup]:
     lenses = {"left": LENS, "right": FISHEYE}
     looks = {
         (camera, board): BoardView(
-            SIGMA_PX, BoardShape(points), lens, camera_label=camera, board_label=board
+            SIGMA_PX * (1 if camera == "left" else 3),
+            BoardShape(points),
+            lens,
+            camera_label=camera,
+            board_label=board,
         )
         for camera, lens in lenses.items()
         for board, points in boards.items()
@@ -48,7 +52,7 @@ def model_of_four_looks() -> tuple[CalibrationModel, np.ndarray, Setup]:
             BoardErrors("B", ("bend_x",)),
             ZeroOffsets(robot, robot.joint_names[1:5]),
         ],
-        BoardViews(SIGMA_PX, looks, STOPS_OFF),
+        BoardViews(looks, STOPS_OFF),
     )
     stop = np.array([0, 0, 1, 2, 2, 2, 3, 3, 4])
     target = np.array([0, 0, 1, 0, 0, 1, 1, 0, 0])
@@ -84,7 +88,8 @@ def test_pictures_of_one_stop_share_the_deviation_of_the_arm():
     N, m, _ = D.shape
     together = setup.stops[:, None] == setup.stops
     covariance = np.einsum("imt,t,jnt,ij->imjn", D, variance, D, together).reshape(N * m, N * m)
-    covariance += SIGMA_PX**2 * np.eye(N * m)
+    sigma = np.where(setup.tool == 0, SIGMA_PX, 3 * SIGMA_PX)
+    covariance += np.diag(np.repeat(sigma**2, m))
     rows = np.random.default_rng(3).standard_normal((m, N)) * setup.seen.T
     white = model.whiten_last(rows, view)
     flat = rows.T.ravel()

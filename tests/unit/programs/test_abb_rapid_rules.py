@@ -12,7 +12,7 @@ from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.programs import Arm, Load, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.abb_rapid import AbbRapid
-from posedesign.programs.abb_rapid.writer import render_module
+from posedesign.programs.abb_rapid.writer import render_abb_rapid
 from tests.unit.programs.dialects import breaks, changed
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 10, 20, 4, 30, 6]), via=i == 1) for i in range(3))
@@ -23,14 +23,14 @@ ARM = Arm.of(
     Load(1.0, np.array([0, 0, 0.05])),
 )
 JOINT, POSE = (
-    render_module(
+    render_abb_rapid(
         PoseProgram(
             "CAL",
             POSES,
             ProgramOptions(form=form, fingerprint="abcdef12", measure_output=3, keep="register"),
         ),
         ARM,
-    ).replace("  ENDPROC", "    VelSet 100,5000;\n  ENDPROC")
+    )["CAL.mod"].replace("  ENDPROC", "    VelSet 100,5000;\n  ENDPROC")
     for form in ("joint", "cartesian")
 )
 JP1 = re.search(r"LOCAL CONST jointtarget jp1:=(.*);", JOINT)

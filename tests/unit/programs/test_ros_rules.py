@@ -9,7 +9,7 @@ import pytest
 
 from posedesign.programs import find_dialect
 from posedesign.programs.ros import rules
-from posedesign.programs.ros.rules import MOST_PROBLEMS
+from posedesign.programs.rules import MOST_PROBLEMS
 
 TRAJECTORY = """\
 header:

@@ -25,9 +25,9 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import dornaika_horaud, hirsh, li_dual_quaternion, li_kronecker
 from calib.robot_world.noise import perturb
-from calib.robot_world.results import Estimate
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "both")
 

@@ -418,6 +418,11 @@ class CalibrationModel:
             out[..., columns] = kind.gap(vector[..., columns], part)
         return out
 
+    @property
+    def known_rows(self) -> FloatArray:
+        """What is known before any measurement: rows ``(K, p)`` of unit variance, at nominal."""
+        return np.asarray(self.known(self.nominal[None])[1][0])
+
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What is known besides the measurements, whitened: priors, then distances.
 

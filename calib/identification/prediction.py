@@ -350,11 +350,8 @@ class Expectation:
     def _moved(self, model: CalibrationModel, x: FloatArray, R: FloatArray) -> FloatArray:
         """Displacements ``(3 K, p)`` by each parameter, the base turned and placed anew."""
         moved = R @ tool_motion(model, self.q, self.setup, x=x)
-        return self._placed(moved.reshape(3 * len(self.q), model.p))
-
-    def _placed(self, off: FloatArray) -> FloatArray:
-        """Displacements ``(3 K, ...)`` less what another place of the base explains."""
-        return np.asarray(off - self._rigid @ (self._rigid.T @ off))
+        moved = moved.reshape(3 * len(self.q), model.p)
+        return np.asarray(moved - self._rigid @ (self._rigid.T @ moved))
 
 
 def part_of(

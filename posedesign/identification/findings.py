@@ -97,7 +97,7 @@ def _said(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
     """What seems to have happened, and what to do."""
     if finding.cause in ("step", "drift", "warm-up"):
         return _changed(finding, table)
-    if finding.rows:
+    if finding.cause in ("swapped rows", "swapped labels", "wrong label"):
         return _mixed_up(finding, table)
     if finding.cause in ("scale", "harmonic", "reach"):
         return _followed(finding)

@@ -369,6 +369,12 @@ def first(content: dict[str, Any]) -> dict[str, Any]:
 BAD_CHANGES = {
     "another robot": (lambda c: c.update(robot="m20ia"), ["'m20ia'", "r2000ic165f"]),
     "other joints": (lambda c: c.update(joints=["a", "b"]), ["other joints"]),
+    "no joints": (lambda c: c.update(joints=[]), ["other joints"]),
+    "an arm that is none": (lambda c: c.update(arm=3), ["arm", "no table"]),
+    "another model damaged": (
+        lambda c: c["models"][0].update(name=3),
+        ["models.0.name", "no text"],
+    ),
     "no robot": (lambda c: c.pop("robot"), ["robot", "no text"]),
     "no models": (lambda c: c.pop("models"), ["models", "is missing"]),
     "empty models": (lambda c: c.update(models=[]), ["no list of models"]),

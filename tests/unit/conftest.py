@@ -23,6 +23,7 @@ from calib.model.parameters import (
 )
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from posedesign.cell import Cell
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 
 TOOL_M = np.array([0.2, -0.05, 0.35])
 BASE_POSTURE = np.deg2rad([0.0, 15.0, -25.0, 0.0, -50.0, 0.0])
@@ -246,3 +247,14 @@ class Lab:
 def lab(reference_cell) -> Lab:
     """The reference cell, measured in any way."""
     return Lab(reference_cell)
+
+
+@pytest.fixture
+def tabled(tmp_path) -> Callable[[Measured], MeasurementTable]:
+    """Measurements written to a file and read again."""
+
+    def again(measured: Measured) -> MeasurementTable:
+        path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+        return read_measurements(path, measured.truth.robot.n)
+
+    return again

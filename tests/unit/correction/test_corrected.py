@@ -56,6 +56,12 @@ def postures_of(robot: Robot, count: int = 50, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (count, robot.n))
 
 
+def assert_stands_as(robot: Robot, model: CalibrationModel, x: np.ndarray) -> None:
+    """Robot and model have their tips at the same poses."""
+    q = postures_of(model.robot)
+    np.testing.assert_allclose(robot.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", preset_names())
 def test_chain_is_the_model(name):
     model = geometry_of(Robot.preset(name))
@@ -63,7 +69,7 @@ def test_chain_is_the_model(name):
     found = corrected_robot(model, x)
     q = postures_of(model.robot)
     assert np.abs(found.robot.fk(q) - model.robot.fk(q)).max() > 1e-3
-    np.testing.assert_allclose(found.robot.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_stands_as(found.robot, model, x)
     assert found.left_out == ()
     assert found.moved == model.robot.joint_names
 
@@ -88,8 +94,8 @@ def test_a_part_of_a_block_and_values_held_are_in_the_chain(reference_robot):
     part = Part(LinkGeometry(reference_robot), ["link.joint_3.x", "link.joint_4.rz"])
     model = model_of(reference_robot, part, ZeroOffsets(reference_robot, ["joint_2"]))
     x = model.nominal + np.array([1e-3, 2e-3, 3e-3, 0, 0, 0, 0, 0, 0])
-    found, q = corrected_robot(model, x), postures_of(reference_robot)
-    np.testing.assert_allclose(found.robot.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    found = corrected_robot(model, x)
+    assert_stands_as(found.robot, model, x)
     assert found.moved == ("joint_2", "joint_3", "joint_4")
 
 
@@ -185,6 +191,14 @@ def test_placements_of_another_number_of_joints_are_refused(reference_robot):
 # URDF -------------------------------------------------------------------------------------------
 
 
+def assert_reads_back(folder: Path, model: CalibrationModel, x: np.ndarray, *source: Path) -> Robot:
+    """The URDF of the corrected robot, from a file or not, is that robot; and what was read."""
+    content = corrected_urdf(corrected_robot(model, x), *source)
+    again = read_back(content, folder, model.robot)
+    assert_stands_as(again, model, x)
+    return again
+
+
 def read_back(content: bytes, folder: Path, robot: Robot, **options) -> Robot:
     path = folder / "corrected.urdf"
     path.write_bytes(content)
@@ -198,13 +212,12 @@ def test_urdf_of_a_preset_reads_back(name, tmp_path):
     x = random_values(model, np.random.default_rng(5))
     corrected = corrected_robot(model, x)
     again = read_back(corrected_urdf(corrected), tmp_path, robot)
-    q = postures_of(robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_stands_as(again, model, x)
     for key in ("lower", "upper", "speed", "link_mass"):
         np.testing.assert_array_equal(getattr(again, key), getattr(robot, key))
-    np.testing.assert_allclose(
-        gravity_torque(again, q), gravity_torque(corrected.robot, q), atol=1e-9
-    )
+    q = postures_of(robot)
+    torque = gravity_torque(corrected.robot, q)
+    np.testing.assert_allclose(gravity_torque(again, q), torque, atol=1e-9)
     assert again.joint_names == robot.joint_names
     assert again.name == robot.name
 
@@ -225,9 +238,7 @@ def test_urdf_of_a_part_of_a_preset_reads_back(tmp_path):
     robot = Robot.preset("r2000ic165f", tip="link_4", base="link_1")
     model = geometry_of(robot)
     x = random_values(model, np.random.default_rng(6))
-    again = read_back(corrected_urdf(corrected_robot(model, x)), tmp_path, robot)
-    q = postures_of(robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_reads_back(tmp_path, model, x)
 
 
 @pytest.mark.parametrize("n", [1, 4, 6, 7])
@@ -237,9 +248,7 @@ def test_urdf_of_a_file_reads_back(random_urdf, tmp_path, n):
     before = source.read_bytes()
     model = geometry_of(Robot.from_urdf(source))
     x = random_values(model, rng)
-    again = read_back(corrected_urdf(corrected_robot(model, x), source), tmp_path, model.robot)
-    q = postures_of(model.robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    again = assert_reads_back(tmp_path, model, x, source)
     np.testing.assert_array_equal(again.link_com, model.robot.link_com)
     assert source.read_bytes() == before
 
@@ -271,17 +280,21 @@ FILE = """<?xml version='1.0' encoding='ISO-8859-1'?>
 """.encode("latin-1")
 
 
-def test_only_origins_of_moved_joints_change_in_a_file(tmp_path):
-    source = tmp_path / "in.urdf"
-    source.write_bytes(FILE)
+@pytest.fixture
+def source(tmp_path) -> Path:
+    path = tmp_path / "in.urdf"
+    path.write_bytes(FILE)
+    return path
+
+
+def test_only_origins_of_moved_joints_change_in_a_file(tmp_path, source):
     robot = Robot.from_urdf(source)
     model = model_of(robot, ZeroOffsets(robot, ["a1", "a2"]))
     x = model.nominal.copy()
     x[:2] = 0.01, -0.02
     content = corrected_urdf(corrected_robot(model, x), source)
     again = read_back(content, tmp_path, robot)
-    q = postures_of(robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_stands_as(again, model, x)
     lines, new = FILE.splitlines(), content.splitlines()
     head = new.pop(2)
     assert head.startswith(b"<!-- Joint origins as identified")
@@ -306,9 +319,7 @@ def test_a_name_space_is_kept(tmp_path):
     robot = Robot.from_urdf(source)
     model = geometry_of(robot)
     x = random_values(model, np.random.default_rng(0))
-    again = read_back(corrected_urdf(corrected_robot(model, x), source), tmp_path, robot)
-    q = postures_of(robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_reads_back(tmp_path, model, x, source)
 
 
 def test_a_hostile_name_cannot_leave_the_comment(tmp_path):
@@ -325,9 +336,7 @@ def test_a_hostile_name_cannot_leave_the_comment(tmp_path):
         assert len(joints) == 4
 
 
-def test_a_file_without_the_joint_is_refused(tmp_path, reference_robot):
-    source = tmp_path / "in.urdf"
-    source.write_bytes(FILE)
+def test_a_file_without_the_joint_is_refused(tmp_path, source, reference_robot):
     model = model_of(reference_robot, ZeroOffsets(reference_robot, ["joint_2"]))
     with pytest.raises(RobotModelError, match="joint_2"):
         corrected_urdf(corrected_robot(model, model.nominal + 0.01), source)
@@ -382,5 +391,4 @@ def test_a_xacro_is_written_as_the_urdf_that_it_expands_to(tmp_path):
     content = corrected_urdf(corrected_robot(model, x), source)
     assert b"xacro:property" not in content
     again = read_back(content, tmp_path, robot)
-    q = postures_of(robot)
-    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)
+    assert_stands_as(again, model, x)

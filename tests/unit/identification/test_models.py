@@ -1,7 +1,7 @@
 """Models in words: what each frees, with which priors and noise; and models by their names."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -14,7 +14,7 @@ from calib.model.measurements import KINDS
 from calib.model.parameters import JointCompliance, gravity_torque
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema_sections import Word
-from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.files.measurements import MeasurementTable
 from posedesign.identification import identify_models
 from posedesign.identification.models import (
     FRAMES_ONLY,
@@ -43,11 +43,15 @@ STEMS = {
 """First parts of the names of what each word frees."""
 
 
-def table_of(tmp_path: Path, lab: Any, kinds: list[str], count: int = 40, **more: Any) -> Any:
+@pytest.fixture
+def table_of(lab, tabled) -> Callable[..., Any]:
     """What is measured, and the table of it."""
-    measured = lab.measure(kinds, count, **more)
-    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-    return measured, read_measurements(path, 6)
+
+    def measure(kinds: list[str], count: int = 40, **more: Any) -> Any:
+        measured = lab.measure(kinds, count, **more)
+        return measured, tabled(measured)
+
+    return measure
 
 
 def stems(names: Any) -> set[str]:
@@ -102,10 +106,10 @@ def test_priors_of_joints_and_links(make_cell, words):
                 assert sigma == pytest.approx(usual), name
 
 
-def test_models_are_tried_from_small_to_large(tmp_path, lab, make_cell):
+def test_models_are_tried_from_small_to_large(table_of, lab, make_cell):
     models = [["geometry", "compliance"], ["zero_offsets"], ["zero_offsets", "bearings", "scale"]]
     cell = make_cell(parameters={"models": models})
-    _, table = table_of(tmp_path, lab, ["point"])
+    _, table = table_of(["point"])
     found = candidates(cell, table)
     assert found[0].name == FRAMES_ONLY
     assert found[0].model.nuisance.all()
@@ -119,8 +123,8 @@ def test_models_are_tried_from_small_to_large(tmp_path, lab, make_cell):
     assert not found[1].notes
 
 
-def test_what_needs_masses_is_left_out_without_them(tmp_path, lab, make_cell):
-    _, table = table_of(tmp_path, lab, ["touch-up"])
+def test_what_needs_masses_is_left_out_without_them(table_of, lab, make_cell):
+    _, table = table_of(["touch-up"])
     light = make_cell(
         robot={"preset": "r2000ib210f"},
         tool={"mass_kg": 0.0},
@@ -135,7 +139,7 @@ def test_what_needs_masses_is_left_out_without_them(tmp_path, lab, make_cell):
     assert not any(w in reference(heavy, table)[0].model.names for w in ("compliance.joint_2",))
 
 
-def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cell):
+def test_links_are_not_free_where_nothing_sees_the_scale(table_of, lab, make_cell):
     """Neither by touch-ups of one target nor of three; by a known distance, and by readings."""
     models = {"parameters": {"models": [["geometry"], ["geometry", "priors"]]}}
     known = {"targets": ["A0", "A1"], "length_mm": 300.0}
@@ -146,7 +150,7 @@ def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cel
         ("point", 1, {}, True),
     ):
         cell = make_cell(**models, **more)
-        _, table = table_of(tmp_path, lab, [kind], 60, targets_each=each)
+        _, table = table_of([kind], 60, targets_each=each)
         held = held_only(cell, table)
         assert held == ([] if free else ["geometry"]), (kind, each)
         names = [candidate.name for candidate in candidates(cell, table, without=held)]
@@ -154,9 +158,9 @@ def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cel
         assert "geometry with priors" in names
 
 
-def test_the_reference_holds_everything_by_priors(tmp_path, lab, make_cell):
+def test_the_reference_holds_everything_by_priors(table_of, lab, make_cell):
     cell = make_cell(parameters={"models": [["zero_offsets"], ["scale"]]})
-    _, table = table_of(tmp_path, lab, ["touch-up"])
+    _, table = table_of(["touch-up"])
     model = reference(cell, table)[0].model
     assert np.isfinite(model.prior[~model.nuisance]).all()
     stems = {name.partition(".")[0] for name in np.array(model.names)[~model.nuisance]}
@@ -186,11 +190,11 @@ def test_noise_given_and_unknown(make_cell):
 @pytest.mark.parametrize(
     "kind", ["touch-up", *(pytest.param(k, marks=pytest.mark.slow) for k in ("point", "distance"))]
 )
-def test_noise_from_the_residuals(tmp_path, lab, make_cell, kind):
+def test_noise_from_the_residuals(table_of, lab, make_cell, kind):
     """150 measurements: the standard deviation is known to about 1 / sqrt(2 x 150)."""
     noise = 5e-5
     measured, table = table_of(
-        tmp_path, lab, [kind], 150, noise=noise, targets_each=3 if kind == "distance" else 1
+        [kind], 150, noise=noise, targets_each=3 if kind == "distance" else 1
     )
     cell = make_cell(
         parameters={"models": [["zero_offsets"]]}, measurement={"estimate_noise": True}
@@ -205,9 +209,9 @@ def test_noise_from_the_residuals(tmp_path, lab, make_cell, kind):
         assert abs(result.value(name) - measured.value(name)) < 5.0 * sigma
 
 
-def test_known_distances_take_part(tmp_path, lab, make_cell):
+def test_known_distances_take_part(table_of, lab, make_cell):
     """Of two targets, in any order of their names; a wrong one shows."""
-    measured, table = table_of(tmp_path, lab, ["touch-up"], 60, targets_each=2)
+    measured, table = table_of(["touch-up"], 60, targets_each=2)
     ends = [np.array([measured.value(f"target.A{k}.{axis}") for axis in "xyz"]) for k in (0, 1)]
     known = {
         "targets": ["A1", "A0"],
@@ -228,8 +232,8 @@ def test_known_distances_take_part(tmp_path, lab, make_cell):
     assert found.rms_m > 1e-6
 
 
-def test_a_known_distance_to_nowhere(tmp_path, lab, make_cell):
-    _, table = table_of(tmp_path, lab, ["touch-up"], 6)
+def test_a_known_distance_to_nowhere(table_of, lab, make_cell):
+    _, table = table_of(["touch-up"], 6)
     cell = make_cell(known_distance=[{"targets": ["A0", "A7"], "length_mm": 100.0}])
     with pytest.raises(InputError, match="distance to the target 'A7' is known") as caught:
         candidates(cell, table)
@@ -243,11 +247,11 @@ def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kinds", [["touch-up"], ["pose"], ["point", "touch-up"]], ids="+".join)
-def test_models_from_names(tmp_path, lab, make_cell, kinds):
+def test_models_from_names(table_of, lab, make_cell, kinds):
     """The arm that a file of results speaks of moves as the one that was identified."""
     words = [[word] for word in WORDS] + [["geometry", "compliance", "priors"]]
     cell = make_cell(parameters={"models": words})
-    _, table = table_of(tmp_path, lab, kinds, 60, tools=("tool", "ball"), targets_each=2)
+    _, table = table_of(kinds, 60, tools=("tool", "ball"), targets_each=2)
     rng = np.random.default_rng(5)
     pairs = rebuilt(cell, table)
     assert len(pairs) == 1 + len(words)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from calib.model.measurements import KINDS
 from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.identification import Identified, identify_models
 from posedesign.identification.measurement_set_up import (
     far_rows,
@@ -44,7 +42,7 @@ TARGETS = {"three planes": 3, "distance": 3}
 
 
 def identified(
-    tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str], **more: Any
+    tabled: Any, lab: Any, make_cell: MakeCell, kinds: list[str], **more: Any
 ) -> tuple[Any, Identified]:
     """Measured, written, read, and identified by the model with zero offsets."""
     measured = lab.measure(kinds, **more)
@@ -57,16 +55,15 @@ def identified(
             for kind in kinds
         ],
     )
-    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-    return measured, identify_models(cell, read_measurements(path, 6))
+    return measured, identify_models(cell, tabled(measured))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MIXTURES)
-def test_exact_without_noise(tmp_path, lab, make_cell, name):
+def test_exact_without_noise(tabled, lab, make_cell, name):
     each = TARGETS.get(name, 1)
     measured, found = identified(
-        tmp_path, lab, make_cell, MIXTURES[name], count=60, targets_each=each
+        tabled, lab, make_cell, MIXTURES[name], count=60, targets_each=each
     )
     result = next(r for r in found.comparison.results if r.model == "offsets")
     for joint in lab.joints:
@@ -78,10 +75,10 @@ def test_exact_without_noise(tmp_path, lab, make_cell, name):
     assert before.rms_m > 1e-5
 
 
-def test_places_of_tools_and_targets(tmp_path, lab, make_cell):
+def test_places_of_tools_and_targets(tabled, lab, make_cell):
     """Two tools and two trackers: each is found where it is."""
     measured, found = identified(
-        tmp_path, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=60
+        tabled, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=60
     )
     trial = found.comparison.trials[1]
     assert trial.result is not None
@@ -99,10 +96,9 @@ def test_places_of_tools_and_targets(tmp_path, lab, make_cell):
                 assert rotation_angle(off[:3, :3]) < 10 * EXACT
 
 
-def test_what_there_must_be(tmp_path, lab, make_cell):
+def test_what_there_must_be(tabled, lab, make_cell):
     measured = lab.measure(list(KINDS), 8)
-    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-    blocks = set_up_blocks(make_cell(), read_measurements(path, 6))
+    blocks = set_up_blocks(make_cell(), tabled(measured))
     kinds = {label: type(block) for block in blocks for label in (*block.tools, *block.targets)}
     assert kinds["tool"] is ToolFrame  # poses are among them
     for k, kind in enumerate(KINDS):
@@ -112,13 +108,12 @@ def test_what_there_must_be(tmp_path, lab, make_cell):
         assert kinds[f"{'ABCDEFG'[k]}0"] is expected, kind
 
 
-def test_axes_of_the_tool(tmp_path, lab, make_cell):
+def test_axes_of_the_tool(tabled, lab, make_cell):
     """A view line does not show the tool point along itself; the cell may hold more axes."""
 
     def axes(cell: Cell, *kinds: str) -> list[tuple[str, ...]]:
         measured = lab.measure(kinds, 4, tools=("tool", "ball"))
-        path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-        blocks = set_up_blocks(cell, read_measurements(path, 6))
+        blocks = set_up_blocks(cell, tabled(measured))
         return [block.names for block in blocks if isinstance(block, ToolPoints)]
 
     every, across = ("tool.x", "tool.y", "tool.z"), ("tool.x", "tool.y")
@@ -130,10 +125,9 @@ def test_axes_of_the_tool(tmp_path, lab, make_cell):
     assert axes(held, "touch-up") == [("tool.x",), ("tool.ball.x", "tool.ball.y", "tool.ball.z")]
 
 
-def test_how_far_off_it_was_before(tmp_path, lab, make_cell):
+def test_how_far_off_it_was_before(tabled, lab, make_cell):
     measured = lab.measure(["touch-up", "point"], 12)
-    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-    table = read_measurements(path, 6)
+    table = tabled(measured)
     cell = make_cell(target={"name": "A0", "position_mm": [1000.0, 0.0, 500.0]})
     points = cell.robot.state(table.data.postures[:12]).point(cell.tool_m)
     off = nominal_distances(cell, table)
@@ -145,15 +139,13 @@ def test_how_far_off_it_was_before(tmp_path, lab, make_cell):
     np.testing.assert_allclose(elsewhere[:12], around, atol=1e-12)
 
 
-def test_rows_that_are_something_else(tmp_path, lab, make_cell):
+def test_rows_that_are_something_else(tabled, lab, make_cell):
     measured = lab.measure(["touch-up", "point"], 12, targets_each=2)
     q = measured.data.postures.copy()
-    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
-    assert far_rows(make_cell(), read_measurements(path, 6)) == []
+    assert far_rows(make_cell(), tabled(measured)) == []
     q[[3, 20]] /= 57.29578  # a touch-up in radians; of what a tracker reads nothing is expected
-    data = replace(measured.data, postures=q)
-    path = write_measurements(tmp_path / "m.csv", data, measured.kinds)
-    (said,) = far_rows(make_cell(), read_measurements(path, 6))
+    spoilt = replace(measured, data=replace(measured.data, postures=q))
+    (said,) = far_rows(make_cell(), tabled(spoilt))
     assert said.startswith("line 5: the tool point as described is ")
     assert "the others of A1" in said
 

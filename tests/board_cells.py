@@ -159,5 +159,7 @@ def check_constraints(cell: Cell, q: np.ndarray) -> None:
         off = np.abs(1e3 * lines - np.array(body.at_mm))
         if body.kind == "box":
             assert not (off < np.array(body.size_mm) / 2.0).all(axis=-1).any()
+        elif body.kind == "sphere":
+            assert (np.linalg.norm(1e3 * lines - body.at_mm, axis=-1) >= body.radius_mm).all()
         else:  # the floor
             assert (1e3 * lines[..., 2] > body.at_mm[2]).all()

@@ -178,10 +178,14 @@ class ToolSection(Section):
         return self
 
 
+Mount = Literal["flange", "fixed"]
+"""What a camera is on."""
+
+
 class CameraSection(Section):
     """What the camera sees; without this section no pose is refused for its view."""
 
-    mount: Literal["flange", "fixed"] = "flange"
+    mount: Mount = "flange"
     """``fixed``: the camera stands around the arm, and the board of a ``board`` is on the flange,
     its middle at the tool point; ``position_mm`` and ``wpr_deg`` are in the base frame."""
     position_mm: Vector | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -96,6 +96,13 @@ def new(
     robot: Annotated[
         str | None, typer.Option(help="Preset or URDF file; default: the reference cell.")
     ] = None,
+    camera: Annotated[
+        Literal["flange", "fixed"] | None,
+        typer.Option(
+            help="A cell for pictures of a board: the camera on the flange, or fixed around the "
+            "arm, with the board on the flange.",
+        ),
+    ] = None,
     xacro_arg: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME:=VALUE", help="Argument of a xacro file; may be repeated."),
@@ -114,7 +121,12 @@ def new(
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
 
-    text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
+    text = cell_template(
+        robot,
+        camera=camera,
+        packages=packages or (),
+        xacro_args=xacro_arg or (),
+    )
     made = Cell.from_text(text)
     if robot is None:
         note(
@@ -180,6 +192,13 @@ def plan(
     wanted_sigma_deg: Annotated[
         float | None, typer.Option(help="The same for every angle [deg]; may be given together.")
     ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            help="How long a round may take, in place of a number of poses: as many of the best as "
+            "there is time for."
+        ),
+    ] = None,
     validation: Annotated[
         int, typer.Option(help="Poses to choose besides, to be kept out of the fit.")
     ] = 0,
@@ -221,6 +240,7 @@ def plan(
         refine,
         robust,
         keep=keep is not None,
+        minutes=minutes,
     )
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
@@ -252,7 +272,8 @@ def next_poses(
     measurements: Annotated[
         Path,
         typer.Argument(
-            help="The touch-ups so far: touchups.csv; of pictures of a board the poses: poses.csv"
+            help="The touch-ups so far: touchups.csv; of pictures of a board camera.json, or the "
+            "poses: poses.csv"
         ),
     ],
     out: OutFolder = Path(),

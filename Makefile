@@ -17,8 +17,9 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
+# file by file as they stand: by the number of tests, few and long ones would come last, to one core
 slow: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "slow and not full"
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m "slow and not full"
 
 full: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto -m ""

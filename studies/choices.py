@@ -37,10 +37,8 @@ def write(
 ) -> dict[str, Any]:
     """Write a table and the key figures of all models, and return these."""
     content = {"tolerance": TOLERANCE, "recommended": recommended, "models": rows}
-    figures: dict[str, Any] = writing.rounded(content, DIGITS)
-    writing.write_rows(table.parent, table.name, flat(figures["models"]), DIGITS)
-    writing.write_figures(table.parent, figures)
-    return figures
+    tables = {table.name: flat(writing.rounded(rows, DIGITS))}
+    return writing.write_rounded(table.parent, content, DIGITS, tables)
 
 
 @dataclass(frozen=True, eq=False)

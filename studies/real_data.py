@@ -10,7 +10,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from calib import CalibrationModel, IdentificationResult
 from calib.errors import InputError
+from calib.identification import minimise
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, transform
 from posedesign.pairs import PairSource
 
@@ -60,6 +63,28 @@ def from_the_images(data: Path) -> tuple[FloatArray, FloatArray]:
         T = np.array(words[first : first + 16], dtype=float).reshape(4, 4)
         found.append(transform(T[:3, :3], T[:3, 3] * MM))
     return found[0], found[1]
+
+
+def refitted(
+    model: CalibrationModel, data: Measurements, result: IdentificationResult, weights: FloatArray
+) -> FloatArray:
+    """Parameters ``(T, p)`` of fits by weights ``(T, N)``, with the noise that was found.
+
+    Raises
+    ------
+    RuntimeError
+        A fit that has not converged.
+    """
+    kinds = [
+        kind.with_noise(noise.sigma / kind.sigma)
+        for kind, noise in zip(model.measurements, result.noise, strict=True)
+    ]
+    start = np.tile(result.values, (len(weights), 1))
+    noisy = model.with_measurements(kinds)
+    fit = minimise(noisy, data.repeated(len(weights)), start, weights=weights)
+    if not fit.converged.all():
+        raise RuntimeError("a fit to some of the measurements has not converged")
+    return fit.x
 
 
 NAMED_BY = "POSEDESIGN_DATA"

@@ -6,18 +6,23 @@ import io
 import json
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from calib.errors import InputError
 from posedesign.files import json_text, make_folder, write_text_atomic
 from posedesign.files.csv_tables import AsItIs, write_table
 from posedesign.files.csv_tables import read_rows as read_cells
-from posedesign.study import Advance, Options
+from posedesign.study import Advance, Grid, Options, Store, call, read_table, run_grid
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
+
+Row = TypeVar("Row")
 
 FIGURES = "figures.json"
 """Key figures of a run, beside its tables: what ``expected.json`` has of the full one."""
@@ -32,6 +37,17 @@ def write_figures(out: Path, figures: Mapping[str, Any] | Sequence[Any]) -> Path
     """Write the key figures of a run, as JSON with a line for each row of a table."""
     make_folder(out)
     return write_text_atomic(out / FIGURES, _lines(json.loads(json_text(figures))) + "\n")
+
+
+def write_rounded(
+    out: Path, said: Any, digits: int, tables: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> dict[str, Any]:
+    """Write tables by their names, and key figures, with so many digits; return the latter."""
+    for name, rows in tables.items():
+        write_rows(out, name, rows, digits)
+    figures: dict[str, Any] = rounded(said, digits)
+    write_figures(out, figures)
+    return figures
 
 
 def _lines(value: Any, indent: str = "\n") -> str:
@@ -134,6 +150,37 @@ def trials_of(options: Options, own: int, least: int = 2) -> int:
         hint = f"give {least} or more"
         raise InputError(f"{count} trials", hint=hint, name="trials", value=count, bound=least)
     return count
+
+
+def parts_of(rows: Iterable[Row], advance: Advance, name: Callable[[Row], str]) -> Iterator[Row]:
+    """One after the other, each reported by its name before it is begun."""
+    every = list(rows)
+    for done, row in enumerate(every):
+        advance(name(row), done / len(every))
+        yield row
+
+
+def named(rows: Iterable[Any], names: Collection[str] | None, advance: Advance) -> Iterator[Any]:
+    """Models of a study's settings, or those that are named, each reported before it is begun."""
+    wanted = [row for row in rows if names is None or row["name"] in names]
+    return parts_of(wanted, advance, itemgetter("name"))
+
+
+def trials_by_grid(
+    options: Options, study: str, settings: Mapping[str, Any], conditions: Sequence[dict[str, Any]]
+) -> pd.DataFrame:
+    """Trials of all conditions, by ``simulate`` of a study's ``run.py``, shared by workers."""
+    grid = Grid(conditions, settings["trials"], settings["batch"], settings["seed"])
+    about = {"study": study, "tasks": len(grid), **settings}
+    table = run_grid(
+        partial(call, study, "simulate"),
+        grid,
+        Store(options.out, "trials", about),
+        options.workers,
+        restart=options.restart,
+        advance=lambda done, total: options.advance(f"{done} of {total} tasks", done / total),
+    )
+    return read_table(table)
 
 
 def part_of(advance: Advance, k: int, count: int, name: str) -> Advance:

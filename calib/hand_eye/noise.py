@@ -8,6 +8,7 @@ Thompson, Biometrika 58, 1971): without the restriction the parameters would tak
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,6 +166,42 @@ def pixel_scale(parts: Deviations, some: BoolArray | slice = slice(None)) -> flo
     return float(np.sqrt(max(squares, 0.0) / max(freedom, 1.0)))
 
 
+def restricted(parts: Deviations) -> Callable[[FloatArray], tuple[float, FloatArray]]:
+    """Restricted likelihood of the logarithms ``(2,)`` of the arm's deviations [m, rad].
+
+    Of its logarithm minus the double, and the slope ``(2,)`` of that (Harville, J. Am. Stat. Assoc.
+    72, 1977): ``log |V| + log |A| + yᵀV⁻¹y - bᵀA⁻¹b``, with ``A`` and ``b`` of the normal equations
+    of the parameters.
+    """
+    y, H = parts.off, parts.by_parameters
+    within = parts.within_blocks.sum(axis=0) + parts.known_block
+    unit = np.sqrt(np.maximum(np.einsum("nip,nip->p", H, H), np.diag(within) * 1e-12))
+    unit = np.where(unit > 0, unit, 1.0)
+    H, within = H / unit, within / np.outer(unit, unit)
+    right = (parts.within_right.sum(axis=0) + parts.known_right) / unit
+    rows, axes = H.reshape(y.size, -1), np.diag_indices(6)
+
+    def unlikely(log_sigma: FloatArray) -> tuple[float, FloatArray]:
+        V = parts.covariance.copy()
+        variance = np.exp(2.0 * log_sigma)
+        V[:, axes[0], axes[1]] += np.repeat(variance, 3)
+        inverse = np.linalg.inv(V)
+        white, columns = (inverse @ y[..., None])[..., 0], inverse @ H
+        A = rows.T @ columns.reshape(rows.shape) + within
+        b = rows.T @ white.ravel() + right
+        values, vectors = np.linalg.eigh(A)
+        kept = values > 1e-12 * values[-1]
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        along = b @ root
+        log_det = np.linalg.slogdet(V)[1].sum() + np.log(values[kept]).sum()
+        off = white - columns @ (root @ along)
+        own = inverse[:, axes[0], axes[1]] - ((columns @ root) ** 2).sum(axis=2) - off**2
+        slope = 2.0 * variance * own.sum(axis=0).reshape(2, 3).sum(axis=1)
+        return float(log_det + np.sum(white * y) - along @ along), slope
+
+    return unlikely
+
+
 def arm_deviation(parts: Deviations) -> tuple[float, float]:
     """Standard deviations of where the tip stops: along each axis [m], about each axis [rad].
 
@@ -172,32 +209,12 @@ def arm_deviation(parts: Deviations) -> tuple[float, float]:
     """
     from scipy.optimize import minimize
 
-    y, H = parts.off, parts.by_parameters
-    within = parts.within_blocks.sum(axis=0) + parts.known_block
-    unit = np.sqrt(np.maximum(np.einsum("nip,nip->p", H, H), np.diag(within) * 1e-12))
-    unit = np.where(unit > 0, unit, 1.0)
-    H, within = H / unit, within / np.outer(unit, unit)
-    right = (parts.within_right.sum(axis=0) + parts.known_right) / unit
-
-    def unlikely(log_sigma: FloatArray) -> float:
-        variance = np.repeat(np.exp(2.0 * log_sigma), 3)
-        V = parts.covariance + np.diag(variance)
-        L = np.linalg.cholesky(V)
-        white, columns = np.linalg.solve(L, y[..., None])[..., 0], np.linalg.solve(L, H)
-        A = np.einsum("nip,niq->pq", columns, columns) + within
-        b = np.einsum("nip,ni->p", columns, white) + right
-        values, vectors = np.linalg.eigh(A)
-        kept = values > 1e-12 * values[-1]
-        explained = float(np.sum((vectors[:, kept].T @ b) ** 2 / values[kept]))
-        log_det = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum()
-        log_det += np.log(values[kept]).sum()
-        return float(log_det + np.sum(white**2) - explained)
-
+    y, unlikely = parts.off, restricted(parts)
     low, high = np.log(LEAST_ARM), np.log(_MOST_ARM)
     start = np.log(np.clip([y[:, :3].std() / 2, y[:, 3:].std() / 2], LEAST_ARM, _MOST_ARM))
     best = min(
         (
-            minimize(unlikely, at, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)))
+            minimize(unlikely, at, jac=True, bounds=list(zip(low, high, strict=True)))
             for at in (start, np.array([start[0], low[1]]), np.array([low[0], start[1]]))
         ),
         key=lambda found: float(found.fun),

@@ -50,13 +50,7 @@ def answer_of_plan(
     cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()
 ) -> Answer:
     """The answer of the paper's loop: whether the threshold was reached, and what that is worth."""
-    promised = {
-        "tool point": f"{1e3 * outlook.tcp_m:.3g} mm rms predicted over {outlook.box_words}, "
-        f"{1e3 * outlook.tcp_worst_m:.3g} mm where it is largest"
-    }
-    if cell.is_hand_eye:  # nothing of the arm is identified
-        promised = _seen(cell, outlook.tcp_m, outlook.tcp_worst_m, outlook.box_words)
-        promised |= _camera_and_target(result.sigma_displayed())
+    error = outlook.tcp_m, outlook.tcp_worst_m, outlook.box_words
     better = ""
     if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
         of_X = cell.is_hand_eye and not cell.sees_board
@@ -70,7 +64,7 @@ def answer_of_plan(
     return Answer(
         result.verdict,
         {
-            **promised,
+            **_promised(cell, *error, result.sigma_displayed()),
             "better": better,
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
@@ -110,15 +104,19 @@ def _camera_and_target(sigma: Sequence[tuple[str, str, float]]) -> dict[str, str
     return said
 
 
-def _seen(cell: Cell, rms_m: float, worst_m: float, words: str) -> dict[str, str]:
-    """Predicted error of what a camera sees, where pictures of a board are planned for."""
+def _promised(
+    cell: Cell, rms_m: float, worst_m: float, box: str, sigma: Sequence[tuple[str, str, float]]
+) -> dict[str, str]:
+    """Predicted errors over a box of the tool point, or of what a camera sees, with X and Z."""
+    error = f"{1e3 * rms_m:.3g} mm rms predicted over {box}, {1e3 * worst_m:.3g} mm"
+    error += " where it is largest"
+    if not cell.is_hand_eye:
+        return {"tool point": error}
+    said = _camera_and_target(sigma)  # nothing of the arm is identified
     if not cell.sees_board:
-        return {}
+        return said
     where = "base" if cell.camera_stands else "flange"
-    return {
-        "what the camera sees": f"{1e3 * rms_m:.3g} mm rms predicted over {words}, "
-        f"{1e3 * worst_m:.3g} mm where it is largest, seen from the {where}"
-    }
+    return {"what the camera sees": f"{error}, seen from the {where}"} | said
 
 
 def _short_names(row: Mapping[str, object]) -> dict[str, object]:
@@ -145,20 +143,14 @@ def _what_time_buys(result: OptimalPlan) -> str:
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
-    promised = {
-        "tool point": f"{1e3 * found.tcp_m:.3g} mm rms predicted over {result.box_words}, "
-        f"{1e3 * found.tcp_worst_m:.3g} mm where it is largest"
-    }
-    if cell.is_hand_eye:
-        promised = _seen(cell, found.tcp_m, found.tcp_worst_m, result.box_words)
-        promised |= _camera_and_target(displayed(result.model, found.sigma))
+    error = found.tcp_m, found.tcp_worst_m, result.box_words
     time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
     if result.request.time_s is not None:
         time += "; " + _what_time_buys(result)
     return Answer(
         result.verdict,
         {
-            **promised,
+            **_promised(cell, *error, displayed(result.model, found.sigma)),
             "time": time,
             "pool": result.pool_words,
             "target": cell.whereabouts.words,

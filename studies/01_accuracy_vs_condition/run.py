@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +26,10 @@ from posedesign.report.drawing import (
 )
 from posedesign.simulation import SimulatedRobot, effective_truth, spread_interval
 from posedesign.simulation.accuracy import improving_rounds, to_the_widest
-from posedesign.study import Grid, Options, Store, Task, call, read_table, run_grid
+from posedesign.study import Options, Task
 from posedesign.workflow import camera_noise
 from studies import writing
-from studies.writing import save, trials_of, write_figures, write_rows
+from studies.writing import save, trials_by_grid, trials_of, write_figures, write_rows
 
 # what tables and figures need is imported where they are made: workers need not wait for it
 if TYPE_CHECKING:
@@ -347,17 +347,8 @@ def study(options: Options) -> dict[str, Any]:
 
     settings = SETTINGS | {"trials": trials_of(options, SETTINGS["trials"])}
     options.advance("planning", 0.0)
-    grid = Grid(conditions(settings), settings["trials"], settings["batch"], settings["seed"])
-    about = {"study": HERE.name, "tasks": len(grid), **settings}
-    table = run_grid(
-        partial(call, HERE.name, "simulate"),
-        grid,
-        Store(options.out, "trials", about),
-        options.workers,
-        restart=options.restart,
-        advance=lambda done, total: options.advance(f"{done} of {total} tasks", done / total),
-    )
-    rows = summary(read_table(table), settings["solvers"])
+    trials = trials_by_grid(options, HERE.name, settings, conditions(settings))
+    rows = summary(trials, settings["solvers"])
     write_rows(options.out, SETS, rows)
     related = relations(pd.DataFrame(rows), settings["solvers"])
     write_rows(options.out, RELATIONS, related)

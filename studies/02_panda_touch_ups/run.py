@@ -108,6 +108,16 @@ def load(folder: Path) -> Recorded:
     return Recorded(np.vstack(q), index, index // len(SETTINGS["sockets"]))
 
 
+def plain_blocks(robot: Robot, row: dict[str, Any]) -> list[ParameterBlock]:
+    """Offsets and links that a row frees, with the priors that it gives."""
+    blocks: list[ParameterBlock] = []
+    if "offsets" in row:
+        blocks.append(ZeroOffsets(robot, [robot.joint_names[j - 1] for j in row["offsets"]]))
+    if "prior_m" in row:
+        blocks.append(LinkGeometry(robot, prior_m=row["prior_m"], prior_rad=row["prior_rad"]))
+    return blocks
+
+
 def blocks_of(robot: Robot, row: dict[str, Any]) -> tuple[list[ParameterBlock], list[PriorGroup]]:
     """What a row of the table frees besides ball and sockets, and what of it is tuned."""
     joints = list(robot.joint_names)
@@ -118,16 +128,12 @@ def blocks_of(robot: Robot, row: dict[str, Any]) -> tuple[list[ParameterBlock], 
         "bearings": lambda: BearingCompliance(robot, joints),
         "lost_motion": lambda: LostMotion(robot, loaded, SETTINGS["lost_motion_nm"]),
     }
-    blocks: list[ParameterBlock] = []
+    blocks = plain_blocks(robot, row)
     groups: list[PriorGroup] = []
 
     def tune(kind: str, names: tuple[str, ...], unit: str) -> None:
         groups.append(PriorGroup(kind.replace("_", " "), names, *SETTINGS["bounds"][kind + unit]))
 
-    if "offsets" in row:
-        blocks.append(ZeroOffsets(robot, [joints[j - 1] for j in row["offsets"]]))
-    if "prior_m" in row:
-        blocks.append(LinkGeometry(robot, prior_m=row["prior_m"], prior_rad=row["prior_rad"]))
     for kind in row.get("tuned", ()):
         if kind == "geometry":  # a turn about the joint's axis is its offset, of another size
             offsets = ZeroOffsets(robot, joints)
@@ -190,9 +196,7 @@ def run(
     robot, recorded = Robot.preset(SETTINGS["robot"]), load(folder)
     every = list(range(len(SITES)))
     rows: list[dict[str, Any]] = []
-    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
-    for done, row in enumerate(wanted):
-        advance(row["name"], done / len(wanted))
+    for row in writing.named(SETTINGS["model"], names, advance):
         full = fit(robot, recorded, row, every)
         found: dict[str, Any] = {
             "model": row["name"],

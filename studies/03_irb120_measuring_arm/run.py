@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, IdentificationResult, identify
-from calib.identification import minimise
 from calib.model import Setup
 from calib.model.measurements import Measurements, Point
 from calib.model.parameters import Frames, TargetFrame, ToolBody, ToolPoints, ZeroOffsets
@@ -28,7 +27,7 @@ from posedesign.identification import Identified, identify_models
 from posedesign.report.drawing import set_answer
 from posedesign.study import Advance, Options
 from studies import drawing, writing
-from studies.real_data import data_with, folder_for_recordings
+from studies.real_data import data_with, folder_for_recordings, refitted
 
 SETTINGS = writing.settings_of(__file__)
 POINTS: list[str] = SETTINGS["points"]
@@ -178,17 +177,7 @@ def without_each(
     """Parameters ``(count, p)`` from refits without each of the first so many configurations."""
     if result is None:
         return np.zeros((count, 0))
-    kinds = [
-        kind.with_noise(noise.sigma / kind.sigma)
-        for kind, noise in zip(model.measurements, result.noise, strict=True)
-    ]
-    weights = (data.pose != np.arange(count)[:, None]).astype(float)
-    start = np.tile(result.values, (count, 1))
-    noisy = model.with_measurements(kinds)
-    fit = minimise(noisy, data.repeated(count), start, weights=weights)
-    if not fit.converged.all():
-        raise RuntimeError("a fit without one configuration has not converged")
-    return fit.x
+    return refitted(model, data, result, (data.pose != np.arange(count)[:, None]).astype(float))
 
 
 def off_at_check_points(

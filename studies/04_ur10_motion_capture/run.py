@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from calib import IdentificationResult
-from calib.identification import Trial, minimise
+from calib.identification import Trial
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, rotation_log, wpr_from_rotation
 from posedesign.cell import Cell
@@ -25,7 +25,7 @@ from posedesign.identification import identify_models
 from posedesign.report.drawing import set_answer
 from posedesign.study import Advance, Options
 from studies import drawing, writing
-from studies.real_data import data_with, folder_for_recordings
+from studies.real_data import data_with, folder_for_recordings, refitted
 
 HERE = Path(__file__).parent
 SETTINGS = writing.settings_of(__file__)
@@ -151,16 +151,8 @@ def write_tables(data: Path, out: Path) -> tuple[list[Path], Path]:
 def refitted_mm(trial: Trial, result: IdentificationResult, data: Measurements) -> float:
     """Leave-one-out [mm] by a refit without each pose, in place of the closed form."""
     model, count = trial.candidate.model, data.count
-    kinds = [
-        kind.with_noise(noise.sigma / kind.sigma)
-        for kind, noise in zip(model.measurements, result.noise, strict=True)
-    ]
-    start = np.tile(result.values, (count, 1))
-    noisy = model.with_measurements(kinds)
-    fit = minimise(noisy, data.repeated(count), start, weights=1.0 - np.eye(count))
-    if not fit.converged.all():
-        raise RuntimeError("a fit without one pose has not converged")
-    rows = model.linearise(data.postures, fit.x, data.setup, data.observed).rows
+    x = refitted(model, data, result, 1.0 - np.eye(count))
+    rows = model.linearise(data.postures, x, data.setup, data.observed).rows
     return _rms_mm(np.linalg.norm(rows[np.arange(count), np.arange(count), :3], axis=-1))
 
 

@@ -285,11 +285,8 @@ def study(options: Options) -> dict[str, Any]:
         **claims(found, few),
         "table_1": table_1(trials, options.advance),
     }
-    writing.write_rows(options.out, f"{MEDIANS}.csv", rows, DIGITS)
-    writing.write_rows(options.out, f"{AVERAGES}.csv", averages(paper), DIGITS)
-    rounded: dict[str, Any] = writing.rounded(said, DIGITS)
-    writing.write_figures(options.out, rounded)
-    return rounded
+    tables = {f"{MEDIANS}.csv": rows, f"{AVERAGES}.csv": averages(paper)}
+    return writing.write_rounded(options.out, said, DIGITS, tables)
 
 
 def plot(folder: Path) -> list[Path]:
@@ -319,10 +316,9 @@ def run(
     """Errors of every method in every cell; each cell has random numbers of its own."""
     found = {}
     every = cells(SETTINGS["poses"])
-    wanted = cells(poses)
-    for done, cell in enumerate(wanted):
+    said = "{0[0]}, noise on {0[1]}, {0[2]} poses".format
+    for cell in writing.parts_of(cells(poses), advance, said):
         workspace, noisy, n = cell
-        advance(f"{workspace}, noise on {noisy}, {n} poses", done / len(wanted))
         rng = np.random.default_rng([SETTINGS["seed"], stream, every.index(cell)])
         cone_deg = SETTINGS["workspaces"][workspace]
         data = draw(rng, trials or SETTINGS["trials"], n, noisy, cone_deg, SETTINGS)

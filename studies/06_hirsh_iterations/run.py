@@ -229,11 +229,8 @@ def study(options: Options) -> dict[str, Any]:
         said["workspaces"][workspace] = run(workspace, trials, advance)
         errors += curves(workspace, trials)
         counts += scatter(workspace, trials)
-    writing.write_rows(options.out, f"{ITERATIONS}.csv", errors, DIGITS)
     writing.write_rows(options.out, f"{COUNTS}.csv", counts)
-    rounded: dict[str, Any] = writing.rounded(said, DIGITS)
-    writing.write_figures(options.out, rounded)
-    return rounded
+    return writing.write_rounded(options.out, said, DIGITS, {f"{ITERATIONS}.csv": errors})
 
 
 def plot(folder: Path) -> list[Path]:
@@ -263,8 +260,7 @@ def run(
     limit, problems = (SETTINGS["printed"][key][place] for key in ("cycles", "problems"))
     rng = np.random.default_rng([SETTINGS["seed"], 100])
     rows = {}
-    for done, n in enumerate(SETTINGS["views"]):
-        advance(f"{n} views", done / len(SETTINGS["views"]))
+    for n in writing.parts_of(SETTINGS["views"], advance, "{} views".format):
         few = free.first(n)
         rows[str(n)] = {
             **claims.speed(few, tolerance),

@@ -187,10 +187,7 @@ def study(options: Options) -> dict[str, Any]:
     random, and a number of trials is ignored.
     """
     found = run(data_with(UR3E, TAGS, TABB), advance=options.advance)
-    writing.write_rows(options.out, TABLE, flat(found), DIGITS)
-    rounded: dict[str, Any] = writing.rounded(found, DIGITS)
-    writing.write_figures(options.out, rounded)
-    return rounded
+    return writing.write_rounded(options.out, found, DIGITS, {TABLE: flat(found)})
 
 
 def plot(folder: Path) -> list[Path]:

@@ -231,9 +231,7 @@ def run(
 ) -> list[dict[str, Any]]:
     """Figures of each model, or of those that are named; by all of its criteria, or by some."""
     rows = []
-    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
-    for done, row in enumerate(wanted):
-        advance(row["name"], done / len(wanted))
+    for row in writing.named(SETTINGS["model"], names, advance):
         bench = bench_of(data, row, SETTINGS)
         all36 = everything(bench)
         tried = [c for c in row["criteria"] if criteria is None or c in criteria]

@@ -13,11 +13,9 @@ from calib.identification import minimise, tool_motion
 from calib.model.measurements import TouchUp, touch_ups
 from calib.model.parameters import (
     JointHarmonics,
-    LinkGeometry,
     ParameterBlock,
     TargetPoints,
     ToolPoint,
-    ZeroOffsets,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, apply
 from posedesign.study.library import find_study
@@ -126,12 +124,8 @@ def bench_of(recorded: Any, row: dict[str, Any], site: int, settings: dict[str, 
 
 def arm_blocks(robot: Robot, row: dict[str, Any]) -> list[ParameterBlock]:
     """What a row frees of the arm."""
-    joints = robot.joint_names
-    blocks: list[ParameterBlock] = []
-    if "offsets" in row:
-        blocks.append(ZeroOffsets(robot, [joints[j - 1] for j in row["offsets"]]))
-    if "prior_m" in row:
-        blocks.append(LinkGeometry(robot, prior_m=row["prior_m"], prior_rad=row["prior_rad"]))
+    blocks: list[ParameterBlock] = touched.plain_blocks(robot, row)
     if "harmonics" in row:
-        blocks.append(JointHarmonics(robot, joints, row["harmonics"], row["harmonics_rad"]))
+        waves = row["harmonics"], row["harmonics_rad"]
+        blocks.append(JointHarmonics(robot, robot.joint_names, *waves))
     return blocks

@@ -197,9 +197,7 @@ def run(
     recorded = touched.load(folder)
     settings = SETTINGS | {"draws": draws}
     rows = []
-    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
-    for done, row in enumerate(wanted):
-        advance(row["name"], done / len(wanted))
+    for row in writing.named(SETTINGS["model"], names, advance):
         tried = [c for c in row["criteria"] if criteria is None or c in criteria]
         found = {}
         for site, name in enumerate(SITES):

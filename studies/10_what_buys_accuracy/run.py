@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -137,8 +138,7 @@ def run(
     deflecting = min(count, SETTINGS["deflecting_trials"])
     found = {}
     wanted = [v for v in VARIANTS if keys is None or v.key in keys]
-    for done, variant in enumerate(wanted):
-        advance(variant.says, done / len(wanted))
+    for variant in writing.parts_of(wanted, advance, attrgetter("says")):
         stream = VARIANTS.index(variant)
         found[variant.key] = bench.measure(variant, count, deflecting, stream)
     return found

@@ -105,11 +105,8 @@ def study(options: Options) -> dict[str, Any]:
         said["ranked"] += ranked(problem, trials, sets)
     options.advance("models right and wrong", len(problems) / (len(problems) + 1))
     said["held"] = held(next(iter(SETTINGS["arms"])), SETTINGS, trials=trials)
-    figures: dict[str, Any] = writing.rounded(said, DIGITS)
-    for name, rows in figures.items():
-        writing.write_rows(options.out, f"{name}.csv", rows, DIGITS)
-    writing.write_figures(options.out, figures)
-    return figures
+    tables = {f"{name}.csv": rows for name, rows in said.items()}
+    return writing.write_rounded(options.out, said, DIGITS, tables)
 
 
 def plot(folder: Path) -> list[Path]:

@@ -169,14 +169,10 @@ def study(options: Options) -> dict[str, Any]:
     rows, clouds = run(trials, advance=writing.part_of(options.advance, 0, 2, "Tables 1 and 2"))
     options.advance("Table 3", 0.5)
     said: dict[str, Any] = {"rows": rows, "pin": against_pin(trials), "derived": derived()}
-    figures: dict[str, Any] = writing.rounded(said, DIGITS)
-    writing.write_rows(options.out, "visual_touch_up.csv", figures["rows"], DIGITS)
-    pin_rows = [_flat(row) for row in figures["pin"]["rows"]]
-    writing.write_rows(options.out, "visual_less_pin.csv", pin_rows, DIGITS)
-    for part in CLOUDS:
-        writing.write_rows(options.out, f"cloud_{part}.csv", cloud_rows(clouds, part), DIGITS)
-    writing.write_figures(options.out, figures)
-    return figures
+    tables = {"visual_touch_up.csv": rows}
+    tables["visual_less_pin.csv"] = [_flat(row) for row in said["pin"]["rows"]]
+    tables |= {f"cloud_{part}.csv": cloud_rows(clouds, part) for part in CLOUDS}
+    return writing.write_rounded(options.out, said, DIGITS, tables)
 
 
 def plot(folder: Path) -> list[Path]:

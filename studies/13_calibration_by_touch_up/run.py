@@ -325,12 +325,8 @@ def study(options: Options) -> dict[str, Any]:
     said["pictures"] = through_pictures(benches[SHOWN], sets)
     options.advance("arms drawn at random", (steps - 1) / steps)
     said["robots"] = robots(benches[SHOWN])
-    figures: dict[str, Any] = writing.rounded(said, DIGITS)
-    for part in ("variation", "plate"):
-        writing.write_rows(options.out, f"{part}.csv", _every(figures, part), DIGITS)
-    writing.write_rows(options.out, DATA_SETS, ten, DIGITS)
-    writing.write_figures(options.out, figures)
-    return figures
+    tables = {f"{part}.csv": _every(said, part) for part in ("variation", "plate")}
+    return writing.write_rounded(options.out, said, DIGITS, tables | {DATA_SETS: ten})
 
 
 def plot(folder: Path) -> list[Path]:

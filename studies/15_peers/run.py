@@ -353,8 +353,7 @@ SETTINGS = writing.settings_of(__file__)
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 
-TIMES, PAIRS, TOUCH_UPS = "peer_times.csv", "peer_pairs.csv", "peer_touch_ups.csv"
-SELECTION, REFUSALS = "peer_selection.csv", "peer_refusals.csv"
+TABLES = ("times", "pairs", "touch_ups", "selection", "refusals")
 
 ALWAYS = {"opencv": "opencv-python-headless", "scipy": "scipy"}
 EXTRA = {
@@ -404,23 +403,14 @@ def study(options: Options) -> dict[str, Any]:
     said["facts"] = fits.facts(SETTINGS, peers)
     options.advance("choice of poses", 0.9)
     said["selection"] = selection.compared(SETTINGS, with_figaroh="figaroh" in peers)
-    figures: dict[str, Any] = writing.rounded(said, DIGITS)
-    for name, table in (
-        (TIMES, "times"),
-        (PAIRS, "pairs"),
-        (TOUCH_UPS, "touch_ups"),
-        (SELECTION, "selection"),
-        (REFUSALS, "refusals"),
-    ):
-        writing.write_rows(options.out, name, figures[table], DIGITS)
-    writing.write_figures(options.out, figures)
-    return figures
+    tables = {f"peer_{name}.csv": said[name] for name in TABLES}
+    return writing.write_rounded(options.out, said, DIGITS, tables)
 
 
 def plot(folder: Path) -> list[Path]:
     """Ratios of times, and what the answers are worth."""
     times, errors, touch_ups, chosen = (
-        writing.read_rows(folder, name) for name in (TIMES, PAIRS, TOUCH_UPS, SELECTION)
+        writing.read_rows(folder, f"peer_{name}.csv") for name in TABLES[:-1]
     )
     drawn = writing.save(draw_times(times), folder, "peer_times")
     return drawn + writing.save(draw_accuracy(errors, touch_ups, chosen), folder, "peer_accuracy")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from posedesign.report.drawing import BLUE, GREY, VERMILION, set_answer
-from posedesign.study import Grid, Options, Store, call, read_table, run_grid
+from posedesign.study import Options
 from studies import writing
 
 from .recommended_arms import SETTINGS
@@ -65,21 +64,10 @@ DIGITS = 5
 def study(options: Options) -> dict[str, Any]:
     """Is the recommended model the one to take? A trial is an arm of each preset, in each way."""
     trials = writing.trials_of(options, SETTINGS["trials"], 1)
-    about = {"study": HERE.name, **SETTINGS, "trials": trials}
-    grid = Grid(conditions(), trials, SETTINGS["batch"], SETTINGS["seed"])
-    table = run_grid(
-        partial(call, HERE.name, "simulate"),
-        grid,
-        Store(options.out, "trials", about | {"tasks": len(grid)}),
-        options.workers,
-        restart=options.restart,
-        advance=lambda done, total: options.advance(f"{done} of {total} tasks", done / total),
-    )
-    found = outcomes(read_table(table))
-    writing.write_rows(options.out, ARMS, found.to_dict("records"), DIGITS)
-    said = writing.rounded(key_figures(found) | {"trials": trials}, DIGITS)
-    writing.write_figures(options.out, said)
-    return dict(said)
+    settings = SETTINGS | {"trials": trials}
+    found = outcomes(writing.trials_by_grid(options, HERE.name, settings, conditions()))
+    said = key_figures(found) | {"trials": trials}
+    return writing.write_rounded(options.out, said, DIGITS, {ARMS: found.to_dict("records")})
 
 
 def conditions() -> list[dict[str, str]]:

@@ -43,10 +43,8 @@ def study(options: Options) -> dict[str, Any]:
             done = k * trials + trial + 1
             options.advance(f"{done} of {total} scenes", done / total)
     summary = summarised(pd.DataFrame(rows))
-    writing.write_rows(options.out, TABLE, summary, DIGITS)
-    said = writing.rounded({"trials": trials, "rows": summary}, DIGITS)
-    writing.write_figures(options.out, said)
-    return dict(said)
+    said = {"trials": trials, "rows": summary}
+    return writing.write_rounded(options.out, said, DIGITS, {TABLE: summary})
 
 
 def summarised(trials: pd.DataFrame) -> list[dict[str, Any]]:

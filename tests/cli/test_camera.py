@@ -105,9 +105,6 @@ def test_a_camera_is_calibrated(there, glance):
     assert said.code == 0, said.err
     assert "lens: as given" in said.out
 
-
-def test_the_page_of_a_calibrated_camera(there, glance):
-    assert glance("camera", "cell.toml", "pictures", "--joints", "joints.csv").code == 0
     assert glance("report", ".").code == 0
     page = (there / "report.html").read_text()
     for said in (

@@ -88,13 +88,13 @@ def test_chosen_poses_are_better_than_random_ones(fixed, times):
         return float(np.sqrt((np.einsum("krp,tp->tkr", functions, errors) ** 2).sum(-1).mean()))
 
     chosen = plan_optimal(cell, Request(count=20, refine=True))
-    at_chosen = simulated(chosen.postures, 100)
+    at_chosen = simulated(chosen.postures, 60)  # three numbers each: within 5 %
     assert at_chosen == pytest.approx(chosen.accuracy.tcp_m, rel=0.15)
     predicted, found = [], []
     for _ in range(20):
         q = random_poses(cell, 20, rng)
         predicted.append(accuracy_of(model, objective, functions, model.linearise(q)).tcp_m)
-        found.append(simulated(q, 10))
+        found.append(simulated(q, 4))  # 20 %, the median of twenty 6 %
     assert np.median(predicted) > times * chosen.accuracy.tcp_m
     assert np.median(found) == pytest.approx(np.median(predicted), rel=0.15)
     assert min(predicted) > 2.0 * chosen.accuracy.tcp_m

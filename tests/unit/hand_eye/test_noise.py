@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from calib.chance import normal_quantile
-from calib.hand_eye.noise import arm_deviation, deviations, pixel_scale, squares_of_pictures
+from calib.hand_eye.noise import (
+    LEAST_ARM,
+    arm_deviation,
+    deviations,
+    pixel_scale,
+    restricted,
+    squares_of_pictures,
+)
 from calib.lens import Lens
 from calib.model import CalibrationModel
 from calib.model.measurements import (
@@ -106,6 +113,29 @@ def test_the_deviation_of_the_arm_is_unbiased_by_what_is_estimated_with_it(scene
     found = np.array([arm_deviation(one) for one in parts]) ** 2
     for k in range(2):
         assert is_mean(found[:, k], STOPS_OFF[k] ** 2)
+
+
+def test_the_slope_of_the_restricted_likelihood_is_central_differences(scene):
+    parts = parts_of(scene, scene.seen(np.random.default_rng(37), arm=STOPS_OFF))
+    unlikely = restricted(parts)
+    for at in np.log([STOPS_OFF, (1e-6, 1e-3), (1e-3, 1e-6)]):
+        steps = 1e-5 * np.eye(2)
+        wanted = [(unlikely(at + s)[0] - unlikely(at - s)[0]) / 2e-5 for s in steps]
+        np.testing.assert_allclose(unlikely(at)[1], wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_no_other_deviation_is_likelier(scene):
+    """On a grid: a search by differences stops where the likelihood is flat, at no deviation.
+
+    To a tenth of what a standard error of a deviation costs.
+    """
+    rng = np.random.default_rng(38)
+    grid = np.log(np.stack(np.meshgrid(*[np.geomspace(1e-7, 1e-2, 13)] * 2), axis=-1))
+    for arm in [EXACT] * 6 + [STOPS_OFF] * 2:
+        parts = parts_of(scene, scene.seen(rng, arm=arm))
+        unlikely = restricted(parts)
+        found = unlikely(np.log(np.maximum(arm_deviation(parts), LEAST_ARM)))[0]
+        assert found <= min(unlikely(at)[0] for at in grid.reshape(-1, 2)) + 0.1
 
 
 def test_an_exact_arm_is_found_to_be_one(scene):

@@ -103,7 +103,7 @@ def test_what_two_cameras_are_apart_is_known_better_than_where_they_are():
     second = X @ BESIDE
     apart, sigmas = [], []
     names = tuple(f"P{i}" for i in range(15))
-    for _ in range(12):
+    for _ in range(8):
         place = scene.flange[:, :3, 3] + STOPS_OFF[0] * rng.standard_normal((15, 3))
         turn = rotation_exp(STOPS_OFF[1] * rng.standard_normal((15, 3)))
         flange = transform(turn @ scene.flange[:, :3, :3], place)
@@ -127,7 +127,7 @@ def test_what_two_cameras_are_apart_is_known_better_than_where_they_are():
         found = result.poses["right"][:3, 3] - result.poses["left"][:3, 3]
         apart.append((found - (second - X)[:3, 3]) / sigma)
         sigmas.append(np.linalg.norm(sigma) / np.linalg.norm(result.frames[0].sigma_m))
-    # rms of 36 numbers, three of a trial not independent: 1 +- 0.2
+    # rms of 24 numbers, three of a trial not independent: 1 +- 0.25
     assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.5
     assert np.median(sigmas) < 0.7
     assert result.warnings == ()

@@ -41,7 +41,6 @@ class JointErrors(ParameterBlock):
         prior: float | FloatArray | None = None,
     ) -> None:
         self._joints = list(joints)
-        self._each_once = len(set(joints)) == len(self._joints)
         self.names = tuple(names)
         self.units = (unit,) * len(self.names)
         self.prior = prior_of(prior, len(self.names))
@@ -55,9 +54,6 @@ class JointErrors(ParameterBlock):
         width = np.broadcast_shapes(added[0].shape, errors.joints[0].shape) if self.size else (1,)
         if self.size and errors.joints.shape[1:] != width:
             errors.joints = np.broadcast_to(errors.joints, (len(q), *width)).copy()
-        if self._each_once:
-            errors.joints[self._joints] += added
-            return
         for k, joint in enumerate(self._joints):
             errors.joints[joint] += added[k]
 

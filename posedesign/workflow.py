@@ -27,7 +27,7 @@ from posedesign.files import (
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.origin import checksum
-from posedesign.hand_eye import CAMERA_FILES, Asked, Calibrated, calibrate_camera
+from posedesign.hand_eye import CAMERA_FILES, Asked, Calibrated, as_calibrated, calibrate_camera
 from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
@@ -197,7 +197,7 @@ def plan_next_poses(
     """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``.
 
     Of a cell that takes pictures of a board, where to take the next, after those of a list of
-    poses.
+    poses, or of a ``camera.json``: with camera, board, lens and noise as they were found then.
     """
     if cell.sees_board:
         return _plan_next_views(
@@ -262,13 +262,17 @@ def _plan_next_views(
     trust_units: bool,
 ) -> NextPoses:
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[taken])
-    listed = read_poses(
-        taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
-    )
-    check_fit(cell, listed)
+    if taken.suffix == ".json":
+        cell, postures = as_calibrated(cell, taken)
+    else:
+        listed = read_poses(
+            taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+        )
+        check_fit(cell, listed)
+        postures = listed.measured.postures
     result = plan_next_views(
         cell,
-        listed.measured.postures,
+        postures,
         count,
         criterion=criterion,
         least_gain=least_gain,

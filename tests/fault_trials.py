@@ -312,7 +312,7 @@ def noncentrality(arm: Arm, faulty: Measurements, held: Held) -> float:
     held : Held
         The solution for the same postures without the fault.
     """
-    white = arm.truth.white_residuals(faulty.postures, arm.x, faulty.setup, faulty.observed)
+    white = arm.truth.white_residuals(faulty, arm.x)
     return float(np.sum(white * held.without(white[..., None])[..., 0]))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
+from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy
 from calib.identification.prediction import (
     LEAST_PROBABILITY,
     DrawnArms,
@@ -33,7 +33,7 @@ from calib.identification.prediction import (
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
-from calib.model.measurements import Measurements
+from calib.model.measurements import Measurement, Measurements
 from calib.se3 import FloatArray
 
 HELD = 1e-3
@@ -218,6 +218,12 @@ class Reference:
     loss: Loss
     probabilities: dict[str, float]
 
+    @property
+    def noise_found(self) -> list[tuple[Measurement, Measurement]]:
+        """Kinds whose noise is that of the residuals and not the one given: both."""
+        kinds = zip(self.given.measurements, self.fitted.model.measurements, strict=True)
+        return [(given, found) for given, found in kinds if found.found and not given.estimated]
+
 
 def fit_reference(
     candidate: Candidate,
@@ -310,7 +316,7 @@ def _tails(fitted: Fitted, data: Measurements) -> float:
         return 0.0
     model, x = fitted.model, fitted.result.values
     white, free = redundancy(model, data, x, np.ones(data.count))
-    rows = rows_of(model, data)
+    rows = model.rows_read(data.setup)
     left = free.sum(axis=1) / rows
     seen = left > LEAST_LEFT
     return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])

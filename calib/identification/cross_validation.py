@@ -136,7 +136,7 @@ def _is_held(
     place: BoolArray,
 ) -> bool:
     """Whether measurements of the other targets hold all parameters but that target's place."""
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     held = linear.weighed(weights).stacked(x)[1][:, ~place]
     if not held.any(axis=0).all():
         return False
@@ -166,7 +166,7 @@ def _placed_by_others(
     ).x[0]
     if not np.isfinite(placed).all():
         return np.full((len(own), model.rows), np.nan)
-    linear = model.linearise(some.postures, placed, some.setup, some.observed)
+    linear = model.linearise_at(some, placed)
     rows, J = map(linear.view.posture_first, linear.over_noise_last(weighted))
     J = J[..., place]
     known = model.known(placed[None])[1][0][:, place]

@@ -13,7 +13,7 @@ from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Linearisation, Setup, touch
 from calib.model.measurements import Measurements
-from calib.model.parameters import LinkGeometry, ParameterBlock, Part, Unit
+from calib.model.parameters import LinkGeometry, Part, Unit
 from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9
@@ -42,7 +42,10 @@ def is_identifiable(jacobian: FloatArray) -> bool:
     length = np.linalg.norm(jacobian, axis=0)
     if not (length > RANK_TOLERANCE * length.max(initial=0.0)).all():
         return False
-    return _rank_is_full(jacobian / length)
+    if jacobian.shape[0] < jacobian.shape[1]:
+        return False
+    values = np.linalg.svd(jacobian / length, compute_uv=False)
+    return bool(values.size == 0 or values[-1] > RANK_TOLERANCE * values[0])
 
 
 @dataclass(frozen=True)
@@ -155,13 +158,6 @@ def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Un
             [f"in the noise, {why}" for _, why in hopeless],
             hint="measure poses that turn the tool farther, or free fewer parameters",
         )
-
-
-def _rank_is_full(columns: FloatArray) -> bool:
-    if columns.shape[0] < columns.shape[1]:
-        return False
-    values = np.linalg.svd(columns, compute_uv=False)
-    return bool(values.size == 0 or values[-1] > RANK_TOLERANCE * values[0])
 
 
 _IN_WORDS = {"tool": "the tool point", "target": "the targets"}
@@ -417,23 +413,16 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
     least = np.array([1.0 / WORTH_HAVING[unit] for unit in model.units])
     least[model.nuisance] = 0.0  # the set-up has to be free
     found = sort_out(root, model.names, first=model.nuisance, least=least)
-    out = {model.names[k]: why for k, why in zip(found.left_out, found.why, strict=True)}
-    out = {name: why for name, why in out.items() if not _places_setup(model, name)}
+    pairs = zip(found.left_out, found.why, strict=True)
+    out = {model.names[k]: why for k, why in pairs if not model.nuisance[k]}
     if not out:
         return Reduction(model, model.names, (), ())
-    blocks = [_without(block, set(out)) for block in model.parameters]
-    reduced = model.with_parameters([b for b in blocks if b.size or b.tools or b.targets])
+    blocks = []
+    for block in model.parameters:
+        kept = [name for name in block.names if name not in out]
+        if len(kept) < block.size:
+            block = block.only(kept) if isinstance(block, LinkGeometry) else Part(block, kept)
+        if block.size or block.tools or block.targets:
+            blocks.append(block)
+    reduced = model.with_parameters(blocks)
     return Reduction(reduced, reduced.names, tuple(out), tuple(out.values()))
-
-
-def _places_setup(model: CalibrationModel, name: str) -> bool:
-    return bool(model.nuisance[model.names.index(name)])
-
-
-def _without(block: ParameterBlock, names: set[str]) -> ParameterBlock:
-    kept = [name for name in block.names if name not in names]
-    if len(kept) == block.size:
-        return block
-    if isinstance(block, LinkGeometry):
-        return block.only(kept)
-    return Part(block, kept)

@@ -207,7 +207,7 @@ def _normal(
     weights: FloatArray | None,
     weighted: bool,
 ) -> _Normal:
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     rows, J = linear.over_noise_last(weighted)
     trials, count = len(x), data.count
     if weights is not None:

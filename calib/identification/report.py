@@ -16,7 +16,7 @@ from calib.identification.identifiability import (
 from calib.identification.least_squares import column_lengths, orthonormal
 from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
-from calib.model import CalibrationModel, Linearisation
+from calib.model import Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -44,11 +44,11 @@ def make_result(
 ) -> IdentificationResult:
     """The result of a fit to one set of measurements."""
     model, x = solved.model, solved.x
-    every = model.linearise(data.postures, x, data.setup, data.observed)
+    every = model.linearise_at(data, x)
     good = np.flatnonzero(~solved.outliers)
     kept = every
     if len(good) < data.count:
-        kept = model.linearise(data.postures[good], x, data.setup[good], _some(data, good))
+        kept = model.linearise_at(data[good], x)
     weights = (solved.weights / solved.consistency)[good]
     linear = kept.weighed(weights)
     test = _test(solved, linear, data)
@@ -85,7 +85,17 @@ def make_result(
         poses=data.names,
         outliers=solved.outliers,
         weights=solved.weights,
-        noise=_noise(model, test),
+        noise=tuple(
+            KindNoise(
+                kind.name,
+                kind.sigma,
+                kind.estimated or kind.found,
+                float(scale),
+                k in test.doubted,
+                kind.unit,
+            )
+            for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
+        ),
         chi2=test.chi2,
         degrees_of_freedom=test.freedom,
         noise_scale=test.scale,
@@ -112,14 +122,8 @@ def _test(solved: Solved, linear: Linearisation, data: Measurements) -> NoiseTes
     if not solved.suspects.any():
         return noise_test(linear, solved.x)
     good = np.flatnonzero(_trusted(solved))
-    some = linear.model.linearise(
-        data.postures[good], solved.x, data.setup[good], _some(data, good)
-    )
+    some = linear.model.linearise_at(data[good], solved.x)
     return noise_test(some.weighed((solved.weights / solved.consistency)[good]), solved.x)
-
-
-def _some(data: Measurements, rows: IntArray) -> FloatArray | None:
-    return None if data.observed is None else data.observed[rows]
 
 
 def _angles(linear: Linearisation) -> BoolArray:
@@ -128,20 +132,6 @@ def _angles(linear: Linearisation) -> BoolArray:
     for k, kind in enumerate(linear.model.measurements):
         table[k, kind.rows - kind.turns : kind.rows] = True
     return np.asarray(table[linear.view.setup.kind])
-
-
-def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
-    return tuple(
-        KindNoise(
-            kind.name,
-            kind.sigma,
-            kind.estimated or kind.found,
-            float(scale),
-            k in test.doubted,
-            kind.unit,
-        )
-        for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
-    )
 
 
 def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:

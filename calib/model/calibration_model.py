@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
-from calib.model.measurements import Measurement
+from calib.model.measurements import Measurement, Measurements
 from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, numbers, transform
@@ -94,8 +94,8 @@ class CalibrationModel:
         self.units: tuple[Unit, ...] = tuple(unit for block in parameters for unit in block.units)
         self.nuisance = np.array([block.nuisance for block in parameters for _ in block.names])
         self.nuisance = self.nuisance.astype(bool)
-        self.nominal = _joined([block.nominal for block in parameters])
-        self.prior = _joined([block.prior for block in parameters])
+        self.nominal = np.concatenate([np.zeros(0), *(block.nominal for block in parameters)])
+        self.prior = np.concatenate([np.zeros(0), *(block.prior for block in parameters)])
         ends = np.cumsum([block.size for block in parameters])
         self.slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
         self.distances = tuple(distances)
@@ -128,10 +128,6 @@ class CalibrationModel:
     def equal_sigma(self) -> float:
         """The one number that all rows are divided by where they are not weighted [m]."""
         return float(np.sqrt(np.mean([kind.mean_sigma_m**2 for kind in self.measurements])))
-
-    @property
-    def _twist_rows(self) -> int:
-        return 6 if any(kind.sees_rotation for kind in self.measurements) else 3
 
     def equations(self, setup: Setup) -> int:
         """Equations that measurements give: rows that are not there to fill a block."""
@@ -223,36 +219,31 @@ class CalibrationModel:
         else:
             spread = np.broadcast_to(values, (*batch, self.p)).reshape(math.prod(batch), self.p)
             values = np.repeat(spread.T, count, axis=1)
-        return self._arm(last, values, batch, how), values
-
-    def _arm(
-        self, q: FloatArray, values: FloatArray, batch: tuple[int, ...], setup: Setup
-    ) -> MeasurementContext:
-        errors = ArmErrors(np.zeros((len(q), 1)))
+        errors = ArmErrors(np.zeros((n, 1)))
         for block, part in zip(self.parameters, self.slices, strict=True):
-            block.displace(values[part], errors, q, setup)
+            block.displace(values[part], errors, last, how)
         displacements = errors.displacements()
-        walk = self.robot.chain.walk(q + errors.joints, displacements)
-        width = q.shape[1]
-        on_tip = _picked(errors.tools, setup.tool, width)
-        around = _picked(errors.targets, setup.target, width)
-        turned = walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns)
-        return MeasurementContext(
+        walk = self.robot.chain.walk(last + errors.joints, displacements)
+        width = last.shape[1]
+        on_tip = _picked(errors.tools, how.tool, width)
+        around = _picked(errors.targets, how.target, width)
+        view = MeasurementContext(
             robot=self.robot,
-            q=q,
+            q=last,
             batch=batch,
-            setup=setup,
+            setup=how,
             tools=self.tools,
             targets=self.targets,
-            is_distance=np.array([kind.is_distance for kind in self.measurements])[setup.kind],
+            is_distance=np.array([kind.is_distance for kind in self.measurements])[how.kind],
             errors=errors,
             displacements=displacements,
             walk=walk,
             point=walk.p_base_tip + turn(walk.tip, on_tip.position),
-            tool=turned,
+            tool=walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns),
             origin=around.position,
             target=NO_TURN if around.columns is None else around.columns,
         )
+        return view, values
 
     def check_setup(self, setup: Setup, count: int) -> None:
         """Check that a set-up is one of ``count`` measurements, with what the model has.
@@ -294,11 +285,8 @@ class CalibrationModel:
             Kind, tool, target and payload of each; the first of all by default.
         """
         view = self.view(q, x, setup)
-        return view.posture_first(self._predict(view))
-
-    def _predict(self, view: MeasurementContext) -> FloatArray:
-        """Readings ``(m, S)``."""
-        return self._gathered(view, (), lambda kind, columns, part: kind.predict(part))
+        rows = self._gathered(view, (), lambda kind, columns, part: kind.predict(part))
+        return view.posture_first(rows)
 
     def _gathered(
         self, view: MeasurementContext, leading: tuple[int, ...], ask: _Ask
@@ -356,7 +344,8 @@ class CalibrationModel:
             What was read. Without it residuals are predictions, and rows of rotations zero.
         """
         view, values = self._view(q, x, setup)
-        motion = np.zeros((self.p, self._twist_rows, view.q.shape[1]))
+        twist_rows = 6 if any(kind.sees_rotation for kind in self.measurements) else 3
+        motion = np.zeros((self.p, twist_rows, view.q.shape[1]))
         for block, part in zip(self.parameters, self.slices, strict=True):
             if block.size:
                 block.move(values[part], view, motion[part])
@@ -374,16 +363,14 @@ class CalibrationModel:
         J = self._gathered(view, (self.p,), moved)
         return Linearisation(self, view, rows, J, motion)
 
-    def white_residuals(
-        self,
-        q: ArrayLike,
-        x: ArrayLike | None = None,
-        setup: Setup | None = None,
-        observed: FloatArray | None = None,
-    ) -> FloatArray:
+    def linearise_at(self, data: Measurements, x: FloatArray) -> Linearisation:
+        """:meth:`linearise` measurements at parameters ``(..., p)``."""
+        return self.linearise(data.postures, x, data.setup, data.observed)
+
+    def white_residuals(self, data: Measurements, x: FloatArray) -> FloatArray:
         """Rows ``(..., N, m)`` of :attr:`Linearisation.white_rows`, without their derivative."""
-        view = self.view(q, x, setup)
-        return view.posture_first(self.whiten_last(self._differences(view, observed), view))
+        view = self.view(data.postures, x, data.setup)
+        return view.posture_first(self.whiten_last(self._differences(view, data.observed), view))
 
     def _differences(self, view: MeasurementContext, observed: FloatArray | None) -> FloatArray:
         """Residuals ``(m, S)``; predictions without readings, of rotations nothing."""
@@ -444,6 +431,11 @@ class CalibrationModel:
             out[..., columns] = kind.gap(vector[..., columns], part)
         return out
 
+    @property
+    def known_rows(self) -> FloatArray:
+        """What is known before any measurement: rows ``(K, p)`` of unit variance, at nominal."""
+        return np.asarray(self.known(self.nominal[None])[1][0])
+
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What is known besides the measurements, whitened: priors, then distances.
 
@@ -495,10 +487,6 @@ class CalibrationModel:
 
 Columns = slice | IntArray
 _Ask = Callable[[Measurement, Columns, MeasurementContext], FloatArray]
-
-
-def _joined(parts: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
 
 def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature:

@@ -99,8 +99,6 @@ def adjust(
     ----------
     model : ErrorModel
         Errors of A and B; of the two rotations one at least has some, of the translations, too.
-    X, Z : ndarray (T, 4, 4)
-        Where to start.
     weights : ndarray (T, N), optional
         How much each pair counts in the sum of squares.
     iterations : int

@@ -27,12 +27,7 @@ _IDENTITY = np.eye(3)[None]
 def derivatives(R_A: FloatArray, q: FloatArray) -> FloatArray:
     """Derivatives ``(12, 6, S)`` of (e_R, e_p) by the errors of X and Z: x, ξ, z, ζ.
 
-    Parameters
-    ----------
-    R_A : ndarray (3, 3, S)
-        Columns of the rotations of A.
-    q : ndarray (3, S)
-        ``R_Z p_B``.
+    R_A are columns ``(3, 3, S)``, q ``(3, S)`` is ``R_Z p_B``.
     """
     J = np.zeros((12, 6, q.shape[-1]))
     J[0:3, 0:3] = J[3:6, 3:6] = R_A

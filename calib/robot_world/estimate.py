@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calib.batch_last import columns_of, product, rotation_log, transposed, turn
+from calib.robot_world.algebra import unit_diagonal
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _LARGEST_INVERSE = 1e14
@@ -86,11 +87,8 @@ class Fit(_OfSets):
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
-        diagonal = np.diagonal(self.information, axis1=1, axis2=2)
-        size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        scale = size[:, :, None] * size[:, None, :]
-        scaled = self.information / scale
-        seen = np.isfinite(scaled).all(axis=(1, 2))
+        scaled, size = unit_diagonal(self.information)
+        seen = np.asarray(np.isfinite(scaled).all(axis=(1, 2)))
         scaled = np.where(seen[:, None, None], scaled, 0.0)
         try:
             inverse = np.linalg.inv(scaled)
@@ -99,7 +97,7 @@ class Fit(_OfSets):
             inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
         if poor.any():
             inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
-        return np.asarray(inverse / scale)
+        return np.asarray(inverse / (size[:, :, None] * size[:, None, :]))
 
     def rows(self, trial: int, used: BoolArray) -> tuple[FloatArray, FloatArray]:
         """White rows ``(n, 6)`` of the pairs used ``(N,)`` of one set, derivatives ``(n, 6, 12)``.

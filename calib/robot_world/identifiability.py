@@ -165,15 +165,7 @@ def examine(pairs: PairSets) -> Motion:
 
 
 def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentifiableError:
-    """Error that names what one set of pairs ``(N, 4, 4)`` leaves free.
-
-    Parameters
-    ----------
-    motion : Motion
-        Of this set, found degenerate.
-    A, B : ndarray (N, 4, 4)
-        The set.
-    """
+    """Error that names what one set of pairs ``(N, 4, 4)``, found degenerate, leaves free."""
     kind = _class_of(motion)
     if kind == "no rotation":
         parameters, combinations = _without_rotation(A, B)
@@ -212,24 +204,9 @@ def _remedy(kind: str, motion: Motion) -> str:
 def half_turns(pairs: PairSets, motion: Motion, R_X: FloatArray) -> tuple[Other, ...]:
     """Other X and Z that fit the rotations of one degenerate set, where they are a finite number.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        One set.
-    motion : Motion
-        Of this set.
-    R_X : ndarray (3, 3)
-        The rotation of X that the others are other than.
-
-    Returns
-    -------
-    tuple of (str, ndarray (4, 4), ndarray (4, 4))
-        In words how X is turned, then X and Z. Empty where X is free in a continuum.
-
-    Notes
-    -----
-    If R_X fits, so does ``C R_X`` with any rotation C that commutes with all rotations between the
-    poses. Matrices that do are a linear space, spanned by the singular vectors of
+    Other than the rotation R_X ``(3, 3)`` of X; none where X is free in a continuum. If R_X fits,
+    so does ``C R_X`` with any rotation C that commutes with all rotations between the poses.
+    Matrices that do are a linear space, spanned by the singular vectors of
     :func:`~calib.robot_world.algebra.kronecker_mean` next to the first. Besides the identity it
     holds symmetric ones where there is a choice of half turns, about their eigenvectors.
     """

@@ -210,12 +210,7 @@ def is_number(value: object) -> bool:
 
 
 def check_noise_given(noise: object) -> None:
-    """Refuse what is no noise of pairs, None among it.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no noise of pairs, None among it."""
     if not isinstance(noise, PairNoise | PairCovariances):
         raise InputError(
             f"the noise is {one_line(noise)}, neither PairNoise nor PairCovariances",

@@ -218,16 +218,7 @@ def own_order(A: FloatArray) -> IntArray:
 def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
     """Both sides as rigid transforms, orthonormal to rounding, of one shape, with enough pairs.
 
-    Parameters
-    ----------
-    A, B : array_like (N, 4, 4) or (T, N, 4, 4)
-    dimensions : int
-        3 or 4: which of the two it must be.
-
-    Raises
-    ------
-    InputError
-        Another shape, too few pairs, or matrices that are not rigid transforms.
+    ``(N, 4, 4)`` or ``(T, N, 4, 4)``: of 3 or 4 dimensions.
     """
     # copies: what is asked of a result later must not depend on what becomes of the arguments
     return _of_one_shape(_rigid_copy(A, "A")[0], _rigid_copy(B, "B")[0], dimensions)

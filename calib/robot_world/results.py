@@ -12,7 +12,8 @@ from calib import se3
 from calib.errors import InputError, one_line
 from calib.robot_world.accuracy import (
     covariance_of,
-    goodness,
+    judged,
+    least_chi2,
     left_out_residuals,
     noise_shown,
     propagate,
@@ -129,10 +130,12 @@ class RobotWorldResult(Shown):
         """All that is said of one solution."""
         found, used, others = solution.found, solution.used, solution.others
         status, message = solution.verdict
-        fit = None
+        chi2, probability, excess = None, None, 1.0
+        freedom = 6 * int(used.sum()) - 12
         if status == "ok" and solution.noise is not None and not noise_estimated:
-            fit = goodness(solution.pairs, found, used, solution.noise)
-        excess = fit.excess if fit else 1.0
+            chi2 = least_chi2(solution.pairs, found, used, solution.noise)
+        if chi2 is not None:
+            probability, excess = (float(part[0]) for part in judged(np.array([chi2]), freedom))
         if excess > 1.0:
             message += (
                 f"; the least residuals are {excess:.1f} times the noise given: standard "
@@ -164,9 +167,9 @@ class RobotWorldResult(Shown):
             used=used,
             noise_estimated=noise_estimated,
             noise_made=noise_made,
-            chi2=fit.chi2 if fit else None,
-            freedom=6 * int(used.sum()) - 12,
-            chi2_probability=fit.probability if fit else None,
+            chi2=chi2,
+            freedom=freedom,
+            chi2_probability=probability,
             ambiguities=tuple(text for text, _, _ in others),
             alternatives=tuple((X, Z) for _, X, Z in others),
             _solution=solution,

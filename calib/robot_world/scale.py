@@ -153,13 +153,8 @@ def by_rotations_first(pairs: PairSets) -> FloatArray:
 def likeliest(pairs: PairSets, kept: PairSets, used: BoolArray, noise: Noise | None) -> Scale:
     """Estimate the scale of one set with X and Z, weighted as the noise says.
 
-    Parameters
-    ----------
-    pairs, kept : PairSets
-        All pairs, and those that are used, with the rotations to start from.
-    used : ndarray of bool (N,)
-    noise : PairNoise or PairCovariances, optional
-        Of the pairs with the scale corrected. Without it, as the residuals show it.
+    Of all pairs; those kept are the ones used ``(N,)``, with the rotations to start from. The noise
+    is of the pairs with the scale corrected, or else as the residuals show it.
     """
     weights = used[None].astype(float)
     log_scale = float(np.log(by_rotations_first(kept)[0]))

@@ -10,7 +10,7 @@ import numpy as np
 from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
-from calib.robot_world.components import ShownNoise, explain, settled
+from calib.robot_world.components import Component, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.identifiability import (
@@ -102,7 +102,7 @@ class Solution:
         white, _ = linear_rows(self.pairs, model, self.found.X, self.found.Z)
         return [np.linalg.norm(white[:, 0], axis=0)]
 
-    def other_noise(self) -> ShownNoise | None:
+    def other_noise(self) -> Component | None:
         """Noise that the residuals show, where it is not that of B alike in all directions.
 
         None where the pairs do not belong together, where a few of them that are far off show it

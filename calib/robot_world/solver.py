@@ -238,19 +238,8 @@ def _batch(chosen: Method, pairs: PairSets, asked: Noise | NoiseShown | None) ->
             sizes = np.zeros((2, pairs.T))
             sizes[:, usable] = residual_rms(kept, found.X, found.Z)
             misfit = motion.is_misfit(*sizes) & ~rank_deficient
-    return RobotWorldBatch(
-        X,
-        Z,
-        chosen.name,
-        iterations,
-        converged,
-        rank_deficient,
-        degenerate,
-        misfit,
-        doubtful | uncertain,
-        covariance,
-        chi2,
-    )
+    masks = (converged, rank_deficient, degenerate, misfit, doubtful | uncertain)
+    return RobotWorldBatch(X, Z, chosen.name, iterations, *masks, covariance, chi2)
 
 
 def _with_other_noise(

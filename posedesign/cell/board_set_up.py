@@ -125,7 +125,7 @@ def rotations_to(across: FloatArray) -> FloatArray:
 
 
 def board_set_up(cell: CellData) -> BoardSetUp:
-    """Camera and board of a cell that calibrates by pictures of a board.
+    """Camera and board of a cell that calibrates by pictures of a board, as described or found.
 
     Raises
     ------
@@ -154,10 +154,21 @@ def board_set_up(cell: CellData) -> BoardSetUp:
         along = (cell.robot.fk(cell.base_posture) @ cell.T_tip_camera)[:3, 0]
         R = facing(cell, cell.target_normal, along)
         X, Z = cell.T_tip_camera, transform(R, cell.target_m - R @ middle)
+    carried: Carried = "board" if fixed else "camera"
+    lens, found = _lens(camera), cell.camera_found
+    if found is not None:
+        if found.carried != carried:
+            raise InputError(
+                f"the {found.carried} was on the flange where the camera was calibrated, and in "
+                f"this cell it is the {carried}",
+                hint='correct camera.mount, "flange" or "fixed"',
+                name="camera.mount",
+            )
+        lens, X, Z = found.lens, found.X, found.Z
     return BoardSetUp(
         board=board,
-        lens=_lens(camera),
-        carried="board" if fixed else "camera",
+        lens=lens,
+        carried=carried,
         X=X,
         Z=Z,
         share=1.0 if board.name in FOUND_WHOLE else camera.share_in_view,

@@ -10,6 +10,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.geometry import Body
+from calib.lens import Lens
+from calib.model.measurements.board_view import Carried
 from calib.model.parameters import Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, transform
@@ -20,6 +22,16 @@ if TYPE_CHECKING:
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """The target's z points at the camera: turned by 180 deg about x against the tool."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFound:
+    """Camera, board and lens as pictures showed them: see :class:`.BoardSetUp`."""
+
+    lens: Lens
+    carried: Carried
+    X: FloatArray
+    Z: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +52,8 @@ class CellData:
         Joints whose zero offset is identified.
     tool_bodies, obstacles : tuple of Body
         What the flange carries, and what stands around.
+    camera_found : CameraFound, optional
+        Camera, board and lens as they were calibrated before, in place of those described.
     """
 
     config: CellConfig
@@ -50,6 +64,7 @@ class CellData:
     offset_joints: tuple[str, ...]
     tool_bodies: tuple[Body, ...]
     obstacles: tuple[Body, ...]
+    camera_found: CameraFound | None = None
 
     @property
     def sees_board(self) -> bool:

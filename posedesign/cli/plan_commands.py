@@ -192,6 +192,13 @@ def plan(
     wanted_sigma_deg: Annotated[
         float | None, typer.Option(help="The same for every angle [deg]; may be given together.")
     ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            help="How long a round may take, in place of a number of poses: as many of the best as "
+            "there is time for."
+        ),
+    ] = None,
     validation: Annotated[
         int, typer.Option(help="Poses to choose besides, to be kept out of the fit.")
     ] = 0,
@@ -233,6 +240,7 @@ def plan(
         refine,
         robust,
         keep=keep is not None,
+        minutes=minutes,
     )
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
@@ -264,7 +272,8 @@ def next_poses(
     measurements: Annotated[
         Path,
         typer.Argument(
-            help="The touch-ups so far: touchups.csv; of pictures of a board the poses: poses.csv"
+            help="The touch-ups so far: touchups.csv; of pictures of a board camera.json, or the "
+            "poses: poses.csv"
         ),
     ],
     out: OutFolder = Path(),

@@ -53,6 +53,7 @@ def request_of_words(
     robust: str = "none",
     *,
     keep: bool = False,
+    minutes: float | None = None,
 ) -> Request | None:
     """The request of a command line; None where the grid of the paper is what is asked for.
 
@@ -61,6 +62,7 @@ def request_of_words(
     limit = target_accuracy is not None or sigma_mm is not None or sigma_deg is not None
     given = {
         "--poses": poses,
+        "--minutes": minutes,
         "--criterion": criterion,
         "--target-accuracy": target_accuracy,
         "--threshold": threshold,
@@ -100,6 +102,17 @@ def request_of_words(
             hint="leave one of the two out",
             name="--threshold",
         )
+    if minutes is not None and (poses is not None or limit or threshold is not None):
+        other = next(
+            name
+            for name in ("--poses", "--target-accuracy", "--threshold", *alone)
+            if given.get(name) is not None and name != "--criterion"
+        )
+        raise InputError(
+            f"--minutes decides how many poses there are, and so does {other}",
+            hint="leave one of the two out",
+            name="--minutes",
+        )
     count = USUAL_POSES if not (limit or threshold is not None) else None
     if poses is not None:
         count = parse_count(poses)
@@ -115,4 +128,5 @@ def request_of_words(
         # the fewest poses reach what is wanted as they are, and robust ones are for other robots
         refine=count is not None and robust == "none" if refine is None else refine,
         robust=robust.strip().lower(),
+        time_s=None if minutes is None else 60.0 * minutes,
     )

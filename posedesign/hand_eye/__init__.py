@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         CAMERA_FILES,
         Asked,
         Calibrated,
+        as_calibrated,
         calibrate_camera,
     )
     from posedesign.hand_eye.sightings import Sightings, find_boards
@@ -22,6 +23,7 @@ __all__ = [
     "Asked",
     "Calibrated",
     "Sightings",
+    "as_calibrated",
     "calibrate_camera",
     "find_boards",
 ]

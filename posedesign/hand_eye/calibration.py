@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import FileFormatError, InputError
 from calib.hand_eye import HandEyeResult, Pictures, PlacedFrame, calibrate
 from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
+from calib.model.measurements.board_view import Carried
 from calib.robots import flange_robot, posture_of_pose
-from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
+from calib.se3 import (
+    FloatArray,
+    check_transforms,
+    quaternion_from_rotation,
+    wpr_from_rotation,
+)
 from calib.vision.boards import Board
 from posedesign.cell import Cell
+from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
+from posedesign.files.trees import number, numbers, read_tree
+from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.hand_eye.sightings import Advance, find_boards
 from posedesign.identification.models import robot_blocks
@@ -73,6 +82,10 @@ class Calibrated:
     result : HandEyeResult
     reasons : tuple of str
         Why a picture does not show the board; empty where it does.
+    postures : array (N, n)
+        Of each picture [rad]; NaN where it is not known.
+    with_joints : bool
+        Whether they are joint values, and not poses of the flange.
     notes : tuple of str
         What is odd about the files.
     """
@@ -81,6 +94,8 @@ class Calibrated:
     asked: Asked
     board: Board
     reasons: tuple[str, ...]
+    postures: FloatArray
+    with_joints: bool
     notes: tuple[str, ...] = ()
 
 
@@ -143,9 +158,63 @@ def calibrate_camera(
         board_errors=asked.board_errors,
     )
     notes = tuple(dict.fromkeys(note for shown in pictures.values() for note in shown.notes))
-    calibrated = Calibrated(result, asked, board, tuple(reasons), notes)
+    calibrated = Calibrated(
+        result,
+        asked,
+        board,
+        tuple(reasons),
+        np.concatenate([one.postures for one in sets]),
+        all(shown.postures is not None for shown in pictures.values()),
+        notes,
+    )
     _write(calibrated, sets, claims)
     return calibrated
+
+
+def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
+    """A cell with the camera of a ``camera.json``, and the postures ``(N, n)`` of its pictures.
+
+    Camera, board and lens are where they were found, and points and arm scatter as they did.
+
+    Raises
+    ------
+    FileFormatError
+        The file has no joints, several cameras, or is none of this kind.
+    """
+    tree = read_tree(path)
+    found = tree if isinstance(tree, dict) else {}
+    fixed = found.get("camera") == "fixed"
+    names = ("T_flange_board", "T_base_camera") if fixed else ("T_flange_camera", "T_base_board")
+    frames = [found.get(name) for name in names]
+    X, Z = (numbers(f.get("matrix_m"), 4, 4) if isinstance(f, dict) else None for f in frames)
+    keys, noise = ("pixel_sigma", "arm_sigma_mm", "arm_sigma_deg"), found.get("noise")
+    scatter = [number(noise.get(key)) if isinstance(noise, dict) else np.nan for key in keys]
+    joints = found.get("joints_deg")
+    rows = list(joints.values()) if isinstance(joints, dict) else []
+    taken = numbers(rows, len(rows), cell.robot.n) if rows else None
+    if X is None or Z is None or taken is None or not np.isfinite(scatter).all():
+        raise FileFormatError(
+            "does not have one camera, its noise and the joints of its pictures",
+            path=path,
+            hint="give a camera.json that was made of one camera and a table of joints of this arm",
+        )
+    pixel, arm_mm, arm_deg = (3.0 * max(value, 0.0) for value in scatter)
+    measurement = cell.config.measurement.model_copy(
+        update={
+            "board_three_sigma_px": max(pixel, 1e-3),
+            "arm_three_sigma_mm": arm_mm,
+            "arm_three_sigma_deg": arm_deg,
+        }
+    )
+    carried: Carried = "board" if fixed else "camera"
+    camera = CameraFound(
+        read_lens(path),
+        carried,
+        check_transforms(X, names[0]),
+        check_transforms(Z, names[1]),
+    )
+    config = cell.config.model_copy(update={"measurement": measurement})
+    return replace(cell, config=config, camera_found=camera), np.deg2rad(taken)
 
 
 @dataclass(frozen=True)
@@ -245,6 +314,11 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     """The result for ``camera.json``: millimetres, degrees, pixels."""
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
+    joints = {
+        name: np.degrees(posture).tolist()
+        for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
+        if used and calibrated.with_joints
+    }
     offsets = {
         camera: {"value": 1e3 * value, "sigma": 1e3 * sigma}
         for camera, (value, sigma) in result.time_offsets_s.items()
@@ -273,6 +347,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
             "matrix": _displayed_covariance(result).tolist(),
         },
         "pictures": result.rows(),
+        **({"joints_deg": joints} if joints else {}),
     }
 
 

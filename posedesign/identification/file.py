@@ -131,8 +131,9 @@ def read_file(path: Path) -> IdentificationFile:
         ) from error
     except ValidationError as error:
         first = error.errors()[0]
+        negative = first.get("ctx") == {"ge": 0.0}
         raise FileFormatError(
-            _IN_WORDS.get(first["type"]) or first["msg"],
+            "is below zero" if negative else _IN_WORDS.get(first["type"], first["msg"]),
             path=path,
             key=".".join(map(str, first["loc"])) or None,
             hint=_WRITTEN,
@@ -154,7 +155,7 @@ _IN_WORDS = {
     "too_long": "is too long a list",
     **dict.fromkeys(
         ("float_type", "greater_than_equal", "less_than_equal"),
-        f"is not a finite number within {LARGEST_NUMBER:g}, or a sigma below zero",
+        f"is not a finite number within {LARGEST_NUMBER:g}",
     ),
 }
 """What is wrong with a key, by the names that pydantic has for it."""

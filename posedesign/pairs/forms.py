@@ -55,22 +55,15 @@ ENDLESS_ANGLE = 1e6
 says where it points."""
 
 
-def refuse_endless_lengths(place: Place, p: FloatArray, column: str | None = None) -> None:
-    """Refuse translations ``(N, 3)`` [m] beyond any robot, whether units are trusted or not."""
-    _refuse_endless(place, p, ENDLESS_M, "a translation of {:.3g} m is beyond any robot", column)
-
-
-def refuse_endless_angles(
-    place: Place, angles: FloatArray, columns: Sequence[str], unit: str
+def refuse_endless(
+    place: Place, numbers: FloatArray, unit: str = "m", column: str | None = None
 ) -> None:
-    """Refuse angles ``(N, 3)`` that are no angles, whether units are trusted or not."""
-    said, column = f"an angle of {{:.3g}} {unit} is none", f"{columns[0]} to {columns[-1]}"
-    _refuse_endless(place, angles, ENDLESS_ANGLE, said, column)
-
-
-def _refuse_endless(
-    place: Place, numbers: FloatArray, bound: float, said: str, column: str | None
-) -> None:
+    """Refuse lengths [m] and angles [deg or rad] ``(N, 3)`` that nothing has, whatever the unit."""
+    bound, said = (
+        (ENDLESS_M, "a translation of {:.3g} m is beyond any robot")
+        if unit == "m"
+        else (ENDLESS_ANGLE, f"an angle of {{:.3g}} {unit} is none")
+    )
     largest = np.abs(numbers).max(axis=-1)  # no norm, which would overflow
     bad = largest > bound
     if bad.any():
@@ -254,11 +247,11 @@ def read_poses_of(
     )
     what, turn = f"{places[0]} to {places[-1]}", f"{turns[0]} to {turns[-1]}"
     p = numbers_of(path, rows, places) * METRES[form.unit]
-    refuse_endless_lengths(place, p, what)
+    refuse_endless(place, p, "m", what)
     numbers, note = numbers_of(path, rows, turns), ""
     kind, _, unit = form.turn.partition("-")
     if unit:
-        refuse_endless_angles(place, numbers, turns, unit)
+        refuse_endless(place, numbers, unit, turn)
         if not trust_units:
             check_angles(path, turns, numbers, unit)
         numbers = numbers * _DEGREE if unit == "deg" else numbers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,7 +29,9 @@ from posedesign.pairs.file import Pairs
 
 ALL, PAPERS = "all", "papers"
 
-NoiseOn = Literal["A", "B", "both", "seen"]
+NoiseSide = Literal["a", "b", "both", "seen", "shown"]
+_SIDES: Mapping[str, Literal["A", "both"]] = {"a": "A", "both": "both"}
+"""The others are of B: what a fixed camera sees is B itself."""
 
 Advance = Callable[[str, float], None]
 """Told what is being done, and the part of all work that is done."""
@@ -84,26 +86,32 @@ def methods_of(names: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(chosen))
 
 
-def noise_of(
-    pairs: Pairs, camera: Camera, rotation_rad: float, translation_m: float, on: NoiseOn
-) -> Noise:
-    """Noise of pairs, the same in all directions.
+def asked_noise(
+    pairs: Pairs,
+    camera: Camera,
+    rotation_rad: float | None,
+    translation_m: float | None,
+    on: NoiseSide | None,
+) -> Noise | NoiseShown | None:
+    """Noise of pairs, the same in all directions, or how it is to be estimated, if that is said.
 
     Parameters
     ----------
     camera : {"on-flange", "fixed"}
-    rotation_rad, translation_m : float
-        Standard deviations about and along each axis.
-    on : {"A", "B", "both", "seen"}
+    rotation_rad, translation_m : float or None
+        Standard deviations about and along each axis; None: as the residuals show it.
+    on : {"a", "b", "both", "seen", "shown"} or None
         The side that has it; seen: the target as the camera sees it, which for a camera on the
-        flange is the inverse of B.
+        flange is the inverse of B; shown: as the residuals show it.
     """
-    if on != "seen":
-        return PairNoise(rotation_rad, translation_m, on)
-    noise = PairNoise(rotation_rad, translation_m, "B")
-    if camera == "fixed":
-        return noise
-    return PairCovariances.of_seen_target(pairs.B, np.diag(noise.sigma**2))
+    if on == "shown":
+        return "shown"
+    if rotation_rad is None or translation_m is None:
+        return "B" if on == "b" else None
+    if on == "seen" and camera == "on-flange":
+        sigma = PairNoise(rotation_rad, translation_m).sigma
+        return PairCovariances.of_seen_target(pairs.B, np.diag(sigma**2))
+    return PairNoise(rotation_rad, translation_m, _SIDES.get(on or "b", "B"))
 
 
 def solve_pairs(

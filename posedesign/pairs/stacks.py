@@ -40,7 +40,7 @@ from posedesign.files.csv_tables import (
 )
 from posedesign.files.trees import matrix
 from posedesign.pairs.checks import Place, transforms_from_matrices
-from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless_lengths
+from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless
 
 WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
 """Kinds that they cannot be, however their numbers are stacked."""
@@ -88,7 +88,7 @@ class StackFile:
         place = Place(self.path, self.lines, "" if self.lines else name, self.marks, self.first)
         T[:, :3, 3] *= METRES[unit]
         T, note = transforms_from_matrices(T, place)
-        refuse_endless_lengths(place, T[:, :3, 3])
+        refuse_endless(place, T[:, :3, 3])
         if not trust_units:
             other = "m" if unit == "mm" else "mm"
             check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
@@ -183,7 +183,8 @@ def _numpy_array(data: bytes) -> Variable:
             warnings.simplefilter("error")
             shape, by_columns, kind = readers[version](stream)
     except Exception as error:  # it parses Python: anything may come out of that
-        raise ValueError(str(error)) from error
+        # what it says of a node of Python's own has the address of that
+        raise ValueError(re.sub(r":? <.*", "", str(error))) from error
     if kind.kind not in "fc":
         return Variable("object" if kind.hasobject else kind.name, tuple(shape))
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(data) - stream.tell():

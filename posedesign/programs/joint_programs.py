@@ -28,6 +28,7 @@ from posedesign.programs.recorded import (
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
 from posedesign.programs.writing import (
     Limits,
+    Phrases,
     check_call,
     plain,
     plain_all,
@@ -56,73 +57,6 @@ PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Phrases:
-    """How a language says the steps of a measuring program: formats that are filled in.
-
-    Attributes
-    ----------
-    remark : str
-        Of its text.
-    head : tuple of str
-        Behind the first remarks: ``name``, ``percent``, ``speed``.
-    move, pulse : tuple of str
-        Steps of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s]; of
-        ``output``, ``time`` [s] and ``ms``.
-    wait, call, keep : str
-        A step of ``time`` and ``ms``; of ``call``, ``argument``; of ``name``, ``register``. Empty
-        where a language keeps no registers.
-    most_output : int
-        Largest number of an output.
-    """
-
-    remark: str
-    head: tuple[str, ...] = ()
-    move: tuple[str, ...]
-    wait: str
-    pulse: tuple[str, ...]
-    call: str
-    keep: str = ""
-    most_output: int
-
-    def steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
-        """Steps of a program with their remarks; InputError for what they cannot say."""
-        options = program.options
-        notes = [text for text in (options.comment, program.mark) if text]
-        for note in notes + warning_lines(program, TEXT_LENGTH):
-            yield self.remark.format(note)
-        own = {
-            "name": program.name,
-            "percent": options.speed_percent,
-            "speed": _speed(arm, options),
-        }
-        yield from (line.format(**own) for line in self.head)
-        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
-        for number, pose, shown in rows:
-            told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) <= TEXT_LENGTH
-            yield self.remark.format(f"POSE {number} {pose.name if told else ''}".rstrip())
-            if pose.comment.strip():
-                yield self.remark.format(pose.comment.strip())
-            joints = ", ".join(plain_all(shown, 6))
-            yield from (line.format(number=number, joints=joints, **own) for line in self.move)
-            if not pose.via:
-                yield from self._measured(program, number)
-
-    def _measured(self, program: PoseProgram, number: int) -> Iterator[str]:
-        options = program.options
-        yield self.wait.format(**_time(options.settle_s))
-        if options.measure_output is not None:
-            pulse = _time(options.measure_pulse_s)
-            yield from (line.format(output=options.measure_output, **pulse) for line in self.pulse)
-        if options.measure_call is not None:
-            argument = options.argument(number)
-            shown = "" if argument is None else argument
-            yield self.call.format(call=options.measure_call, argument=shown)
-        if options.keep == "register":
-            register = options.first_register + number - 1
-            yield self.keep.format(name=program.name, register=register)
-
-
 def _speed(arm: Arm, options: ProgramOptions) -> str:
     """So many percent of the speed of the slowest joint [deg/s]."""
     known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
@@ -130,16 +64,23 @@ def _speed(arm: Arm, options: ProgramOptions) -> str:
     return plain(max(slowest * options.speed_percent / 100, 0.01), 2)
 
 
-def _time(seconds: float) -> dict[str, str]:
-    time = max(seconds, LEAST_S)
-    return {"time": plain(time, 3), "ms": plain(1e3 * time, 0)}
-
-
 class JointDialect(Dialect):
-    """A dialect of joint positions in one file."""
+    """A dialect of joint positions in one file.
+
+    Attributes
+    ----------
+    phrases : Phrases
+        Moves are of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s].
+    head : tuple of str
+        Steps behind the first remarks, of ``name``, ``percent``, ``speed``.
+    most_output : int
+        Largest number of an output.
+    """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     phrases: ClassVar[Phrases]
+    head: ClassVar[tuple[str, ...]] = ()
+    most_output: ClassVar[int] = 4096
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""
@@ -147,17 +88,31 @@ class JointDialect(Dialect):
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """Text of the file; InputError for what cannot stand in it."""
-        options, phrases = program.options, self.phrases
-        if options.keep == "register" and not phrases.keep:
+        options = program.options
+        if options.keep == "register" and not self.phrases.keep:
             raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
         check_call(self.names, options, program.name)
-        replace(LIMITS, outputs=(1, phrases.most_output)).check(program)
-        lines = self.lines(program, arm, list(phrases.steps(program, arm)))
+        replace(LIMITS, outputs=(1, self.most_output)).check(program)
+        lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> Iterable[str]:
         """Lines of the file of these steps."""
         return steps
+
+    def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
+        options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)
+        notes = [text for text in (options.comment, program.mark) if text]
+        for note in notes + warning_lines(program, TEXT_LENGTH):
+            yield phrases.note.format(note)
+        percent, speed = options.speed_percent, _speed(arm, options)
+        own = {"name": program.name, "percent": percent, "speed": speed}
+        yield from (line.format(**own) for line in self.head)
+        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
+        for number, pose, shown in rows:
+            joints = ", ".join(plain_all(shown, 6))
+            name = pose.name if LIMITS.fits(pose.name) else ""
+            yield from phrases.at_pose(options, pose, number, name, joints=joints, **own)
 
 
 @dataclass

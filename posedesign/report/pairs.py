@@ -110,7 +110,7 @@ def answer_of_pairs(
         figures,
         warnings=warnings,
         details=details,
-        tables=_tables(outcomes, rows, camera) + _opencv(outcomes, opencv=opencv),
+        tables=_tables(outcomes, rows, camera, opencv=opencv),
         files=files,
     )
 
@@ -160,7 +160,11 @@ def _sigma_words(rows: Sequence[Mapping[str, object]]) -> str:
 
 
 def _tables(
-    outcomes: Sequence[SolverOutcome], rows: Sequence[Mapping[str, object]], camera: Camera
+    outcomes: Sequence[SolverOutcome],
+    rows: Sequence[Mapping[str, object]],
+    camera: Camera,
+    *,
+    opencv: bool,
 ) -> list[Table]:
     """X, Z, the scale and what is left over, by every method."""
     frames = FRAMES[camera]
@@ -177,6 +181,7 @@ def _tables(
             "Left over (rms)",
             [{name: row[key] for key, name in _LEFT_OVER.items()} for row in rows],
         ),
+        *([Table("In OpenCV's names", opencv_rows(outcomes))] if opencv else []),
     ]
 
 
@@ -191,10 +196,6 @@ def _transform_rows(
         line |= {axis: row[f"{letter}_{axis}"] for axis in POSE_AXES}
         shown.append(line | {"sigma_mm": place, "sigma_deg": turn})
     return shown
-
-
-def _opencv(outcomes: Sequence[SolverOutcome], *, opencv: bool) -> list[Table]:
-    return [Table("In OpenCV's names", opencv_rows(outcomes))] if opencv else []
 
 
 def solve_and_draw(

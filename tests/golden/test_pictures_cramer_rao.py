@@ -1,16 +1,22 @@
 """Camera, board, lens and robot from pictures against the Cramér-Rao bound over their pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from calib.chance import chi2_quantile, normal_quantile
 from calib.hand_eye import calibrate
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.measurements.board_view import Carried
-from calib.model.parameters import LensParameters, TargetFrame, ToolFrame, ZeroOffsets
+from calib.model.parameters import (
+    LensParameters,
+    TargetFrame,
+    TimeOffsets,
+    ToolFrame,
+    ZeroOffsets,
+)
 from calib.robots import Robot
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import FloatArray
@@ -129,6 +135,53 @@ def test_errors_are_those_of_the_bound_and_covariances_are_right(carried, arm):
     for part in GROUPS.values():
         low, high = band(200, part.stop - part.start)
         assert LOWEST * low < done.over_bound(part) < HIGHEST * high
+
+
+def run_moving(trials: int, carried: Carried, seed: int) -> Trials:
+    """The same while the arm moves, each picture up to 60 ms before or after its joints."""
+    found = []
+    for trial in range(trials):
+        rng = np.random.default_rng([seed, trial])
+        scene, late = draw_scene(rng, PICTURES, carried), rng.uniform(-0.06, 0.06)
+        q = posture_of_pose(scene.flange)
+        velocity = rng.standard_normal(q.shape) * np.repeat([0.1, 0.3], 3)
+        motion = np.stack([velocity, 2.0 * velocity * rng.standard_normal(q.shape)], axis=1)
+        shown = q - late * velocity + late**2 / 2.0 * motion[:, 1]
+        motion[:, 0] -= late * motion[:, 1]
+        pictures = scene.shown(scene.seen(rng, arm=STOPS_OFF), postures=shown, motion=motion)
+        result = calibrate(pictures)
+        assert result.used.all()
+        assert result.warnings == ()
+        model = true_model(scene, STOPS_OFF, [TimeOffsets({"camera": WHERE[carried]})])
+        views = replace(Setup.of(PICTURES), motion=motion)
+        error = np.insert(scene.errors(result), 12, result.time_offsets_s["camera"][0] - late)
+        x = model.nominal + late * (np.arange(model.p) == 12)
+        J = model.linearise(shown, x, views).white_jacobian.reshape(-1, model.p)
+        low, high = result.estimate.interval
+        inside = np.abs(error) <= (high - low) / 2.0
+        found.append((error, np.linalg.inv(J.T @ J), result.estimate.covariance, inside))
+    return Trials(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
+
+
+@pytest.mark.parametrize("carried", ["camera", "board"])
+def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
+    done = run_moving(20, carried, 53)
+    check(done)
+    low, high = band(20, 1)
+    assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("carried", ["camera", "board"])
+def test_errors_with_a_time_offset_are_those_of_the_bound(carried):
+    done = run_moving(200, carried, 54)
+    assert LOWEST < done.over_bound() < HIGHEST
+    check(done)
+    low, high = band(200, 1)
+    assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 
 JOINTS = slice(1, 5)

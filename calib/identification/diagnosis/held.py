@@ -26,9 +26,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.evidence import PriorGroup, tune_priors
+from calib.identification.evidence import (
+    LinearEvidence,
+    PriorGroup,
+    linear_evidence,
+    noise_classes,
+    tune_priors,
+)
 from calib.identification.least_squares import column_lengths
-from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
@@ -123,7 +128,7 @@ class Held:
 
 def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
     """Linearise at the solution ``(p,)`` of a model."""
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     rows, J = linear.white_rows, linear.white_jacobian
     right, stacked = linear.stacked(x)
     U, singular, _ = np.linalg.svd(stacked / column_lengths(stacked), full_matrices=False)

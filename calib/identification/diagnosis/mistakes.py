@@ -225,10 +225,8 @@ def _swapped_readings(held: Held, observed: FloatArray, suspect: IntArray) -> It
         return
     both = np.array(sorted(pairs))
     swapped = replace(data[both.ravel()], observed=observed[both[:, ::-1].ravel()])
-    white = model.white_residuals(
-        swapped.postures, held.x, swapped.setup, swapped.observed
-    ).reshape(len(both), 2, -1)
-    own = model.white_residuals(data.postures, held.x, data.setup, data.observed)
+    white = model.white_residuals(swapped, held.x).reshape(len(both), 2, -1)
+    own = model.white_residuals(data, held.x)
     change = white - own[both]
     taken = held.Q[both]  # C, 2, m, r
     inner = np.einsum("camr,cam->cr", taken, change)
@@ -258,7 +256,7 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
         x = _without_row(held, i)
         same = data[np.full(len(others), i)]
         setup = replace(same.setup, target=np.array(others, dtype=np.intp))
-        white = model.white_residuals(same.postures, x, setup, same.observed)
+        white = model.white_residuals(replace(same, setup=setup), x)
         cost = np.einsum("tm,mn,tn->t", white, held.blocks[i], white)
         best = int(np.argmin(cost))
         gain = float(held.standing_out[i] - cost[best])

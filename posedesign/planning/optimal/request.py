@@ -57,12 +57,14 @@ class PlanObjective:
     """What is to be reached, and on which blocks.
 
     ``limit``: value to be reached, as the criterion is shown. ``unit``: of values as they are
-    shown; empty where they have none.
+    shown; empty where they have none. ``known`` (K, p): rows of what is known before any pose, as
+    the blocks are scaled; None for nothing.
     """
 
     criterion: Criterion
     limit: float | None = None
     unit: str = ""
+    known: FloatArray | None = None
 
     def blocks(self, linear: Linearisation) -> FloatArray:
         """Blocks ``(N, m, p)`` that the criterion is of."""
@@ -84,7 +86,7 @@ class PlanObjective:
 
     def cost_of_blocks(self, blocks: FloatArray) -> float:
         """The cost of a set of poses, of their blocks ``(N, m, p)``."""
-        pool = Candidates(blocks)
+        pool = Candidates(blocks, self.known)
         return self.criterion.on(pool).cost(np.arange(pool.N))
 
     def words(self, value: float) -> str:
@@ -114,6 +116,15 @@ def objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> 
     ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Raises
     InputError: no such criterion or parameter, or a request that does not go with it.
     """
+    objective = _objective_of(request, model, box)
+    known = model.known_rows
+    if not (len(known) and objective.weighted):
+        return objective
+    units = PER_MRAD_AND_MM if objective.criterion.name in CRITERIA else 1.0
+    return replace(objective, known=units * known)
+
+
+def _objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> PlanObjective:
     if request.wants_sigma:
         wanted = _wanted(model, request.sigma_m, request.sigma_rad)
         return PlanObjective(wanted_deviations(wanted, model.p), 1.0)
@@ -225,7 +236,7 @@ def accuracy_of(
 
 def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None:
     """Covariance ``(p, p)`` of blocks; None where they do not identify everything."""
-    rows = white.reshape(-1, model.p)
+    rows = np.vstack([white.reshape(-1, model.p), model.known_rows])
     if len(rows) < model.p:
         return None
     try:
@@ -248,7 +259,9 @@ class Request:
     of each that is an angle. ``threshold``: value of the criterion to be reached. ``validation``:
     poses to choose besides, for a test. ``refine``: turn the tool at the chosen poses, off the
     pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
-    ``"average"``, ``"worst"``: for what is known of it before measuring.
+    ``"average"``, ``"worst"``: for what is known of it before measuring. ``time_s``: what a round
+    through the poses may take; it decides how many, in place of ``count``. ``beside``: how many
+    poses fewer and more a choice is compared with.
     """
 
     method: str = "exchange"
@@ -261,6 +274,8 @@ class Request:
     validation: int = 0
     refine: bool = False
     robust: str = "none"
+    time_s: float | None = None
+    beside: int = 1
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -268,6 +283,7 @@ class Request:
             ("a wanted standard deviation", self.sigma_m),
             ("a wanted standard deviation", self.sigma_rad),
             ("the threshold", self.threshold),
+            ("the time", self.time_s),
         ):
             if value is not None and not usable(value) >= LEAST_POSITIVE:
                 raise InputError(

@@ -32,7 +32,6 @@ from posedesign.programs.joint_programs import (
     PLAIN,
     Found,
     JointDialect,
-    Phrases,
     Standing,
     check_joints,
     in_moves,
@@ -51,14 +50,13 @@ from posedesign.programs.language import (
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
-from posedesign.programs.writing import NameRule
+from posedesign.programs.writing import NameRule, Phrases
 
 __all__ = ["DensoPac"]
 
 LANGUAGE = Language(
     __package__ or "",
     joined=without_remarks(r"'.*|^\s*rem\b.*"),
-    start="line",
     signed=True,
     letters=r"\w",
 )
@@ -191,20 +189,17 @@ class DensoPac(JointDialect):
     names = NameRule("a PacScript name", 32, small=True)  # no limit of its length is known
     newline = "\r\n"
     phrases = Phrases(
-        remark="  ' {}",
-        head=("  TakeArm Keep = 0", "  Speed {percent}"),
+        note="  ' {}",
         move=("  Move P, @E J({joints})",),
-        wait="  Delay {ms}",
-        pulse=("  Set IO[{output}]", "  Delay {ms}", "  Reset IO[{output}]"),
-        call="  Call {call}({argument})",
-        most_output=4096,
+        wait="  Delay {ms:.0f}",
+        pulse=("  Set IO[{output}]", "  Delay {ms:.0f}", "  Reset IO[{output}]"),
+        call=("  Call {call}({argument})",),
+        bare=("  Call {call}",),
     )
+    head = ("  TakeArm Keep = 0", "  Speed {percent}")
     reader = in_moves(_positions, "'", "denso")
     rules = judged(LANGUAGE, ("sub",), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The routine that a program begins with."""
-        call, argument = program.options.measure_call, program.options.measure_argument
-        bare = call is not None and argument is None
-        kept = [step.removesuffix("()") for step in steps] if bare else steps
-        return ["Sub Main", *kept, "End Sub"]
+        return ["Sub Main", *steps, "End Sub"]

@@ -32,7 +32,6 @@ from posedesign.programs.joint_programs import (
     PLAIN,
     Found,
     JointDialect,
-    Phrases,
     Standing,
     check_joints,
     in_moves,
@@ -43,7 +42,7 @@ from posedesign.programs.language import Language, Statement, nodes, open_lines,
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
-from posedesign.programs.writing import NameRule
+from posedesign.programs.writing import NameRule, Phrases
 
 __all__ = ["DoosanDrl"]
 
@@ -70,6 +69,7 @@ _FUNCTIONS = {
 _MOVES = ("movej", "amovej")
 _WORDS = """def if elif else while for try except return pass break continue from import in and or
 not on"""
+_RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
@@ -80,8 +80,7 @@ _BLOCK = re.compile(
 
 LANGUAGE = Language(
     __package__ or "",
-    joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="([{)]}"),
-    start="line",
+    joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}"),
     signed=True,
     letters=r"\w",
 )
@@ -256,20 +255,19 @@ class DoosanDrl(JointDialect):
     title = "Doosan DRL program"
     maker = "doosan"
     suffixes = (".drl",)
-    reserved = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
-    names = NameRule("a DRL name", 32, small=True, reserved=reserved)
+    names = NameRule("a DRL name", 32, small=True, reserved=_RESERVED)
     phrases = Phrases(
-        remark="# {}",
+        note="# {}",
         move=("movej(posj({joints}), vel={speed}, acc={speed})", "mwait()"),
-        wait="wait({time})",
+        wait="wait({time:.3f})",
         pulse=(
             "set_digital_output({output}, ON)",
-            "wait({time})",
+            "wait({time:.3f})",
             "set_digital_output({output}, OFF)",
         ),
-        call="{call}({argument})",
-        most_output=16,
+        call=("{call}({argument})",),
     )
+    most_output = 16
     reader = in_moves(_positions, "#", "doosan", _without_blocks)
     rules = check_doosan_drl
 

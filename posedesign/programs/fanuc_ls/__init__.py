@@ -6,8 +6,7 @@ from pathlib import Path
 
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import writer
-from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
-from posedesign.programs.fanuc_ls.registers import parse_registers
+from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram

@@ -35,7 +35,6 @@ from posedesign.programs.joint_programs import (
     PLAIN,
     JointDialect,
     Notes,
-    Phrases,
     Standing,
     check_joints,
     joints_of,
@@ -59,7 +58,7 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["KawasakiAs"]
 
@@ -99,7 +98,7 @@ def _sections(lines: Iterator[Line]) -> Iterator[Line]:
         yield Line(line.row, text)
 
 
-LANGUAGE = Language(__package__ or "", joined=_sections, start="line", signed=True, letters=r"\w.")
+LANGUAGE = Language(__package__ or "", joined=_sections, signed=True, letters=r"\w.")
 
 
 @dataclass(eq=False)
@@ -109,13 +108,10 @@ class _Stored(Named):
     values: list[str]
 
 
-_Planned = tuple[str, Notes, tuple[int, int] | None]
-
-
-def _planned(text: str, path: Path) -> _Planned:
+def _planned(text: str, path: Path) -> tuple[str, Notes, tuple[int, int] | None]:
     """Name and remarks of the program of a plan, and what its first HERE keeps of which pose."""
-    found: _Planned = ("", Notes(), None)
-    name, notes, first = found
+    first: tuple[int, int] | None = None
+    name, notes, first = found = "", Notes(), first
     for line in lines_of(text):
         program, remark, element = ((m := _NOTE.match(line.text)) and m.groups()) or ("", "", "")
         if program:
@@ -233,15 +229,18 @@ class KawasakiAs(JointDialect):
     names = NameRule("a name of an AS program", 13, small=True)
     newline = "\r\n"
     phrases = Phrases(
-        remark="  ; {}",
-        head=("  SPEED {percent} ALWAYS",),
+        note="  ; {}",
         move=("  JMOVE #{name}.p[{number}]", "  BREAK"),
-        wait="  TWAIT {time}",
-        pulse=("  PULSE {output},{time}", "  TWAIT {time}"),  # a pulse does not hold the program up
-        call="  CALL {call}({argument})",
+        wait="  TWAIT {time:.3f}",
+        pulse=(
+            "  PULSE {output},{time:.3f}",
+            "  TWAIT {time:.3f}",
+        ),  # a pulse does not hold the program up
+        call=("  CALL {call}({argument})",),
         keep="  HERE #{name}.m[{register}]",
-        most_output=999,  # inputs are numbered from 1001
     )
+    head = ("  SPEED {percent} ALWAYS",)
+    most_output = 999  # inputs are numbered from 1001
     reader = parse_kawasaki_as
     rules = judged(LANGUAGE, ("program", "position"), _check)
 

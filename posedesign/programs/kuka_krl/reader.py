@@ -138,7 +138,7 @@ class _Reader:
         """All that is read."""
         self._take_remarks()
         faults = 0
-        for statement in krl.statements_of(self.text):
+        for statement in krl.LANGUAGE.statements(self.text):
             faults += bool(statement.fault)
             self._take(statement)
         if not self.kind or faults >= MOST_FAULTS:
@@ -191,17 +191,12 @@ class _Reader:
             if _MATTERS.search(text):
                 refuse(f"cannot make sense of it: {statement.fault}", self.path, row)
         elif self.is_data or not self.frames.take(statement):
-            self._take_instruction(statement)
-
-    def _take_instruction(self, statement: Statement) -> None:
-        if statement.kind == "motion":
-            self._take_motion(statement)
-        elif statement.kind == "declaration":
-            self._take_declaration(statement)
-        elif statement.kind == "assignment":
-            self._take_assignment(statement)
-        else:
-            self._check_no_position(statement)
+            taken = {
+                "motion": self._take_motion,
+                "declaration": self._take_declaration,
+                "assignment": self._take_assignment,
+            }
+            taken.get(kind, self._check_no_position)(statement)
 
     def _take_declaration(self, statement: Statement) -> None:
         row, items = statement.row, krl.items_of(statement)

@@ -139,9 +139,7 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
         _check_positions(module),
         missing,
         () if module.is_data else _check_motions(module, dat),
-        () if dat is None or module.is_data else _check_targets(module, dat),
-        () if src is None or not module.is_data else _check_use(module, src),
-        () if dat is None or src is None else _check_bounds(module, dat, src),
+        () if dat is None or src is None else _check_names(module, dat, src),
     )
 
 
@@ -154,7 +152,7 @@ class _Module:
 
     def __init__(self, data: bytes) -> None:
         self.text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
-        self.statements = krl.statements_of(self.text)
+        self.statements = krl.LANGUAGE.statements(self.text)
         self.begins = [statement for statement in self.statements if statement.kind in BEGINS]
         self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
         self.name = krl.name_of_module(self.begins[0]) if self.begins else ""
@@ -455,18 +453,29 @@ def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     return f"is beyond +-{MOST_JOINT_DEG:g} deg" if beyond else "", "error"
 
 
-def _check_use(dat: _Module, src: _Module) -> Iterator[Problem]:
-    used = {name.upper() for s in src.statements for name in s.words("NAME")}
-    for row, variable, _, _ in dat.positions:
-        if re.fullmatch(r"X?P\d+", variable) and variable not in used:
-            yield Problem(row, "position-used", f"{variable} is never used", "measuring")
-
-
-def _check_targets(src: _Module, dat: _Module) -> Iterator[Problem]:
-    """Rule ``position-defined``: of all variables, where a program has its data beside it."""
+def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Problem]:
+    """Rules of what one file declares and the other uses."""
+    if module is dat:
+        used = {name.upper() for s in src.statements for name in s.words("NAME")}
+        for row, variable, _, _ in dat.positions:
+            if re.fullmatch(r"X?P\d+", variable) and variable not in used:
+                yield Problem(row, "position-used", f"{variable} is never used", "measuring")
     known = {*src.names, *dat.names, *_GLOBALS}
-    for statement in src.of_kind("motion", "assignment", "call"):
-        for name in statement.words("NAME")[statement.kind == "call" :]:
+    sizes = {
+        str(item.children[0]).upper(): int(krl.words_of(size))
+        for declaring in (dat, src)
+        for statement in declaring.of_kind("declaration")
+        for item in krl.items_of(statement)
+        for size in filter(krl.is_index, item.children)
+        if re.fullmatch(r"[0-9]{1,7}", krl.words_of(size))
+    }
+    for statement in module.of_kind("motion", "assignment", "call"):
+        for node in statement.all("variable") if sizes else ():
+            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(node))
+            most = sizes.get(found[1]) if found else None
+            if found and most is not None and not 1 <= int(found[2]) <= most:
+                yield Problem(statement.row, "array-bounds", f"{found[1]}[{found[2]}] of {most}")
+        for name in statement.words("NAME")[statement.kind == "call" :] if module is src else ():
             if name[0] != "$" and name.upper() not in known:
                 # it may be global, of a file that is not here
                 known.add(name.upper())
@@ -555,19 +564,3 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
         if krl.is_aggregate(given) and {axis for axis, _ in krl.fields_of(given)} != {*POSE}:
             reason = f"${name} has not X Y Z A B C: the others stay as they are"
             yield Problem(row, "frame-value", reason, "measuring")
-
-
-def _check_bounds(module: _Module, dat: _Module, src: _Module) -> Iterator[Problem]:
-    sizes: dict[str, int] = {}
-    for statement in [*dat.of_kind("declaration"), *src.of_kind("declaration")]:
-        for item in krl.items_of(statement):
-            for size in item.children[1:2]:
-                text = krl.words_of(size) if krl.is_a(size, "index") else ""
-                if text.isdigit() and len(text) < 8:
-                    sizes[str(item.children[0]).upper()] = int(text)
-    for statement in module.of_kind("assignment", "call", "motion") if sizes else ():
-        for variable in statement.all("variable"):
-            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(variable))
-            most = sizes.get(found[1]) if found else None
-            if found and most is not None and not 1 <= int(found[2]) <= most:
-                yield Problem(statement.row, "array-bounds", f"{found[1]}[{found[2]}] of {most}")

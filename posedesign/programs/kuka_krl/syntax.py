@@ -9,7 +9,14 @@ from typing import TypeGuard
 
 from lark import Token, Tree
 
-from posedesign.programs.language import Block, Language, Statement, nodes, text_of
+from posedesign.programs.language import (
+    Block,
+    Language,
+    Statement,
+    nodes,
+    text_of,
+    without_remarks,
+)
 
 AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 POSE = ("X", "Y", "Z", "A", "B", "C")
@@ -37,16 +44,10 @@ BLOCKS = {
 }
 """Blocks inside of routines."""
 
-LANGUAGE = Language("posedesign.programs.kuka_krl", letters=r"\w$")
+LANGUAGE = Language(
+    "posedesign.programs.kuka_krl", joined=without_remarks("^&.*|;.*"), letters=r"\w$"
+)
 """The grammar; one for all files, so that it is made once."""
-
-_REMARKS = re.compile(r'^[ \t]*[;&][^\n]*|("[^"\n]*"?)|;[^\n]*', re.MULTILINE)
-
-
-def statements_of(text: str) -> list[Statement]:
-    """All statements of a file, without remarks and lines of the header."""
-    return LANGUAGE.statements(_REMARKS.sub(lambda found: found[1] or "", text))
-
 
 Node = Tree[Token] | Token
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?", re.IGNORECASE | re.ASCII)

@@ -34,7 +34,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from posedesign.programs import rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JOINTS, JointDialect, Phrases
+from posedesign.programs.joint_programs import JOINTS, JointDialect
 from posedesign.programs.language import (
     Language,
     Statement,
@@ -54,7 +54,7 @@ from posedesign.programs.recorded import (
     RecordedPosition,
     RecordedProgram,
 )
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["MitsubishiMelfa"]
 
@@ -71,7 +71,6 @@ _STEP = re.compile(r"\s*\d{1,5} +([A-Za-z]\w*)(?: .*)?")
 LANGUAGE = Language(
     __package__ or "",
     joined=without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
-    start="step",
     signed=True,
     letters=r"\w",
 )
@@ -146,6 +145,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     names = [_entry_of(s)[0].upper() for s in statements]
     counts = Counter(names)
     defined = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
+    known = counts.keys() | defined
     moved: set[str] = set()
     step, stands = 0, True
     for s, name in zip(statements, names, strict=True):
@@ -163,7 +163,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if body.data == "move":
             target = text_of(_trees(body)[0]).upper()
             moved.add(target)
-            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in counts.keys() | defined:
+            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list")
         if body.data == "override" and not 1 <= float(words(body, "NUMBER")[0][:9]) <= 100:
             yield Problem(s.row, "range", "an override is from 1 to 100 percent")
@@ -208,14 +208,14 @@ class MitsubishiMelfa(JointDialect):
     names = NameRule("a MELFA program name", 12)
     newline = "\r\n"
     phrases = Phrases(
-        remark="'{}",
-        head=("Servo On", "Cnt 0", "JOvrd {percent}"),
+        note="'{}",
         move=("Mov J{number}",),
-        wait="Dly {time}",
-        pulse=("M_Out({output})=1 Dly {time}",),
-        call='CallP "{call}",{argument}',
-        most_output=4096,
+        wait="Dly {time:.3f}",
+        pulse=("M_Out({output})=1 Dly {time:.3f}",),
+        call=('CallP "{call}",{argument}',),
+        bare=('CallP "{call}"',),
     )
+    head = ("Servo On", "Cnt 0", "JOvrd {percent}")
     reader = parse_mitsubishi_melfa
     rules = check_mitsubishi_melfa
 
@@ -232,6 +232,4 @@ class MitsubishiMelfa(JointDialect):
         """Numbered steps, and the positions behind them."""
         rows = zip(program.numbers, shown_deg(arm, program.poses), strict=True)
         listed = [f"J{number}=({','.join(plain_all(row, 5))})" for number, row in rows]
-        # a call without an argument has no comma
-        said = [step.removesuffix(",") if step[0] == "C" else step for step in steps]
-        return [f"{k} {step}" for k, step in enumerate([*said, "End"], start=1)] + listed
+        return [f"{k} {step}" for k, step in enumerate([*steps, "End"], start=1)] + listed

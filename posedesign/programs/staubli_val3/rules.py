@@ -46,7 +46,7 @@ from lark import Token, Tree
 
 from calib.errors import FileFormatError
 from posedesign.programs import rules
-from posedesign.programs.language import Block, block_faults, text_of
+from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.staubli_val3 import project, spec
@@ -242,15 +242,14 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
                 yield Problem(statement.row, "syntax", statement.fault)
                 whole = False
                 continue
-            parts = project.parts_of(statement)
-            for rule, reason, level in scope.faults(parts):
+            for rule, reason, level in scope.faults(statement):
                 yield Problem(statement.row, rule, reason, level)
-            called = {name_of(function).lower() for function in parts["function"]}
+            called = {name_of(function).lower() for function in statement.all("function")}
             if not stands and (statement.kind == "call" or "herej" in called):
                 reason = "no waitEndMove() since the last move"
                 yield Problem(statement.row, "wait-to-measure", reason, "measuring")
             stands = "waitendmove" in called or (stands and not called & project.MOVES.keys())
-            moved |= set(project.targets_of(parts["function"]))
+            moved |= set(project.targets_of(statement))
         own = next((name for name in ("jPose", "pPose") if name in scope.known), "")
         if path.stem == "start" and own and "sPlan" in scope.known and whole:
             size = scope.known[own][1] or 0
@@ -288,14 +287,14 @@ class _Scope:
             size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
             self.known[node.get("name")] = node.get("type") or node.name, size
 
-    def faults(self, parts: dict[str, list[Tree[Token]]]) -> Iterator[Fault]:
+    def faults(self, statement: Statement) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
         for kind, check in (
             ("function", self._of_function),
             ("routine", self._of_routine),
             ("place", self._of_place),
         ):
-            for tree in parts[kind]:
+            for tree in statement.all(kind):
                 if ":" not in name_of(tree):  # else of a library
                     yield from check(tree)
 

@@ -98,9 +98,9 @@ def check_ur_script(data: bytes, path: Path) -> list[Problem]:
     )
 
 
-def _parts(tree: Tree[Token]) -> Iterator[Node]:
-    """A tree with all in it, but for the names of functions, of parameters and of members."""
-    yield tree
+def _collect(tree: Tree[Token], trees: list[Tree[Token]], tokens: list[Token]) -> None:
+    """Take a tree with all in it, but for the names of functions, of parameters and of members."""
+    trees.append(tree)
     children: Sequence[Node] = tree.children
     if tree.data == "run" or (tree.data == "argument" and len(children) > 1):
         children = children[2:]
@@ -108,9 +108,9 @@ def _parts(tree: Tree[Token]) -> Iterator[Node]:
         children = children[1:]
     for child in children:
         if isinstance(child, Tree):
-            yield from _parts(child)
+            _collect(child, trees, tokens)
         else:
-            yield child
+            tokens.append(child)
 
 
 class _Script:
@@ -145,9 +145,9 @@ class _Script:
         moved = False
         for statement in self.found:
             row = statement.row
-            parts = list(_parts(statement.tree))
-            trees = [part for part in parts if isinstance(part, Tree)]
-            tokens = [part for part in parts if isinstance(part, Token)]
+            trees: list[Tree[Token]] = []
+            tokens: list[Token] = []
+            _collect(statement.tree, trees, tokens)
             poses = [tree for tree in trees if tree.data == "pose"]
             calls: list[Call] = []
             for tree in trees:
@@ -194,21 +194,19 @@ class _Script:
         least, parameters = signature
         keywords = [keyword for keyword, _ in given if keyword]
         odd = sorted({*keywords} - {*parameters, *(("q", "pose") if name in MOVES else ())})
-        reasons = {
-            f"{name} has no {odd[0][:30] if odd else ''}": odd,
-            f"{name}: an argument is given twice": len({*keywords}) < len(keywords),
-            f"{name}: an argument without a name behind one with": any(
-                a[0] and not b[0] for a, b in pairwise(given)
-            ),
-            f"{name} has {len(given)} arguments, not {least} to {len(parameters)}": (
-                not least <= len(given) <= len(parameters)
-            ),
-        }
-        reason = next((reason for reason, holds in reasons.items() if holds), "")
-        if reason:
-            yield Problem(row, "arguments", reason)
+        reason = ""
+        if odd:
+            reason = f"{name} has no {odd[0][:30]}"
+        elif len({*keywords}) < len(keywords):
+            reason = f"{name}: an argument is given twice"
+        elif any(a[0] and not b[0] for a, b in pairwise(given)):
+            reason = f"{name}: an argument without a name behind one with"
+        elif not least <= len(given) <= len(parameters):
+            reason = f"{name} has {len(given)} arguments, not {least} to {len(parameters)}"
         elif not own:
             yield from _check_values(name, reader.by_name(name, given), row)
+        if reason:
+            yield Problem(row, "arguments", reason)
 
     def _check_measuring(
         self, calls: list[Call], texts: list[str], row: int, *, posed: bool

@@ -34,10 +34,11 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_log
 from posedesign.programs.arm import Arm, Load
-from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.program import PoseProgram, in_range
 from posedesign.programs.ur_script.spec import MOST_JOINT_DEG, MOST_OUTPUT, NAMES
 from posedesign.programs.writing import (
     Limits,
+    Phrases,
     check_call,
     plain,
     plain_all,
@@ -69,6 +70,26 @@ LIMITS = Limits(
     outputs=(0, MOST_OUTPUT),
 )
 
+_PHRASES = Phrases(
+    note="# {}",
+    remark='textmsg("{}")',
+    move=(f"movej({{target}}, a={ACCELERATION_RAD_S2}, v={{speed}})",),
+    wait="sleep({time:.3f})",
+    pulse=(
+        "set_standard_digital_out({output}, True)",
+        "sleep({time:.3f})",
+        "set_standard_digital_out({output}, False)",
+    ),
+    call=("{call}({argument})",),
+)
+
+_REPORT = (
+    'textmsg("POSE {number} q=", get_actual_joint_positions())',
+    f"write_output_integer_register({REGISTER}, {{number}})",
+    f"sleep({HELD_S})",
+    f"write_output_integer_register({REGISTER}, 0)",
+)
+
 MOST_MASS_KG = 1000.0
 """No arm carries so much."""
 
@@ -92,10 +113,14 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
     LIMITS.check(program)
     check_call(NAMES, program.options, program.name)
     lines = [*_head(program, arm)]
+    speed = _speed(arm, program.options.speed_percent)
     for number, pose, target in zip(
         program.numbers, program.poses, _targets(program, arm), strict=True
     ):
-        lines += _at_pose(program, arm, pose, number, target)
+        name = pose.name if LIMITS.fits(pose.name) else ""
+        given = {"target": target, "speed": speed}
+        lines += _PHRASES.at_pose(program.options, pose, number, name, **given)
+        lines += [] if pose.via else [line.format(number=number) for line in _REPORT]
     body = "\n".join("  " + line for line in lines)
     text = f"def {program.name}():\n{body}\nend\n{program.name}()\n"
     return {f"{program.name}.script": text}
@@ -177,33 +202,8 @@ def _measuring(program: PoseProgram) -> Iterator[str]:
     if options.guided:
         yield "  end_freedrive_mode()"
     if options.settle_s > 0:
-        yield f"  sleep({_seconds(options.settle_s)})"
+        yield f"  sleep({max(options.settle_s, _PHRASES.least_s):.3f})"
     yield "end"
-
-
-def _at_pose(
-    program: PoseProgram, arm: Arm, pose: ProgramPose, number: int, target: str
-) -> Iterator[str]:
-    options = program.options
-    yield f"# POSE {number} {pose.name if LIMITS.fits(pose.name) else ''}".rstrip()
-    if pose.comment.strip():
-        yield f'textmsg("{pose.comment.strip()}")'
-    yield f"movej({target}, a={ACCELERATION_RAD_S2}, v={_speed(arm, options.speed_percent)})"
-    if pose.via:
-        return
-    if options.settle_s > 0:
-        yield f"sleep({_seconds(options.settle_s)})"
-    if options.measure_output is not None:
-        yield f"set_standard_digital_out({options.measure_output}, True)"
-        yield f"sleep({_seconds(options.measure_pulse_s)})"
-        yield f"set_standard_digital_out({options.measure_output}, False)"
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        yield f"{options.measure_call}({'' if argument is None else argument})"
-    yield f'textmsg("POSE {number} q=", get_actual_joint_positions())'
-    yield f"write_output_integer_register({REGISTER}, {number})"
-    yield f"sleep({HELD_S})"
-    yield f"write_output_integer_register({REGISTER}, 0)"
 
 
 def _speed(arm: Arm, percent: int) -> str:
@@ -211,8 +211,3 @@ def _speed(arm: Arm, percent: int) -> str:
     known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
     most = min(known, default=USUAL_SPEED_RAD_S)
     return plain(max(most * percent / 100, 1e-4), 4)
-
-
-def _seconds(value: float) -> str:
-    # At least a millisecond: a time that is asked for must not round to none.
-    return plain(max(value, 0.001), 3)

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from lark import Token, Tree
@@ -32,7 +32,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
-from posedesign.programs.language import Language, Line, Statement, nodes
+from posedesign.programs.language import Language, Line, Statement
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
 from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
@@ -46,9 +46,6 @@ from posedesign.programs.yaskawa_jbi.spec import (
     found_in,
 )
 
-Name = tuple[str, int]
-"""Kind and number of a position: ("C", 7) for C00007."""
-
 _OF_POS = ("npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "heading")
 _MOST_NUMBER = 99_999
 _MOST_LINES = 100_000
@@ -56,6 +53,35 @@ _MOST_LINES = 100_000
 END then."""
 
 _JOB_MARKS = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
+
+_WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
+_FRAME = re.compile(r"\d{1,3}", re.ASCII)
+_NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
+_POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
+_BASE_FRAMES = ("BASE", "ROBOT")
+"""The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
+are then in BC variables."""
+
+_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
+"""A job has few different ones."""
+
+
+class Name(NamedTuple):
+    """Kind and number of a position: ("C", 7) for C00007."""
+
+    kind: str
+    number: int
+
+    @property
+    def label(self) -> str:
+        """As it stands in a job."""
+        return f"{self.kind}{self.number:05d}"
+
+    @classmethod
+    def of(cls, text: str) -> Name:
+        """Of C00007; far too large numbers are cut off."""
+        kind = text.rstrip("0123456789")
+        return cls(kind, int(text[len(kind) :][:9]))
 
 
 @dataclass(frozen=True)
@@ -73,8 +99,8 @@ class Stored:
 
     @property
     def label(self) -> str:
-        """Its name."""
-        return label_of(self.name)
+        """Its name, as it stands in a job."""
+        return self.name.label
 
 
 @dataclass
@@ -112,7 +138,7 @@ def read_job(text: str) -> Job:
             continue
         if kind == "stored":
             name, *numbers = map(str, values)
-            job.stored.append(Stored(statement.row, name_of(name), tuple(numbers), **above))
+            job.stored.append(Stored(statement.row, Name.of(name), tuple(numbers), **above))
         elif kind in ("pulse", "rectan"):
             above["form"] = kind.upper()
         elif kind in ("tool", "user", "rconf", "postype"):
@@ -140,7 +166,7 @@ def faults_of(job: Job) -> Iterator[Problem]:
             yield Problem(statement.row, "header", reason, "error" if meant else "note")
     seen: set[Name] = set()
     for stored in job.stored:
-        if stored.name in seen or stored.name[1] > _MOST_NUMBER:
+        if stored.name in seen or stored.name.number > _MOST_NUMBER:
             what = "is there twice" if stored.name in seen else "has too large a number"
             yield Problem(stored.row, "position-unique", f"{stored.label} {what}")
         seen.add(stored.name)
@@ -156,29 +182,18 @@ def _count_faults(job: Job) -> Iterator[Problem]:
         row = counts[1].row if counts else next((m.row for m in job.marks if m.kind == "pos"), 1)
         yield Problem(row, "npos", f"//POS has {'a second' if counts else 'no'} ///NPOS")
         return
-    there = Counter(stored.name[0] for stored in job.stored)
+    there = Counter(stored.name.kind for stored in job.stored)
     for kind, number in zip(KINDS, counts[0].words("NUMBER"), strict=True):
         if number != str(there[kind]):
             reason = f"///NPOS says {number[:9]} {kind} positions, there are {there[kind]}"
             yield Problem(counts[0].row, "npos", reason)
 
 
-def label_of(name: Name) -> str:
-    """As it stands in a job: C00007."""
-    return f"{name[0]}{name[1]:05d}"
-
-
-def name_of(text: str) -> Name:
-    """Kind and number of C00007; far too large numbers are cut off."""
-    kind = text.rstrip("0123456789")
-    return kind, int(text[len(kind) :][:9])
-
-
 def names_in(move: Tree[Token]) -> list[Name]:
     """Positions of the job and variables that a move has, without those of other robots."""
     targets = [part for part in move.children if isinstance(part, Tree) and part.data == "target"]
     points = [target.children[0] for target in targets]
-    return [name_of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
+    return [Name.of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
 
 
 def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
@@ -193,17 +208,6 @@ def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
 
 
 INFORM = Language(__package__, joined=_without_argument_names, signed=True, letters=r"\w$-")
-
-
-_WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
-_FRAME = re.compile(r"\d{1,3}", re.ASCII)
-_NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
-_BASE_FRAMES = ("BASE", "ROBOT")
-"""The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
-are then in BC variables."""
-
-_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
-"""A job has few different ones."""
 
 
 def parse_yaskawa_jbi(
@@ -274,7 +278,7 @@ class _Reader:
         elif kind == "gets" and self._at is not None and statement.word("SYSTEM") == "$PX000":
             place = statement.word("VARIABLE")
             if place.startswith("PX"):
-                self.kept[self._at] = ("P", int(place[2:7]))
+                self.kept[self._at] = Name("P", int(place[2:7]))
         elif kind in ("fault", "other") and _NAMED.search(statement.text):
             fault = statement.fault
             if kind == "other" and near(statement.word("WORD"), INSTRUCTIONS):
@@ -292,19 +296,19 @@ class _Reader:
             self.announced.take(text, row)
 
     def _move(self, statement: Statement) -> None:
-        names = names_in(statement.tree)
-        others = [n for also in nodes(statement.tree, "also") for n in names_in(also)]
-        self.other_robot.update(name for name in others if name[0] in "CP")
+        names, *also = map(names_in, statement.all("move", "also"))
+        others = [name for them in also for name in them]
+        self.other_robot.update(name for name in others if name.kind in "CP")
         for name in names:
-            if "C" in name[0] and name not in self.stored:
-                self.refuse(f"{label_of(name)} is moved to, but not there", statement.row)
-        at = self._at = next((name for name in names if name[0] in "CP"), None)
+            if "C" in name.kind and name not in self.stored:
+                self.refuse(f"{name.label} is moved to, but not there", statement.row)
+        at = self._at = next((name for name in names if name.kind in "CP"), None)
         if at is None:
             self.announced.end()
             return
         self.used.add(at)
-        self.axes[at] = (statement.row, [name for name in names + others if name[0] not in "CP"])
-        self.announced.move(at, label_of(at))
+        self.axes[at] = (statement.row, [name for name in names + others if name.kind not in "CP"])
+        self.announced.move(at, at.label)
 
     def positions(self) -> tuple[RecordedPosition, ...]:
         """All that the robot moves to, with its own C variables."""
@@ -314,11 +318,15 @@ class _Reader:
             name
             for name in self.stored
             if source[name] in self.stored
-            and (name in self.used or (name[0] == "C" and name not in self.other_robot))
+            and (name in self.used or (name.kind == "C" and name not in self.other_robot))
         ]
         self._check_carriers(wanted)
         taken = [self.stored[source[name]] for name in wanted]
-        values = [self._values(stored) for stored in taken if stored.form != "PULSE"]
+        values = [
+            pose_values(self._six(stored), _POSE, stored.label, self.path, stored.row)
+            for stored in taken
+            if stored.form != "PULSE"
+        ]
         poses = iter(poses_of(values))
         # without any comment, that of the variable
         usual = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
@@ -365,11 +373,6 @@ class _Reader:
             reason = f"{stored.label} has {len(stored.values)} values, a six-axis arm six"
             self.refuse(reason, stored.row, "is this the job of another robot?")
         return stored.values
-
-    def _values(self, stored: Stored) -> list[float]:
-        """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-        names = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-        return pose_values(self._six(stored), names, stored.label, self.path, stored.row)
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
         values = []
@@ -418,7 +421,7 @@ class _Reader:
                 continue
             row, axes = self.axes[name]
             values: list[tuple[str, object]] = [
-                (axis[0], self.stored[axis].values if axis in self.stored else axis)
+                (axis.kind, self.stored[axis].values if axis in self.stored else axis)
                 for axis in axes
             ]
             first = values if first is None else first

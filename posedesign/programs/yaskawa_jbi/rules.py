@@ -159,14 +159,14 @@ def _check_header(job: Job) -> Iterator[Problem]:
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
-    width = next((len(s.values) for s in job.stored if s.name[0] in "CP"), 0)
+    width = next((len(s.values) for s in job.stored if s.name.kind in "CP"), 0)
     relative = any("RJ" in s.words("ATTRIBUTE") for s in job.kinds["attr"])
     frame = " ".join(str(word) for s in job.kinds["frame"] for word in s.tree.children)
     for stored in job.stored:
         for fault in _frame_faults(stored.frame, stored.tool, stored.user):
             yield Problem(stored.row, "position-format", f"{stored.label} {fault}")
         yield from _number_faults(stored)
-        if stored.name[0] not in "CP":
+        if stored.name.kind not in "CP":
             continue
         if len(stored.values) not in _WIDTHS or len(stored.values) != width:
             reason = f"{stored.label} has {len(stored.values)} values, not six"
@@ -177,7 +177,7 @@ def _check_positions(job: Job) -> Iterator[Problem]:
         if fault:
             yield Problem(stored.row, "rconf", f"{stored.label}: {fault}", level)
         own = f"USER {stored.user}" if stored.frame == "USER" else stored.frame
-        if stored.name[0] == "C" and not (relative and frame == own):
+        if stored.name.kind == "C" and not (relative and frame == own):
             reason = f"{stored.label} is in {own}, the job is{' ' if relative else ' not '}relative"
             reason += f" and has {'////FRAME ' + frame if frame else 'no ////FRAME'}"
             yield Problem(stored.row, "relative-job", reason, "measuring")
@@ -216,7 +216,7 @@ def _number_faults(stored: Stored) -> Iterator[Problem]:
             fault = "is not a number of at most 3 decimals of a mm, 4 of a degree"
         elif text[0] == "-" and not text.strip("-0."):
             fault = "is minus zero"
-        elif 3 <= k < 6 and stored.name[0] in "CP" and not -180.0 <= float(text) <= 180.0:
+        elif 3 <= k < 6 and stored.name.kind in "CP" and not -180.0 <= float(text) <= 180.0:
             fault = "is not in [-180, 180] deg"
         if fault:
             reason = f"{stored.label}: {text[:30]!a} {fault}"
@@ -228,18 +228,16 @@ def _check_use(job: Job) -> Iterator[Problem]:
     there = {stored.name for stored in job.stored}
     used: set[Name] = set()
     for statement in (*job.kinds["move"], *job.kinds["also"]):
-        moves = [part for part in statement.tree.children if isinstance(part, Tree)]
-        for move in (statement.tree, *(part for part in moves if part.data == "also")):
-            names = {name for name in reader.names_in(move) if "C" in name[0]}
+        for move in statement.all("move", "also"):
+            names = {name for name in reader.names_in(move) if "C" in name.kind}
             for name in sorted(names - there):
-                yield Problem(
-                    statement.row, "position-defined", f"{reader.label_of(name)} is not there"
-                )
+                reason = f"{name.label} is not there"
+                yield Problem(statement.row, "position-defined", reason)
             used |= names
     for statement in job.kinds["other"]:
-        used |= {reader.name_of(word) for word in statement.words("POINT")}
+        used |= {Name.of(word) for word in statement.words("POINT")}
     for stored in job.stored:
-        if "C" in stored.name[0] and stored.name not in used:
+        if "C" in stored.name.kind and stored.name not in used:
             reason = f"{stored.label} is never moved to"
             yield Problem(stored.row, "position-used", reason, "measuring")
     for statement in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
@@ -262,7 +260,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
                 stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
                 if not has_speed and not any(p.data.endswith("speed") for p in parts):
                     found.append(("move", "no speed, and no SPEED above", "measuring"))
-            for move in (statement.tree, *(p for p in parts if p.data == "also")):
+            for move in statement.all("move", "also"):
                 found += _move_faults(move)
         elif kind == "call" and not stands:
             reason = "no move with PL=0 before the CALL: the arm may not have arrived"

@@ -36,6 +36,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.writing import (
     Limits,
+    Phrases,
     check_call,
     plain_all,
     rounded_deg,
@@ -64,6 +65,18 @@ LIMITS = Limits(
     pulse_s=(0.01, 655.35),
     frames=(MOST_FRAME, MOST_FRAME),
     registers=(127, "variable P{}"),
+)
+
+_PHRASES = Phrases(
+    note="'{}",
+    # PL=0: the step is over when the arm has arrived, not when it is near
+    move=("MOVJ C{k:05d} VJ={percent:.2f} PL=0",),
+    wait="TIMER T={time:.2f}",
+    pulse=("PULSE OT#({output}) T={time:.2f}",),
+    call=("SET I000 {argument}", "CALL JOB:{call}"),
+    bare=("CALL JOB:{call}",),
+    keep="GETS PX{register:03d} $PX000",
+    least_s=0.01,
 )
 
 
@@ -118,7 +131,7 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
-    return len(_head(program, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
+    return len(_head(program, (1.0,) * 6)) + 1, len([*_at_pose(program.options, pose, 0, 1)])
 
 
 def _pulses(program: PoseProgram, arm: Arm, pulses_per_deg: tuple[float, ...]) -> Iterator[str]:
@@ -164,26 +177,8 @@ def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
     return ["NOP", *(f"'{note}" for note in notes)]
 
 
-def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> list[str]:
+def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> Iterator[str]:
     """Instructions of one pose, with position C ``k``."""
-    note = f"POSE {number} {pose.name}".rstrip()
-    if not LIMITS.fits(note):
-        note = f"POSE {number}"
-    lines = [f"'{note}"]
-    if pose.comment.strip():
-        lines.append(f"'{pose.comment.strip()}")
-    # PL=0: the step is over when the arm has arrived, not when it is near
-    lines.append(f"MOVJ C{k:05d} VJ={options.speed_percent:.2f} PL=0")
-    if pose.via:
-        return lines
-    if options.settle_s > 0:
-        lines.append(f"TIMER T={max(options.settle_s, 0.01):.2f}")
-    if options.measure_output is not None:
-        lines.append(f"PULSE OT#({options.measure_output}) T={options.measure_pulse_s:.2f}")
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        lines += [f"SET I000 {argument}"] if argument is not None else []
-        lines.append(f"CALL JOB:{options.measure_call}")
-    if options.keep == "register":
-        lines.append(f"GETS PX{options.first_register + number - 1:03d} $PX000")
-    return lines
+    name = pose.name if LIMITS.fits(f"POSE {number} {pose.name}".rstrip()) else ""
+    given = {"k": k, "percent": options.speed_percent}
+    return _PHRASES.at_pose(options, pose, number, name, **given)

@@ -1,22 +1,24 @@
 """Plans for pictures of a board: cell, constraints, candidates, blocks, choice and next poses."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib.errors import CalibError, InputError, UnreachableError
+from calib.errors import CalibError, FileFormatError, InputError, UnreachableError
 from calib.hand_eye.points import seen_point_motion
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.parameters import TargetFrame, ToolFrame
-from calib.se3 import inverse, rotation_exp
+from calib.se3 import inverse, rotation_exp, transform
 from posedesign.candidates import candidates_of, functions_over_box
 from posedesign.candidates.building import view_candidates
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import nearest_postures
 from posedesign.constraints.board_sight import BoardSight
+from posedesign.hand_eye import as_calibrated
 from posedesign.planning.checks import score_poses
 from posedesign.planning.loop import check_base_pose, grid_poses
 from posedesign.planning.optimal import Request, plan_next_views, plan_optimal
@@ -25,6 +27,7 @@ from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import PoseList
 from posedesign.selection import mean_deviation, select, select_fewest, shortened
 from posedesign.selection.criteria import criterion_by_name, wanted_deviations
+from posedesign.workflow import plan_next_poses
 from tests.board_cells import (
     board_cell,
     check_constraints,
@@ -310,8 +313,10 @@ def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed
     assert found.reached
     check_constraints(cell, q)
     white = found.model.linearise(q).white_jacobian.reshape(-1, found.model.p)
-    scale = np.linalg.norm(white, axis=0)
-    covariance = np.linalg.inv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
+    # with what is known of a lens before
+    information = white.T @ white + np.diag(found.model.prior**-2.0)
+    scale = np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     np.testing.assert_allclose(found.accuracy.sigma, np.sqrt(np.diag(covariance)), rtol=1e-4)
     scored = score_poses(
         cell, PoseList(tuple(f"P{k}" for k in range(COUNT)), q, np.zeros(COUNT, dtype=bool))
@@ -340,6 +345,64 @@ def test_the_next_pictures_gain_what_is_predicted(cell, pool):
     assert first.message.startswith("go on: 1 picture does not yet identify everything")
     with pytest.raises(InputError, match="a least gain of 2"):
         plan_next_views(cell, taken, 1, least_gain=2.0)
+
+
+def calibrated_file(cell, taken, folder, **changes):
+    """What camera writes of a camera that is 20 mm and 2 deg off its description."""
+    there = cell.board_set_up
+    off = transform(rotation_exp(np.array([0.0, 0.035, 0.0])), np.array([0.02, 0.0, 0.0]))
+    names = ("T_flange_camera", "T_base_board")
+    if there.carried == "board":
+        names = ("T_flange_board", "T_base_camera")
+    lens = there.lens.with_values(np.array(there.lens.values) * [1.02, 1.02, *[1.0] * 7])
+    K, terms = lens.to_opencv()
+    content = {
+        "camera": "fixed" if there.carried == "board" else "on-flange",
+        names[0]: {"matrix_m": (there.X @ off).tolist()},
+        names[1]: {"matrix_m": there.Z.tolist()},
+        "lens": {
+            "model": lens.name, "width_px": lens.width_px, "height_px": lens.height_px,
+            "fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2],
+            "distortion": dict(zip(lens.names[4:], terms.tolist(), strict=True)),
+        },
+        "noise": {"pixel_sigma": 0.05, "arm_sigma_mm": 0.1, "arm_sigma_deg": 0.02},
+        "joints_deg": {f"{k}.png": row for k, row in enumerate(np.degrees(taken).tolist())},
+    }  # fmt: skip
+    path = folder / "camera.json"
+    path.write_text(json.dumps(content | changes))
+    return path, lens, there.X @ off
+
+
+def test_the_next_pictures_are_planned_with_the_camera_that_was_found(cell, pool, tmp_path):
+    taken = pool.postures[:6]
+    path, lens, X = calibrated_file(cell, taken, tmp_path)
+    known, postures = as_calibrated(cell, path)
+    np.testing.assert_allclose(postures, taken, atol=1e-12)
+    np.testing.assert_allclose(known.board_set_up.X, X, atol=1e-12)
+    np.testing.assert_allclose(known.board_set_up.lens.values, lens.values)
+    kind = known.measurement
+    assert kind.sigma[0] == pytest.approx(0.05)
+    np.testing.assert_allclose(kind.arm_sigma, [1e-4, np.deg2rad(0.02)])
+    found = plan_next_poses(
+        cell, path, tmp_path / "next", 1, criterion="tcp", least_gain=0.02, accuracy_m=None
+    )
+    model = known.model()
+    q = np.vstack([taken, found.poses.kept])
+    functions, _ = functions_over_box(known, model)
+    criterion = objective_of(Request(count=6), model, functions)
+    assert 1e3 * found.tcp_m[-1] == pytest.approx(criterion.value_of(model.linearise(q)), rel=1e-5)
+    # pixels and arm that scatter less than the cell says
+    plain = plan_next_views(cell, taken, 1)
+    assert found.tcp_m[0] < 0.5 * plain.tcp_m[0]
+
+
+def test_a_camera_file_that_tells_nothing_of_it_is_refused(cell, pool, tmp_path):
+    path, *_ = calibrated_file(cell, pool.postures[:4], tmp_path, joints_deg={})
+    with pytest.raises(FileFormatError, match="does not have one camera, its noise and the joints"):
+        as_calibrated(cell, path)
+    path, *_ = calibrated_file(cell, pool.postures[:4], tmp_path, camera="fixed")
+    with pytest.raises(FileFormatError, match="does not have one camera"):
+        as_calibrated(cell, path)
 
 
 @pytest.mark.parametrize(

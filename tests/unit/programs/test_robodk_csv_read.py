@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,11 @@ from posedesign.programs import (
     RecordedProgram,
     find_dialect,
     read,
-    robodk_csv,
     validate,
     write,
 )
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.robodk_csv import MOST_COLUMNS
-from posedesign.programs.rules import MOST_PROBLEMS
 
 ROBODK = find_dialect("robodk-csv")
 NOWHERE = Path("/nowhere/X.csv")
@@ -175,8 +172,5 @@ def test_each_rule_alone(rule: str, old: str, new: str, line: int) -> None:
     assert [(p.rule, p.line) for p in problems] == [(rule, line)]
 
 
-def test_the_good_list_breaks_no_rule_and_each_rule_is_tested() -> None:
+def test_the_good_list_breaks_no_rule() -> None:
     assert ROBODK.check(GOOD.encode(), NOWHERE) == []
-    table = set(re.findall(r"^``([\w-]+)``", robodk_csv.__doc__ or "", re.MULTILINE))
-    assert {rule for rule, *_ in BREAKS} | {"beside"} == table
-    assert len(ROBODK.check(b"x\n" * 5000, NOWHERE)) == MOST_PROBLEMS

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
 from calib.model.parameters import GravityLoad, Payload
+from calib.model.parameters.gravity import NOTHING
 from calib.robots import Robot
+from calib.robots.one_posture import OnePosture
 from calib.se3 import FloatArray, IntArray, inverse, transform
 from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
 from calib.vision.camera.observers import Target
 from calib.vision.camera.rendering import GreyImage
-from calib.vision.touch_up.one_posture import OnePosture
 
 _LEAST_TORQUE_NM = 1e-6
 """Torque below which gravity pushes to neither side: on a joint with an upright axis it is
@@ -147,7 +148,8 @@ class SimulatedArms:
         self._lag = np.zeros((count, robot.n))
         self._stopped = np.zeros((count, robot.n))
         self._gravity = GravityLoad(robot, cell.payload)
-        self._one = OnePosture(robot, cell.payload)
+        carried = cell.payload or NOTHING
+        self._one = OnePosture(robot, carried.mass_kg, carried.com_m)
         self.pictures = 0
         self.seen: GreyImage | None = None
 

@@ -23,9 +23,9 @@ from calib.robots import Robot
 from calib.robots.bounds import LIMIT_TOLERANCE
 from calib.robots.inverse import CLOSURE_TOLERANCE, pose_error
 from calib.robots.inverse.solutions import close_in
+from calib.robots.one_posture import OnePosture
 from calib.se3 import BoolArray, FloatArray, IntArray, transform
 from calib.vision.touch_up.arms import Arms
-from calib.vision.touch_up.one_posture import OnePosture
 
 _ITERATIONS = 12
 """Newton steps of a shift by centimetres: three or four, more only where there is no posture."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from calib.model.parameters import Payload
-from calib.robots import Robot
+from calib.robots.robot import Robot
 from calib.se3 import FloatArray
 
 _DAMPING, _LEAST_DAMPING = 1e-4, 1e-14
@@ -24,11 +23,13 @@ class OnePosture:
 
     Parameters
     ----------
-    payload : Payload, optional
-        What the flange carries.
+    mass_kg : float
+        Of what the flange carries.
+    com_m : array (3,), optional
+        Its centre of mass in the tip frame [m].
     """
 
-    def __init__(self, robot: Robot, payload: Payload | None = None) -> None:
+    def __init__(self, robot: Robot, mass_kg: float = 0.0, com_m: FloatArray | None = None) -> None:
         chain, joint = robot.chain, 0
         model, nowhere = pin.Model(), pin.SE3.Identity()
         bodies = zip(robot.link_mass, robot.link_com, strict=True)
@@ -38,8 +39,8 @@ class OnePosture:
             joint = model.addJoint(joint, revolute, pin.SE3(placement), f"joint {k + 1}")
             model.appendBodyToJoint(joint, pin.Inertia(mass, com, np.zeros((3, 3))), nowhere)
         self._tip = pin.SE3(chain.T_link_tip)
-        if payload is not None:
-            carried = pin.Inertia(payload.mass_kg, np.array(payload.com_m), np.zeros((3, 3)))
+        if com_m is not None:
+            carried = pin.Inertia(mass_kg, np.asarray(com_m, dtype=float), np.zeros((3, 3)))
             model.appendBodyToJoint(joint, carried, self._tip)
         model.gravity.linear = robot.gravity
         self._last, self._model, self._data = joint, model, model.createData()
@@ -48,7 +49,7 @@ class OnePosture:
     def gravity_torque(self, q: FloatArray) -> FloatArray:
         """Torque of gravity on each joint ``(n,)`` [Nm] at a posture ``(n,)`` [rad].
 
-        See :func:`~calib.model.parameters.gravity.gravity_torque`.
+        Positive where it turns the joint in its positive sense.
         """
         return np.asarray(-pin.computeGeneralizedGravity(self._model, self._data, q))
 

@@ -7,9 +7,9 @@ from calib.model.parameters import Payload
 from calib.model.parameters.gravity import gravity_torque
 from calib.robots import Robot, preset_names
 from calib.robots.inverse.solutions import close_in
+from calib.robots.one_posture import OnePosture
 from calib.se3 import FloatArray
 from calib.vision.touch_up import follow
-from calib.vision.touch_up.one_posture import OnePosture
 
 
 def postures(robot: Robot, count: int) -> FloatArray:
@@ -24,7 +24,7 @@ def postures(robot: Robot, count: int) -> FloatArray:
 def test_the_same_as_for_many(name):
     robot = Robot.preset(name)
     payload = Payload(12.0, np.array([0.05, 0.02, 0.1]))
-    one = OnePosture(robot, payload)
+    one = OnePosture(robot, payload.mass_kg, payload.com_m)
     torque = gravity_torque(robot, postures(robot, 8), payload)
     scale = max(np.abs(torque).max(), 1.0)
     for q, expected in zip(postures(robot, 8), torque, strict=True):

@@ -21,7 +21,7 @@ from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext,
 from calib.model.measurements import Measurement, Measurements
 from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
-from calib.se3 import FloatArray, IntArray, numbers
+from calib.se3 import FloatArray, IntArray, numbers, transform
 
 
 class CalibrationModel:
@@ -185,6 +185,19 @@ class CalibrationModel:
     ) -> MeasurementContext:
         """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
         return self._view(q, x, setup)[0]
+
+    def tip_poses(self, q: FloatArray, values: FloatArray) -> FloatArray:
+        """Poses ``T_base_tip (N, 4, 4)`` at postures ``(N, n)`` [rad] with parameters ``(p,)``.
+
+        As :meth:`view` has them, without tools, targets and checks.
+        """
+        last, setup = np.ascontiguousarray(q.T), Setup.of(len(q))
+        errors = ArmErrors(np.zeros((len(last), 1)))
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            if not block.nuisance:
+                block.displace(values[part, None], errors, last, setup)
+        walk = self.robot.chain.walk(last + errors.joints, errors.displacements())
+        return transform(walk.tip.transpose(2, 1, 0), walk.p_base_tip.T)
 
     def _view(
         self, q: ArrayLike, x: ArrayLike | None, setup: Setup | None

@@ -114,13 +114,17 @@ def test_touch_ups(benchmark, kind, count):
     assert done.touched.all()
 
 
+ONE_TOUCH_UP_S = 1e-3
+"""Least processor time of one touch-up by sight without pictures; it was 2.1 ms array by array."""
+
+
 def test_time_of_touch_ups_beside_each_other(capsys):
-    """By sight without pictures: 4,000 over 1,000 take four times as long, and 1 a few ms."""
+    """By sight without pictures: 4,000 over 1,000 take four times as long, and 1 a millisecond."""
     seconds = {}
     for count in (1, 1_000, 4_000):
         drive, q, jacobian = prepared("fast", count)
         times = []
-        for _ in range(10 if count == 1 else 3):
+        for _ in range(100 if count == 1 else 3):
             start = time.process_time()
             touch_up(drive, q, jacobian, Loop())
             times.append(time.process_time() - start)
@@ -130,6 +134,7 @@ def test_time_of_touch_ups_beside_each_other(capsys):
         print(f"\none {1e3 * seconds[1]:.2f} ms, 4,000 over 1,000 {ratio:.1f}")
     assert ratio < 6.0
     assert seconds[1] < seconds[1_000] / 5.0
+    assert seconds[1] < ONE_TOUCH_UP_S
 
 
 def test_a_whole_calibration_with_pictures(benchmark, tmp_path):

@@ -107,9 +107,15 @@ def ellipse_axes(ellipse: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
     The direction [rad] counts from x towards y, in (-pi/2, pi/2].
     """
-    a, b, c = (ellipse[..., k] for k in (2, 3, 4))
+    a, b, c = ellipse[..., 2], ellipse[..., 3], ellipse[..., 4]
+    return *axis_lengths(ellipse), np.asarray(np.arctan2(2 * b, a - c) / 2)
+
+
+def axis_lengths(ellipse: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Long and short axis [px] (whole lengths) of ellipses ``(..., 5)``, each ``(...)``."""
+    a, b, c = ellipse[..., 2], ellipse[..., 3], ellipse[..., 4]
     mean, apart = (a + c) / 2, np.hypot((a - c) / 2, b)
-    return 2 * (mean + apart), 2 * (mean - apart), np.asarray(np.arctan2(2 * b, a - c) / 2)
+    return 2 * (mean + apart), 2 * (mean - apart)
 
 
 def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
@@ -120,7 +126,10 @@ def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
     .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
        autonomous visual measurement, CIRP Annals 55.
     """
-    return np.stack([ellipse[..., 1], ellipse[..., 0], ellipse_axes(ellipse)[0]], axis=-1)
+    out = np.empty((*ellipse.shape[:-1], 3))
+    out[..., 0], out[..., 1] = ellipse[..., 1], ellipse[..., 0]
+    out[..., 2] = axis_lengths(ellipse)[0]
+    return out
 
 
 def ellipse_points(ellipse: FloatArray, count: int) -> FloatArray:
@@ -212,7 +221,7 @@ def ellipse_step(distance: FloatArray, jacobian: FloatArray, weight: FloatArray)
 
 def is_sound(ellipse: FloatArray) -> BoolArray:
     """Whether numbers ``(..., 5)`` are those of an ellipse: finite, both axes positive."""
-    _, short, _ = ellipse_axes(ellipse)
+    _, short = axis_lengths(ellipse)
     return np.asarray(np.isfinite(ellipse).all(axis=-1) & (short > 0.0))
 
 

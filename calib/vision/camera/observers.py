@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.se3 import BoolArray, FloatArray
-from calib.vision.camera.conic import ellipse_axes, ellipse_vhs
+from calib.vision.camera.conic import axis_lengths, ellipse_axes, ellipse_vhs
 from calib.vision.camera.lens import Camera
 from calib.vision.camera.rendering import GreyImage, Imaging, Plate, render
 from calib.vision.camera.target import SMALLEST_PX
@@ -232,7 +232,7 @@ class FastObserver:
     ) -> Views:
         """See :meth:`Observer.views`; nothing else looks like the target here."""
         true = self.target.image(self.camera, T_camera_target)
-        _, short, _ = ellipse_axes(true)
+        _, short = axis_lengths(true)
         margin = self._margin(true)
         large = short >= SMALLEST_PX
         inside = large & (margin >= 0.0)

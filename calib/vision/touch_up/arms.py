@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
 from calib.model.parameters import GravityLoad, Payload
+from calib.model.parameters.gravity import NOTHING
 from calib.robots import Robot
+from calib.robots.one_posture import OnePosture
 from calib.se3 import FloatArray, IntArray, inverse, transform
 from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
 from calib.vision.camera.observers import Target
@@ -146,6 +148,8 @@ class SimulatedArms:
         self._lag = np.zeros((count, robot.n))
         self._stopped = np.zeros((count, robot.n))
         self._gravity = GravityLoad(robot, cell.payload)
+        carried = cell.payload or NOTHING
+        self._one = OnePosture(robot, carried.mass_kg, carried.com_m)
         self.pictures = 0
         self.seen: GreyImage | None = None
 
@@ -163,7 +167,9 @@ class SimulatedArms:
         """See :meth:`Arms.move`."""
         lost = self._cell.lost_motion
         torque = np.zeros_like(q)
-        if lost.has_backlash:
+        if lost.has_backlash and len(q) == 1:
+            torque = self._one.gravity_torque(q[0])[None]
+        elif lost.has_backlash:
             last = np.ascontiguousarray(q.T)
             torque = self._gravity.joint_torque(last, Setup.of(len(q))).T
         least, most = lost.band(torque)
@@ -205,7 +211,7 @@ class SimulatedArms:
         """Where targets really are before the lens, the vibration of this moment in it."""
         cell = self._cell
         q = self._motors[which] + self._lag[which] + self._stopped[which]
-        T_base_camera = cell.model.view(q, cell.values).T_base_tip @ cell.T_tip_camera
+        T_base_camera = cell.model.tip_poses(q, cell.values) @ cell.T_tip_camera
         own = cell.T_base_target if cell.T_base_target.ndim == 2 else cell.T_base_target[which]
         T = inverse(T_base_camera) @ own
         if cell.vibration_m > 0.0:

@@ -23,6 +23,7 @@ from calib.robots import Robot
 from calib.robots.bounds import LIMIT_TOLERANCE
 from calib.robots.inverse import CLOSURE_TOLERANCE, pose_error
 from calib.robots.inverse.solutions import close_in
+from calib.robots.one_posture import OnePosture
 from calib.se3 import BoolArray, FloatArray, IntArray, transform
 from calib.vision.touch_up.arms import Arms
 
@@ -30,10 +31,21 @@ _ITERATIONS = 12
 """Newton steps of a shift by centimetres: three or four, more only where there is no posture."""
 
 
-def follow(robot: Robot, q: FloatArray, T_wanted: FloatArray) -> tuple[FloatArray, BoolArray]:
+_CLOSED = 0.01 * CLOSURE_TOLERANCE
+"""Distance [m] and angle [rad] from a pose at which nothing more is gained by a step."""
+
+
+def follow(
+    robot: Robot, q: FloatArray, T_wanted: FloatArray, one: OnePosture | None = None
+) -> tuple[FloatArray, BoolArray]:
     """Postures next to ``(S, n)`` [rad] that bring the nominal tip to poses ``(S, 4, 4)``.
 
     As a controller runs a short straight move: the arm does not change its configuration.
+
+    Parameters
+    ----------
+    one : OnePosture, optional
+        The same robot, for calls with one posture; made where it is not given.
 
     Returns
     -------
@@ -42,8 +54,13 @@ def follow(robot: Robot, q: FloatArray, T_wanted: FloatArray) -> tuple[FloatArra
     found : array (S,) of bool
         False where the joint limits or a singularity are in the way.
     """
-    out = close_in(robot.chain, q, T_wanted, robot.lower, robot.upper, _ITERATIONS)
-    error = np.abs(pose_error(robot.chain, out, T_wanted)).max(axis=-1)
+    if len(q) == 1:
+        one = OnePosture(robot) if one is None else one
+        posture, off = one.close_in(q[0], T_wanted[0], _CLOSED, _ITERATIONS)
+        out, error = posture[None], np.array([off])
+    else:
+        out = close_in(robot.chain, q, T_wanted, robot.lower, robot.upper, _ITERATIONS)
+        error = np.abs(pose_error(robot.chain, out, T_wanted)).max(axis=-1)
     found = error < CLOSURE_TOLERANCE
     for limit in robot.coupled_limits:
         found &= limit.margin(out) >= 0.0
@@ -109,11 +126,13 @@ class Drive:
     tell: Callable[[str], None] = lambda text: None
     _sent: FloatArray = field(init=False, repr=False)
     """Where each arm was sent last ``(S, n)`` [rad]; NaN before its first move."""
+    _one: OnePosture = field(init=False, repr=False)
     _left: FloatArray = field(init=False, repr=False)
     """Where each arm was left by an earlier drive ``(S, n)`` [rad]; NaN where that is not known."""
 
     def __post_init__(self) -> None:
         unknown = np.full((self.arms.count, self.robot.n), np.nan)
+        object.__setattr__(self, "_one", OnePosture(self.robot))
         object.__setattr__(self, "_sent", unknown)
         object.__setattr__(self, "_left", unknown.copy())
 
@@ -144,7 +163,9 @@ class Drive:
         self._ask(reasons, entry, q)
         blocked = list(reasons)
         self._ask(blocked, start, entry)
-        for k in np.flatnonzero(_free(reasons) & ~_free(blocked)).tolist():
+        for k in range(len(q)):
+            if reasons[k] or not blocked[k]:
+                continue
             between = None if around is None else around(start[k], entry[k])
             if between is None:
                 reasons[k] = blocked[k]
@@ -162,6 +183,10 @@ class Drive:
         if self.refuses is not None and free.any():
             _first_of(reasons, self.refuses(start[free], end[free]), free)
 
+    def tips(self, q: FloatArray) -> FloatArray:
+        """Poses ``(K, 4, 4)`` of the nominal tip at postures ``(K, n)`` [rad]."""
+        return self._one.tip(q[0])[None] if len(q) == 1 else self.robot.fk(q)
+
     def to_pose(
         self,
         which: IntArray,
@@ -174,7 +199,7 @@ class Drive:
         No joint leaves the planned postures ``(K, n)`` [rad], by default those that it starts from,
         by more than a correction may turn it.
         """
-        postures, found = follow(self.robot, q, T_wanted)
+        postures, found = follow(self.robot, q, T_wanted, self._one)
         reasons = ["" if ok else "joint limits or a singularity are in the way" for ok in found]
         turned = np.abs(postures - (q if planned is None else planned))
         far = turned.max(axis=1, initial=0.0) > self.largest_correction_rad
@@ -208,9 +233,9 @@ class Drive:
         if not which.size:
             return np.empty_like(q)
         sent, shown = self._sent[which], self._shown(which)
-        first = np.any(np.isnan(sent), axis=1)
+        first = np.asarray(np.isnan(sent).any(axis=1))
         self._check(sent[~first], shown[~first], "where it was left at", None)
-        for k in np.flatnonzero(first).tolist():
+        for k in np.flatnonzero(first).tolist() if first.any() else ():
             if np.isnan(shown[k]).all():
                 self.tell(
                     "where the arm stands at first is not known: the move from there to "
@@ -225,17 +250,19 @@ class Drive:
         self, asked: FloatArray, shown: FloatArray, event: str, before: FloatArray | None
     ) -> None:
         """Raise for the first arm of ``(K, n)`` [rad] that is not shown where it was sent."""
-        fits = np.all(np.abs(shown - asked) <= self.shown_within_rad, axis=1)
-        for k in np.flatnonzero(~fits)[:1].tolist():
-            known = before is not None and np.isfinite(before[k]).all()
-            check_shown(
-                self.robot,
-                asked[k],
-                shown[k],
-                self.shown_within_rad,
-                before=before[k] if before is not None and known else None,
-                event=event,
-            )
+        fits = (np.abs(shown - asked) <= self.shown_within_rad).all(axis=1)
+        if fits.all():
+            return
+        k = int(np.argmin(fits))
+        known = before is not None and np.isfinite(before[k]).all()
+        check_shown(
+            self.robot,
+            asked[k],
+            shown[k],
+            self.shown_within_rad,
+            before=before[k] if before is not None and known else None,
+            event=event,
+        )
 
     def _shown(self, which: IntArray) -> FloatArray:
         """Joint values ``(K, n)`` [rad] that controllers show, as many as there are joints."""
@@ -256,8 +283,8 @@ class Drive:
         inside = np.minimum(q - self.robot.lower, self.robot.upper - q).min(axis=1, initial=np.inf)
         for limit in self.robot.coupled_limits:
             inside = np.minimum(inside, limit.margin(q))
-        reasons = [""] * len(q)
-        for k in np.flatnonzero(~(inside >= -LIMIT_TOLERANCE)).tolist():
+        reasons, kept = [""] * len(q), inside >= -LIMIT_TOLERANCE
+        for k in [] if kept.all() else np.flatnonzero(~kept).tolist():
             try:
                 self.robot.check_limits(q[k])
             except CalibError as error:

@@ -66,14 +66,11 @@ class Relation:
         vhs = ellipse_vhs(ellipses) - bias
         ratio = self.size_px / vhs[..., 2]
         right, down = self.center_px
-        return np.stack(
-            [
-                (vhs[..., 0] - down) * ratio,
-                (vhs[..., 1] - right) * ratio,
-                self.size_px * (ratio - 1.0),
-            ],
-            axis=-1,
-        )
+        out = np.empty(vhs.shape)
+        out[..., 0] = (vhs[..., 0] - down) * ratio
+        out[..., 1] = (vhs[..., 1] - right) * ratio
+        out[..., 2] = self.size_px * (ratio - 1.0)
+        return out
 
 
 _LEAST_RESPONSE_PX = 1.0

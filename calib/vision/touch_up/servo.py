@@ -156,7 +156,7 @@ class _Run:
         count = len(q)
         self.drive, self.jacobian, self.loop, self.bias = drive, jacobian, loop, bias
         self.q = np.array(q, dtype=float)
-        self.start = drive.robot.fk(self.q)[:, :3, 3]
+        self.start = drive.tips(self.q)[:, :3, 3]
         self.error = np.full((count, 3), np.nan)
         self.ellipses = np.full((count, 5), np.nan)
         self.moves = np.zeros(count, dtype=np.intp)
@@ -205,15 +205,16 @@ class _Run:
         arms, before = self.drive.arms, self.error[which]
         if not which.size:
             return
-        near = np.tile(self.jacobian.relation.center_px, (len(which), 1))
+        near = np.broadcast_to(self.jacobian.relation.center_px, (len(which), 2))
         views = [arms.look(which, near) for _ in range(self.loop.looks)]
         each = zip(*(view.reasons for view in views), strict=True)
         reasons = [next((reason for reason in said if reason), "") for said in each]
-        self.ellipses[which] = np.mean([view.ellipses for view in views], axis=0)
+        ellipses = np.asarray(sum(view.ellipses for view in views)) / len(views)
         bias = 0.0 if self.bias is None else self.bias(arms.joints(which))
-        self.error[which] = self.jacobian.relation.error(self.ellipses[which], bias)
+        error = self.jacobian.relation.error(ellipses, bias)
+        self.ellipses[which], self.error[which] = ellipses, error
         axes = 2 if self.loop.view_line else 3
-        change = np.linalg.norm((self.error[which] - before)[:, :axes], axis=1)
+        change = np.linalg.norm((error - before)[:, :axes], axis=1)
         asked = np.linalg.norm(before[:, :axes], axis=1)
         stuck = (asked > _CLEAR_PX) & (change < _FOLLOWED * asked)
         for k in np.flatnonzero(stuck).tolist():
@@ -238,10 +239,10 @@ class _Run:
         self.active = self.active[~done]
 
     def _shift(self) -> None:
-        which, robot = self.active, self.drive.robot
+        which = self.active
         here = self.drive.arms.joints(which)
         shift = self.jacobian.shift(self.error[which], view_line=self.loop.view_line)
-        wanted = shifted(robot.fk(here), shift)
+        wanted = shifted(self.drive.tips(here), shift)
         away = np.linalg.norm(wanted[:, :3, 3] - self.start[which], axis=1)
         far = [
             f"the loop would move the tip by {1e3 * far:.0f} mm" * (far > self.loop.farthest_m)

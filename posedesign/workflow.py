@@ -32,10 +32,11 @@ from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
+from posedesign.identification.file import IdentificationFile
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
-from posedesign.pairs.tables import DEFAULT_METHODS, pair_rows, solve_and_write, solver_row
+from posedesign.pairs.tables import DEFAULT_METHODS
 from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
@@ -55,10 +56,9 @@ from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.report.figures import draw
 from posedesign.report.hand_eye import figure_of_camera
-from posedesign.report.identification_json import IdentificationFile
+from posedesign.report.pairs import solve_and_draw
 from posedesign.report.plots import (
     figure_of_identification,
-    figure_of_pairs,
     figure_of_plan,
     visited,
 )
@@ -72,12 +72,11 @@ ROUNDS = ("rounds.csv", "rounds of a plan")
 TOUCH_UPS = ("touchups.csv", "touch-ups")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
-PLANNED, IDENTIFIED, SOLVED, CAMERA_DRAWN = (
+PLANNED, IDENTIFIED, CAMERA_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
         ("plan", "figure of a plan"),
         ("identification", "figure of an identification"),
-        ("robot_world", "figure of A X = Z B"),
         ("camera", "figure of a calibrated camera"),
     )
 )
@@ -364,30 +363,8 @@ def solve_file(
     methods: Sequence[str] = DEFAULT_METHODS,
     noise: Noise | NoiseShown | None = None,
 ) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
+    """Solve AX=ZB from a ``pairs.csv``; see :func:`~posedesign.pairs.tables.solve_and_write`."""
     return solve_and_draw(read_pairs(pairs), out, methods, noise, inputs=[pairs])
-
-
-def solve_and_draw(
-    pairs: Pairs,
-    out: Path | Results,
-    methods: Sequence[str] = DEFAULT_METHODS,
-    noise: Noise | NoiseShown | None = None,
-    advance: Advance = lambda what, part: None,
-    inputs: Sequence[Path] = (),
-    *,
-    estimate_scale: bool = False,
-) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
-    results = Results.of(out, "robot-world")
-    drawn = results.claim("computed", *SOLVED, inputs=inputs)
-    outcomes = solve_and_write(
-        pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
-    )
-
-    rows = [solver_row(outcome) for outcome in outcomes]
-    draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
-    return outcomes
 
 
 def calibrate_from_pictures(

@@ -10,7 +10,7 @@ from calib.hand_eye import Pictures, calibrate
 from calib.lens import LINEAR
 from calib.se3 import inverse, rotation_exp, rotation_log, transform
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 
 COLUMNS, ROWS = 8, 6
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -159,5 +159,7 @@ def check_constraints(cell: Cell, q: np.ndarray) -> None:
         off = np.abs(1e3 * lines - np.array(body.at_mm))
         if body.kind == "box":
             assert not (off < np.array(body.size_mm) / 2.0).all(axis=-1).any()
+        elif body.kind == "sphere":
+            assert (np.linalg.norm(1e3 * lines - body.at_mm, axis=-1) >= body.radius_mm).all()
         else:  # the floor
             assert (1e3 * lines[..., 2] > body.at_mm[2]).all()

@@ -10,7 +10,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import gc
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +21,7 @@ from hypothesis import settings
 
 from calib import mat_file
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.study.library import find_study
 
 settings.register_profile(
@@ -35,6 +35,14 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 50)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _not_to_the_disk() -> Iterator[None]:
+    """Files of tests go when the tests end: nothing waits until the disk has them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
 
 
 def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:

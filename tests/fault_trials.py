@@ -18,7 +18,7 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.parameters import ParameterBlock, TargetFrame, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.models import robot_blocks
@@ -312,7 +312,7 @@ def noncentrality(arm: Arm, faulty: Measurements, held: Held) -> float:
     held : Held
         The solution for the same postures without the fault.
     """
-    white = arm.truth.white_residuals(faulty.postures, arm.x, faulty.setup, faulty.observed)
+    white = arm.truth.white_residuals(faulty, arm.x)
     return float(np.sum(white * held.without(white[..., None])[..., 0]))
 
 

@@ -7,12 +7,8 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib.identification.candidate import Candidate, Reference, fit_reference
-    from calib.identification.comparison import (
-        Comparison,
-        Trial,
-        compare,
-    )
+    from calib.identification.candidate import Candidate, Reference, Trial, fit_reference
+    from calib.identification.comparison import Comparison, compare
     from calib.identification.evidence import (
         PriorGroup,
         TunedPriors,

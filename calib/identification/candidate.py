@@ -22,12 +22,18 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
-from calib.identification.prediction import LEAST_PROBABILITY, DrawnArms, Posterior, Workplace
+from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy
+from calib.identification.prediction import (
+    LEAST_PROBABILITY,
+    DrawnArms,
+    ExpectedError,
+    Posterior,
+    Workplace,
+)
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
-from calib.model.measurements import Measurements
+from calib.model.measurements import Measurement, Measurements
 from calib.se3 import FloatArray
 
 HELD = 1e-3
@@ -53,6 +59,56 @@ class Candidate:
     model: CalibrationModel
     notes: tuple[str, ...] = ()
     groups: tuple[PriorGroup, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What became of a candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        With the sizes of its priors and the noise that were found.
+    result : IdentificationResult or None
+        None where it could not be identified.
+    error : CalibError or None
+        Why not.
+    target_out : array (N, m)
+        Rows at each measurement [m, rad] with the arm identified from all targets but its own, and
+        only that target's place from other poses at it; NaN where no target was left out.
+    expected : ExpectedError or None
+        Of the tool point where the arm will work, by the reference; None without one.
+    """
+
+    candidate: Candidate
+    result: IdentificationResult | None
+    error: CalibError | None
+    target_out: FloatArray
+    expected: ExpectedError | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self.candidate.name
+
+    @property
+    def found(self) -> IdentificationResult:
+        """The result of one that could be identified; raises why not."""
+        if self.result is None:
+            raise self.error or CalibError(f"{self.name} was not identified")
+        return self.result
+
+    @property
+    def target_out_m(self) -> FloatArray:
+        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
+        if self.result is None:
+            return np.full(len(self.target_out), np.nan)
+        return self.result.lengths_m(self.target_out)
+
+    @property
+    def target_out_rms_m(self) -> float:
+        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
+        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +218,12 @@ class Reference:
     loss: Loss
     probabilities: dict[str, float]
 
+    @property
+    def noise_found(self) -> list[tuple[Measurement, Measurement]]:
+        """Kinds whose noise is that of the residuals and not the one given: both."""
+        kinds = zip(self.given.measurements, self.fitted.model.measurements, strict=True)
+        return [(given, found) for given, found in kinds if found.found and not given.estimated]
+
 
 def fit_reference(
     candidate: Candidate,
@@ -254,7 +316,7 @@ def _tails(fitted: Fitted, data: Measurements) -> float:
         return 0.0
     model, x = fitted.model, fitted.result.values
     white, free = redundancy(model, data, x, np.ones(data.count))
-    rows = rows_of(model, data)
+    rows = model.rows_read(data.setup)
     left = free.sum(axis=1) / rows
     seen = left > LEAST_LEFT
     return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])

@@ -2,70 +2,52 @@
 
 "Before" is told apart from a set-up that was never fitted: ``nominal`` leaves everything as
 described, ``frames only`` fits tool and targets. Every model is judged by what it says of
-measurements that it has not seen, see :mod:`calib.identification.choice`. Of models that do not
-differ by more than chance the one with fewer parameters is taken.
+measurements that it has not seen.
+
+Squares of the lengths that a model leaves where it has not seen them are compared in units of one
+noise, the same for all models: in metres the coarsest kind or axis would drown the others. The
+smallest model is taken that is not worse than the best by more than chance. What chance does is
+seen in the differences from pose to pose, of squares of two models at the same poses. Where
+targets are left out, those of one target have its absence in common: the standard error is then
+also taken from target to target, with the quantile of so few, and what reaches farther counts:
+three targets may agree by luck.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib.chance import student_quantile
 from calib.errors import CalibError
-from calib.identification.candidate import Candidate, Reference, fit
-from calib.identification.choice import Contender, choose, choose_expected
-from calib.identification.left_out import targets_left_out
+from calib.identification.candidate import Candidate, Reference, Trial, fit
+from calib.identification.cross_validation import (
+    FEWEST_TARGETS,
+    measured_points,
+    targets_left_out,
+    with_noise_of,
+)
 from calib.identification.noise import Loss
-from calib.identification.prediction import ExpectedError
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method
+from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
+CHANCE = 0.025
+"""One-sided probability that a difference is chance, by Student's distribution: that of two
+standard errors of many poses. Where there is nothing to gain a larger model was taken in none of
+150 simulated draws (10 poses, 4 parameters); four offsets of three standard deviations each in 77 %
+of them."""
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """What became of a candidate.
+AS_GOOD = 0.05
+"""Part of the least expected error that a smaller model may have more."""
 
-    Attributes
-    ----------
-    candidate : Candidate
-        With the sizes of its priors and the noise that were found.
-    result : IdentificationResult or None
-        None where it could not be identified.
-    error : CalibError or None
-        Why not.
-    target_out : array (N, m)
-        Rows at each measurement [m, rad] with the arm identified from all targets but its own, and
-        only that target's place from other poses at it; NaN where no target was left out.
-    expected : ExpectedError or None
-        Of the tool point where the arm will work, by the reference; None without one.
-    """
-
-    candidate: Candidate
-    result: IdentificationResult | None
-    error: CalibError | None
-    target_out: FloatArray
-    expected: ExpectedError | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return self.candidate.name
-
-    @property
-    def target_out_m(self) -> FloatArray:
-        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
-        if self.result is None:
-            return np.full(len(self.target_out), np.nan)
-        return self.result.lengths_m(self.target_out)
-
-    @property
-    def target_out_rms_m(self) -> float:
-        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
-        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
+JUDGED = 0.8
+"""Share of the measurements that has to be judged: by leaving targets out, to judge models so; or
+of what another model can be judged by, for a model to be compared at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,35 +120,378 @@ def compare(
     CalibError
         As :func:`identify` for the first candidate, where none can be identified.
     """
-    trials: list[Trial] = []
-    contenders: list[Contender] = []
-    none = np.full(data.count, np.nan)
-    every = [*candidates, *([] if reference is None else [reference.candidate])]
-    for tried in every:
-        candidate = tried
+
+    def tried(candidate: Candidate) -> Trial:
         try:
-            if reference is not None and tried is reference.candidate:
+            if reference is not None and candidate is reference.candidate:
                 fitted = reference.fitted
             else:
                 fitted = fit(candidate, data, weighted=weighted, method=method, loss=loss)
         except CalibError as error:
-            trials.append(Trial(candidate, None, error, none[:, None]))
-            continue
+            return Trial(candidate, None, error, np.full((data.count, 1), np.nan))
         model, result = fitted.model, fitted.result
-        candidate = replace(candidate, model=model)
         out = targets_left_out(model, data, result, weighted=weighted)
         expected = None if reference is None else reference.arms.error_of(model, result.values)
-        trials.append(Trial(candidate, result, None, out, expected))
-        contenders.append(Contender(candidate.name, model, result, out, expected))
-    refused = next((trial.error for trial in trials if trial.error is not None), None)
-    if refused is not None and all(trial.result is None for trial in trials):
-        raise refused
-    before = none if nominal_m is None else nominal_m
-    if reference is None:
-        choice, judge = choose(contenders, data, weighted=weighted), None
-    else:
-        choice, judge = (
-            choose_expected(contenders, data, weighted=weighted),
-            reference.candidate.name,
+        return Trial(replace(candidate, model=model), result, None, out, expected)
+
+    every = [*candidates, *([] if reference is None else [reference.candidate])]
+    trials = tuple(map(tried, every))
+    able = [trial for trial in trials if trial.result is not None]
+    if not able and trials[0].error is not None:
+        raise trials[0].error
+    chosen = (choose if reference is None else choose_expected)(able, data, weighted=weighted)
+    return Comparison(
+        np.full(data.count, np.nan) if nominal_m is None else nominal_m,
+        trials,
+        chosen.name,
+        chosen.reason,
+        chosen.criterion,
+        None if reference is None else reference.candidate.name,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The model to take.
+
+    Attributes
+    ----------
+    criterion : str
+        ``leave-one-out`` or ``leave-one-target-out``; empty where no model is taken.
+    """
+
+    name: str | None
+    reason: str
+    criterion: str = ""
+
+
+def choose(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
+    """The smallest model that is not worse than the best by more than chance.
+
+    Weights, noise and what counts as a gross error are those of the largest model: it leaves least
+    of the arm out, and what is compared has to be the same for all.
+
+    Parameters
+    ----------
+    data : Measurements
+        One set.
+    weighted : bool
+        As in the fits: in units of the noise, or all lengths alike.
+    """
+    able = _judgeable(able)
+    place = _left_out(able, data, weighted)
+    if place is None:
+        said = "no measurement can be left out of every model, so they cannot be judged"
+        return Choice(None, said)
+    sizes = [one.found.effective_parameters for one in able]
+    order = sorted(range(len(able)), key=lambda k: sizes[k])
+    best = min(range(len(able)), key=lambda k: float(place.squares[k].mean()))
+    taken = next(k for k in order if k == best or place.no_worse(k, best))
+    said = f"{place.of(taken)}{_in_position(place, sizes, taken, best)}{place.aside}"
+    said += _in_orientation(able, data, taken)
+    return Choice(able[taken].name, said, place.criterion)
+
+
+def choose_expected(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
+    """The smallest model whose expected error where the arm will work is as good as the least.
+
+    What measurements left out say has a veto: a model that says less of them than a smaller one,
+    by more than chance, is not taken.
+
+    Parameters
+    ----------
+    able : sequence of Trial
+        With their expected errors, the baseline first.
+    data, weighted
+        See :func:`choose`.
+    """
+    # models of one draw of the noise differ less than their intervals say: they are of one arm
+    error = [one.expected.rms_m if one.expected is not None else np.inf for one in able]
+    place = _left_out(able, data, weighted)
+    sizes = [one.found.effective_parameters for one in able]
+    contradicted = [False] * len(able)
+    if place is not None:
+        for k, size in enumerate(sizes):
+            smaller = [j for j, other in enumerate(sizes) if other < size]
+            contradicted[k] = any(not place.no_worse(k, j) for j in smaller)
+    free = [k for k in range(len(able)) if not contradicted[k]]
+    least = min(free, key=lambda k: error[k])
+    near = [k for k in free if error[k] <= (1.0 + AS_GOOD) * error[least]]
+    taken = min(near, key=lambda k: sizes[k])
+    said = [_expected_in_words(able, taken)]
+    if taken == 0:
+        said.append("no model of the arm is better than the arm as described by more than that")
+    if place is not None:
+        said.append(place.of(taken))
+        said += [
+            f"{able[k].name} would be better by expected error, but says less of measurements left "
+            f"out than a smaller model: {place.rms[k]:.3f} mm"
+            for k in range(len(able))
+            if contradicted[k] and error[k] < error[taken]
+        ]
+        better = [k for k in range(len(able)) if k != taken and not place.no_worse(taken, k)]
+        if better:
+            k = min(better, key=lambda k: place.rms[k])
+            said.append(
+                f"measurements left out speak for another model, {place.against(k, taken)}; the "
+                "error expected where the arm will work decides"
+            )
+    return Choice(able[taken].name, "; ".join(said), "expected error")
+
+
+def _expected_in_words(able: Sequence[Trial], taken: int) -> str:
+    """Expected errors of the model taken, the arm as described, and the best of the others."""
+
+    def shown(k: int) -> str:
+        one = able[k].expected
+        if one is None:
+            return "unknown"
+        return f"{1e3 * one.rms_m:.3f} mm ({1e3 * one.low_m:.3f} to {1e3 * one.high_m:.3f})"
+
+    said = f"{able[taken].name}: error expected at the tool point {shown(taken)}"
+    return said + (f", {able[0].name} {shown(0)}" if taken else "")
+
+
+def _left_out(able: Sequence[Trial], data: Measurements, weighted: bool) -> _Errors | None:
+    """Errors of all models at measurements left out of each, in units of the noise of the largest.
+
+    None where there is no measurement that could be left out of all of them.
+    """
+    largest = max(able, key=lambda one: one.found.effective_parameters)
+    result = largest.found
+    left = [one.found.leave_one_out for one in able]
+    common = _everywhere(left) & result.used
+    if not common.any():
+        return None
+    criterion, target, aside = "leave-one-out", None, ""
+    apart = _everywhere([one.target_out for one in able]) & result.used
+    if apart.sum() >= JUDGED * result.used.sum():
+        criterion, target = "leave-one-target-out", data.target
+        left, common = [one.target_out for one in able], apart
+    elif len(measured_points(largest.candidate.model, data)) >= FEWEST_TARGETS:
+        aside = (
+            f"; only {apart.sum()} of {result.used.sum()} measurements can be predicted with their "
+            "target left out of every model, too few to judge by"
         )
-    return Comparison(before, tuple(trials), choice.name, choice.reason, choice.criterion, judge)
+    model = with_noise_of(largest.candidate.model, result)
+    lengths = [np.nan_to_num(np.where(result.angles, 0.0, rows)) for rows in left]
+    plain = [np.asarray(np.sum(rows**2, axis=1)) for rows in lengths]
+    if weighted:
+        view = model.view(data.postures, result.values, data.setup)
+        white = [np.sum(model.whiten_last(rows.T, view) ** 2, axis=0) for rows in lengths]
+    else:
+        white = [squares / model.equal_sigma**2 for squares in plain]
+    units = _Units.of(data, common, target, result.weights)
+    alike, kinds = _equal_noise_m(model, data, weighted), {}
+    measured = {k: model.measurements[k] for k in np.unique(data.setup.kind).tolist()}
+    with_lengths = {k: kind for k, kind in measured.items() if kind.rows > kind.turns}
+    if alike is None and len(with_lengths) > 1:
+        for k, kind in with_lengths.items():
+            own = data.setup.kind == k
+            if (own & common).any():
+                parts = [float(np.sum(squares[own & common])) for squares in white]
+                kinds[kind.name] = parts, [_rms_milli(units.mean(each, own)) for each in plain]
+    return _Errors(
+        names=[one.name for one in able],
+        squares=[(1.0 if alike is None else (1e3 * alike) ** 2) * units.mean(s) for s in white],
+        rms=[_rms_milli(units.mean(squares)) for squares in plain],
+        unit="mm",
+        square="noise²" if alike is None else "mm²",
+        criterion=criterion,
+        cluster=units.cluster,
+        by_kind=kinds,
+        aside=aside,
+    )
+
+
+def _equal_noise_m(model: CalibrationModel, data: Measurements, weighted: bool) -> float | None:
+    """The noise [m] where it is the same for all lengths that were measured."""
+    if not weighted:
+        return model.equal_sigma
+    kinds = [model.measurements[k] for k in np.unique(data.setup.kind)]
+    sigma = np.concatenate([kind.sigma[: kind.rows - kind.turns] for kind in kinds])
+    return float(sigma[0]) if np.allclose(sigma, sigma[0], rtol=1e-9, atol=0.0) else None
+
+
+def _judgeable(able: Sequence[Trial]) -> list[Trial]:
+    """Without large models that hang on most measurements: they keep the others from nothing.
+
+    The baseline and the smallest of an arm with errors stay: without either nothing is compared.
+    """
+    counts = [int(_everywhere([one.found.leave_one_out]).sum()) for one in able]
+    enough = max(1.0, JUDGED * max(counts, default=0))
+    return [one for k, one in enumerate(able) if k < 2 or counts[k] >= enough]
+
+
+def _everywhere(rows: Sequence[FloatArray]) -> BoolArray:
+    """Measurements ``(N,)`` that every model says something of."""
+    return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in rows], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Units:
+    """What is compared as one: measurements that were left out together, of one target each.
+
+    Attributes
+    ----------
+    rows : array (N,) of bool
+        Measurements compared.
+    index : array (K,)
+        Unit of each of the K that are.
+    weights : array (K,)
+        Share of each in the fit, on average one: gross errors count as little as in the fit.
+    cluster : array (G,) or None
+        Target of each unit, where targets were left out.
+    """
+
+    rows: BoolArray
+    index: IntArray
+    weights: FloatArray
+    cluster: IntArray | None
+
+    @classmethod
+    def of(
+        cls, data: Measurements, rows: BoolArray, target: IntArray | None, weights: FloatArray
+    ) -> _Units:
+        apart = np.zeros(data.count, dtype=int) if target is None else target
+        pairs = np.stack([data.groups[rows], apart[rows]], axis=1)
+        found, index = np.unique(pairs, axis=0, return_inverse=True)
+        shares = np.minimum(weights[rows], 1.0)
+        return cls(
+            rows,
+            index.ravel(),
+            shares / shares.mean(),
+            None if target is None else np.unique(found[:, 1], return_inverse=True)[1].ravel(),
+        )
+
+    def mean(self, squares: FloatArray, own: BoolArray | None = None) -> FloatArray:
+        """Mean ``(G,)`` of squares ``(N,)`` in each unit, of some of the measurements or all."""
+        counted = squares[self.rows] * self.weights
+        part = np.ones(len(counted), dtype=bool) if own is None else own[self.rows]
+        count = np.bincount(self.index[part])
+        total = np.bincount(self.index[part], counted[part])
+        return np.asarray(total[count > 0] / count[count > 0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Squares of errors of several models at the same units, and how they are put in words.
+
+    Attributes
+    ----------
+    squares : list of array (G,)
+        What is compared, in units of ``square``.
+    rms : list of float
+        What is shown, in units of ``unit``.
+    criterion : str
+        How measurements were left out.
+    cluster : array (G,) or None
+        See :class:`_Units`.
+    by_kind : dict
+        Of each kind of measurement, where there are several: part of the squares of each model,
+        and its rms [mm].
+    aside : str
+        What is to be said of the criterion.
+    """
+
+    names: Sequence[str]
+    squares: list[FloatArray]
+    rms: list[float]
+    unit: str
+    square: str
+    criterion: str
+    cluster: IntArray | None = None
+    by_kind: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
+    aside: str = ""
+
+    def paired(self, k: int, other: int) -> tuple[float, float, float]:
+        """Mean of the differences of squares, its standard error, and how far chance reaches.
+
+        Infinite for a single unit.
+        """
+        off = self.squares[k] - self.squares[other]
+        count, more = len(off), float(off.mean())
+        if count < 2:
+            return more, np.inf, np.inf
+        chances = [(float(off.std(ddof=1) / np.sqrt(count)), count)]
+        if self.cluster is not None:
+            sums = np.bincount(self.cluster, off - more)
+            few = len(sums)
+            if few < 2:
+                return more, np.inf, np.inf
+            chances.append((float(np.sqrt(few / (few - 1) * float(sums @ sums))) / count, few))
+        reaches = [error * student_quantile(1.0 - CHANCE, n - 1) for error, n in chances]
+        widest = int(np.argmax(reaches))
+        return more, chances[widest][0], reaches[widest]
+
+    def no_worse(self, k: int, other: int) -> bool:
+        more, _, reach = self.paired(k, other)
+        return more <= reach
+
+    def of(self, k: int) -> str:
+        return f"{self.names[k]} leaves {self.rms[k]:.3f} {self.unit} {self.criterion}"
+
+    def against(self, k: int, other: int) -> str:
+        off, error, _ = self.paired(k, other)
+        by = f"{off:+.3g} +- {error:.2g} {self.square} in the mean square"
+        return f"{self.names[k]} {self.rms[k]:.3f} {self.unit} ({by})"
+
+    def decided_by(self, k: int, better: int) -> str:
+        """The kind of measurement that tells two models apart, where another has larger errors."""
+        if not self.by_kind:
+            return ""
+        gain = {name: parts[k] - parts[better] for name, (parts, _) in self.by_kind.items()}
+        name = max(gain, key=lambda each: gain[each])
+        rms = self.by_kind[name][1]
+        return (
+            f"; in units of the noise {name} decides: {rms[k]:.3f} mm with {self.names[k]}, "
+            f"{rms[better]:.3f} mm with {self.names[better]}"
+        )
+
+
+def _rms_milli(squares: FloatArray) -> float:
+    return 1e3 * float(np.sqrt(squares.mean()))
+
+
+def _in_position(place: _Errors, sizes: Sequence[float], taken: int, best: int) -> str:
+    """What the model taken is better than, and what gains nothing over it."""
+    said = ""
+    smaller = [k for k in range(len(sizes)) if sizes[k] < sizes[taken]]
+    if smaller:
+        k = min(smaller, key=lambda k: float(place.squares[k].mean()))
+        if taken == best:
+            said += f", better than {place.against(k, taken)}, more than chance"
+        else:
+            said += "; smaller models are worse than the best by more than chance, as "
+            said += place.against(k, best)
+        said += place.decided_by(k, taken)
+    idle = [k for k in range(len(sizes)) if sizes[k] > sizes[taken] and place.no_worse(taken, k)]
+    if idle:
+        listed = "; ".join(place.against(k, taken) for k in idle)
+        said += f"; larger models gain nothing in position beyond chance: {listed}"
+    return said
+
+
+def _in_orientation(able: Sequence[Trial], data: Measurements, taken: int) -> str:
+    """Whether another model than the one taken is better in orientation; nothing without angles."""
+    largest = max(able, key=lambda one: one.found.effective_parameters).found
+    turns = [one.found.leave_one_out_rad for one in able]
+    common = np.isfinite(turns).all(axis=0) & largest.used
+    if not common.any():
+        return ""
+    units = _Units.of(data, common, None, largest.weights)
+    squares = [units.mean(np.nan_to_num(1e3 * turn) ** 2) for turn in turns]
+    rms = [float(np.sqrt(each.mean())) for each in squares]
+    names = [one.name for one in able]
+    angle = _Errors(names, squares, rms, "mrad", "mrad²", "leave-one-out")
+    best = int(np.argmin(rms))
+    if angle.no_worse(taken, best):
+        return f"; no other is better in orientation beyond chance: {angle.of(taken)}"
+    gains = [
+        k for k in range(len(able)) if not angle.no_worse(taken, k) and angle.no_worse(k, best)
+    ]
+    k = min(gains, key=lambda k: able[k].found.effective_parameters)
+    return (
+        f"; in orientation, which this choice does not weigh, {angle.against(k, taken)} gains "
+        f"beyond chance: {angle.of(taken)}"
+    )

@@ -3,8 +3,13 @@
 How large errors of a kind are on this arm, its lengths, its bearings, its reducers, shows in how
 many parameters of the kind together explain. Parameters of a group share one standard deviation
 about their nominal values; it is that for which the measurements are likeliest, whatever the
-parameters are: :mod:`calib.identification.marginal`. Noise that nobody has given is found in the
-same way. The problem is linearised, solved and weighted again until nothing moves.
+parameters are: their marginal likelihood. Noise that nobody has given is found in the same way. The
+problem is linearised, solved and weighted again until nothing moves.
+
+The marginal likelihood of a linearised problem is Gaussian throughout, so in closed form, and its
+gradient too. Parameters that nothing is known of are integrated out as well (restricted maximum
+likelihood: Patterson and Thompson, Biometrika 58, 1971; Harville, J. Am. Stat. Assoc. 72, 1977): a
+parameter that fits noise makes it no smaller.
 """
 
 from __future__ import annotations
@@ -16,17 +21,12 @@ import numpy as np
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.identifiability import check_enough, check_identifiable_at
-from calib.identification.marginal import (
-    LinearEvidence,
-    linear_evidence,
-    noise_classes,
-    proportions,
-)
+from calib.identification.least_squares import column_lengths
 from calib.identification.noise import WEIGHTS, Loss, costs_of, distances2, log_weights
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 LOSSES: tuple[Loss, ...] = ("least-squares", "student-t")
 """Losses under which a marginal likelihood is what it says: Student's noise is Gaussian with a
@@ -173,23 +173,23 @@ def tune_priors(
             hint="one of " + ", ".join(LOSSES),
             name="loss",
         )
-    bounds = _bounds(model, data, groups, noise_bounds)
-    theta = bounds.mean(axis=0)  # the middle of what is possible; of noise, what it starts with
-    theta[len(groups) :] = np.clip(0.0, *bounds[:, len(groups) :])
+    known = _Known.of(groups, len(noise_classes(model, data)), noise_bounds)
+    theta = known.bounds.mean(axis=0)  # the middle of what is possible
+    theta[len(groups) :] = np.clip(0.0, *known.bounds[:, len(groups) :])  # what noise starts with
     tuned = _applied(model, data, members, theta)
     check_enough(tuned, data)
     x = first_guess(tuned, data)
     check_identifiable_at(tuned, data, x)
-    usual = _usual(groups, len(theta))
-    theta, x, weights, passes = _alternate(model, data, members, bounds, usual, theta, x, loss)
+    theta, x, weights, passes = _alternate(model, data, members, known, theta, x, loss)
     tuned = _applied(model, data, members, theta)
     shares = weights / costs_of(tuned, data, x, weights, loss)[0]
     problem = linear_evidence(model, data, x, members, shares)
-    curvature = _curvature(problem, theta, bounds, usual)
+    curvature = known.information(problem, theta)
     log_evidence = problem.log_evidence(theta)[0]
-    log_marginal = log_evidence + _volume(curvature, theta, bounds, usual)
+    log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
         log_marginal += log_weights(weights)
+    moved = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
         groups=groups,
@@ -198,9 +198,9 @@ def tune_priors(
         log_marginal=log_marginal,
         x=x,
         weights=weights,
-        covariance=_covariance_of_sizes(problem, theta, curvature),
+        covariance=moved @ np.linalg.solve(curvature, moved.T),
         passes=passes,
-        notes=tuple(_notes(groups, theta, bounds)),
+        notes=tuple(_notes(groups, theta, known.bounds)),
     )
 
 
@@ -208,8 +208,7 @@ def _alternate(
     model: CalibrationModel,
     data: Measurements,
     members: Sequence[IntArray],
-    bounds: FloatArray,
-    usual: FloatArray,
+    known: _Known,
     theta: FloatArray,
     x: FloatArray,
     loss: Loss,
@@ -223,7 +222,7 @@ def _alternate(
         shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
         problem = linear_evidence(model, data, x, members, shares)
         # at first the arm is linearised as described, too far off to tell sizes by
-        best = _maximise(problem, theta, bounds, usual) if passes else theta
+        best = known.likeliest(problem, theta) if passes else theta
         x = problem.parameters(best)
         tuned = _applied(model, data, members, best)
         heavier = WEIGHTS[loss](distances2(tuned, data, x), rows)
@@ -255,110 +254,86 @@ def _applied(
     return model.with_prior(prior).with_measurements(kinds)
 
 
-def _bounds(
-    model: CalibrationModel,
-    data: Measurements,
-    groups: Sequence[PriorGroup],
-    noise_bounds: tuple[float, float],
-) -> FloatArray:
-    """Logarithms ``(2, G + C)`` between which the standard deviations may be."""
-    low, high = noise_bounds
-    if not 0.0 < low <= high < np.inf:
-        raise InputError(
-            f"the bounds {low:g} and {high:g} of the noise are not two numbers above zero in order",
-            name="noise_bounds",
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What is known of the logarithms of sizes and noise before the measurements.
+
+    Attributes
+    ----------
+    bounds : array (2, G + C)
+    usual : array (G + C,)
+        NaN where none is known, as of noise: then as if uniform between the bounds.
+    """
+
+    bounds: FloatArray
+    usual: FloatArray
+
+    @classmethod
+    def of(cls, groups: Sequence[PriorGroup], noises: int, noise: tuple[float, float]) -> _Known:
+        low, high = noise
+        if not 0.0 < low <= high < np.inf:
+            raise InputError(
+                f"the bounds {low:g} and {high:g} of the noise are not two numbers above zero in "
+                "order",
+                name="noise_bounds",
+            )
+        every = [(group.lower, group.upper) for group in groups] + [noise] * noises
+        usual = [np.nan if group.usual is None else np.log(group.usual) for group in groups]
+        bounds = np.log(np.array(every, dtype=float).reshape(-1, 2)).T
+        return cls(bounds, np.array(usual + [np.nan] * noises))
+
+    def slope(self, problem: LinearEvidence, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of how likely they are after the measurements, and its gradient."""
+        value, gradient = problem.log_evidence(theta)
+        off = np.nan_to_num((theta - self.usual) / USUAL_WITHIN)
+        return value - 0.5 * float(off @ off), gradient - off / USUAL_WITHIN
+
+    def likeliest(self, problem: LinearEvidence, theta: FloatArray) -> FloatArray:
+        """Those for which the linearised problem is likeliest, from those of the pass before."""
+        if not theta.size:
+            return theta
+
+        from scipy.optimize import minimize
+
+        def worse(t: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = self.slope(problem, t)
+            return -value, -gradient
+
+        found = minimize(
+            worse,
+            np.clip(theta, *self.bounds),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(float(low), float(high)) for low, high in self.bounds.T],
+            options={"maxiter": 300, "ftol": 1e-13, "gtol": 1e-5},
         )
-    every = [(group.lower, group.upper) for group in groups]
-    every += [(low, high)] * len(noise_classes(model, data))
-    return np.asarray(np.log(np.array(every, dtype=float).reshape(-1, 2)).T)
+        return np.asarray(found.x)
 
+    def information(self, problem: LinearEvidence, theta: FloatArray) -> FloatArray:
+        """Information ``(G + C, G + C)``: the curvature, but no less than the bounds give."""
+        step = _CURVATURE_STEP * np.eye(len(theta))
+        curvature = [
+            (self.slope(problem, theta + s)[1] - self.slope(problem, theta - s)[1])
+            / (2.0 * _CURVATURE_STEP)
+            for s in step
+        ]
+        least = 12.0 / np.maximum(np.ptp(self.bounds, axis=0), _CURVATURE_STEP) ** 2
+        information = -np.asarray(curvature).reshape(len(theta), -1) + np.diag(least)
+        values, vectors = np.linalg.eigh((information + information.T) / 2.0)
+        return np.asarray((vectors * np.maximum(values, least.min(initial=np.inf))) @ vectors.T)
 
-def _usual(groups: Sequence[PriorGroup], count: int) -> FloatArray:
-    """Logarithms of the usual sizes ``(G + C,)``; NaN where none is known, as of noise."""
-    out = np.full(count, np.nan)
-    out[: len(groups)] = [np.nan if g.usual is None else np.log(g.usual) for g in groups]
-    return out
+    def log_volume(self, information: FloatArray, theta: FloatArray) -> float:
+        """Logarithm of the share of all that they may be which the measurements leave.
 
-
-def _slope(
-    problem: LinearEvidence, theta: FloatArray, usual: FloatArray
-) -> tuple[float, FloatArray]:
-    """Logarithm of how likely sizes and noise are after the measurements, and its gradient."""
-    value, gradient = problem.log_evidence(theta)
-    off = np.nan_to_num((theta - usual) / USUAL_WITHIN)
-    return value - 0.5 * float(off @ off), gradient - off / USUAL_WITHIN
-
-
-def _maximise(
-    problem: LinearEvidence, theta: FloatArray, bounds: FloatArray, usual: FloatArray
-) -> FloatArray:
-    """Logarithms for which the linearised problem is likeliest, from those of the pass before."""
-    if not theta.size:
-        return theta
-
-    from scipy.optimize import minimize
-
-    def worse(t: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = _slope(problem, t, usual)
-        return -value, -gradient
-
-    start = np.clip(theta, *bounds)
-    found = minimize(
-        worse,
-        start,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(float(low), float(high)) for low, high in bounds.T],
-        options={"maxiter": 300, "ftol": 1e-13, "gtol": 1e-5},
-    )
-    return np.asarray(found.x)
-
-
-def _curvature(
-    problem: LinearEvidence, theta: FloatArray, bounds: FloatArray, usual: FloatArray
-) -> FloatArray:
-    """Information ``(G + C, G + C)`` on the logarithms of sizes and noise.
-
-    By the curvature of their likelihood, but no less than their bounds give: as if uniform between
-    them.
-    """
-    step = _CURVATURE_STEP * np.eye(len(theta))
-    curvature = [
-        (_slope(problem, theta + s, usual)[1] - _slope(problem, theta - s, usual)[1])
-        / (2.0 * _CURVATURE_STEP)
-        for s in step
-    ]
-    least = 12.0 / np.maximum(bounds[1] - bounds[0], _CURVATURE_STEP) ** 2
-    information = -np.asarray(curvature).reshape(len(theta), -1) + np.diag(least)
-    values, vectors = np.linalg.eigh((information + information.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, least.min(initial=np.inf))) @ vectors.T)
-
-
-def _volume(
-    information: FloatArray, theta: FloatArray, bounds: FloatArray, usual: FloatArray
-) -> float:
-    """Logarithm of the share of all that sizes and noise may be which the measurements leave.
-
-    Laplace's approximation: the prior at the likeliest sizes (MacKay 1992, "Bayesian
-    interpolation"), log-normal about the usual one or uniform between the bounds, times the volume
-    of what is as likely.
-    """
-    known = np.isfinite(usual)
-    off = (theta - usual)[known] / USUAL_WITHIN
-    prior = -0.5 * off @ off - known.sum() * np.log(USUAL_WITHIN * np.sqrt(2.0 * np.pi))
-    widths = np.maximum((bounds[1] - bounds[0])[~known], _CURVATURE_STEP)
-    prior -= np.log(widths).sum()
-    return float(prior - 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1])
-
-
-def _covariance_of_sizes(
-    problem: LinearEvidence, theta: FloatArray, information: FloatArray
-) -> FloatArray:
-    """Covariance ``(p, p)`` [SI] of the likeliest parameters over sizes and noise as uncertain."""
-    if not theta.size:
-        return np.zeros((len(problem.nominal), len(problem.nominal)))
-    moved = problem.sensitivity(theta)
-    return np.asarray(moved @ np.linalg.solve(information, moved.T))
+        Laplace's approximation: the prior at the likeliest sizes (MacKay 1992, "Bayesian
+        interpolation"), log-normal about the usual one or uniform between the bounds, times the
+        volume of what is as likely.
+        """
+        known = np.isfinite(self.usual)
+        off = (theta - self.usual)[known] / USUAL_WITHIN
+        prior = -0.5 * off @ off - known.sum() * np.log(USUAL_WITHIN * np.sqrt(2.0 * np.pi))
+        prior -= np.log(np.maximum(np.ptp(self.bounds[:, ~known], axis=0), _CURVATURE_STEP)).sum()
+        return float(prior - 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1])
 
 
 def _members(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:
@@ -399,3 +374,189 @@ def _notes(groups: Sequence[PriorGroup], theta: FloatArray, bounds: FloatArray) 
             if group.lower < group.upper and abs(theta[g] - bound) < _AT_BOUND:
                 notes.append(f"the prior of the group {group.name!r} stands at its {side} bound")
     return notes
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEvidence:
+    """Marginal likelihood of a linearised problem, as a function of its standard deviations.
+
+    Parameters are ``x = nominal + unit z``; rows of the class c over their noise, ``B_c z - y_c``,
+    have the variance ``exp(2 t_c)``. Those of the last class have the variance 1: what is measured
+    with noise that is given, and what is known besides.
+
+    Attributes
+    ----------
+    nominal, unit : array (p,)
+    pull : array (p,)
+        ``unit`` over the standard deviation of each parameter, in units of that of its group.
+    grams : array (C + 1, p + 1, p + 1)
+        ``[B y]ᵀ[B y]`` of each class.
+    counts : array (C,)
+        Rows of each class but the last.
+    members : tuple of array
+        Columns of the parameters of each of G groups.
+    constant : float
+        What of the logarithm no standard deviation changes.
+    """
+
+    nominal: FloatArray
+    unit: FloatArray
+    pull: FloatArray
+    grams: FloatArray
+    counts: FloatArray
+    members: tuple[IntArray, ...]
+    constant: float
+
+    def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Best parameters z ``(p,)``, their covariance ``(p, p)``, and half log of its inverse."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        gram = np.einsum("c,cij->ij", self._precisions(theta), self.grams)
+        H = gram[:-1, :-1].copy()
+        for columns, log_sigma in zip(self.members, theta, strict=False):
+            H[columns, columns] += self.pull[columns] ** 2 * np.exp(-2.0 * log_sigma)
+        try:
+            factor = cho_factor(H, lower=True)
+        except np.linalg.LinAlgError:
+            raise ConvergenceError(
+                "sizes of priors cannot be found: at some of them rounding hides what the "
+                "measurements tell",
+                hint="give the noise of the measurements, or free fewer parameters",
+            ) from None
+        covariance = cho_solve(factor, np.eye(len(H)))
+        half_log = float(np.log(np.diag(factor[0])).sum())
+        return np.asarray(covariance @ gram[:-1, -1]), np.asarray(covariance), half_log
+
+    def _precisions(self, theta: FloatArray) -> FloatArray:
+        return np.append(np.exp(-2.0 * theta[len(self.members) :]), 1.0)
+
+    def parameters(self, theta: FloatArray) -> FloatArray:
+        """Likeliest parameters ``(p,)`` [SI]."""
+        return np.asarray(self.nominal + self.unit * self._solve(theta)[0])
+
+    def sensitivity(self, theta: FloatArray) -> FloatArray:
+        """Derivatives ``(p, G + C)`` of the likeliest parameters [SI], see :meth:`log_evidence`.
+
+        Of ``H z = b``, in closed form: differences would amplify the rounding of the solution.
+        """
+        z, covariance, _ = self._solve(theta)
+        columns_of = []
+        for g, columns in enumerate(self.members):
+            pull = np.zeros(len(z))
+            pull[columns] = 2.0 * (self.pull[columns] * np.exp(-theta[g])) ** 2 * z[columns]
+            columns_of.append(pull)
+        ends = np.append(z, -1.0)
+        for gram, precision in zip(self.grams[:-1], self._precisions(theta), strict=False):
+            columns_of.append(2.0 * precision * (gram[:-1] @ ends))
+        moved = covariance @ np.array(columns_of).reshape(-1, len(z)).T
+        return np.asarray(self.unit[:, None] * moved)
+
+    def log_evidence(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of the marginal likelihood, and its gradient ``(G + C,)``.
+
+        Parameters
+        ----------
+        theta : array (G + C,)
+            Logarithms of the standard deviations of the groups [SI], then of the noise of the
+            classes over what they start with.
+        """
+        z, covariance, half_log = self._solve(theta)
+        ends = np.append(z, -1.0)
+        squares = np.einsum("i,cij,j->c", ends, self.grams, ends)  # of the residuals of each class
+        precisions = self._precisions(theta)
+        value = self.constant - 0.5 * squares @ precisions - half_log
+        gradient = np.empty_like(theta)
+        for g, columns in enumerate(self.members):
+            share = (self.pull[columns] * np.exp(-theta[g])) ** 2
+            value -= 0.5 * share @ z[columns] ** 2 + len(columns) * theta[g]
+            spread = z[columns] ** 2 + covariance[columns, columns]
+            gradient[g] = share @ spread - len(columns)
+        taken = np.einsum("ij,cij->c", covariance, self.grams[:-1, :-1, :-1])
+        value -= self.counts @ theta[len(self.members) :]
+        gradient[len(self.members) :] = precisions[:-1] * (squares[:-1] + taken) - self.counts
+        return float(value), gradient
+
+
+def linear_evidence(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    members: Sequence[IntArray],
+    weights: FloatArray,
+) -> LinearEvidence:
+    """Linearise at parameters ``(p,)``, with weights ``(N,)`` of the squares of measurements.
+
+    Priors of the members of a group are in the proportions that the model has them in.
+    """
+    tied, shares = np.zeros(model.p, dtype=bool), np.ones(model.p)
+    for columns in members:
+        tied[columns] = True
+        shares[columns] = proportions(model.prior[columns])
+    fixed = model.with_prior(np.where(tied, np.inf, model.prior))
+    linear = model.linearise_at(data, x)
+    weighed = linear.weighed(weights)
+    rows, J = weighed.white_rows, weighed.white_jacobian
+    known, K = fixed.known(x[None])
+    unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K[0]]))
+    classes, counts = noise_classes(model, data), []
+    there = data.setup.seen  # rows that measurements have; others fill the block
+    if there is None:
+        there = np.arange(model.rows) < model.rows_read(data.setup)[:, None]
+    grams = np.zeros((len(classes) + 1, model.p + 1, model.p + 1))
+    rest = there.copy()
+    for c, own in enumerate(classes):
+        grams[c] = _gram(rows[own], J[own], x - model.nominal, unit)
+        counts.append(float(own.sum()))
+        rest &= ~own
+    grams[-1] = _gram(rows[rest], J[rest], x - model.nominal, unit)
+    grams[-1] += _gram(known[0], K[0], x - model.nominal, unit)
+    # densities of the rows as they were, before noise and weights divided them, and of what is
+    # known besides
+    sigma = np.ones(there.shape)
+    for k, kind in enumerate(model.measurements):
+        sigma[data.setup.kind == k, : kind.rows] = kind.sigma
+    given = fixed.prior[np.isfinite(fixed.prior)]
+    constant = float(
+        np.log(np.sqrt(weights)[:, None] / sigma)[there].sum()
+        + np.log(unit).sum()
+        - np.log(given).sum()
+    )
+    constant -= float(np.log(shares).sum())
+    constant -= sum(np.log(known.sigma_m) for known in model.distances)
+    left = int(there.sum()) + known.shape[1] + int(tied.sum()) - model.p
+    constant -= 0.5 * left * np.log(2.0 * np.pi)
+    return LinearEvidence(
+        model.nominal, unit, unit / shares, grams, np.array(counts), tuple(members), constant
+    )
+
+
+def proportions(prior: FloatArray) -> FloatArray:
+    """Standard deviations of a group over their root mean square; equal where it has none."""
+    if not np.isfinite(prior).all():
+        return np.ones_like(prior)
+    return np.asarray(prior / np.sqrt(np.mean(prior**2)))
+
+
+def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) -> FloatArray:
+    """``[B y]ᵀ[B y]`` of rows (M,) with the derivative (M, p), off the nominal values by (p,)."""
+    both = np.column_stack([J * unit, J @ moved - rows])
+    return np.asarray(both.T @ both)
+
+
+def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:
+    """Rows ``(N, m)`` of each noise to be found: of a kind, those that start with the same.
+
+    Its lengths and its angles apart, and axes apart that were given different noise.
+    """
+    found = []
+    for k, kind in enumerate(model.measurements):
+        measured = data.setup.kind == k
+        if not (kind.estimated and measured.any()):
+            continue
+        is_angle = np.arange(kind.rows) >= kind.rows - kind.turns
+        alike = np.unique(np.column_stack([is_angle, kind.sigma]), axis=0, return_inverse=True)[1]
+        for part in range(alike.max() + 1):
+            own = np.zeros((data.count, model.rows), dtype=bool)
+            own[np.ix_(measured, np.flatnonzero(alike.ravel() == part))] = True
+            found.append(own)
+    return found

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError
-from calib.identification.least_squares import equal_sigma, white_rows
 from calib.identification.result import DISPLAY
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Linearisation, Setup, touch
 from calib.model.measurements import Measurements
-from calib.model.parameters import LinkGeometry, ParameterBlock, Part, Unit
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.model.parameters import LinkGeometry, Part, Unit
+from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts.
@@ -43,7 +42,10 @@ def is_identifiable(jacobian: FloatArray) -> bool:
     length = np.linalg.norm(jacobian, axis=0)
     if not (length > RANK_TOLERANCE * length.max(initial=0.0)).all():
         return False
-    return _rank_is_full(jacobian / length)
+    if jacobian.shape[0] < jacobian.shape[1]:
+        return False
+    values = np.linalg.svd(jacobian / length, compute_uv=False)
+    return bool(values.size == 0 or values[-1] > RANK_TOLERANCE * values[0])
 
 
 @dataclass(frozen=True)
@@ -158,13 +160,6 @@ def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Un
         )
 
 
-def _rank_is_full(columns: FloatArray) -> bool:
-    if columns.shape[0] < columns.shape[1]:
-        return False
-    values = np.linalg.svd(columns, compute_uv=False)
-    return bool(values.size == 0 or values[-1] > RANK_TOLERANCE * values[0])
-
-
 _IN_WORDS = {"tool": "the tool point", "target": "the targets"}
 _MOST_NAMED = 6
 
@@ -182,11 +177,6 @@ def _absorbed_by(unit: FloatArray, k: int, kept: list[int], names: Sequence[str]
     if len(kinds) == 1 and kinds <= set(_IN_WORDS):
         shown = f"{_IN_WORDS[kinds.pop()]} ({shown})"
     return f"{names[k]} is absorbed by {shown}"
-
-
-_NOTHING_LEFT = 1e-9
-"""Smallest singular value of I - H of a pose left out, below which nothing but it holds some
-parameter."""
 
 
 def covariance_of(
@@ -229,7 +219,7 @@ def covariance_at(
         What the noise of each kind really is, over the one that the estimate is weighed by.
     """
     model = linear.model
-    white = triangle(information_root(linear, x))
+    white = triangle(linear.stacked(x)[1])
     if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
     each = np.ones(linear.view.setup.count)
@@ -240,9 +230,10 @@ def covariance_at(
         best = root @ root.T
         if noise is None:
             return np.asarray(best)
-        known = model.known(np.atleast_2d(x))[1][0]
-        rows = (linear.white_jacobian * each[:, None, None]).reshape(linear.rows_last.size, model.p)
-        spread = best @ np.concatenate([rows, known]).T
+        rows = linear.stacked(x)[1]
+        measured = np.repeat(each, len(linear.rows_last))
+        rows[: measured.size] *= measured[:, None]
+        spread = best @ rows.T
         return np.asarray(spread @ spread.T)
     check_unweighted(model)
     J = linear.jacobian
@@ -267,82 +258,9 @@ def check_unweighted(model: CalibrationModel) -> None:
         )
 
 
-def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
-    """Rows ``(M, p)`` over their noise of all that is known: its square is the information."""
-    measured = linear.white_jacobian.reshape(linear.rows_last.size, linear.model.p)
-    _, known = linear.model.known(np.atleast_2d(x))
-    return np.concatenate([measured, known[0]])
-
-
 def triangle(rows: FloatArray) -> FloatArray:
     """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
-def leave_one_out(
-    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
-) -> FloatArray:
-    """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
-
-    In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
-    group. Exact where the model is linear, and calibrations are nearly so at their solution. A
-    group without which the parameters cannot be identified gives NaN.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        Of one set, at its solution.
-    x : array (p,)
-        The solution.
-    groups : array (N,)
-        Index of the group that each measurement belongs to: those of one pose are left out
-        together.
-    weighted : bool
-        As in the fit.
-    """
-    rows_last, J_last = white_rows(linear, weighted)
-    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last)
-    count, m, p = J.shape
-    known = linear.model.known(np.atleast_2d(x))[1][0] if weighted else np.zeros((0, p))
-    stacked = np.concatenate([J.reshape(count * m, p), known])
-    Q = np.linalg.qr(stacked / column_lengths(stacked))[0] if p else stacked
-    Q = Q[: count * m].reshape(count, m, p)
-    out = np.full((count, m), np.nan)
-    sizes = np.bincount(groups)
-    for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
-        members = np.argsort(groups, kind="stable")
-        members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
-        own = Q[members].reshape(len(members), size * m, p)
-        out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
-            len(members), size, m
-        )
-    if weighted:
-        return linear.coloured(out)
-    return out * equal_sigma(linear.model)
-
-
-def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
-    """``(I - Q Qᵀ)⁻¹ r`` of groups ``(G, k, p)`` with rows ``(G, k, 1)``; NaN where singular.
-
-    Of groups with more rows than parameters as ``r + Q (I - Qᵀ Q)⁻¹ Qᵀ r``, whose matrix does not
-    grow with the group: a pose that is measured thousands of times is one.
-    """
-    many = own.shape[1] > own.shape[2]
-    turned = np.swapaxes(own, 1, 2)
-    left = np.eye(min(own.shape[1:])) - (turned @ own if many else own @ turned)
-    alone = np.linalg.svd(left, compute_uv=False).min(axis=-1, initial=1.0) < _NOTHING_LEFT
-    left[alone] = np.eye(left.shape[-1])
-    found = (
-        rows + own @ np.linalg.solve(left, turned @ rows) if many else np.linalg.solve(left, rows)
-    )
-    found[alone] = np.nan
-    return np.asarray(found)
-
-
-def column_lengths(columns: FloatArray) -> FloatArray:
-    """Lengths ``(p,)`` of columns ``(M, p)``, 1 for columns of noughts."""
-    length = np.linalg.norm(columns, axis=0)
-    return np.where(length > 0, length, 1.0)
 
 
 def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
@@ -426,7 +344,7 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     setup, q = measurements.setup, measurements.postures
     if not all(kind.reads for kind in model.measurements):
         q, _ = touch(model, q, x, setup, hold_orientation=False)
-    return information_root(model.linearise(q, x, setup), x)
+    return model.linearise(q, x, setup).stacked(x)[1]
 
 
 WORTH_HAVING: dict[Unit, float] = {
@@ -495,23 +413,16 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
     least = np.array([1.0 / WORTH_HAVING[unit] for unit in model.units])
     least[model.nuisance] = 0.0  # the set-up has to be free
     found = sort_out(root, model.names, first=model.nuisance, least=least)
-    out = {model.names[k]: why for k, why in zip(found.left_out, found.why, strict=True)}
-    out = {name: why for name, why in out.items() if not _places_setup(model, name)}
+    pairs = zip(found.left_out, found.why, strict=True)
+    out = {model.names[k]: why for k, why in pairs if not model.nuisance[k]}
     if not out:
         return Reduction(model, model.names, (), ())
-    blocks = [_without(block, set(out)) for block in model.parameters]
-    reduced = model.with_parameters([b for b in blocks if b.size or b.tools or b.targets])
+    blocks = []
+    for block in model.parameters:
+        kept = [name for name in block.names if name not in out]
+        if len(kept) < block.size:
+            block = block.only(kept) if isinstance(block, LinkGeometry) else Part(block, kept)
+        if block.size or block.tools or block.targets:
+            blocks.append(block)
+    reduced = model.with_parameters(blocks)
     return Reduction(reduced, reduced.names, tuple(out), tuple(out.values()))
-
-
-def _places_setup(model: CalibrationModel, name: str) -> bool:
-    return bool(model.nuisance[model.names.index(name)])
-
-
-def _without(block: ParameterBlock, names: set[str]) -> ParameterBlock:
-    kept = [name for name in block.names if name not in names]
-    if len(kept) == block.size:
-        return block
-    if isinstance(block, LinkGeometry):
-        return block.only(kept)
-    return Part(block, kept)

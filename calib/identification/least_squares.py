@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.model import CalibrationModel, Linearisation
+from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 
@@ -200,19 +200,6 @@ def _step(
     return step, np.where(damping > 0, np.maximum(change, 1.0), change)
 
 
-def white_rows(linear: Linearisation, weighted: bool) -> tuple[FloatArray, FloatArray]:
-    """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over their noise, or all over the same."""
-    if weighted:
-        return linear.white_last
-    sigma = equal_sigma(linear.model)
-    return linear.rows_last / sigma, linear.jacobian_last / sigma
-
-
-def equal_sigma(model: CalibrationModel) -> float:
-    """The one number that all rows are divided by where they are not weighted [m]."""
-    return float(np.sqrt(np.mean([kind.mean_sigma_m**2 for kind in model.measurements])))
-
-
 def _normal(
     model: CalibrationModel,
     data: Measurements,
@@ -220,8 +207,8 @@ def _normal(
     weights: FloatArray | None,
     weighted: bool,
 ) -> _Normal:
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
-    rows, J = white_rows(linear, weighted)
+    linear = model.linearise_at(data, x)
+    rows, J = linear.over_noise_last(weighted)
     trials, count = len(x), data.count
     if weights is not None:
         root = np.sqrt(weights).ravel()
@@ -238,3 +225,14 @@ def _normal(
         right += np.einsum("tkp,tk->tp", K, known)
         cost += np.einsum("tk,tk->t", known, known)
     return _Normal(matrix, right, cost)
+
+
+def column_lengths(columns: FloatArray) -> FloatArray:
+    """Lengths ``(p,)`` of columns ``(M, p)``, 1 for columns of noughts."""
+    length = np.linalg.norm(columns, axis=0)
+    return np.where(length > 0, length, 1.0)
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal columns that span those ``(M, p)``, whatever their units."""
+    return np.linalg.qr(columns / column_lengths(columns))[0]

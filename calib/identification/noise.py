@@ -22,6 +22,7 @@ import numpy as np
 
 from calib.chance import chi2_quantile
 from calib.errors import InputError
+from calib.identification.least_squares import orthonormal
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -40,11 +41,6 @@ _ROUNDS = 20
 _TINY = np.finfo(float).tiny
 
 
-def rows_of(model: CalibrationModel, data: Measurements) -> IntArray:
-    """Rows of each measurement ``(N,)``."""
-    return model.rows_read(data.setup)
-
-
 def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
     """Squares of the residuals over their noise, summed over a measurement: ``(..., N)``.
 
@@ -58,7 +54,7 @@ def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> Fl
 
 
 def _squares(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
-    white = model.white_residuals(data.postures, x, data.setup, data.observed)
+    white = model.white_residuals(data, x)
     return np.asarray(np.sum(white**2, axis=-1))
 
 
@@ -71,13 +67,10 @@ def redundancy(
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
     if linear is None:
-        linear = model.linearise(data.postures, x, data.setup, data.observed)
-    root = np.sqrt(weights)[:, None]
-    rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
-    known = model.known(x[None])[1][0]
-    stacked = np.concatenate([J.reshape(rows.size, model.p), known])
-    length = np.linalg.norm(stacked, axis=0)
-    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0][: rows.size]
+        linear = model.linearise_at(data, x)
+    linear = linear.weighed(weights)
+    rows = linear.white_rows
+    Q = orthonormal(linear.stacked(x)[1])[: rows.size]
     free = 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
     return rows, free if data.setup.seen is None else free * data.setup.seen
 
@@ -121,20 +114,16 @@ def noise_scales(
             if spare > 1.0 and squares > 0.0:
                 scale[part] = np.sqrt(squares / spare)
             elif needed and spare <= 1.0 and kind.estimated and own.any() and scale[part].size:
-                raise _not_estimated(kind.name, int(own.sum()))
+                several = "" if (count := int(own.sum())) == 1 else "s"
+                raise InputError(
+                    f"the noise of the kind {kind.name} cannot be estimated from {count} "
+                    f"measurement{several}: give it",
+                    hint="name the sigma of the kind under [[noise]], or measure more poses",
+                    name="noise",
+                    value=count,
+                )
         scales.append(np.maximum(scale, LEAST_NOISE / kind.sigma) if kind.estimated else scale)
     return scales
-
-
-def _not_estimated(kind: str, count: int) -> InputError:
-    several = "" if count == 1 else "s"
-    return InputError(
-        f"the noise of the kind {kind} cannot be estimated from {count} measurement{several}: "
-        "give it",
-        hint="name the sigma of the kind under [[noise]], or measure more poses",
-        name="noise",
-        value=count,
-    )
 
 
 def _share(free: FloatArray) -> float:
@@ -173,7 +162,7 @@ def rescaled(model: CalibrationModel, scales: list[FloatArray]) -> CalibrationMo
 
 def spread(model: CalibrationModel, data: Measurements, s2: FloatArray) -> FloatArray:
     """Variance over the noise given, by the median of a kind, of each measurement ``(N,)``."""
-    found, rows = [], np.maximum(rows_of(model, data), 1)
+    found, rows = [], np.maximum(model.rows_read(data.setup), 1)
     for k in range(len(model.measurements)):
         own = data.setup.kind == k
         usual = chi2_quantile(0.5, rows[own])
@@ -190,7 +179,7 @@ def limits(
     """
     scales = noise_scales(model, data, x, good.astype(float))
     variances = _at_least_given(model, [float(np.mean(scale**2)) for scale in scales])
-    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
     return chance * variances[data.setup.kind], scales
 
 
@@ -200,7 +189,7 @@ def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> Bool
     By the noise given, or that of the residuals of the others where this is larger.
     """
     s2 = distances2(model, data, x)
-    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
     good = s2 <= chance * spread(model, data, s2)
     for _ in range(_ROUNDS):
         limit, _ = limits(model, data, x, good)

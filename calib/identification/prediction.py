@@ -1,44 +1,36 @@
-"""How accurately a calibrated arm will stand, predicted before anything is measured.
+"""How accurately a calibrated arm will stand, what a correction can carry, what error to expect.
 
 A plan tells the covariance of what it identifies (:func:`calib.identification.covariance_of`).
 What an arm will do with it somewhere else follows from how its tool point moves with each
 parameter there: ``J C Jᵀ``. It is the accuracy that the noise of the measurement leaves; what the
 model does not describe comes on top.
 
-What of an arm's errors a correction can carry, and what error to expect with it.
-
 Everything that was identified goes into corrected commands; a kinematic description holds joint
 frames alone, and mastering the zeros of joints. What of the errors has no place there is not simply
 left out: within the volume that the arm works in, the values that the correction does have can take
 up a part of it. Compliance, say, turns joints by nearly the same angle all over a small box, which
-zero offsets can hold.
-
-With the mean x and the covariance C of all parameters that were identified, f(q, x) where the tool
-point is and f_R(q, x_R) where a controller with the values x_R takes it to be, the expected square
-of the error at a posture q is, to the first order in what is not known (J = df/dx),
+zero offsets can hold. With the mean x and the covariance C of all parameters that were identified,
+f(q, x) where the tool point is and f_R(q, x_R) where a controller with the values x_R takes it to
+be, the expected square of the error at a posture q is, to the first order in what is not known
+(J = df/dx),
 
     E² = tr(J C Jᵀ) + |f(q, x) - f_R(q, x_R)|²,
 
 the mean of a squared distance from a fixed point. The values that are best for a correction
 minimise the mean of the second term, computed as it stands and not linearised, over the postures.
 
-The base is placed anew for each correction, as by an operator who teaches the user frame again:
-rigid motions of all points alike count neither as an error nor as a part of it that is carried. It
-is the arm's own accuracy, in the frame that the targets are found in with it: where the base stands
-in the world, and the zero of the first joint, are no part of it
-(:mod:`calib.identification.prediction`).
-
-Error that an identified arm has to be expected to have where it will work.
-
 Models of everything that could be off on the arm, held by priors of the right size, say after the
 measurements what the true arm may be: their probability, mean and covariance. Any model is judged
 by that, the arm as described too: by how far its tool point is from the one of arms drawn from
 there, at postures where the arm will work. Unlike residuals, this sees what the measurements do
-not: where touch-ups leave the scale of the arm open, every drawn arm has another one.
+not: where touch-ups leave the scale of the arm open, every drawn arm has another one. (Decision
+theory: the mean of the loss after the data, Berger, Statistical Decision Theory and Bayesian
+Analysis, 2nd ed., section 4.4.)
 
-The base is placed anew for each, as an operator does who teaches a user frame: rigid motions of all
-points alike do not count. (Decision theory: the mean of the loss after the data, Berger,
-Statistical Decision Theory and Bayesian Analysis, 2nd ed., section 4.4.)
+The base is placed anew for each correction and each drawn arm, as by an operator who teaches the
+user frame again: rigid motions of all points alike count neither as an error nor as a part of it
+that is carried. It is the arm's own accuracy, in the frame that the targets are found in with it:
+where the base stands in the world, and the zero of the first joint, are no part of it.
 """
 
 from __future__ import annotations
@@ -219,16 +211,14 @@ class ErrorToExpect:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """The values of a correction that are best at given postures.
+    """Values of an arm's parameters and what they are uncertain by, as of a correction.
 
     Attributes
     ----------
-    model : CalibrationModel
-        Of the correction.
     x : array (p,)
-        Its parameters [SI].
+        [SI]
     covariance : array (p, p)
-        Of these values [SI], from that of what was identified.
+        [SI]; of a correction, from that of what was identified.
     """
 
     model: CalibrationModel
@@ -451,21 +441,15 @@ class ExpectedError:
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(Carried):
     """What is known of the true arm after the measurements, if it is of one kind.
 
     Attributes
     ----------
-    x : array (p,)
-        Mean of its parameters [SI].
-    covariance : array (p, p)
     probability : float
         That it is of this kind.
     """
 
-    model: CalibrationModel
-    x: FloatArray
-    covariance: FloatArray
     probability: float = 1.0
 
 

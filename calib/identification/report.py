@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from calib.chance import chi2_tail
+from calib.identification.cross_validation import leave_one_out
 from calib.identification.identifiability import (
-    column_lengths,
     covariance_at,
-    information_root,
-    leave_one_out,
 )
+from calib.identification.least_squares import column_lengths, orthonormal
 from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
-from calib.model import CalibrationModel, Linearisation
+from calib.model import Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -45,25 +44,25 @@ def make_result(
 ) -> IdentificationResult:
     """The result of a fit to one set of measurements."""
     model, x = solved.model, solved.x
-    every = model.linearise(data.postures, x, data.setup, data.observed)
+    every = model.linearise_at(data, x)
     good = np.flatnonzero(~solved.outliers)
     kept = every
     if len(good) < data.count:
-        kept = model.linearise(data.postures[good], x, data.setup[good], _some(data, good))
-    root = np.sqrt(solved.weights / solved.consistency)[good]
-    linear = _weighed(kept, root)
+        kept = model.linearise_at(data[good], x)
+    weights = (solved.weights / solved.consistency)[good]
+    linear = kept.weighed(weights)
     test = _test(solved, linear, data)
     # a loss that weighs down takes something from the good ones, too
-    sure = _weighed(kept, np.sqrt(solved.weights / solved.inflation)[good])
+    sure = kept.weighed((solved.weights / solved.inflation)[good])
     known = covariance_at(sure, x, weighted=weighted)
     covariance = known
     if test.doubted:
         covariance = covariance_at(sure, x, weighted=weighted, noise=test.found)
     left = every.rows.copy()
-    left[good] = leave_one_out(linear, x, data.groups[good], weighted=weighted) / _shaped(
-        root, weighted
-    )
-    white = information_root(sure, x)
+    left[good] = leave_one_out(linear, x, data.groups[good], weighted=weighted)
+    if weighted:
+        left[good] /= np.sqrt(weights)[:, None]
+    white = sure.stacked(x)[1]
     return IdentificationResult(
         model=name,
         names=model.names,
@@ -77,14 +76,26 @@ def make_result(
         prior_share=np.divide(
             np.diag(known), model.prior**2, out=np.zeros(model.p), where=np.isfinite(model.prior)
         ),
-        singular_values=_singular_values(white),
+        singular_values=np.asarray(
+            np.linalg.svd(white / column_lengths(white), compute_uv=False)
+        ),  # no units
         residuals=every.rows,
         leave_one_out=left,
         angles=_angles(every),
         poses=data.names,
         outliers=solved.outliers,
         weights=solved.weights,
-        noise=_noise(model, test),
+        noise=tuple(
+            KindNoise(
+                kind.name,
+                kind.sigma,
+                kind.estimated or kind.found,
+                float(scale),
+                k in test.doubted,
+                kind.unit,
+            )
+            for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
+        ),
         chi2=test.chi2,
         degrees_of_freedom=test.freedom,
         noise_scale=test.scale,
@@ -111,31 +122,8 @@ def _test(solved: Solved, linear: Linearisation, data: Measurements) -> NoiseTes
     if not solved.suspects.any():
         return noise_test(linear, solved.x)
     good = np.flatnonzero(_trusted(solved))
-    some = linear.model.linearise(
-        data.postures[good], solved.x, data.setup[good], _some(data, good)
-    )
-    root = np.sqrt(solved.weights / solved.consistency)[good]
-    return noise_test(_weighed(some, root), solved.x)
-
-
-def _some(data: Measurements, rows: IntArray) -> FloatArray | None:
-    return None if data.observed is None else data.observed[rows]
-
-
-def _singular_values(columns: FloatArray) -> FloatArray:
-    """Singular values of columns brought to unit length: units do not matter."""
-    length = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(length > 0, length, 1.0)
-    return np.asarray(np.linalg.svd(scaled, compute_uv=False))
-
-
-def _weighed(linear: Linearisation, root: FloatArray) -> Linearisation:
-    """The same with weights: whitened rows are as much smaller as they count less."""
-    return linear if (root == 1.0).all() else replace(linear, root=root)
-
-
-def _shaped(root: FloatArray, weighted: bool) -> FloatArray:
-    return root[:, None] if weighted else np.ones((len(root), 1))
+    some = linear.model.linearise_at(data[good], solved.x)
+    return noise_test(some.weighed((solved.weights / solved.consistency)[good]), solved.x)
 
 
 def _angles(linear: Linearisation) -> BoolArray:
@@ -144,20 +132,6 @@ def _angles(linear: Linearisation) -> BoolArray:
     for k, kind in enumerate(linear.model.measurements):
         table[k, kind.rows - kind.turns : kind.rows] = True
     return np.asarray(table[linear.view.setup.kind])
-
-
-def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
-    return tuple(
-        KindNoise(
-            kind.name,
-            kind.sigma,
-            kind.estimated or kind.found,
-            float(scale),
-            k in test.doubted,
-            kind.unit,
-        )
-        for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
-    )
 
 
 def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
@@ -271,12 +245,8 @@ def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
     if not way.any():
         return 0.0
     held = int(np.isfinite(model.prior).sum())
-    J = np.concatenate(
-        [
-            linear.white_jacobian.reshape(linear.rows_last.size, model.p),
-            model.known(x[None])[1][0, held:],
-        ]
-    )
+    J = linear.stacked(x)[1]
+    J = np.delete(J, slice(linear.rows_last.size, linear.rows_last.size + held), axis=0)
     seen = J @ way
     # what is left over grows, too, but has seen nothing
     seen[: linear.white_rows.size] -= linear.white_rows.ravel()
@@ -363,12 +333,10 @@ def noise_test(linear: Linearisation, x: FloatArray) -> NoiseTest:
     gives away, and would not have the distribution of chi²: what the parameters could still
     explain is taken out.
     """
-    root = information_root(linear, x)
-    known, _ = linear.model.known(np.atleast_2d(x))
-    rows = np.concatenate([linear.white_rows.ravel(), known[0]])
+    rows, J = linear.stacked(x)
     used = np.zeros(len(rows))
-    if root.shape[1]:
-        Q = np.linalg.qr(root / column_lengths(root))[0]
+    if J.shape[1]:
+        Q = orthonormal(J)
         rows = rows - Q @ (Q.T @ rows)
         used = np.sum(Q**2, axis=1)
     count, m = linear.white_rows.shape

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,19 @@ class KindNoise:
     scale: float
     doubted: bool
     unit: Literal["m", "px"] = "m"
+
+
+class Displayed(NamedTuple):
+    """A parameter in degrees and millimetres: its 95 % interval is from ``low`` to ``high``."""
+
+    name: str
+    unit: str
+    value: float
+    change: float
+    sigma: float
+    low: float
+    high: float
+    prior: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -264,46 +277,30 @@ class IdentificationResult(Shown):
 
     def rows(self) -> list[dict[str, object]]:
         """One row a parameter, in degrees and millimetres."""
-        low, high = self.interval
-        factors = [DISPLAY[unit][1] for unit in self.units]
+        keys = ("value", "change", "sigma", "low", "high", "unit")
         return [
-            {
-                "parameter": name,
-                "value": value,
-                "change": change,
-                "sigma": sigma,
-                "low": a * factor,
-                "high": b * factor,
-                "unit": unit,
-            }
-            for (name, unit, value, change, sigma), a, b, factor in zip(
-                self.displayed(), low.tolist(), high.tolist(), factors, strict=True
-            )
+            {"parameter": row.name, **{key: getattr(row, key) for key in keys}}
+            for row in self.displayed()
         ]
 
-    def displayed(self) -> list[tuple[str, str, float, float, float]]:
-        """Name, unit, value, change from nominal and standard deviation as people read them."""
-        rows = []
-        for name, unit, value, start, sigma in zip(
-            self.names, self.units, self.values, self.nominal, self.sigma, strict=True
-        ):
-            label, factor = DISPLAY[unit]
-            rows.append((name, label, value * factor, (value - start) * factor, sigma * factor))
-        return rows
+    def displayed(self) -> list[Displayed]:
+        """Parameters as people read them."""
+        low, high = self.interval
+        columns = (self.values, self.values - self.nominal, self.sigma, low, high, self.prior)
+        return [
+            Displayed(name, DISPLAY[unit][0], *(float(v) * DISPLAY[unit][1] for v in numbers))
+            for name, unit, *numbers in zip(self.names, self.units, *columns, strict=True)
+        ]
 
     def summary(self) -> str:
         """The result as a few lines of text, in degrees and millimetres."""
         width = max([24, *(len(name) for name in self.names)])
-        low, high = self.interval
-        factors = [DISPLAY[unit][1] for unit in self.units]
         lines = [
             self.headline,
             *(
-                f"  {name:<{width}s} {value:12.5f} +- {sigma:.5f} {unit}  (change {change:+.5f}, "
-                f"95 % {a * f:.5f} to {b * f:.5f})"
-                for (name, unit, value, change, sigma), a, b, f in zip(
-                    self.displayed(), low, high, factors, strict=True
-                )
+                f"  {row.name:<{width}s} {row.value:12.5f} +- {row.sigma:.5f} {row.unit}  (change "
+                f"{row.change:+.5f}, 95 % {row.low:.5f} to {row.high:.5f})"
+                for row in self.displayed()
             ),
             f"  {self.message}",
             *(f"  {note}" for note in self.notes),

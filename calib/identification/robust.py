@@ -19,10 +19,9 @@ import numpy as np
 
 from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError, InputError
-from calib.identification.least_squares import ITERATIONS, minimise
+from calib.identification.least_squares import ITERATIONS, minimise, orthonormal
 from calib.identification.noise import (
     OUTLIER_CHANCE,
-    STUDENT_FREEDOM,
     WEIGHED_DOWN,
     WEIGHTS,
     Loss,
@@ -31,28 +30,12 @@ from calib.identification.noise import (
     limits,
     noise_scales,
     rescaled,
-    rows_of,
     spread,
     suspects,
-    variance_factor,
 )
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-__all__ = [
-    "DISAGREEMENT",
-    "OUTLIER_CHANCE",
-    "STUDENT_FREEDOM",
-    "WEIGHTS",
-    "Loss",
-    "Solved",
-    "distances2",
-    "fit_robustly",
-    "noise_scales",
-    "not_converged",
-    "variance_factor",
-]
 
 _ROUNDS = 100
 _SETTLED = 1e-3
@@ -130,7 +113,7 @@ def fit_robustly(
         x, good = choose(model, data, x)
     weights = good.astype(float)
     if near and loss in WEIGHED_DOWN:
-        weights = WEIGHTS[loss](distances2(model, data, x), rows_of(model, data))
+        weights = WEIGHTS[loss](distances2(model, data, x), model.rows_read(data.setup))
     model, x, weights, iterations = _alternate(model, data, x, weights, loss, weighted)
     consistency, inflation = costs_of(model, data, x, weights, loss)
     return Solved(
@@ -158,7 +141,7 @@ def _alternate(
 
     The model with its noise, parameters ``(p,)``, weights ``(N,)`` and iterations.
     """
-    rows, weigh = rows_of(model, data), WEIGHTS[loss]
+    rows, weigh = model.rows_read(data.setup), WEIGHTS[loss]
     estimated = any(kind.estimated for kind in model.measurements)
     total, moved = 0, 0.0
     for _ in range(_ROUNDS):
@@ -186,7 +169,11 @@ def _alternate(
     if not fit.converged[0]:  # on the way there weights and noise may make it slow
         raise not_converged(float(fit.change[0]))
     if moved >= _SETTLED:
-        raise _not_settled(moved)
+        raise ConvergenceError(
+            f"weights and noise have not come to rest after {_ROUNDS} rounds (the last one still "
+            f"moved them by {moved:.2g})",
+            hint="give the noise of each kind, or measure more poses",
+        )
     return model, x, weights, total
 
 
@@ -197,14 +184,6 @@ def not_converged(change: float) -> ConvergenceError:
         f"(the last one still moved the predictions by {change:.2g} times the noise)",
         hint="check that the measurements belong to this robot and that the tool point and "
         "the joint signs are about right",
-    )
-
-
-def _not_settled(moved: float) -> ConvergenceError:
-    return ConvergenceError(
-        f"weights and noise have not come to rest after {_ROUNDS} rounds (the last one still moved "
-        f"them by {moved:.2g})",
-        hint="give the noise of each kind, or measure more poses",
     )
 
 
@@ -255,7 +234,7 @@ def choose(
 
 
 def _chance(model: CalibrationModel, data: Measurements) -> FloatArray:
-    return chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
 
 
 def _graduate(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
@@ -303,16 +282,12 @@ def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
     Few measurements decide on fewer parameters than all of them do: the trace of the information
     of so many in that of the posterior.
     """
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
-    J = linear.white_jacobian.reshape(linear.rows_last.size, model.p)
-    known = model.known(x[None])[1][0]
-    stacked = np.concatenate([J, known])
-    length = np.linalg.norm(stacked, axis=0)
-    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0]
-    held = np.clip(np.linalg.eigvalsh(Q[len(J) :].T @ Q[len(J) :]), 0.0, 1.0)
+    linear = model.linearise_at(data, x)
+    Q = orthonormal(linear.stacked(x)[1])[linear.rows_last.size :]
+    held = np.clip(np.linalg.eigvalsh(Q.T @ Q), 0.0, 1.0)
     told = np.arange(1, data.count + 1)[:, None] / data.count * (1.0 - held)
     decided = np.sum(told / np.maximum(told + held, _TINY), axis=1)
-    equations = np.arange(1, data.count + 1) * float(np.mean(rows_of(model, data)))
+    equations = np.arange(1, data.count + 1) * float(np.mean(model.rows_read(data.setup)))
     enough = np.flatnonzero(equations >= decided - 1e-6)
     return int(enough[0]) + 1 if enough.size else data.count
 
@@ -381,16 +356,11 @@ def _best_of_many(
         best = np.argsort(value)[:kept]
         if not steps:
             break
-        chosen = _ones_at(np.argsort(s2[best], axis=1)[:, :half], count)
+        chosen = np.zeros((len(best), count))
+        np.put_along_axis(chosen, np.argsort(s2[best], axis=1)[:, :half], 1.0, axis=1)
         every = data.repeated(len(best))
         fits = minimise(model, every, fits[best], weights=chosen, iterations=steps).x
     return np.asarray(fits[best[0]])
-
-
-def _ones_at(index: IntArray, count: int) -> FloatArray:
-    out = np.zeros((len(index), count))
-    np.put_along_axis(out, index, 1.0, axis=1)
-    return out
 
 
 def _refuse_most(good: BoolArray, data: Measurements) -> None:

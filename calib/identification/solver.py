@@ -25,11 +25,11 @@ from calib.identification.least_squares import (
     ITERATIONS,
     STEP_TOLERANCE,
     minimise,
-    white_rows,
 )
+from calib.identification.noise import Loss
 from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
-from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
+from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
@@ -146,9 +146,9 @@ def _newton_raphson(
     change = np.inf
     for iteration in range(1, ITERATIONS + 1):
         # of the rows as they are squared: the axes of their noise turn with the parameters, too
-        here = model.linearise(data.postures, x, data.setup, data.observed)
-        there = model.linearise(data.postures[None], x + np.diag(sizes), data.setup, data.observed)
-        (r, _), (ahead, _) = (white_rows(linear, weighted) for linear in (here, there))
+        here = model.linearise_at(data, x)
+        there = model.linearise_at(data.trials(None), x + np.diag(sizes))
+        r, ahead = (linear.over_noise_last(weighted)[0] for linear in (here, there))
         moved = ahead.reshape(len(r), model.p, -1) - r[:, None]
         A, r = np.moveaxis(moved / sizes[:, None], 1, -1).reshape(r.size, model.p), r.ravel()
         known, K = model.known(x[None])

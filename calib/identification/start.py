@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.identification.least_squares import white_rows
 from calib.model import CalibrationModel
 from calib.model.measurements import CameraPose, Distance, Measurements, Point, Pose
 from calib.model.parameters import Frames, ParameterBlock
 from calib.robot_world import PairSets
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import li_kronecker
-from calib.se3 import FloatArray, inverse, project_to_rotation, rotation_exp, transform
+from calib.se3 import FloatArray, IntArray, inverse, project_to_rotation, rotation_exp, transform
 
 _STEPS = 5
 _FEWEST_POSES = 3
@@ -37,8 +36,8 @@ def first_guess(
     if placed[free].all():
         return x
     for _ in range(_STEPS):
-        linear = model.linearise(data.postures, x, data.setup, data.observed)
-        rows, J = white_rows(linear, weighted)
+        linear = model.linearise_at(data, x)
+        rows, J = linear.over_noise_last(weighted)
         known, K = model.known(x[None])
         J = np.concatenate([J.reshape(model.p, -1).T, K[0]])
         r = np.concatenate([rows.ravel(), known[0]])
@@ -55,7 +54,8 @@ def first_guess(
 
 def _place_frames(model: CalibrationModel, data: Measurements, x: FloatArray) -> None:
     """Write to x where frames with free rotations, and anchors of distances, are."""
-    if data.observed is None:
+    observed = data.observed
+    if observed is None:
         return
     kinds = np.array([type(kind) for kind in model.measurements], dtype=object)[data.setup.kind]
     for block in model.parameters:
@@ -64,16 +64,16 @@ def _place_frames(model: CalibrationModel, data: Measurements, x: FloatArray) ->
             rows = np.flatnonzero(data.setup.target == model.targets.index(label))
             of = {kind: rows[kinds[rows] == kind] for kind in (Pose, CameraPose, Point, Distance)}
             poses = np.concatenate([of[Pose], of[CameraPose]])
-            if len(poses) >= _FEWEST_POSES and (turns or _tool_turns(model, data, poses)):
-                _from_poses(model, data, x, poses, kinds)
+            enough = len(poses) >= _FEWEST_POSES
+            if enough and not turns:
+                tool = model.tools[data.setup.tool[poses[0]]]
+                enough = _nominal(model, tool, "tools")[1]
+            if enough:
+                _from_poses(model, data, observed, x, poses, kinds)
             elif turns and len(of[Point]) >= 2 * _FEWEST_POSES:
-                _from_points(model, data, x, block, of[Point])
+                _from_points(model, data, observed, x, block, of[Point])
             elif not turns and block.size and len(of[Distance]) > _FEWEST_POSES:
-                _from_distances(model, data, x, block, k, of[Distance])
-
-
-def _tool_turns(model: CalibrationModel, data: Measurements, rows: np.ndarray) -> bool:
-    return _nominal(model, model.tools[data.setup.tool[rows[0]]], "tools")[1]
+                _from_distances(model, data, observed, x, block, k, of[Distance])
 
 
 def _set(model: CalibrationModel, x: FloatArray, label: str, T: FloatArray, side: str) -> None:
@@ -93,14 +93,19 @@ def _nominal(model: CalibrationModel, label: str, side: str) -> tuple[FloatArray
 
 
 def _from_poses(
-    model: CalibrationModel, data: Measurements, x: FloatArray, rows: np.ndarray, kinds: np.ndarray
+    model: CalibrationModel,
+    data: Measurements,
+    observed: FloatArray,
+    x: FloatArray,
+    rows: IntArray,
+    kinds: np.ndarray,
 ) -> None:
     """Tool and target of the first pair of labels that was measured often enough."""
     tool, target = data.setup.tool[rows[0]], data.setup.target[rows[0]]
     rows = rows[(data.setup.tool[rows] == tool) & (data.setup.target[rows] == target)]
-    if len(rows) < _FEWEST_POSES or data.observed is None:
+    if len(rows) < _FEWEST_POSES:
         return
-    read = data.observed[rows]
+    read = observed[rows]
     B = transform(rotation_exp(read[:, 3:6]), read[:, :3])
     seen = np.array([kind is CameraPose for kind in kinds[rows]])
     B[seen] = inverse(B[seen])  # target to tool, whichever side looked
@@ -125,18 +130,17 @@ def _from_poses(
 def _from_points(
     model: CalibrationModel,
     data: Measurements,
+    observed: FloatArray,
     x: FloatArray,
     block: ParameterBlock,
-    rows: np.ndarray,
+    rows: IntArray,
 ) -> None:
     """The instrument's frame and the points on the tool, by linear least squares.
 
     ``R_i t_k + p_i = Z y_ik + z``: linear in t, Z and z, with Z made a rotation afterwards.
     """
-    if data.observed is None:
-        return
     T = model.robot.fk(data.postures[rows])
-    y = data.observed[rows, :3]
+    y = observed[rows, :3]
     tools = sorted(set(data.setup.tool[rows].tolist()))
     A = np.zeros((len(rows), 3, 12 + 3 * len(tools)))
     for axis in range(3):
@@ -162,17 +166,16 @@ def _from_points(
 def _from_distances(
     model: CalibrationModel,
     data: Measurements,
+    observed: FloatArray,
     x: FloatArray,
     block: ParameterBlock,
     k: int,
-    rows: np.ndarray,
+    rows: IntArray,
 ) -> None:
     """Where spheres about the nominal tool points meet: ``2 p·a - |a|² = |p|² - d²``."""
-    if data.observed is None:
-        return
     p = model.view(data.postures[rows], x, data.setup[rows]).tool_points
     A = np.column_stack([2.0 * p, -np.ones(len(rows))])
-    right = np.sum(p**2, axis=1) - data.observed[rows, 0] ** 2
+    right = np.sum(p**2, axis=1) - observed[rows, 0] ** 2
     if np.linalg.matrix_rank(A - A.mean(axis=0)) < 3:
         return  # the points lie in a plane: either side would do
     place = np.linalg.lstsq(A, right, rcond=None)[0][:3]

@@ -7,9 +7,9 @@ and Monte Carlo all take ``(N, m, p)`` and see no robot.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
-from calib.model.measurements import Measurement
+from calib.model.measurements import Measurement, Measurements
 from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, numbers
@@ -94,8 +94,8 @@ class CalibrationModel:
         self.units: tuple[Unit, ...] = tuple(unit for block in parameters for unit in block.units)
         self.nuisance = np.array([block.nuisance for block in parameters for _ in block.names])
         self.nuisance = self.nuisance.astype(bool)
-        self.nominal = _joined([block.nominal for block in parameters])
-        self.prior = _joined([block.prior for block in parameters])
+        self.nominal = np.concatenate([np.zeros(0), *(block.nominal for block in parameters)])
+        self.prior = np.concatenate([np.zeros(0), *(block.prior for block in parameters)])
         ends = np.cumsum([block.size for block in parameters])
         self.slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
         self.distances = tuple(distances)
@@ -125,8 +125,9 @@ class CalibrationModel:
         return max(kind.rows for kind in self.measurements)
 
     @property
-    def _twist_rows(self) -> int:
-        return 6 if any(kind.sees_rotation for kind in self.measurements) else 3
+    def equal_sigma(self) -> float:
+        """The one number that all rows are divided by where they are not weighted [m]."""
+        return float(np.sqrt(np.mean([kind.mean_sigma_m**2 for kind in self.measurements])))
 
     def equations(self, setup: Setup) -> int:
         """Equations that measurements give: rows that are not there to fill a block."""
@@ -205,36 +206,31 @@ class CalibrationModel:
         else:
             spread = np.broadcast_to(values, (*batch, self.p)).reshape(math.prod(batch), self.p)
             values = np.repeat(spread.T, count, axis=1)
-        return self._arm(last, values, batch, how), values
-
-    def _arm(
-        self, q: FloatArray, values: FloatArray, batch: tuple[int, ...], setup: Setup
-    ) -> MeasurementContext:
-        errors = ArmErrors(np.zeros((len(q), 1)))
+        errors = ArmErrors(np.zeros((n, 1)))
         for block, part in zip(self.parameters, self.slices, strict=True):
-            block.displace(values[part], errors, q, setup)
+            block.displace(values[part], errors, last, how)
         displacements = errors.displacements()
-        walk = self.robot.chain.walk(q + errors.joints, displacements)
-        width = q.shape[1]
-        on_tip = _picked(errors.tools, setup.tool, width)
-        around = _picked(errors.targets, setup.target, width)
-        turned = walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns)
-        return MeasurementContext(
+        walk = self.robot.chain.walk(last + errors.joints, displacements)
+        width = last.shape[1]
+        on_tip = _picked(errors.tools, how.tool, width)
+        around = _picked(errors.targets, how.target, width)
+        view = MeasurementContext(
             robot=self.robot,
-            q=q,
+            q=last,
             batch=batch,
-            setup=setup,
+            setup=how,
             tools=self.tools,
             targets=self.targets,
-            is_distance=np.array([kind.is_distance for kind in self.measurements])[setup.kind],
+            is_distance=np.array([kind.is_distance for kind in self.measurements])[how.kind],
             errors=errors,
             displacements=displacements,
             walk=walk,
             point=walk.p_base_tip + turn(walk.tip, on_tip.position),
-            tool=turned,
+            tool=walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns),
             origin=around.position,
             target=NO_TURN if around.columns is None else around.columns,
         )
+        return view, values
 
     def check_setup(self, setup: Setup, count: int) -> None:
         """Check that a set-up is one of ``count`` measurements, with what the model has.
@@ -276,24 +272,29 @@ class CalibrationModel:
             Kind, tool, target and payload of each; the first of all by default.
         """
         view = self.view(q, x, setup)
-        return view.posture_first(self._predict(view))
+        rows = self._gathered(view, (), lambda kind, columns, part: kind.predict(part))
+        return view.posture_first(rows)
 
-    def _predict(self, view: MeasurementContext) -> FloatArray:
-        """Readings ``(m, S)``."""
-        out = np.zeros((self.rows, view.q.shape[1]))
+    def _gathered(
+        self, view: MeasurementContext, leading: tuple[int, ...], ask: _Ask
+    ) -> FloatArray:
+        """Blocks ``(*leading, m, S)`` of all kinds, each asked for its rows of its columns."""
+        if len(self.measurements) == 1:
+            return ask(self.measurement, slice(None), view)
+        out = np.zeros((*leading, self.rows, view.q.shape[1]))
         for kind, columns, part in self.by_kind(view):
-            out[: kind.rows, columns] = kind.predict(part)
+            out[..., : kind.rows, columns] = ask(kind, columns, part)
         return out
 
     def by_kind(
         self, view: MeasurementContext
-    ) -> list[tuple[Measurement, slice | IntArray, MeasurementContext]]:
+    ) -> list[tuple[Measurement, Columns, MeasurementContext]]:
         """Each kind with its columns among the S, and the view of these alone."""
         if len(self.measurements) == 1:
             return [(self.measurements[0], slice(None), view)]
         if "by kind" in view.found:
             return list(view.found["by kind"])
-        found: list[tuple[Measurement, slice | IntArray, MeasurementContext]] = []
+        found: list[tuple[Measurement, Columns, MeasurementContext]] = []
         for k, kind in enumerate(self.measurements):
             own = np.flatnonzero(view.setup.kind == k)
             if own.size:
@@ -330,43 +331,49 @@ class CalibrationModel:
             What was read. Without it residuals are predictions, and rows of rotations zero.
         """
         view, values = self._view(q, x, setup)
-        motion = np.zeros((self.p, self._twist_rows, view.q.shape[1]))
+        twist_rows = 6 if any(kind.sees_rotation for kind in self.measurements) else 3
+        motion = np.zeros((self.p, twist_rows, view.q.shape[1]))
         for block, part in zip(self.parameters, self.slices, strict=True):
             if block.size:
                 block.move(values[part], view, motion[part])
-        readings = None if observed is None else _last(observed, view)
-        rows = np.zeros((self.rows, view.q.shape[1]))
-        J = np.zeros((self.p, self.rows, view.q.shape[1]))
-        for kind, columns, own in self.by_kind(view):
-            difference = _difference(kind, own, readings, columns)
-            rows[: kind.rows, columns] = difference
-            moved = kind.differentiate(motion[:, :, columns], own, difference)
-            for block, part in zip(self.parameters, self.slices, strict=True):
-                by_reading = (
-                    kind.differentiate_reading(block.reading, own) if block.reading else None
-                )
-                if by_reading is not None:
-                    moved[part] += block.picked(by_reading)
-            if len(self.measurements) == 1:
-                J = moved
-            else:
-                J[:, : kind.rows, columns] = moved
+        rows = self._differences(view, observed)
+
+        def moved(kind: Measurement, columns: Columns, part: MeasurementContext) -> FloatArray:
+            J = kind.differentiate(motion[:, :, columns], part, rows[: kind.rows, columns])
+            for block, own in zip(self.parameters, self.slices, strict=True):
+                if block.reading:
+                    by_reading = kind.differentiate_reading(block.reading, part)
+                    if by_reading is not None:
+                        J[own] += block.picked(by_reading)
+            return J
+
+        J = self._gathered(view, (self.p,), moved)
         return Linearisation(self, view, rows, J, motion)
 
-    def white_residuals(
-        self,
-        q: ArrayLike,
-        x: ArrayLike | None = None,
-        setup: Setup | None = None,
-        observed: FloatArray | None = None,
-    ) -> FloatArray:
+    def linearise_at(self, data: Measurements, x: FloatArray) -> Linearisation:
+        """:meth:`linearise` measurements at parameters ``(..., p)``."""
+        return self.linearise(data.postures, x, data.setup, data.observed)
+
+    def white_residuals(self, data: Measurements, x: FloatArray) -> FloatArray:
         """Rows ``(..., N, m)`` of :attr:`Linearisation.white_rows`, without their derivative."""
-        view = self._view(q, x, setup)[0]
+        view = self.view(data.postures, x, data.setup)
+        return view.posture_first(self.whiten_last(self._differences(view, data.observed), view))
+
+    def _differences(self, view: MeasurementContext, observed: FloatArray | None) -> FloatArray:
+        """Residuals ``(m, S)``; predictions without readings, of rotations nothing."""
         readings = None if observed is None else _last(observed, view)
-        rows = np.zeros((self.rows, view.q.shape[1]))
-        for kind, columns, own in self.by_kind(view):
-            rows[: kind.rows, columns] = _difference(kind, own, readings, columns)
-        return view.posture_first(self.whiten_last(rows, view))
+
+        def off(kind: Measurement, columns: Columns, part: MeasurementContext) -> FloatArray:
+            predicted = kind.predict(part)
+            if readings is None:
+                rows = predicted.copy()
+                rows[kind.rows - kind.turns :] = 0.0
+                return rows
+            rows = kind.difference(predicted, readings[: kind.rows, columns])
+            seen = part.seen_last
+            return rows if seen is None else np.where(seen[: kind.rows], rows, 0.0)
+
+        return self._gathered(view, (), off)
 
     def whiten(
         self,
@@ -390,46 +397,83 @@ class CalibrationModel:
 
     def whiten_last(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
-        if len(self.measurements) == 1:
-            return self.measurement.whiten(rows, view)
-        out = np.zeros_like(rows)
-        for kind, columns, part in self.by_kind(view):
-            out[..., : kind.rows, columns] = kind.whiten(rows[..., : kind.rows, columns], part)
-        return out
+        return self._gathered(
+            view,
+            rows.shape[:-2],
+            lambda kind, columns, part: kind.whiten(rows[..., : kind.rows, columns], part),
+        )
+
+    def colour_last(self, white: FloatArray, view: MeasurementContext) -> FloatArray:
+        """The inverse of :meth:`whiten_last`."""
+        return self._gathered(
+            view,
+            white.shape[:-2],
+            lambda kind, columns, part: kind.colour(white[..., : kind.rows, columns], part),
+        )
 
     def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """What of vectors ``(..., 3, S)`` the arm has to close: see :meth:`Measurement.gap`."""
-        if len(self.measurements) == 1:
-            return self.measurement.gap(vector, view)
         out = np.zeros_like(vector)
         for kind, columns, part in self.by_kind(view):
             out[..., columns] = kind.gap(vector[..., columns], part)
         return out
 
+    @property
+    def known_rows(self) -> FloatArray:
+        """What is known before any measurement: rows ``(K, p)`` of unit variance, at nominal."""
+        return np.asarray(self.known(self.nominal[None])[1][0])
+
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What is known besides the measurements, whitened: see :func:`known_rows`."""
-        return known_rows(self, x)
+        """What is known besides the measurements, whitened: priors, then distances.
+
+        Parameters
+        ----------
+        x : array (T, p)
+
+        Returns
+        -------
+        rows : array (T, K)
+        jacobian : array (T, K, p)
+        """
+        held = np.flatnonzero(np.isfinite(self.prior))
+        total = len(held) + len(self.distances)
+        rows, J = np.zeros((len(x), total)), np.zeros((len(x), total, self.p))
+        rows[:, : len(held)] = (x[:, held] - self.nominal[held]) / self.prior[held]
+        J[:, np.arange(len(held)), held] = 1.0 / self.prior[held]
+        for k, known in enumerate(self.distances, start=len(held)):
+            labels = known.first, known.second
+            apart = self._place(labels[1], x) - self._place(labels[0], x)
+            length = np.linalg.norm(apart, axis=-1, keepdims=True)
+            way = apart / np.maximum(length, np.finfo(float).tiny)
+            rows[:, k] = (length[:, 0] - known.length_m) / known.sigma_m
+            for sign, label in zip((-1.0, 1.0), labels, strict=True):
+                if label in self.free_points:
+                    J[:, k, self.free_points[label]] += sign * way / known.sigma_m
+        return rows, J
+
+    @property
+    def free_points(self) -> dict[str, slice]:
+        """Columns of x, y and z of the targets that are free points, by label."""
+        return {
+            label: slice(part.start + 3 * k, part.start + 3 * k + 3)
+            for block, part in zip(self.parameters, self.slices, strict=True)
+            if isinstance(block, Frames) and set(block.units) == {"m"}
+            for k, label in enumerate(block.targets)
+            if block.size == 3 * len(block.labels)
+        }
+
+    def _place(self, label: str, x: FloatArray) -> FloatArray:
+        """Place ``(T, 3)`` or ``(3,)`` [m] of a target that is a point."""
+        if label in self.free_points:
+            return x[:, self.free_points[label]]
+        for block in self.parameters:
+            if isinstance(block, Frames) and label in block.targets and not block.size:
+                return np.asarray(block.positions_m[block.labels.index(label)])
+        raise InputError(f"the distance to target {label!r} cannot be known: it is no point")
 
 
-def _difference(
-    kind: Measurement,
-    view: MeasurementContext,
-    readings: FloatArray | None,
-    columns: slice | IntArray,
-) -> FloatArray:
-    """Residuals ``(m, S)`` of one kind, of readings ``(M, S)`` of all; predictions without them."""
-    predicted = kind.predict(view)
-    if readings is not None:
-        rows = kind.difference(predicted, readings[: kind.rows, columns])
-        seen = view.seen_last
-        return rows if seen is None else np.where(seen[: kind.rows], rows, 0.0)
-    rows = predicted.copy()
-    rows[kind.rows - kind.turns :] = 0.0
-    return rows
-
-
-def _joined(parts: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+Columns = slice | IntArray
+_Ask = Callable[[Measurement, Columns, MeasurementContext], FloatArray]
 
 
 def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature:
@@ -498,16 +542,36 @@ class Linearisation:
         return rows, J
 
     def _white_jacobian(self) -> FloatArray:
-        model, J = self.model, self.jacobian_last
-        out = np.zeros_like(J)
-        for kind, columns, part in model.by_kind(self.view):
-            k, motion = kind.rows, self.motion[:, :, columns]
-            rows = self.rows_last[:k, columns]
-            white = kind.whiten_derivative(J[:, :k, columns], motion, part, rows)
-            if len(model.measurements) == 1:
-                return white
-            out[:, :k, columns] = white
-        return out
+        def whitened(kind: Measurement, columns: Columns, part: MeasurementContext) -> FloatArray:
+            J, rows = self.jacobian_last[:, : kind.rows], self.rows_last[: kind.rows, columns]
+            motion = self.motion[:, :, columns]
+            return kind.whiten_derivative(J[..., columns], motion, part, rows)
+
+        return self.model._gathered(self.view, (self.model.p,), whitened)
+
+    def over_noise_last(self, weighted: bool) -> tuple[FloatArray, FloatArray]:
+        """As :attr:`white_last`, or all rows over the same number."""
+        if weighted:
+            return self.white_last
+        sigma = self.model.equal_sigma
+        return self.rows_last / sigma, self.jacobian_last / sigma
+
+    def stacked(self, x: FloatArray, *, weighted: bool = True) -> tuple[FloatArray, FloatArray]:
+        """Rows ``(M,)`` over their noise of all that is known, and their derivative ``(M, p)``.
+
+        Of one set, linearised at parameters ``(p,)``: those of the measurements, one by one, then
+        what is known besides.
+        """
+        rows, J = map(self.view.posture_first, self.over_noise_last(weighted))
+        known, K = self.model.known(np.atleast_2d(x))
+        return (
+            np.concatenate([rows.ravel(), known[0]]),
+            np.concatenate([J.reshape(rows.size, self.model.p), K[0]]),
+        )
+
+    def weighed(self, weights: FloatArray) -> Linearisation:
+        """The same with weights ``(S,)`` of the squares of the whitened rows."""
+        return self if (weights == 1.0).all() else replace(self, root=np.sqrt(weights))
 
     @property
     def white_rows(self) -> FloatArray:
@@ -519,26 +583,18 @@ class Linearisation:
         """Blocks ``(..., N, m, p)`` over the noise."""
         return self.view.posture_first(self.white_last[1])
 
-    def coloured(self, white: FloatArray) -> FloatArray:
-        """Rows ``(..., N, m)`` of these over the noise: the inverse of whitening."""
-        last = _last(white, self.view)
-        out = np.zeros_like(last)
-        for kind, columns, part in self.model.by_kind(self.view):
-            out[: kind.rows, columns] = kind.colour(last[: kind.rows, columns], part)
-        return self.view.posture_first(out)
+    def coloured(self, rows: FloatArray, *, weighted: bool = True) -> FloatArray:
+        """Rows ``(..., N, m)`` of these over the noise, or over the same number."""
+        if not weighted:
+            return np.asarray(rows * self.model.equal_sigma)
+        return self.view.posture_first(self.model.colour_last(_last(rows, self.view), self.view))
 
     @property
     def noise_root(self) -> FloatArray:
         """Square roots ``(..., N, m, m)`` of the covariance of each measurement's rows."""
         m, width = self.rows_last.shape
         unit = np.broadcast_to(np.eye(m)[:, :, None], (m, m, width))
-        if len(self.model.measurements) == 1:
-            return self.view.posture_first(self.model.measurement.colour(unit, self.view))
-        out = np.zeros((m, m, width))
-        for kind, columns, part in self.model.by_kind(self.view):
-            k = kind.rows
-            out[:k, :k, columns] = kind.colour(unit[:k, :k, columns], part)
-        return self.view.posture_first(out)
+        return self.view.posture_first(self.model.colour_last(unit, self.view))
 
 
 @dataclass(frozen=True)
@@ -572,52 +628,3 @@ class KnownDistance:
                     value=number,
                     bound=0.0,
                 )
-
-
-def known_rows(model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What is known besides the measurements, whitened: priors, then distances.
-
-    Parameters
-    ----------
-    x : array (T, p)
-
-    Returns
-    -------
-    rows : array (T, K)
-    jacobian : array (T, K, p)
-    """
-    held = np.flatnonzero(np.isfinite(model.prior))
-    total = len(held) + len(model.distances)
-    rows, J = np.zeros((len(x), total)), np.zeros((len(x), total, model.p))
-    rows[:, : len(held)] = (x[:, held] - model.nominal[held]) / model.prior[held]
-    J[:, np.arange(len(held)), held] = 1.0 / model.prior[held]
-    for k, known in enumerate(model.distances, start=len(held)):
-        ends, columns = [], []
-        for label in (known.first, known.second):
-            place, own = _target_place(model, label, x)
-            ends.append(place)
-            columns.append(own)
-        apart = ends[1] - ends[0]
-        length = np.linalg.norm(apart, axis=-1, keepdims=True)
-        way = apart / np.maximum(length, np.finfo(float).tiny)
-        rows[:, k] = (length[:, 0] - known.length_m) / known.sigma_m
-        for sign, own in zip((-1.0, 1.0), columns, strict=True):
-            if own is not None:
-                J[:, k, own] += sign * way / known.sigma_m
-    return rows, J
-
-
-def _target_place(
-    model: CalibrationModel, label: str, x: FloatArray
-) -> tuple[FloatArray, slice | None]:
-    """Place ``(T, 3)`` [m] of a target point, and the columns of its x, y and z if free."""
-    for block, part in zip(model.parameters, model.slices, strict=True):
-        if label in block.targets and isinstance(block, Frames):
-            k = block.labels.index(label)
-            if block.size == 0:
-                return np.broadcast_to(block.positions_m[k], (len(x), 3)), None
-            each = block.size // len(block.labels)
-            if each == 3 and set(block.units) == {"m"}:
-                own = slice(part.start + 3 * k, part.start + 3 * k + 3)
-                return x[:, own], own
-    raise InputError(f"the distance to target {label!r} cannot be known: it is no point")

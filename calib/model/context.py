@@ -85,17 +85,13 @@ class Setup:
             Another number of indices than measurements, or one below zero.
         """
         named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
-        arrays = {}
+        arrays: dict[str, Any] = {}
         for name, given in named.items():
-            if isinstance(given, int) and given >= 0:
-                arrays[name] = np.full(count, given, dtype=np.intp)
-                continue
             index = np.asarray(given)
-            if not np.array_equal(index, index.astype(np.intp)):
+            whole = index.astype(np.intp)
+            if not np.array_equal(index, whole):
                 raise InputError(f"indices of the {name} are whole numbers", name=name)
-            index = index.astype(np.intp)
-            if index.ndim == 0:
-                index = np.full(count, index)
+            index = np.full(count, whole) if whole.ndim == 0 else whole
             if index.shape != (count,) or (index < 0).any():
                 raise InputError(
                     f"{count} measurements need {count} indices of the {name}, from 0 up",

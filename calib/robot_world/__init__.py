@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from calib.robot_world import design
     from calib.robot_world.certificate.certify import Certificate, certify
     from calib.robot_world.components import shown_noise
+    from calib.robot_world.estimate import residuals as residuals
     from calib.robot_world.methods import (
         METHODS,
         PAPER_METHODS,
@@ -29,19 +30,17 @@ if TYPE_CHECKING:
     from calib.robot_world.noise import difference as difference
     from calib.robot_world.pairs import PairSets
     from calib.robot_world.results import (
-        RobotWorldBatch,
         RobotWorldResult,
         pairs_from_opencv,
         result_to_opencv,
     )
-    from calib.robot_world.results import residuals as residuals
     from calib.robot_world.scale import Scale
     from calib.robot_world.simulation import (
         Problems,
         add_noise,
         random_problems,
     )
-    from calib.robot_world.solver import solve, solve_batch
+    from calib.robot_world.solver import RobotWorldBatch, solve, solve_batch
 else:
     __getattr__ = load_when_asked(__name__)
 

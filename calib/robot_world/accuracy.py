@@ -14,7 +14,6 @@ included. The larger of this and of the covariance by the noise is what is said.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,7 +22,9 @@ from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
-from calib.robot_world.errors_of_pairs import Fit, derivatives
+from calib.robot_world.algebra import unit_diagonal
+from calib.robot_world.errors_of_pairs import derivatives
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import Method, maximum_likelihood
 from calib.robot_world.noise import (
@@ -35,7 +36,6 @@ from calib.robot_world.noise import (
     perturb,
 )
 from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 NOISE_DOUBT = 1e-4
@@ -45,30 +45,8 @@ _RANK_TOLERANCE = 1e-12
 """Eigenvalue of the information, scaled to a unit diagonal, that counts as none."""
 
 
-@dataclass(frozen=True)
-class GoodnessOfFit:
-    """Residuals of a solution in units of the noise given.
-
-    Attributes
-    ----------
-    chi2 : float
-        Sum of their squares at the likeliest X and Z.
-    probability : float
-        Of one as large.
-    excess : float
-        How many times larger than the noise they are; 1 where chance may have made them as large.
-    """
-
-    chi2: float
-    freedom: int
-    probability: float
-    excess: float
-
-
-def goodness(
-    pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise
-) -> GoodnessOfFit | None:
-    """Compare the residuals of one set with the noise given.
+def least_chi2(pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise) -> float | None:
+    """Sum of the squares of the residuals of one set in units of the noise given.
 
     At its likeliest X and Z, whatever method has found others: what a method leaves more than
     these says nothing of the noise. None where the noise has no likelihood, a part of it being 0.
@@ -78,11 +56,8 @@ def goodness(
     fit = found.fit
     if fit is None:
         X, Z = pairs.rotations_first
-        weights = used[None].astype(float)
-        fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
-    chi2, freedom = float(fit.cost[0]), 6 * int(used.sum()) - 12
-    probability, excess = judged(fit.cost, freedom)
-    return GoodnessOfFit(chi2, freedom, float(probability[0]), float(excess[0]))
+        fit = adjust(pairs, noise.model(pairs), X, Z, weights=used[None].astype(float))
+    return float(fit.cost[0])
 
 
 def judged(chi2: FloatArray, freedom: FloatArray | int) -> tuple[FloatArray, FloatArray]:
@@ -119,7 +94,7 @@ def covariance_of(
     """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise.
 
     By the noise, given or not, and by runs of pairs whose errors follow each other: see
-    :func:`following`. Those widen what any method says by as much as maximum likelihood.
+    :func:`widening`. Those widen what any method says by as much as maximum likelihood.
     """
     if noise is None:
         return None
@@ -139,10 +114,8 @@ def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> i
     R_Z = pairs.spread(columns_of(Z[:, :3, :3]))
     J = derivatives(pairs.R_A, turn(R_Z, pairs.p_B))[..., used]
     J[:, 3:] /= pairs.size[0]
-    information = J.reshape(12, -1) @ J.reshape(12, -1).T
-    size = np.sqrt(np.diag(information))
-    size = np.where(size > 0.0, size, 1.0)
-    return int((np.linalg.eigvalsh(information / np.outer(size, size)) > _RANK_TOLERANCE).sum())
+    scaled, _ = unit_diagonal(J.reshape(12, -1) @ J.reshape(12, -1).T)
+    return int((np.linalg.eigvalsh(scaled) > _RANK_TOLERANCE).sum())
 
 
 Estimator = Callable[[PairSets], Estimate]
@@ -166,25 +139,10 @@ def propagate(
 ) -> FloatArray:
     """Mean square error of X and Z: the scatter that noise makes, and the bias.
 
-    Parameters
-    ----------
-    estimate : callable
-        The method, for sets of pairs.
-    A, B : ndarray (N, 4, 4)
-        Measured transforms.
-    noise : PairNoise or PairCovariances
-        Their noise.
-    excess : float
-        How many times larger than this the errors are.
+    ``(12, 12)`` in the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`;
+    last, ``(13, 13)``, the scale of B's translations, where the method estimates it. The errors are
+    ``excess`` times as large as the noise.
 
-    Returns
-    -------
-    ndarray (12, 12) or (13, 13)
-        In the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`; last the
-        scale of B's translations, where the method estimates it.
-
-    Notes
-    -----
     The derivatives of (X, Z) by the errors of the pairs are central differences of the method. Of
     up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
     with the square of N, by 600 random directions of all errors at once, always the same ones: the
@@ -297,48 +255,24 @@ _FEWEST_WITNESSES = 4.0
 """Independent pairs that a set is worth at least: of three the noise could not be told."""
 
 
-@dataclass(frozen=True)
-class Following:
-    """How alike the residuals of consecutive pairs of one set are.
+def _correlation(fit: Fit, trial: int, used: BoolArray) -> float | None:
+    """Correlation of a pair's white rows with those of the next; None where chance may make it.
 
-    Attributes
-    ----------
-    correlation : float
-        Of a pair's white rows with those of the next.
-    significance : float
-        The same in standard deviations of what independent errors make.
+    Made up for what the fit makes of independent errors. Pairs that are not used ``(N,)`` stand
+    between no neighbours.
     """
-
-    correlation: float
-    significance: float
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether independent errors would hardly be as alike."""
-        return bool(self.significance > -normal_quantile(CHANCE))
-
-
-def following(fit: Fit, trial: int, used: BoolArray) -> Following:
-    """Compare neighbours of one set, made up for what the fit makes of independent errors.
-
-    Parameters
-    ----------
-    trial : int
-        Which set.
-    used : ndarray of bool (N,)
-        The pairs that count; those that do not stand between no neighbours.
-    """
-    white, J = _rows(fit, trial, used)
+    white, J = fit.rows(trial, used)
     count = len(white)
-    free = max(6.0 * count - 12.0, 1.0)
-    variance = float((white**2).sum()) / free
+    variance = float((white**2).sum()) / max(6.0 * count - 12.0, 1.0)
     if count < FEWEST_PAIRS or variance <= 0.0:
-        return Following(0.0, 0.0)
+        return None
     # residuals are what the errors leave: C = s² (1 - H), so that neighbours have -H in common
     taken = float(np.einsum("iak,kl,ial->", J[:-1], fit.covariance[trial], J[1:]))
     alike = float((white[:-1] * white[1:]).sum()) / variance + taken
     products = 6.0 * (count - 1)
-    return Following(float(np.clip(alike / products, -1.0, 1.0)), alike / np.sqrt(products))
+    if not alike / np.sqrt(products) > -normal_quantile(CHANCE):
+        return None
+    return float(np.clip(alike / products, -1.0, 1.0))
 
 
 def widening(
@@ -351,10 +285,8 @@ def widening(
 
     Parameters
     ----------
-    fit : Fit
-        With the pairs as they were measured, one after the other.
     used : ndarray of bool (T, N)
-        Those that count.
+        Pairs that count, in the order in which they were measured.
     excess : ndarray (T,), optional
         By how much these standard deviations are scaled up already.
     noise_known : bool
@@ -362,19 +294,19 @@ def widening(
     """
     factors = np.ones((len(fit.X), 12))
     for trial, own in enumerate(used):
-        shown = following(fit, trial, own)
-        if not shown.is_certain:
+        correlation = _correlation(fit, trial, own)
+        if correlation is None:
             continue
         more = 1.0 if excess is None else float(excess[trial])
         factors[trial] = np.maximum(_of_runs(fit, trial, own) / more, 1.0)
         if more > 1.0 or not noise_known:
-            factors[trial] *= _fewer(shown.correlation, int(own.sum()))
+            factors[trial] *= _fewer(correlation, int(own.sum()))
     return factors
 
 
 def _of_runs(fit: Fit, trial: int, used: BoolArray) -> FloatArray:
     """Standard deviations ``(12,)`` by the jackknife over runs, over those by the noise."""
-    white, J = _rows(fit, trial, used)
+    white, J = fit.rows(trial, used)
     root = _root(fit.covariance[trial])
     # in units in which the information on X and Z is the identity
     scores = np.einsum("lc,ial,ia->ic", root, J, white)
@@ -404,18 +336,11 @@ def _fewer(correlation: float, count: int) -> float:
     return float(np.sqrt((6.0 * count - 12.0) / (6.0 * count) * 6.0 * worth / (6.0 * worth - 12.0)))
 
 
-def _rows(fit: Fit, trial: int, used: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """White rows ``(n, 6)`` of the pairs used of one set, and their derivatives ``(n, 6, 12)``."""
-    white = fit.white[:, trial, used].T
-    return white, fit.jacobian[:, :, trial, used].transpose(2, 1, 0)
-
-
 def _root(covariance: FloatArray) -> FloatArray:
     """A matrix ``(12, 12)`` whose square is the covariance, also where that is singular."""
-    size = np.sqrt(np.diag(covariance))
-    scale = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None)))
+    scaled, size = unit_diagonal(covariance)
+    values, vectors = np.linalg.eigh(scaled)
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
 _FEWEST = 4
@@ -466,11 +391,10 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
     opposite of that pair's own. One step from there is enough: the next one is smaller by the size
     of the residual rotations in radians.
     """
-    J = fit.jacobian[:, :, 0].transpose(2, 1, 0)  # (N, 6, 12)
-    white = fit.white[:, 0].T
-    size = np.sqrt(np.diag(fit.information[0]))
+    white, J = fit.rows(0, np.ones(fit.white.shape[-1], dtype=bool))
+    scaled, size = unit_diagonal(fit.information[0])
     J = J / size
-    rest = fit.information[0] / np.outer(size, size) - np.swapaxes(J, -1, -2) @ J
+    rest = scaled - np.swapaxes(J, -1, -2) @ J
     gradient = np.swapaxes(J, -1, -2) @ white[..., None]
     values, vectors = np.linalg.eigh(rest)
     seen = values[:, 0] > _ALL_OF_IT

@@ -29,11 +29,11 @@ from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.errors_of_pairs import (
     ErrorModel,
     Errors,
-    Fit,
     General,
     derivatives,
     left_over,
 )
+from calib.robot_world.estimate import Fit
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -99,8 +99,6 @@ def adjust(
     ----------
     model : ErrorModel
         Errors of A and B; of the two rotations one at least has some, of the translations, too.
-    X, Z : ndarray (T, 4, 4)
-        Where to start.
     weights : ndarray (T, N), optional
         How much each pair counts in the sum of squares.
     iterations : int

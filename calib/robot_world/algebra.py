@@ -16,33 +16,17 @@ sums of products as well as by an orthogonal factorisation: to 1e-14."""
 
 
 def left_matrix(quaternion: FloatArray) -> FloatArray:
-    """Matrix of multiplication from the left: ``left_matrix(p) @ q`` is the product p q.
+    """Matrix ``(..., 4, 4)`` of multiplication from the left: ``left_matrix(p) @ q`` is p q.
 
-    Parameters
-    ----------
-    quaternion : ndarray (..., 4)
-        In the order w, x, y, z; of any norm.
-
-    Returns
-    -------
-    ndarray (..., 4, 4)
-        The matrix that Li et al. 2010 write ã (after Eq. 11).
+    Of quaternions w, x, y, z ``(..., 4)`` of any norm. Li et al. 2010 write ã (after Eq. 11).
     """
     return _product_matrix(quaternion, 1.0)
 
 
 def right_matrix(quaternion: FloatArray) -> FloatArray:
-    """Matrix of multiplication from the right: ``right_matrix(q) @ p`` is the product p q.
+    """Matrix ``(..., 4, 4)`` of multiplication from the right: ``right_matrix(q) @ p`` is p q.
 
-    Parameters
-    ----------
-    quaternion : ndarray (..., 4)
-        In the order w, x, y, z; of any norm.
-
-    Returns
-    -------
-    ndarray (..., 4, 4)
-        The matrix that Li et al. 2010 write b̃ (after Eq. 11, where the tilde is missing).
+    Li et al. 2010 write b̃ (after Eq. 11, where the tilde is missing).
     """
     return _product_matrix(quaternion, -1.0)
 
@@ -85,6 +69,16 @@ def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
     R = triangle(np.concatenate([matrix, right_side[..., None]], axis=-1))
     inverse = np.asarray(np.linalg.pinv(R[..., :n, :n]), dtype=float)
     return apply_matrix(inverse, R[..., :n, n])
+
+
+def unit_diagonal(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Symmetric matrices ``(..., n, n)`` scaled to a unit diagonal, and the scales ``(..., n)``.
+
+    Radians and metres differ by the unit of length. A row of zeros stays, with the scale 1.
+    """
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return np.asarray(matrix / (size[..., :, None] * size[..., None, :])), size
 
 
 def kronecker(A: FloatArray, B: FloatArray) -> FloatArray:
@@ -136,16 +130,10 @@ def transforms(real: FloatArray, dual: FloatArray) -> FloatArray:
 def transform_in_plane(real: FloatArray, dual: FloatArray) -> FloatArray:
     """Weights ``(T, 2)`` by which two solutions add up to one whose real and dual part are normal.
 
-    Parameters
-    ----------
-    real, dual : ndarray (T, 2, k)
-        Real and dual parts of two solutions, k numbers each.
-
-    Notes
-    -----
-    ``real·dual = 0`` is a quadratic equation for the ratio of the weights; the scale is free. Of
-    its two solutions the one with the larger real part is meant: the other belongs to a dual part
-    alone, which has no rotation. Where noise leaves no real solution, the nearest is taken.
+    Of real and dual parts ``(T, 2, k)``, k numbers each. ``real·dual = 0`` is a quadratic equation
+    for the ratio of the weights; the scale is free. Of its two solutions the one with the larger
+    real part is meant: the other belongs to a dual part alone, which has no rotation. Where noise
+    leaves no real solution, the nearest is taken.
     """
     product = real @ np.swapaxes(dual, -1, -2)
     form = product + np.swapaxes(product, -1, -2)

@@ -12,7 +12,8 @@ so by far (Akaike, IEEE Trans. Autom. Control 19, 1974); the rest stays as it wa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,7 +60,7 @@ class Component:
         In words.
     criterion : float
         Akaike's, of all pairs used; the constants that all have in common left out.
-    noise : callable
+    make : callable
         Makes the noise of all pairs.
     by_distance : bool
         Whether it is of what is seen, by its distance or along the line of sight.
@@ -67,25 +68,13 @@ class Component:
 
     name: str
     criterion: float
-    noise: Callable[[], PairCovariances]
+    make: Callable[[], PairCovariances]
     by_distance: bool
 
-
-@dataclass(frozen=True, eq=False)
-class ShownNoise:
-    """Noise of one set as its residuals show it.
-
-    Attributes
-    ----------
-    name : str
-        How it is made, in words.
-    by_distance : bool
-        Whether it is of what is seen, by its distance or along the line of sight.
-    """
-
-    name: str
-    noise: PairCovariances
-    by_distance: bool
+    @cached_property
+    def noise(self) -> PairCovariances:
+        """Noise of all pairs."""
+        return self.make()
 
 
 def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
@@ -111,15 +100,13 @@ def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
 
 def settled(
     pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray, widening: float = 1.0
-) -> ShownNoise | None:
+) -> Component | None:
     """Noise that the residuals of one set show, and X and Z by it; None where isotropic one does.
 
     Parameters
     ----------
     X, Z : ndarray (1, 4, 4)
-        The likeliest by isotropic noise of B.
-    used : ndarray of bool (N,)
-        Pairs that count.
+        The likeliest by isotropic noise of B, from the pairs used ``(N,)``.
     widening : float
         By how much the standard deviations are larger than what these show, where they were chosen
         by their residuals.
@@ -129,13 +116,12 @@ def settled(
         best = explain(pairs.A[0], pairs.B[0], X[0], Z[0], used)
         if best is None:
             break
-        noise = best.noise()
-        fit = adjust(pairs, noise.model(pairs), X, Z, weights=used[None].astype(float))
+        fit = adjust(pairs, best.noise.model(pairs), X, Z, weights=used[None].astype(float))
         X, Z = fit.X, fit.Z
         # white rows have a mean square of one for each degree of freedom, as those of any noise
         # that is estimated have
         larger = widening**2 * float(fit.cost[0]) / (6.0 * int(used.sum()) - 12.0)
-        shown = ShownNoise(best.name, noise.times(larger), best.by_distance)
+        shown = replace(best, make=partial(best.noise.times, larger))
         if abs(best.criterion - criterion) < _SETTLED:
             break
         criterion = best.criterion
@@ -147,13 +133,7 @@ def explain(
 ) -> Component | None:
     """The way in which the noise of one set is made; None where isotropic noise of B will do.
 
-    Parameters
-    ----------
-    A, B : ndarray (N, 4, 4)
-    X, Z : ndarray (4, 4)
-        The likeliest by isotropic noise of B.
-    used : ndarray of bool (N,)
-        Pairs that count.
+    X and Z ``(4, 4)`` are the likeliest by isotropic noise of B, from the pairs used ``(N,)``.
     """
     if used.sum() < FEWEST_PAIRS:
         return None

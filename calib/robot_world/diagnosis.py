@@ -24,14 +24,14 @@ import numpy as np
 from calib import se3
 from calib.chance import chi2_tail, f_bound, f_tail
 from calib.robot_world.adjustment import linear_rows
-from calib.robot_world.algebra import kronecker_mean
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit
+from calib.robot_world.algebra import kronecker_mean, unit_diagonal
+from calib.robot_world.errors_of_pairs import ErrorModel
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import Motion, examine
 from calib.robot_world.methods import robust
 from calib.robot_world.methods.maximum_likelihood import estimated_model
 from calib.robot_world.noise import Noise, difference, perturb
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 POOR = 0.1
@@ -88,16 +88,9 @@ _FEWEST = 4
 def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, ...]:
     """What seems to be wrong with the pairs of one set, in sentences; nothing where they fit.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        All pairs.
-    used : ndarray of bool (N,)
-        Those that a solution is made from.
-    motion : Motion
-        Of these.
+    Of all pairs; the motion is of those used ``(N,)``, which a solution is made from.
     """
-    left = misfit(motion)
+    left = float(motion.misfit[0])
     few = pairs.N <= _FEW and not motion.degenerate[0]
     if left <= (_POOR_OF_FEW if few else POOR) and used.all():
         return ()
@@ -126,13 +119,6 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
     )
 
 
-def misfit(motion: Motion) -> float:
-    """Residual of the closed form, in parts of the motion of one set: the larger of rotation's and
-    translation's, or that of rotation alone where nothing fixes X.
-    """
-    return float(motion.misfit[0])
-
-
 def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
     """Say where a set has so few pairs that noise may pass for a second axis of rotation."""
     N = motion.pairs.N
@@ -155,15 +141,7 @@ def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
 
 
 def standing_out(sizes: Sequence[FloatArray], used: BoolArray) -> BoolArray:
-    """Pairs ``(N,)`` that are far off.
-
-    Parameters
-    ----------
-    sizes : sequence of ndarray (N,)
-        Residuals of the pairs in one measure or several, each in any unit.
-    used : ndarray of bool (N,)
-        Those that the solution is made from.
-    """
+    """Pairs ``(N,)``, of those used, that are far off by any of some measures ``(N,)``."""
     far = np.zeros(len(used), dtype=bool)
     for size in sizes:
         median = np.median(size[used])
@@ -198,13 +176,13 @@ def copies(pairs: PairSets, used: BoolArray) -> tuple[str, ...]:
 def _meant(pairs: PairSets, whole: Motion) -> tuple[str, ...]:
     """A change of all pairs that makes them fit far better, as a sentence."""
     doubtful = whole.turned_rad[0] < _NO_TURN_RAD
-    enough = (_SURELY_BETTER if doubtful else _FAR_BETTER) * misfit(whole)
+    enough = (_SURELY_BETTER if doubtful else _FAR_BETTER) * float(whole.misfit[0])
     for text, change in _CHANGES:
         A, B = change(pairs.A[0], pairs.B[0])
         if len(A) < _FEWEST:
             continue
         other = examine(PairSets(A[None], B[None]))
-        if misfit(other) < enough:
+        if float(other.misfit[0]) < enough:
             return (
                 f"the pairs fit far better ({_sizes(other)} in place of {_sizes(whole)}) with "
                 f"{text}",
@@ -225,7 +203,7 @@ def _contradicting(motion: Motion) -> tuple[str, ...]:
     if agree.all() or count < max(_FEWEST_AGREEING, _AGREEING * pairs.N):
         return ()
     others = examine(PairSets(pairs.A[:, agree], pairs.B[:, agree]))
-    if others.degenerate[0] or misfit(others) > _FAR_BETTER * misfit(motion):
+    if others.degenerate[0] or float(others.misfit[0]) > _FAR_BETTER * float(motion.misfit[0]):
         return ()
     rows = np.flatnonzero(~agree)
     remedy = "the method ml-robust leaves such pairs out"
@@ -354,23 +332,13 @@ def drifting(
 ) -> tuple[str, ...]:
     """What changes along the sequence of one set, in sentences; nothing where it is steady.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        All pairs, in the order in which they were measured.
-    found : Estimate
-        The likeliest X and Z; of a method that does not weigh the pairs nothing is said.
-    used : ndarray of bool (N,)
-        Pairs that they are from.
-    noise : PairNoise or PairCovariances, optional
-        That they were weighed by; else it is that of B which they have been found with.
-    trial : int
-        Which of many sets.
+    Pairs are in the order in which they were measured. Without a noise that they were weighed by it
+    is that of B which was found with X and Z; of a method that does not weigh them nothing is said.
     """
     count = int(used.sum())
     if found.fit is None or count < FEWEST_FOR_A_DRIFT:
         return ()
-    fit = found.fit.of(np.array([trial]))
+    fit = found.fit
     pairs = PairSets(pairs.A[trial : trial + 1], pairs.B[trial : trial + 1])
     if noise is not None:
         model = noise.model(pairs)
@@ -378,15 +346,14 @@ def drifting(
         model = estimated_model(pairs, found.sigma[:, trial : trial + 1])
     else:
         return ()
-    one = _Sequence(
-        fit.white[:, 0, used].T, fit.jacobian[:, :, 0, used].transpose(2, 1, 0), fit.covariance[0]
-    )
+    one = _Sequence(*fit.rows(trial, used), fit.covariance[trial])
     if not np.square(one.white).mean() > _ROUNDING**2:
         return ()
     if count < FEWEST_PAIRS:
         changes = _drifts(one)
     else:
-        changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, fit, used)]
+        own = fit.of(np.array([trial]))
+        changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, own, used)]
     return tuple(text for chance, text in sorted(changes)[:1] if chance < CHANCE)
 
 
@@ -428,10 +395,8 @@ def _steps(one: _Sequence, rows: IntArray) -> list[tuple[float, str]]:
         cross = information[at][:, part]
         inner = information[at][:, part, part]
         V = inner - cross @ one.covariance @ np.swapaxes(cross, 1, 2)
-        size = np.sqrt(np.maximum(np.diagonal(V, axis1=1, axis2=2), np.finfo(float).tiny))
-        inverse = np.linalg.pinv(
-            V / (size[:, :, None] * size[:, None]), rcond=_LEAST_PART, hermitian=True
-        )
+        scaled, size = unit_diagonal(V)
+        inverse = np.linalg.pinv(scaled, rcond=_LEAST_PART, hermitian=True)
         step = (inverse @ (S / size)[..., None])[..., 0] / size
         score = (step * S).sum(axis=1)
         best = int(np.argmax(score))

@@ -13,15 +13,13 @@ out with the pair as the last index, see :mod:`calib.batch_last`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib import se3
 from calib.batch_last import cross, matrices_of, turn
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray
 
 _IDENTITY = np.eye(3)[None]
 
@@ -29,12 +27,7 @@ _IDENTITY = np.eye(3)[None]
 def derivatives(R_A: FloatArray, q: FloatArray) -> FloatArray:
     """Derivatives ``(12, 6, S)`` of (e_R, e_p) by the errors of X and Z: x, ξ, z, ζ.
 
-    Parameters
-    ----------
-    R_A : ndarray (3, 3, S)
-        Columns of the rotations of A.
-    q : ndarray (3, S)
-        ``R_Z p_B``.
+    R_A are columns ``(3, 3, S)``, q ``(3, S)`` is ``R_Z p_B``.
     """
     J = np.zeros((12, 6, q.shape[-1]))
     J[0:3, 0:3] = J[3:6, 3:6] = R_A
@@ -48,31 +41,6 @@ def left_over(a: FloatArray, b: FloatArray, m: FloatArray, R_Z: FloatArray) -> F
     """What errors (a, α) and (b, β) ``(6, S)`` of A and B leave: (e_R, e_p) ``(6, S)``."""
     e_p = a[3:] + cross(a[:3], m) - turn(R_Z, b[3:])
     return np.concatenate([a[:3] - turn(R_Z, b[:3]), e_p])
-
-
-class Errors(Protocol):
-    """Covariance of (e_R, e_p) at some X and Z, and the errors of A behind them."""
-
-    def whiten(self, e: FloatArray) -> FloatArray:
-        """Rows ``(..., 6, S)`` as independent numbers of unit variance."""
-
-    def errors_of_A(self, white: FloatArray) -> FloatArray:
-        """Likeliest errors (a, α) ``(6, S)`` behind white rows ``(6, S)``."""
-
-
-class ErrorModel(Protocol):
-    """What is known of the errors of A and B."""
-
-    @property
-    def on_A(self) -> bool:
-        """Whether A has errors."""
-
-    @property
-    def on_B(self) -> bool:
-        """Whether B has errors."""
-
-    def at(self, m: FloatArray, R_Z: FloatArray) -> Errors:
-        """Errors where ``R_A p_X`` is m ``(3, S)`` and the rotation of Z is R_Z ``(3, 3, S)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +57,14 @@ class Isotropic:
 
     @property
     def on_A(self) -> bool:
-        """Whether A has errors."""
         return bool(self.sigma[:2].any())
 
     @property
     def on_B(self) -> bool:
-        """Whether B has errors."""
         return bool(self.sigma[2:].any())
 
-    def at(self, m: FloatArray, R_Z: FloatArray) -> Errors:
-        """See :meth:`ErrorModel.at`."""
+    def at(self, m: FloatArray, R_Z: FloatArray) -> _IsotropicErrors:
+        """Errors where ``R_A p_X`` is m ``(3, S)``."""
         return _IsotropicErrors(self, m)
 
 
@@ -119,6 +85,7 @@ class _IsotropicErrors:
             self._sigma_across = np.sqrt(shift_a + shift_b + self._share * turn_b * self._m2)
 
     def whiten(self, e: FloatArray) -> FloatArray:
+        """Rows ``(..., 6, S)`` as independent numbers of unit variance."""
         out = np.empty(e.shape)
         e_R, e_p = e[..., :3, :], e[..., 3:, :]
         np.divide(e_R, self._sigma_R, out=out[..., :3, :])
@@ -128,6 +95,7 @@ class _IsotropicErrors:
         return out
 
     def errors_of_A(self, white: FloatArray) -> FloatArray:
+        """Likeliest errors (a, α) ``(6, S)`` of A behind white rows ``(6, S)``."""
         f_p = self._scaled(white[3:])
         lever = cross(self._m, f_p)
         f_R = white[:3] / self._sigma_R - self._share * lever
@@ -159,12 +127,10 @@ class General:
 
     @property
     def on_A(self) -> bool:
-        """Whether A has errors."""
         return self.A is not None
 
     @property
     def on_B(self) -> bool:
-        """Whether B has errors."""
         return self.B is not None
 
     def at(
@@ -173,120 +139,52 @@ class General:
         R_Z: FloatArray,
         turn: FloatArray = _IDENTITY,
         lever: FloatArray = _IDENTITY,
-    ) -> Errors:
-        """See :meth:`ErrorModel.at`.
+    ) -> _GeneralErrors:
+        """Errors where ``R_A p_X`` is m ``(3, S)`` and the rotation of Z is R_Z ``(3, 3, S)``.
 
         The rotation vector a enters e_R as ``turn a`` and e_p as ``(lever a) × m``, both matrices
         ``(S, 3, 3)``: identities where the errors are small.
         """
-        return _GeneralErrors(self, m, R_Z, turn, lever)
-
-
-class _GeneralErrors:
-    """By a Cholesky factor of each pair."""
-
-    def __init__(
-        self,
-        model: General,
-        m: FloatArray,
-        R_Z: FloatArray,
-        turn: FloatArray,
-        lever: FloatArray,
-    ) -> None:
         S = m.shape[-1]
-        covariance = np.zeros((S, 6, 6))
-        self._of_A = np.zeros((S, 6, 6))
-        if model.A is not None:
+        covariance, of_A = np.zeros((2, S, 6, 6))
+        if self.A is not None:
             G = np.tile(np.eye(6), (S, 1, 1))
             G[:, :3, :3] = turn
             G[:, 3:, :3] = -se3.skew(m.T) @ lever
-            self._of_A = model.A @ np.swapaxes(G, -1, -2)
-            covariance += G @ self._of_A
-        if model.B is not None:
+            of_A = self.A @ np.swapaxes(G, -1, -2)
+            covariance += G @ of_A
+        if self.B is not None:
             R = np.zeros((S, 6, 6))
             R[:, :3, :3] = R[:, 3:, 3:] = matrices_of(R_Z)
-            covariance += R @ model.B @ np.swapaxes(R, -1, -2)
-        self._inverse_root = np.linalg.inv(np.linalg.cholesky(covariance))
-
-    def whiten(self, e: FloatArray) -> FloatArray:
-        columns = e.reshape(-1, 6, e.shape[-1]).transpose(2, 1, 0)
-        white = (self._inverse_root @ columns).transpose(2, 1, 0)
-        return np.ascontiguousarray(white).reshape(e.shape)
-
-    def errors_of_A(self, white: FloatArray) -> FloatArray:
-        forces = np.swapaxes(self._inverse_root, -1, -2) @ white.T[..., None]
-        return np.ascontiguousarray((self._of_A @ forces)[..., 0].T)
-
-
-_LARGEST_INVERSE = 1e14
-"""Element of the inverse of an information of unit diagonal beyond which that is singular."""
+            covariance += R @ self.B @ np.swapaxes(R, -1, -2)
+        return _GeneralErrors(np.linalg.inv(np.linalg.cholesky(covariance)), of_A)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """Where the adjustment of T sets of N pairs ended.
+class _GeneralErrors:
+    """By a Cholesky factor of each pair; see :class:`_IsotropicErrors`.
 
     Attributes
     ----------
-    X, Z : ndarray (T, 4, 4)
-    cost : ndarray (T,)
-        Sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom.
-    white : ndarray (6, T, N)
-        White rows of each pair.
-    jacobian : ndarray (12, 6, T, N)
-        Their derivatives by the errors of X (rotation, translation) and Z.
-    information : ndarray (T, 12, 12)
-        Inverse of the covariance of X and Z.
-    iterations : ndarray of int (T,)
-    converged : ndarray of bool (T,)
+    inverse_root, of_A : ndarray (S, 6, 6)
+        Inverse of the factor, and covariance of the errors of A with (e_R, e_p).
     """
 
-    X: FloatArray
-    Z: FloatArray
-    cost: FloatArray
-    white: FloatArray
-    jacobian: FloatArray
-    information: FloatArray
-    iterations: IntArray
-    converged: BoolArray
+    inverse_root: FloatArray
+    of_A: FloatArray
 
-    @cached_property
-    def covariance(self) -> FloatArray:
-        """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
-        diagonal = np.diagonal(self.information, axis1=1, axis2=2)
-        size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        scale = size[:, :, None] * size[:, None, :]
-        scaled = self.information / scale
-        seen = np.isfinite(scaled).all(axis=(1, 2))
-        scaled = np.where(seen[:, None, None], scaled, 0.0)
-        try:
-            inverse = np.linalg.inv(scaled)
-            poor = ~(np.abs(inverse).max(axis=(1, 2)) < _LARGEST_INVERSE)
-        except np.linalg.LinAlgError:
-            inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
-        if poor.any():
-            inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
-        return np.asarray(inverse / scale)
+    def whiten(self, e: FloatArray) -> FloatArray:
+        columns = e.reshape(-1, 6, e.shape[-1]).transpose(2, 1, 0)
+        white = (self.inverse_root @ columns).transpose(2, 1, 0)
+        return np.ascontiguousarray(white).reshape(e.shape)
 
-    def of(self, trials: IntArray) -> Fit:
-        """The fits of some of the sets."""
-        return Fit(
-            **{
-                part.name: np.take(getattr(self, part.name), trials, axis=_SETS_AXIS[part.name])
-                for part in fields(self)
-            }
-        )
-
-    def with_others(self, trials: IntArray, others: Fit) -> Fit:
-        """These fits with others in the place of some of them."""
-        values = {}
-        for part in fields(self):
-            axis = _SETS_AXIS[part.name]
-            value = np.moveaxis(getattr(self, part.name).copy(), axis, 0)
-            value[trials] = np.moveaxis(getattr(others, part.name), axis, 0)
-            values[part.name] = np.moveaxis(value, 0, axis)
-        return Fit(**values)
+    def errors_of_A(self, white: FloatArray) -> FloatArray:
+        forces = np.swapaxes(self.inverse_root, -1, -2) @ white.T[..., None]
+        return np.ascontiguousarray((self.of_A @ forces)[..., 0].T)
 
 
-_SETS_AXIS = {part.name: 0 for part in fields(Fit)} | {"white": 1, "jacobian": 2}
-"""Axis of each array of :class:`Fit` along which the sets stand."""
+ErrorModel = Isotropic | General
+"""What is known of the errors of A and B."""
+
+Errors = _IsotropicErrors | _GeneralErrors
+"""Covariance of (e_R, e_p) at some X and Z, and the errors of A behind them."""

@@ -29,8 +29,8 @@ from calib.robot_world.algebra import (
     left_matrix,
 )
 from calib.robot_world.closed_form import assemble, residual_rms
+from calib.robot_world.estimate import residuals
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import direction, residuals
 from calib.se3 import BoolArray, FloatArray
 
 TILT_TOLERANCE_RAD = 1e-5
@@ -78,6 +78,9 @@ _REMEDIES = {
     "half turns": "add poses that turn the flange about another axis, by less than half a turn",
 }
 """What to do where the motion falls short."""
+
+Other = tuple[str, FloatArray, FloatArray]
+"""In words how X is turned, then X and Z ``(4, 4)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,15 +165,7 @@ def examine(pairs: PairSets) -> Motion:
 
 
 def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentifiableError:
-    """Error that names what one set of pairs ``(N, 4, 4)`` leaves free.
-
-    Parameters
-    ----------
-    motion : Motion
-        Of this set, found degenerate.
-    A, B : ndarray (N, 4, 4)
-        The set.
-    """
+    """Error that names what one set of pairs ``(N, 4, 4)``, found degenerate, leaves free."""
     kind = _class_of(motion)
     if kind == "no rotation":
         parameters, combinations = _without_rotation(A, B)
@@ -206,29 +201,12 @@ def _remedy(kind: str, motion: Motion) -> str:
     return f"{_REMEDIES[kind]}; {motion.pairs.N} pairs hardly tell motion from noise"
 
 
-def half_turns(
-    pairs: PairSets, motion: Motion, R_X: FloatArray
-) -> tuple[tuple[str, FloatArray, FloatArray], ...]:
+def half_turns(pairs: PairSets, motion: Motion, R_X: FloatArray) -> tuple[Other, ...]:
     """Other X and Z that fit the rotations of one degenerate set, where they are a finite number.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        One set.
-    motion : Motion
-        Of this set.
-    R_X : ndarray (3, 3)
-        The rotation of X that the others are other than.
-
-    Returns
-    -------
-    tuple of (str, ndarray (4, 4), ndarray (4, 4))
-        In words how X is turned, then X and Z. Empty where X is free in a continuum.
-
-    Notes
-    -----
-    If R_X fits, so does ``C R_X`` with any rotation C that commutes with all rotations between the
-    poses. Matrices that do are a linear space, spanned by the singular vectors of
+    Other than the rotation R_X ``(3, 3)`` of X; none where X is free in a continuum. If R_X fits,
+    so does ``C R_X`` with any rotation C that commutes with all rotations between the poses.
+    Matrices that do are a linear space, spanned by the singular vectors of
     :func:`~calib.robot_world.algebra.kronecker_mean` next to the first. Besides the identity it
     holds symmetric ones where there is a choice of half turns, about their eigenvectors.
     """
@@ -255,9 +233,7 @@ def half_turns(
     return tuple(found)
 
 
-def turned_by_translations(
-    pairs: PairSets, others: tuple[tuple[str, FloatArray, FloatArray], ...]
-) -> PairSets:
+def turned_by_translations(pairs: PairSets, others: tuple[Other, ...]) -> PairSets:
     """One set with the rotations in closed form that the translations fit best, of some choice."""
     X, Z = pairs.rotations_first
     choice = [(X[0], Z[0]), *((X, Z) for _, X, Z in others)]
@@ -324,3 +300,9 @@ def _common_axis(A: FloatArray) -> str:
     _, vectors = np.linalg.eigh(q.T @ q)
     axis = apply_matrix(left_matrix(conjugate(vectors[:, 3])), vectors[:, 2])[1:]
     return direction(axis)
+
+
+def direction(axis: FloatArray) -> str:
+    """A unit vector ``(3,)`` as text, with its largest component positive."""
+    axis = axis * np.sign(axis[np.abs(axis).argmax()]) / np.linalg.norm(axis)
+    return "(" + ", ".join(f"{value:.3g}" for value in axis.round(3) + 0.0) + ")"

@@ -183,14 +183,7 @@ class PairCovariances:
         if given is None:
             return None
         count, pairs = len(given), T.shape[-3]
-        if count not in (1, pairs):
-            raise InputError(
-                f"{count} covariances of {name} for {pairs} pairs",
-                hint="give one, or one for each pair",
-                name=name,
-                value=count,
-                bound=pairs,
-            )
+        _check_count(name, count, pairs)
         T = T.reshape(-1, 4, 4)
         every = np.tile(given, (len(T) // count, 1, 1))
         if self.axes == "to":
@@ -217,12 +210,7 @@ def is_number(value: object) -> bool:
 
 
 def check_noise_given(noise: object) -> None:
-    """Refuse what is no noise of pairs, None among it.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no noise of pairs, None among it."""
     if not isinstance(noise, PairNoise | PairCovariances):
         raise InputError(
             f"the noise is {one_line(noise)}, neither PairNoise nor PairCovariances",
@@ -231,27 +219,8 @@ def check_noise_given(noise: object) -> None:
         )
 
 
-def check_asked_noise(noise: object, N: int) -> None:
-    """Refuse what is neither noise of N pairs nor one to be estimated.
-
-    Raises
-    ------
-    InputError
-    """
-    if not isinstance(noise, str):
-        check_noise(noise, N)
-    elif noise not in get_args(NoiseShown):
-        raise InputError(
-            f"the noise is {one_line(noise)}, which is none",
-            hint='give PairNoise or PairCovariances, or have it estimated: "B" is that of B, the '
-            'same in all directions, "shown" what the residuals show',
-            name="noise",
-            value=noise,
-        )
-
-
 def check_noise(noise: object, N: int) -> None:
-    """Refuse what is no noise of N pairs.
+    """Refuse what is neither noise of N pairs nor one to be estimated.
 
     Raises
     ------
@@ -260,19 +229,32 @@ def check_noise(noise: object, N: int) -> None:
     """
     if noise is None:
         return
-    check_noise_given(noise)
-    if not isinstance(noise, PairCovariances):
-        return
-    for name in ("A", "B"):
-        given = getattr(noise, name)
-        if given is not None and len(given) not in (1, N):
-            raise InputError(
-                f"{len(given)} covariances of {name} for {N} pairs",
-                hint="give one, or one for each pair",
-                name=name,
-                value=len(given),
-                bound=N,
-            )
+    if not isinstance(noise, str):
+        check_noise_given(noise)
+    elif noise not in get_args(NoiseShown):
+        raise InputError(
+            f"the noise is {one_line(noise)}, which is none",
+            hint='give PairNoise or PairCovariances, or have it estimated: "B" is that of B, the '
+            'same in all directions, "shown" what the residuals show',
+            name="noise",
+            value=noise,
+        )
+    if isinstance(noise, PairCovariances):
+        for name, given in (("A", noise.A), ("B", noise.B)):
+            if given is not None:
+                _check_count(name, len(np.asarray(given)), N)
+
+
+def _check_count(name: str, count: int, pairs: int) -> None:
+    """Refuse covariances of another number of pairs."""
+    if count not in (1, pairs):
+        raise InputError(
+            f"{count} covariances of {name} for {pairs} pairs",
+            hint="give one, or one for each pair",
+            name=name,
+            value=count,
+            bound=pairs,
+        )
 
 
 def _checked_covariance(value: ArrayLike, name: str) -> FloatArray:

@@ -163,15 +163,18 @@ class PairSets:
         solution are the same where that matrix decides, and defined wherever the rotations
         identify X and Z.
         """
-        a, b = (
-            np.ascontiguousarray(quaternions_of(R).T).reshape(self.T, self.N, 4)
-            for R in (self.R_A, self.R_B)
-        )
+        a, b = (self._quaternions(T, R) for T, R in ((self.A, self.R_A), (self.B, self.R_B)))
         x, z = self.quaternions_of_rotations
         left = a @ np.swapaxes(algebra.right_matrix(x), -1, -2)
         right = b @ np.swapaxes(algebra.left_matrix(z), -1, -2)
         agreement = (left * right).sum(axis=-1)
         return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
+
+    def _quaternions(self, T: FloatArray, R: FloatArray) -> FloatArray:
+        """Quaternions ``(T, N, 4)`` of transforms whose rotations are R."""
+        own = R[..., : self.N] if shared(T) else R
+        q = np.ascontiguousarray(quaternions_of(own).T).reshape(-1, self.N, 4)
+        return np.broadcast_to(q, (self.T, self.N, 4))
 
     @cached_property
     def quaternions_of_rotations(self) -> tuple[FloatArray, FloatArray]:
@@ -182,7 +185,16 @@ class PairSets:
 
 def _rotations(T: FloatArray, columns: FloatArray | None) -> FloatArray:
     """Columns ``(3, 3, S)`` of the rotations of transforms."""
-    return columns_of(T.reshape(-1, 4, 4)[:, :3, :3]) if columns is None else columns[:3, :3]
+    if columns is not None:
+        return columns[:3, :3]
+    if shared(T):
+        return np.tile(columns_of(T[0, :, :3, :3]), len(T))
+    return columns_of(T.reshape(-1, 4, 4)[:, :3, :3])
+
+
+def shared(T: FloatArray) -> bool:
+    """Whether all sets have the same transforms ``(T, N, 4, 4)``, one array for all."""
+    return len(T) > 1 and T.strides[0] == 0
 
 
 def _translations(T: FloatArray, columns: FloatArray | None) -> FloatArray:
@@ -206,16 +218,7 @@ def own_order(A: FloatArray) -> IntArray:
 def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
     """Both sides as rigid transforms, orthonormal to rounding, of one shape, with enough pairs.
 
-    Parameters
-    ----------
-    A, B : array_like (N, 4, 4) or (T, N, 4, 4)
-    dimensions : int
-        3 or 4: which of the two it must be.
-
-    Raises
-    ------
-    InputError
-        Another shape, too few pairs, or matrices that are not rigid transforms.
+    ``(N, 4, 4)`` or ``(T, N, 4, 4)``: of 3 or 4 dimensions.
     """
     # copies: what is asked of a result later must not depend on what becomes of the arguments
     return _of_one_shape(_rigid_copy(A, "A")[0], _rigid_copy(B, "B")[0], dimensions)

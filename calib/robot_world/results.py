@@ -1,185 +1,67 @@
-"""What a solution of A X = Z B consists of.
-
-The same equation as OpenCV names it.
-
-``cv2.calibrateRobotWorldHandEye`` calls A the transform from world to camera, B from base to
-gripper, X from base to world and Z from gripper to camera: A X = Z B read from the other side. With
-our names its world is the target and its gripper the flange.
-"""
+"""Solutions of A X = Z B: what they say of themselves, and whether they are to be trusted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
-from calib.batch_last import columns_of, product, rotation_log, transposed, turn
 from calib.errors import InputError, one_line
-from calib.robot_world.errors_of_pairs import Fit
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.robot_world.accuracy import (
+    covariance_of,
+    judged,
+    least_chi2,
+    left_out_residuals,
+    noise_shown,
+    propagate,
+    rank_of,
+)
+from calib.robot_world.components import explain
+from calib.robot_world.diagnosis import (
+    POOR,
+    copies,
+    drifting,
+    few_for_the_noise,
+    named,
+    outstanding,
+)
+from calib.robot_world.estimate import Estimate
+from calib.robot_world.identifiability import direction
+from calib.robot_world.noise import Noise
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.scale import WRONG, Scale, by_rotations_first, likeliest, moved, scaled
+from calib.robot_world.solution import Solution
+from calib.se3 import BoolArray, FloatArray
 from calib.shown import Shown
 
-if TYPE_CHECKING:
-    from calib.robot_world.noise import Noise
-    from calib.robot_world.scale import Scale
+LARGEST_SIGMA_RAD = float(np.radians(3.0))
+"""Standard deviation of a rotation of X or Z from which on nobody would call it calibrated: by hand
+a camera is mounted as well."""
 
+LARGEST_SIGMA = POOR
+"""The same for their translations, in parts of how far the poses move."""
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """What one method returns for T problems.
+LEFT_OUT = 3.0
+"""Left-out residuals over residuals, from which on some pairs decide alone what is found: of more
+than six good pairs they reach 2.2."""
 
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The transforms.
-    iterations : ndarray of int (T,) or None
-        Where the method iterates, the cycles it took.
-    converged : ndarray of bool (T,) or None
-        Where the method iterates, whether it arrived within its limit.
-    fit : Fit or None
-        Where the method is an adjustment, its rows and information.
-    sigma : ndarray (2, T) or None
-        Where the method estimates the noise, the standard deviations of rotation and translation.
-    weights : ndarray (T, N) or None
-        Where the method leaves pairs out, 0 for these and 1 for the others.
-    scale : ndarray (T,) or None
-        Where it was estimated, the factor of B's translations.
-    """
+_FEW = 6
+"""Pairs up to which one that is left out is missed more than that, for want of others: there it is
+a warning, of what is a good part of the motion."""
 
-    X: FloatArray
-    Z: FloatArray
-    iterations: IntArray | None = None
-    converged: BoolArray | None = None
-    fit: Fit | None = None
-    sigma: FloatArray | None = None
-    weights: FloatArray | None = None
-    scale: FloatArray | None = None
+_FEWEST_LEFT = 3
+"""Pairs of which none can be left out."""
 
-    def of(self, trial: int) -> Estimate:
-        """The estimate of one of the problems."""
-        own = np.array([trial])
-        return Estimate(
-            self.X[own],
-            self.Z[own],
-            None if self.iterations is None else self.iterations[own],
-            None if self.converged is None else self.converged[own],
-            None if self.fit is None else self.fit.of(own),
-            None if self.sigma is None else self.sigma[:, own],
-            None if self.weights is None else self.weights[own],
-            None if self.scale is None else self.scale[own],
-        )
+_ROUNDING = 1e-8
+"""Residual, in parts of the motion, that is none."""
 
-    def with_others(self, others: Sequence[tuple[int, Estimate]]) -> Estimate:
-        """These estimates with those of some problems, one at a time, in their place."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in _EACH}
-        values = {name: None if v is None else v.copy() for name, v in values.items()}
-        fit = self.fit
-        for trial, one in others:
-            for name, value in values.items():
-                if value is not None:
-                    value[trial] = getattr(one, name)[0]
-            if fit is not None and one.fit is not None:
-                fit = fit.with_others(np.array([trial]), one.fit)
-        return replace(self, fit=fit, **values)
+HARDLY = "but the pairs hardly belong together, as the warnings say"
 
-
-_EACH = ("X", "Z", "iterations", "converged", "weights")
-"""Arrays of :class:`Estimate` with the problems along their first axis."""
-
-
-def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
-    """What A X differs from Z B by ``(..., N, 6)``: rotation vector [rad], then translation [m].
-
-    Both in the axes of the frame that A maps to (eye in hand: the base): the rotation vector is
-    ``log(R_A R_X (R_Z R_B)ᵀ)``, the translation that of A X less that of Z B.
-
-    Parameters
-    ----------
-    A, B : ndarray (..., N, 4, 4)
-        Measured transforms.
-    X, Z : ndarray (..., 4, 4)
-        The solution.
-    """
-    shape = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
-    R_A, p_A, R_B, p_B, R_X, p_X, R_Z, p_Z = (
-        part
-        for T in (A, B, X[..., None, :, :], Z[..., None, :, :])
-        for part in _columns(np.broadcast_to(T, (*shape, 4, 4)))
-    )
-    difference = product(product(R_A, R_X), transposed(product(R_Z, R_B)))
-    translation = turn(R_A, p_X) + p_A - turn(R_Z, p_B) - p_Z
-    error = np.concatenate([rotation_log(difference), translation])
-    return np.ascontiguousarray(error.T).reshape(*shape, 6)
-
-
-def _columns(T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Columns ``(3, 3, S)`` and origins ``(3, S)`` of transforms ``(..., 4, 4)``."""
-    flat = T.reshape(-1, 4, 4)
-    return columns_of(flat[:, :3, :3]), np.ascontiguousarray(flat[:, :3, 3].T)
-
-
-@dataclass(frozen=True, eq=False)
-class RobotWorldBatch:
-    """Solutions of T problems A X = Z B by one method.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The transforms; NaN in the trials whose motion identifies no X at all (``rank_deficient``).
-    method : str
-        Name of the method.
-    iterations : ndarray of int (T,) or None
-        Cycles of an iterative method, 0 where it was not run; None for the others.
-    converged : ndarray of bool (T,)
-        False where an iteration did not arrive; True for the methods that do not iterate.
-    rank_deficient : ndarray of bool (T,)
-        The rotations between the poses do not identify X: all about one axis, or none, or half
-        turns.
-    degenerate : ndarray of bool (T,)
-        The same, or not to be told from it in the noise that the residuals show. X and Z are
-        numbers there, since statistics over random problems need them, but ``ok`` is False.
-    misfit : ndarray of bool (T,)
-        The residuals are several times those of the closed form: the method has failed.
-    doubtful : ndarray of bool (T,)
-        What is left is of the size of the motion itself: A and B do not belong together.
-    covariance : ndarray (T, 12, 12) or None
-        Of X and Z, by the methods of maximum likelihood; see
-        :attr:`RobotWorldResult.covariance`.
-    chi2 : ndarray (T,) or None
-        By these methods, where a noise was given; see :attr:`RobotWorldResult.chi2`.
-    """
-
-    X: FloatArray
-    Z: FloatArray
-    method: str
-    iterations: IntArray | None
-    converged: BoolArray
-    rank_deficient: BoolArray
-    degenerate: BoolArray
-    misfit: BoolArray
-    doubtful: BoolArray
-    covariance: FloatArray | None = None
-    chi2: FloatArray | None = None
-
-    @classmethod
-    def joined(cls, parts: Sequence[RobotWorldBatch]) -> RobotWorldBatch:
-        """Batches of the same method as one."""
-        values: dict[str, Any] = {}
-        for part in fields(cls):
-            each = [getattr(batch, part.name) for batch in parts]
-            values[part.name] = np.concatenate(each) if isinstance(each[0], np.ndarray) else each[0]
-        return cls(**values)
-
-    @property
-    def ok(self) -> BoolArray:
-        """Trials ``(T,)`` that converged, on motions that identify X and Z, with a fair fit."""
-        return self.converged & ~self.degenerate & ~self.misfit & ~self.doubtful
-
+_FEWEST_FOR_SIGMA = 6
+"""Pairs up to which the noise that they show is a rough guess."""
 
 _AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 _SIGMA_AXES = (
@@ -239,15 +121,61 @@ class RobotWorldResult(Shown):
     chi2_probability: float | None
     ambiguities: tuple[str, ...]
     alternatives: tuple[tuple[FloatArray, FloatArray], ...]
-    _residuals: Callable[[], FloatArray] = field(repr=False)
-    _noise: Callable[[FloatArray], Noise | None] = field(repr=False)
-    _drift: Callable[[], tuple[str, ...]] = field(repr=False)
-    _doubts: Callable[[RobotWorldResult], tuple[str, ...]] = field(repr=False)
-    _rank: Callable[[], int] = field(repr=False)
-    _spread: Callable[[Noise | None], FloatArray | None] = field(repr=False)
-    _leave_out: Callable[[], FloatArray] = field(repr=False)
-    _scale: Callable[[RobotWorldResult], Scale | None] = field(repr=False)
-    _judged: Callable[[RobotWorldResult], tuple[str, str]] = field(repr=False)
+    _solution: Solution
+    _excess: float
+    _first: tuple[str, str]
+
+    @classmethod
+    def of(cls, solution: Solution, *, noise_estimated: bool, noise_made: str) -> RobotWorldResult:
+        """All that is said of one solution."""
+        found, used, others = solution.found, solution.used, solution.others
+        status, message = solution.verdict
+        chi2, probability, excess = None, None, 1.0
+        freedom = 6 * int(used.sum()) - 12
+        if status == "ok" and solution.noise is not None and not noise_estimated:
+            chi2 = least_chi2(solution.pairs, found, used, solution.noise)
+        if chi2 is not None:
+            probability, excess = (float(part[0]) for part in judged(np.array([chi2]), freedom))
+        if excess > 1.0:
+            message += (
+                f"; the least residuals are {excess:.1f} times the noise given: standard "
+                "deviations are scaled up to them, which does not cover a bias of A or B"
+            )
+        if noise_made:
+            message += f"; noise as the residuals show it: {noise_made}"
+        if not used.all():
+            rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
+            message += f"; left out as contradicting the others: {rows} (counted from 1)"
+        if status == "ok":
+            if others:
+                status = "ambiguous"
+                message += (
+                    "; all rotations between the poses are about one axis or half turns, which "
+                    "leave a choice: add a pose that turns otherwise, or pick X by where the "
+                    "camera looks"
+                )
+            elif solution.motion.degenerate[0]:
+                message += "; rotations leave a choice of half turns, which the translations decide"
+        if solution.doubts and status == "ok":
+            status, message = "doubtful", f"{message}; {HARDLY}"
+        return cls(
+            X=found.X[0],
+            Z=found.Z[0],
+            method=solution.method.name,
+            scale_estimated=solution.factor is not None,
+            iterations=None if found.iterations is None else int(found.iterations[0]),
+            used=used,
+            noise_estimated=noise_estimated,
+            noise_made=noise_made,
+            chi2=chi2,
+            freedom=freedom,
+            chi2_probability=probability,
+            ambiguities=tuple(text for text, _, _ in others),
+            alternatives=tuple((X, Z) for _, X, Z in others),
+            _solution=solution,
+            _excess=excess,
+            _first=(status, message),
+        )
 
     @property
     def status(self) -> str:
@@ -268,7 +196,26 @@ class RobotWorldResult(Shown):
 
     @cached_property
     def _verdict(self) -> tuple[str, str]:
-        return self._judged(self)
+        """Status and message with all that covariance, scale and pairs left out say."""
+        status, message = self._first
+        if status != "ok":
+            return status, message
+        if self.drift:
+            return "doubtful", f"{message}; {HARDLY}"
+        reasons = self._uncertain()
+        if int(self.used.sum()) > _FEW:
+            reasons += self._not_predicted()
+        scale = self.scale
+        if scale is not None and self.scale_estimated:
+            message += (
+                f"; translations of B are multiplied by {scale.value:.6g} ± {scale.sigma:.2g}, "
+                "estimated with X and Z"
+            )
+        elif scale is not None and scale.is_named and abs(scale.value - 1.0) > WRONG:
+            reasons += (scale.off,)
+        return (
+            ("doubtful", f"{message}; but {'; '.join(reasons)}") if reasons else (status, message)
+        )
 
     @cached_property
     def residuals(self) -> FloatArray:
@@ -276,7 +223,7 @@ class RobotWorldResult(Shown):
 
         In the axes of the base.
         """
-        return self._residuals()
+        return self._solution.residuals
 
     @cached_property
     def noise(self) -> Noise | None:
@@ -286,17 +233,45 @@ class RobotWorldResult(Shown):
 
         None where the status is ``"misfit"`` or ``"not converged"``.
         """
-        return self._noise(self.residuals)
+        one = self._solution
+        if self._first[0] in ("misfit", "not converged"):
+            return None
+        if one.noise is not None:
+            return one.noise
+        return noise_shown(one.found, self.residuals, self.used)
 
     @cached_property
     def drift(self) -> tuple[str, ...]:
         """What changes along the sequence of pairs, in sentences."""
-        return self._drift()
+        one = self._solution
+        if one.doubts or one.others:
+            return ()
+        return drifting(one.pairs, one.found, one.used, one.noise)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What seems to be wrong with the pairs, each in a sentence."""
-        return self._doubts(self)
+        one, N = self._solution, int(self.used.sum())
+        doubts = one.doubts or self.drift
+        if not doubts:
+            doubts = self._scale_doubts() + self._alone()
+            if not one.method.robust:
+                doubts += outstanding(one.sizes(one.noise), one.used)
+        doubts += copies(one.pairs, one.used)
+        if self.noise_estimated and N < _FEWEST_FOR_SIGMA:
+            part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
+            doubts += (
+                f"{N} pairs show the noise to {part:.0f} %, and so much at least the standard "
+                "deviations may be off: measure more, or give the noise",
+            )
+        if self.noise_estimated and one.method.likelihood and not self.noise_made:
+            other = explain(one.pairs.A[0], one.pairs.B[0], self.X, self.Z, one.used)
+            if other is not None:
+                doubts += (
+                    "residuals show other noise than the one of B that is the same in all "
+                    f"directions, which was taken: {other.name}",
+                )
+        return doubts + few_for_the_noise(one.motion)
 
     @cached_property
     def scale(self) -> Scale | None:
@@ -305,12 +280,24 @@ class RobotWorldResult(Shown):
         Estimated with X and Z by maximum likelihood whatever the method, from the pairs used; by
         the method itself where :attr:`scale_estimated`. None where the method has failed.
         """
-        return self._scale(self)
+        one = self._solution
+        if self._first[0] not in ("ok", "doubtful") or self.noise is None:
+            return None
+        if one.factor is None or one.method.likelihood:
+            scale = likeliest(one.pairs, one.motion.pairs, self.used, one.noise)
+        else:
+            A, B = one.pairs.A[0, self.used], one.pairs.B[0, self.used]
+            estimate = partial(_with_scale, one)
+            covariance = propagate(estimate, A, B, self.noise, self._excess)
+            sigma = float(np.sqrt(covariance[12, 12]))
+            scale = Scale(1.0, sigma, self.X, self.Z, covariance, self.freedom - 1)
+        return scale if one.factor is None else scale.times(one.factor)
 
     @cached_property
     def rank(self) -> int:
         """Directions of X and Z, of 12, that the pairs see."""
-        return self._rank()
+        found = self._solution.found
+        return rank_of(self._solution.pairs, found.X, found.Z, self.used)
 
     @cached_property
     def covariance(self) -> FloatArray | None:
@@ -326,12 +313,17 @@ class RobotWorldResult(Shown):
         if self.scale_estimated and self.scale is not None:
             joint = self.scale.covariance
             return None if joint is None else joint[:12, :12]
-        return self._spread(self.noise)
+        one = self._solution
+        known = not self.noise_estimated
+        return covariance_of(
+            one.method, one.pairs, one.found, self.used, self._excess, known, self.noise
+        )
 
     @cached_property
     def left_out_residuals(self) -> FloatArray:
         """Residuals ``(N, 6)`` of each pair with X and Z from all others: how well they predict."""
-        return self._leave_out()
+        one = self._solution
+        return left_out_residuals(one.method, one.pairs, one.found, one.used, one.noise)
 
     @property
     def residual_rotation_rad(self) -> FloatArray:
@@ -428,6 +420,78 @@ class RobotWorldResult(Shown):
         lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines)
 
+    def _alone(self) -> tuple[str, ...]:
+        """Pairs that X and Z hang on: no residual shows it if they are wrong."""
+        one = np.isnan(self.left_out_residuals).any(axis=-1) & self.used
+        N = int(self.used.sum())
+        if N <= _FEWEST_LEFT or not one.any():
+            return self._not_predicted() if N <= _FEW else ()
+        return (f"without {named(one)} the others identify nothing: X and Z hang on it alone",)
+
+    def _scale_doubts(self) -> tuple[str, ...]:
+        """What the scale of B's translations says of the pairs, in sentences."""
+        scale = self.scale
+        if scale is None:
+            return ()
+        if not scale.is_told:
+            how = "not at all" if np.isinf(scale.sigma) else f"to {100.0 * scale.sigma:.2g} %"
+            return (
+                f"the pairs tell the scale of B's translations {how}: a wrong size of the target, "
+                "unit or focal length would go unnoticed; measure from other distances and sides",
+            )
+        if self.scale_estimated or not scale.is_named:
+            return ()
+        turned_rad, moved_m = moved(scale, self.X, self.Z)
+        return (
+            f"{scale.off}: that turns X and Z by up to {np.degrees(turned_rad):.2g} deg and moves "
+            f"them by up to {1e3 * moved_m:.3g} mm; check the size of the target (tag, squares of "
+            "a board), the unit of length and the focal length, or the unit of A, since the pairs "
+            "tell the ratio of both alone; estimate_scale corrects B",
+        )
+
+    def _uncertain(self) -> tuple[str, ...]:
+        """Directions of X and Z that are not identified well enough."""
+        covariance = self.covariance
+        size = float(self._solution.motion.pairs.size[0])
+        said: tuple[str, ...] = ()
+        if covariance is not None and too_uncertain(covariance[None], np.array([size]))[0]:
+            said += (
+                "the pairs do not identify X and Z by this method: known least are "
+                f"{' and '.join(weakest(covariance))}, where "
+                f"{np.degrees(LARGEST_SIGMA_RAD):.0f} deg and a tenth of how far the poses move "
+                f"({1e3 * LARGEST_SIGMA * size:.3g} mm) are the most for a calibration",
+            )
+        scale = self.scale
+        if self.scale_estimated and scale is not None and not scale.is_told:
+            said += (
+                f"the pairs tell the scale of B to {100.0 * scale.sigma / scale.value:.2g} % only",
+            )
+        return said
+
+    def _not_predicted(self) -> tuple[str, ...]:
+        """Pairs that X and Z from the others do not predict as well as they fit."""
+        motion = self._solution.motion
+        turned_rad, size = float(motion.turned_rad[0]), float(motion.pairs.size[0])
+        N = int(self.used.sum())
+        left = self.left_out_residuals[self.used]
+        left = left[~np.isnan(left).any(axis=-1)]
+        if not len(left):
+            return ()
+        predicted = np.sqrt((left**2).reshape(-1, 2, 3).sum(axis=-1).mean(axis=0))
+        said = []
+        for unit, scale, fits, predicts, whole in (
+            ("deg", 180.0 / np.pi, self.rotation_rms_rad, predicted[0], turned_rad),
+            ("mm", 1e3, self.translation_rms_m, predicted[1], size),
+        ):
+            bound = LEFT_OUT * fits if N > _FEW else max(LEFT_OUT * fits, POOR * whole)
+            if predicts > max(bound, _ROUNDING * whole):
+                said.append(f"{scale * predicts:.3g} {unit} in place of {scale * fits:.3g} {unit}")
+        if not said:
+            return ()
+        return (
+            f"pairs that are left out are off by {', '.join(said)}: X and Z hang on single pairs",
+        )
+
 
 def weakest(covariance: FloatArray) -> tuple[str, ...]:
     """In words, the turn and the shift of X or Z with the largest standard deviations."""
@@ -448,10 +512,19 @@ def weakest(covariance: FloatArray) -> tuple[str, ...]:
     return tuple(said)
 
 
-def direction(axis: FloatArray) -> str:
-    """A unit vector ``(3,)`` as text, with its largest component positive."""
-    axis = axis * np.sign(axis[np.abs(axis).argmax()]) / np.linalg.norm(axis)
-    return "(" + ", ".join(f"{value:.3g}" for value in axis.round(3) + 0.0) + ")"
+def too_uncertain(covariance: FloatArray, size: FloatArray) -> BoolArray:
+    """Whether covariances ``(T, 12, 12)`` leave X or Z unknown, with the poses' motion ``(T,)``."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)).reshape(-1, 2, 2, 3)
+    # a comparison that a number which is none fails
+    known = (sigma[:, :, 0] < LARGEST_SIGMA_RAD).all(axis=(1, 2))
+    known &= (sigma[:, :, 1] < LARGEST_SIGMA * size[:, None, None]).all(axis=(1, 2))
+    return np.asarray(~known)
+
+
+def _with_scale(one: Solution, pairs: PairSets) -> Estimate:
+    """What a method without a likelihood finds when the scale is estimated as well."""
+    factor = by_rotations_first(pairs)
+    return replace(one.method.estimate(scaled(pairs, factor)), scale=factor)
 
 
 def _rms(vectors: FloatArray) -> float:

@@ -18,11 +18,11 @@ import numpy as np
 from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import student_tail
-from calib.robot_world.accuracy import judged, widening
+from calib.robot_world.accuracy import NOISE_DOUBT, judged, widening
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.algebra import apply_matrix, least_squares
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.errors_of_pairs import Fit
+from calib.robot_world.estimate import Fit
 from calib.robot_world.methods.maximum_likelihood import estimated_model, with_estimated_noise
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
@@ -31,6 +31,10 @@ from calib.se3 import BoolArray, FloatArray
 UNKNOWN = 0.1
 """Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
 the size of a tag would be within a few of them."""
+
+_NAMED, WRONG = 1e-3, 1e-2
+"""Distance of the scale from 1 from which on it is named, and from which on X and Z without it are
+doubted: a printed target is as long as it should be to some thousandths."""
 
 _ROUNDS = 12
 """Steps of the scale; three or four are usual."""
@@ -94,6 +98,25 @@ class Scale:
         """Of a factor as far from 1 by chance, by Student's distribution."""
         return 2.0 * student_tail(self.sigmas, max(self.freedom, 1))
 
+    @property
+    def is_named(self) -> bool:
+        """Whether it is told to be another than 1."""
+        far = abs(self.value - 1.0) > _NAMED
+        return far and self.is_told and self.probability < NOISE_DOUBT
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is told to be 1, as closely as matters."""
+        return max(abs(self.value - 1.0), self.sigma) < WRONG and not self.is_named
+
+    @property
+    def off(self) -> str:
+        """How far it is from 1, in words."""
+        return (
+            f"translations of B fit those of A multiplied by {self.value:.5g} ± {self.sigma:.2g}, "
+            f"{self.sigmas:.0f} standard deviations from 1"
+        )
+
     def times(self, factor: float) -> Scale:
         """The scale of pairs that these came from by a factor."""
         covariance = self.covariance
@@ -130,13 +153,8 @@ def by_rotations_first(pairs: PairSets) -> FloatArray:
 def likeliest(pairs: PairSets, kept: PairSets, used: BoolArray, noise: Noise | None) -> Scale:
     """Estimate the scale of one set with X and Z, weighted as the noise says.
 
-    Parameters
-    ----------
-    pairs, kept : PairSets
-        All pairs, and those that are used, with the rotations to start from.
-    used : ndarray of bool (N,)
-    noise : PairNoise or PairCovariances, optional
-        Of the pairs with the scale corrected. Without it, as the residuals show it.
+    Of all pairs; those kept are the ones used ``(N,)``, with the rotations to start from. The noise
+    is of the pairs with the scale corrected, or else as the residuals show it.
     """
     weights = used[None].astype(float)
     log_scale = float(np.log(by_rotations_first(kept)[0]))

@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.errors import RobotModelError
 from calib.robots.chain import SLIGHT_M, SerialChain
-from calib.robots.controller import controllers_like
+from calib.robots.controller import POSITIVE_AXES
 from calib.robots.presets import preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between
@@ -142,6 +142,19 @@ def presets_like(robot: Robot) -> tuple[str, ...]:
     )
 
 
+def _controllers_like(robot: Robot) -> tuple[str, ...]:
+    """Makers whose controllers count the joints of a robot about its axes at zero."""
+
+    def fits(maker: str) -> bool:
+        try:
+            robot.controlled_by(maker)
+        except RobotModelError:
+            return False
+        return True
+
+    return tuple(maker for maker in POSITIVE_AXES if fits(maker))
+
+
 def makers_like(robot: Robot) -> tuple[str, ...]:
     """Makers whose controllers count the joints of a robot as its description does.
 
@@ -151,7 +164,7 @@ def makers_like(robot: Robot) -> tuple[str, ...]:
     own = {controller.maker for controller in presets if controller is not None}
     return tuple(
         sorted(
-            controllers_like(robot),
+            _controllers_like(robot),
             key=lambda maker: (maker not in own, maker not in robot.name.lower()),
         )
     )

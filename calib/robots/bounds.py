@@ -227,9 +227,10 @@ def turned_inside(
 
 
 def first_per_group(group: IntArray, cost: FloatArray, count: int) -> IntArray:
-    """Index of the cheapest entry of each of ``count`` groups; -1 for an empty group."""
-    order = np.lexsort((cost, group))
+    """Index of the cheapest entry of each of ``count`` groups, of equals the first; -1: empty."""
+    lowest = np.full(count, np.inf)
+    np.minimum.at(lowest, group, cost)
+    cheapest = np.flatnonzero(cost == lowest[group])[::-1]
     first = np.full(count, -1, dtype=np.intp)
-    groups, where = np.unique(group[order], return_index=True)
-    first[groups] = order[where]
+    first[group[cheapest]] = cheapest
     return first

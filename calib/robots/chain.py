@@ -299,6 +299,16 @@ class SerialChain:
         turning, ways = self._ways
         return np.asarray(walk.columns[np.arange(self.n), turning] * ways)
 
+    def tip_jacobian(self, walk: Walk) -> FloatArray:
+        """Geometric Jacobian ``(6, n, S)`` of the tip: as :meth:`ChainState.jacobian` of it."""
+        axes, levers = self.all_axes(walk), walk.p_base_tip - walk.origins
+        J = np.empty((6, *axes.shape[::2]))
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            np.multiply(axes[:, i], levers[:, j], out=J[k])
+            J[k] -= axes[:, j] * levers[:, i]
+        J[3:] = axes.transpose(1, 0, 2)
+        return J
+
     def in_base(self, walk: Walk, points: FloatArray) -> FloatArray:
         """Points ``(n, 3)`` [m], one of each link and in its frame: ``(n, 3, S)`` in the base."""
         own = [

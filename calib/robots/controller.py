@@ -18,7 +18,6 @@ with another zero posture is refused.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +25,6 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, RobotModelError, near_names
 from calib.robots.chain import SerialChain
 from calib.se3 import FloatArray, inverse, transform
-
-if TYPE_CHECKING:
-    from calib.robots.robot import Robot
 
 _X, _Y, _Z = np.eye(3)
 
@@ -142,19 +138,6 @@ def controller_of(maker: str, chain: SerialChain, T_base_world: FloatArray | Non
     if maker == "fanuc":
         matrix[2] -= matrix[1]
     return Controller(maker, matrix, world)
-
-
-def controllers_like(robot: Robot) -> tuple[str, ...]:
-    """Makers whose controllers count the joints of a robot about its axes at zero."""
-
-    def fits(maker: str) -> bool:
-        try:
-            robot.controlled_by(maker)
-        except RobotModelError:
-            return False
-        return True
-
-    return tuple(maker for maker in POSITIVE_AXES if fits(maker))
 
 
 def _usual_world(maker: str, origins: FloatArray) -> FloatArray:

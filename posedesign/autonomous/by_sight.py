@@ -32,11 +32,13 @@ from posedesign.autonomous.process import (
     calibrate,
     loop_of,
 )
+from posedesign.autonomous.record import LOG, PICTURES, USUAL_MB, Record, RecordedArms
+from posedesign.autonomous.video_camera import VideoCamera
 from posedesign.cell import Cell
 from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
 from posedesign.report.answer import Answer, Table
 from posedesign.report.identification import answer_of_identification
-from posedesign.simulation import PLATE_PITCH_M, PlateTest, true_cell, true_observer
+from posedesign.simulation import PLATE_PITCH_M, PlateTest, target_of, true_cell, true_observer
 from posedesign.simulation.rehearsal import simulated_arms
 from posedesign.workflow import PAIRS, TOUCH_UPS
 
@@ -160,9 +162,11 @@ def run_by_sight(
     *,
     folder: Path | None = None,
     dialect: str | None = None,
+    camera: str | None = None,
     wait_s: float = 600.0,
     kind: Kind = "image",
     seed: int | None = None,
+    pictures_mb: float | None = None,
     restart: bool = False,
     overwrite: bool = False,
     progress: Progress = lambda what, part: None,
@@ -180,12 +184,19 @@ def run_by_sight(
         See :class:`~posedesign.autonomous.folder_robot.FolderRobot`.
     dialect : str, optional
         Of the programs in the folder; by default that of the robot's controller.
+    camera : str, optional
+        That is connected to this computer: see
+        :class:`~posedesign.autonomous.video_camera.VideoCamera`. By default pictures come through
+        the folder.
     wait_s : float
         Longest wait for a picture in the folder [s].
     kind : {"image", "fast"}
         Whether the simulated camera takes pictures.
     seed : int, optional
         Of the simulated noise; by default the cell's.
+    pictures_mb : float, optional
+        Disk that the pictures may take that are kept; by default 1000 MB of a real robot, and
+        nothing of a rehearsal.
     restart : bool
         Put all files of what was measured before aside, together, and begin anew.
     overwrite : bool
@@ -200,17 +211,19 @@ def run_by_sight(
         touch-ups, options that contradict each other, a folder that is in use or has touch-ups of
         other origin.
     """
-    _check_options(folder, dialect, kind, seed)
+    _check_options(folder, dialect, camera, kind, seed)
     cell = Cell.load(path)
     _check_kind(cell)
     if folder is not None:
-        robot = FolderRobot(cell, folder, dialect, timeout_s=wait_s)
+        live = None if camera is None else _opened(cell, camera)
+        robot = FolderRobot(cell, folder, dialect, camera=live, timeout_s=wait_s)
         with held(folder, _DOING, "name another folder with --robot-folder"):
             found = calibrate_robot(
                 cell,
                 robot,
                 out,
                 source=path.parent,
+                pictures_mb=USUAL_MB if pictures_mb is None else pictures_mb,
                 restart=restart,
                 overwrite=overwrite,
                 progress=progress,
@@ -229,7 +242,9 @@ def run_by_sight(
     how = "pictures" if kind == "image" else "drawn noise"
     about = _about(cell, f"the simulated robot, {how}, seed {own}")
     about["[truth]"] = _digest(cell.config.truth.model_dump(mode="json"))
-    session = _Session(about, own, pictures=kind == "image", simulated=True)
+    session = _Session(
+        about, own, pictures=kind == "image", simulated=True, pictures_mb=pictures_mb or 0.0
+    )
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
     found = _calibrate(cell, arms, results, session, path.parent, restart, progress, warn)
     fast = observer if kind == "fast" else true_observer(cell, "fast")
@@ -242,14 +257,15 @@ def calibrate_robot(
     out: Path,
     *,
     source: Path = Path(),
+    pictures_mb: float = USUAL_MB,
     restart: bool = False,
     overwrite: bool = False,
     progress: Progress = lambda what, part: None,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
     """Calibrate a robot behind its adapter; see :func:`run_by_sight`."""
-    arms = OneArm(robot, dark=cell.config.target.dark)
-    session = _Session(_about(cell, _named(robot)))
+    arms = OneArm(robot, target_of(cell))
+    session = _Session(_about(cell, _named(robot)), pictures_mb=pictures_mb)
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
     return _calibrate(cell, arms, results, session, source, restart, progress, warn)
 
@@ -268,6 +284,7 @@ class _Session:
     seed: int = 0
     pictures: bool = True
     simulated: bool = False
+    pictures_mb: float = 0.0
 
     def files(self, results: Results, *, check: bool) -> SessionFiles:
         """Its files in a folder, under a name that no other session has."""
@@ -309,16 +326,45 @@ def _calibrate(
                 warn(notice)
             for said in cell.not_checked:
                 warn(f"not checked: {said}")
-            station = KeptStation(drive_of(cell, arms, warn), journal, session.seed)
-            done = calibrate(
-                cell, station, results, source=source, files=files, progress=progress, warn=warn
+            # it grows, and is never replaced: its own check is that of its columns
+            (log,) = results.claim(
+                "simulated" if session.simulated else "measured", LOG, check=False
             )
+            with Record(log, cell.robot.n, session.pictures_mb, warn) as record:
+                drive = drive_of(cell, RecordedArms(arms, record), warn)
+                done = calibrate(
+                    cell,
+                    KeptStation(drive, journal, session.seed),
+                    results,
+                    source=source,
+                    files=files,
+                    progress=progress,
+                    warn=warn,
+                )
             journal.check_place()
             return done
 
 
-def _check_options(folder: Path | None, dialect: str | None, kind: Kind, seed: int | None) -> None:
+def _opened(cell: Cell, source: str) -> VideoCamera:
+    """A camera that has given its first picture: what is wrong with it is said before a move."""
+    section = cell.config.camera
+    told = section is not None and "image_px" in section.model_fields_set
+    camera = VideoCamera(source, section.image_px if section is not None and told else None)
+    camera.grab()
+    return camera
+
+
+def _check_options(
+    folder: Path | None, dialect: str | None, camera: str | None, kind: Kind, seed: int | None
+) -> None:
     """Refuse what would have no effect."""
+    if folder is None and camera is not None:
+        raise InputError(
+            "a simulated robot has its own camera",
+            hint="name the folder of the real one with --robot-folder",
+            name="camera",
+            value=camera,
+        )
     if folder is None and dialect is not None:
         raise InputError(
             "a simulated robot reads no programs: there is no dialect to choose",
@@ -401,7 +447,9 @@ def _put_aside(out: Path, files: SessionFiles, warn: Callable[[str], None]) -> N
     for claim in files.claims:
         if not _is_own(claim.path):
             claim.check()
-    own = [path for path in (*there, out / PAIRS[0]) if _is_own(path)]
+    own = [path for path in (*there, out / PAIRS[0], out / LOG[0]) if _is_own(path)]
+    if out / LOG[0] in own and (out / PICTURES).is_dir() and not (out / PICTURES).is_symlink():
+        own.append(out / PICTURES)
     own += [out / JOURNAL] * (out / JOURNAL).exists()
     if not own:
         return

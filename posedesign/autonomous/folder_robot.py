@@ -14,6 +14,11 @@ programs in the order of their numbers, leaves none out, and answers each with a
 
 A result is best written aside and renamed; one that grows or cannot be read yet is waited for.
 Programs are never written over, results never moved or deleted.
+
+Where the camera is connected to this computer, an empty file says in place of each picture that the
+arm stands still::
+
+    in/0007.done          written last, by whoever has run the program
 """
 
 from __future__ import annotations
@@ -31,6 +36,7 @@ from calib.se3 import FloatArray
 from calib.vision.touch_up import Arms, Drive, RobotAdapter
 from calib.vision.touch_up.drive import LARGEST_CORRECTION_RAD, Refuses, check_shown
 from posedesign.autonomous.exchange_folder import ExchangeFolder, number_of
+from posedesign.autonomous.video_camera import VideoCamera
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
 from posedesign.files import write_text_atomic
@@ -44,6 +50,9 @@ from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures
 if TYPE_CHECKING:
     from calib.vision.camera.rendering import GreyImage
 
+
+DONE = (".done",)
+"""Ending of the file that says that the arm stands still."""
 
 MOST_MOVES = 9999
 """Names of programs have eight characters on the oldest controllers: MOVE and four digits."""
@@ -102,6 +111,8 @@ class FolderRobot(RobotAdapter):
         Must exist. ``in`` and ``out`` are made in it, and nothing is written elsewhere.
     dialect : str, optional
         Format of the programs; by default that of the robot's controller.
+    camera : VideoCamera, optional
+        That takes the pictures; by default they come through the folder.
     timeout_s : float
         Longest wait for a result [s].
     poll_s : float
@@ -121,6 +132,7 @@ class FolderRobot(RobotAdapter):
         folder: Path | str,
         dialect: str | None = None,
         *,
+        camera: VideoCamera | None = None,
         timeout_s: float = 600.0,
         poll_s: float = 0.5,
     ) -> None:
@@ -130,6 +142,7 @@ class FolderRobot(RobotAdapter):
         self._arm = arm_of(cell)
         self._seen = self._dialect.seen(self._arm)
         self._exchange = ExchangeFolder(Path(folder), timeout_s, poll_s)
+        self._camera = camera
         self._move: _Move | None = None
 
     @property
@@ -192,7 +205,7 @@ class FolderRobot(RobotAdapter):
         made = self._moved()
         shown = self._shown(made)
         if shown is None and made.picture == made.label and made.waiting:
-            self._exchange.wait(made.label, ENDINGS, read_picture, self._hint(made))
+            self._wait(made)
             shown = self._shown(made)
         return made.written.copy() if shown is None else shown
 
@@ -211,11 +224,18 @@ class FolderRobot(RobotAdapter):
         """
         made = self._moved()
         if not made.waiting:
+            if self._camera is not None:
+                return self._camera.grab()
             self._ask_again(made)
-        picture, _ = self._exchange.wait(made.picture, ENDINGS, read_picture, self._hint(made))
+        picture = self._wait(made)
         self._shown(made)
         made.waiting = False
-        return picture
+        return picture if self._camera is None else self._camera.grab()
+
+    def _wait(self, made: _Move) -> GreyImage:
+        """Wait for the picture of a move, or with a camera for no more than the arm's standing."""
+        endings, read = (ENDINGS, read_picture) if self._camera is None else (DONE, _nothing)
+        return self._exchange.wait(made.picture, endings, read, self._hint(made))[0]
 
     def _moved(self) -> _Move:
         if self._move is None:
@@ -227,7 +247,8 @@ class FolderRobot(RobotAdapter):
 
     def _hint(self, made: _Move) -> str:
         program = self._exchange.orders / made.program
-        return f"run {program} and save the result there; asked again, it is waited for again"
+        result = "the result" if self._camera is None else "an empty file"
+        return f"run {program} and save {result} there; asked again, it is waited for again"
 
     def _written(self, aside: Path, number: int, posture: FloatArray) -> _Move:
         """Write the files of a move where nobody looks for them yet, and check them."""
@@ -317,6 +338,11 @@ class FolderRobot(RobotAdapter):
             )
         check_recorded_frames(self._cell, self._dialect, positions, path)
         return np.asarray(postures_of(positions, self._seen, made.posture[None])[0])
+
+
+def _nothing(path: Path) -> GreyImage:
+    """What an empty file says."""
+    return np.empty((0, 0), dtype=np.uint8)
 
 
 def _one_pose(name: str, posture: FloatArray) -> PoseList:

@@ -20,7 +20,8 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
-from calib.vision.camera import Camera, CircleTarget, Views
+from calib.vision.camera import Camera, Views
+from calib.vision.camera.observers import Target
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
 from calib.vision.touch_up.jacobian import MeasuredJacobian
 from calib.vision.touch_up.servo import Bias, Status
@@ -73,10 +74,10 @@ class Journal:
             self._kept[str(entry.get("name"))] = entry
         try:
             # no buffer: what could not be written must not be tried again when it is closed
-            self._stream = open(path, "ab", buffering=0, opener=_opened)  # noqa: SIM115 -- closed by __exit__
+            self._stream = open(path, "ab", buffering=0, opener=open_no_link)  # noqa: SIM115 -- closed by __exit__
             self._stream.truncate(length)  # a line was cut off when the machine went down
         except OSError as error:
-            raise _not_written(path, error, "choose another --out") from error
+            raise not_written(path, error, "choose another --out") from error
         self._length = length
         self._folder = identity_of(path.parent)
         if not lines:
@@ -181,7 +182,7 @@ class Journal:
         except OSError as error:
             with suppress(OSError):  # the part of a line: whoever reads it drops it as well
                 self._stream.truncate(self._length)
-            raise _not_written(
+            raise not_written(
                 self.path, error, "make room, then start the same command again"
             ) from error
         self._length += len(line)
@@ -247,12 +248,13 @@ def _told(what: str, own: str) -> str:
     return own if what == "robot" else f"the {what} that there is now"
 
 
-def _opened(path: str, flags: int) -> int:
+def open_no_link(path: str, flags: int) -> int:
     """Open a file for writing, and no link: what stands behind it is somebody else's."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
-def _not_written(path: Path, error: OSError, hint: str) -> OutputError:
+def not_written(path: Path, error: OSError, hint: str) -> OutputError:
+    """The error of a file that cannot be appended to."""
     return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))
 
 
@@ -368,7 +370,7 @@ class KeptStation(Station):
         return self._recall(name, q, measure, read)
 
     def target_pose(
-        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
+        self, name: str, camera: Camera, target: Target, about: FloatArray
     ) -> FloatArray | None:
         """See :meth:`Station.target_pose`; where the arm stands after what was measured last."""
 
@@ -409,7 +411,13 @@ class KeptStation(Station):
 
         def move_and_measure() -> dict[str, Any]:
             self._prepare(name)
-            return measure()
+            record = getattr(self.drive.arms, "record", None)
+            if record is None:
+                return measure()
+            record.begin(name)
+            answer = measure()
+            record.ended(answer)
+            return answer
 
         answer = self._journal.recall(name, asked, move_and_measure, read)
         self._left = answer.q[0] if isinstance(answer, TouchUps) else asked[: self.drive.robot.n]

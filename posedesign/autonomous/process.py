@@ -23,14 +23,15 @@ from calib.vision.touch_up import Loop, Station, TiltBias, find_set_up, follow
 from calib.vision.touch_up.set_up import NoSetUp, SetUp
 from calib.vision.touch_up.sighting import camera_of
 from posedesign.cell import CameraSection, Cell
-from posedesign.cell.data import cell_text
+from posedesign.cell.board_set_up import FOUND_WHOLE
+from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import Kind
 from posedesign.identification import Identified
 from posedesign.pairs import Pairs, write_pairs
 from posedesign.planning import PoseList, PosePlan
-from posedesign.simulation import circle_target
+from posedesign.simulation import target_of
 from posedesign.workflow import (
     IDENTIFICATION,
     IDENTIFIED,
@@ -221,6 +222,7 @@ def calibrate(
         cell.base_posture,
         loop,
         widest=float(np.deg2rad(cell.config.touch_up.inch_deg)),
+        target=target_of(cell),
         progress=lambda what, part: progress(f"finding camera and target: {what}", _FIRST * part),
     )
     if isinstance(set_up, NoSetUp):
@@ -247,8 +249,8 @@ def results_of(out: Path | Results) -> Results:
 
 
 def tilt_bias(cell: Cell, set_up: SetUp) -> TiltBias | None:
-    """What is taken off what is seen of a tilted target; None where the cell asks for nothing."""
-    if not cell.config.touch_up.correct_tilt:
+    """What is taken off what is seen of a tilted circle; None where the cell asks for nothing."""
+    if cell.board is not None or not cell.config.touch_up.correct_tilt:
         return None
     return TiltBias(cell.robot, set_up.jacobian, set_up.facing.normal)
 
@@ -406,6 +408,7 @@ def found_cell(
                 update={
                     "position_mm": _mm(set_up.target_m),
                     "normal": tuple(round(v, 6) for v in set_up.facing.normal.tolist()),
+                    **_in_view(cell),
                 }
             ),
             "camera": given.model_copy(update=place),
@@ -419,6 +422,18 @@ def found_cell(
         tool_m=np.array(changed.tool.point_mm) / 1e3,
         target_m=np.array(changed.target.position_mm) / 1e3,
     )
+
+
+def _in_view(cell: Cell) -> dict[str, float]:
+    """Radius about the middle of a board of what has to be seen of it; nothing for a circle.
+
+    All of it, or the shorter side of boards that are found in part.
+    """
+    if cell.board is None:
+        return {}
+    whole = cell.board.name in FOUND_WHOLE
+    across_m = float(np.hypot(*cell.board.size_m)) if whole else min(cell.board.size_m)
+    return {"radius_mm": round(1e3 * across_m / 2.0, _DECIMALS_MM)}
 
 
 def _mm(vector: FloatArray) -> tuple[float, ...]:
@@ -449,7 +464,7 @@ class TargetPoses:
         self._robot = cell.robot
         self._station = station
         self._set_up = set_up
-        self._target = circle_target(cell)
+        self._target = target_of(cell)
         self._camera = camera_of(set_up.jacobian)
         self._T_base_target: FloatArray | None = None
         self.names: list[str] = []

@@ -17,7 +17,7 @@ from calib.robots.inverse.solutions import close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp
 from posedesign.cell import Cell, touching_poses
 from posedesign.constraints import ROUNDING, Checker, Verdicts
-from posedesign.constraints.checker import nearest_first
+from posedesign.constraints.checker import nearest_rows
 
 Configurations = Literal["nearest", "front", "all"]
 """``nearest``: of each pose the one posture nearest to the base posture, as in the paper's loop.
@@ -95,7 +95,8 @@ def feasible_postures(
         part = T_base_tip[start : start + at_once]
         solutions = checker.robot.inverse(part, near=base, margin=checker.margin)
         if configurations == "nearest":
-            rows = _nearest(checker, solutions)
+            row, _ = nearest_rows(checker, solutions)
+            rows = row[row >= 0]
         else:
             rows = np.flatnonzero(solutions.inside & asked_for(solutions, configurations))
             rows = rows[checker.check(solutions.postures[rows], every=False).feasible]
@@ -111,17 +112,6 @@ def asked_for(solutions: InverseSolutions, configurations: Configurations) -> Bo
         return np.ones(len(solutions.pose), dtype=bool)
     turn = solutions.postures[:, 0] - solutions.near[0]
     return np.asarray(np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) <= FRONT_RAD)
-
-
-def _nearest(checker: Checker, solutions: InverseSolutions) -> IntArray:
-    """Row of each pose's posture that keeps every constraint and is nearest to the reference."""
-    done = np.zeros(len(solutions.gap_m), dtype=bool)
-    taken = [np.empty(0, dtype=np.intp)]
-    for rows in nearest_first(solutions, solutions.near):
-        rows = rows[~done[solutions.pose[rows]]]
-        taken.append(rows[checker.check(solutions.postures[rows], every=False).feasible])
-        done[solutions.pose[taken[-1]]] = True
-    return np.sort(np.concatenate(taken))
 
 
 def evenly(pose: IntArray, most: int) -> BoolArray:

@@ -1,7 +1,7 @@
 """The cell: a robot with its tool, its target and its measurement, ready to be planned for."""
 
 from posedesign.cell.cell import Cell
-from posedesign.cell.data import usual_offsets
+from posedesign.cell.measuring import free_tool_axes, usual_offsets
 from posedesign.cell.orientations import (
     cone_rotations_at,
     touching_poses,
@@ -18,6 +18,7 @@ __all__ = [
     "TaskBox",
     "cell_template",
     "cone_rotations_at",
+    "free_tool_axes",
     "touching_poses",
     "usual_offsets",
     "wpr_rotations",

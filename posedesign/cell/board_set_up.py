@@ -14,14 +14,13 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.lens import DISTORTION, Lens
-from calib.model.measurements import BoardShape, BoardView
 from calib.model.measurements.board_view import Carried
-from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, transform
+from calib.se3 import FloatArray, inverse, rotation_exp, transform
+from posedesign.cell.data import CellData, board_axes, facing, fixed_camera
 from posedesign.cell.schema import CameraSection
 
 if TYPE_CHECKING:
     from calib.vision.boards import Board
-    from posedesign.cell.data import CellData
 
 FOUND_WHOLE = ("chessboard", "circles", "asymmetric-circles")
 """Boards that are found with all of their points or not at all."""
@@ -125,17 +124,7 @@ def rotations_to(across: FloatArray) -> FloatArray:
     return np.asarray(rotation_exp(axis * angle[:, None]))
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFound:
-    """Camera, board and lens as pictures showed them: see `BoardSetUp`."""
-
-    lens: Lens
-    carried: Carried
-    X: FloatArray
-    Z: FloatArray
-
-
-def board_set_up(cell: CellData, found: CameraFound | None = None) -> BoardSetUp:
+def board_set_up(cell: CellData) -> BoardSetUp:
     """Camera and board of a cell that calibrates by pictures of a board, as described or found.
 
     Raises
@@ -159,14 +148,14 @@ def board_set_up(cell: CellData, found: CameraFound | None = None) -> BoardSetUp
     fixed = camera.mount == "fixed"
     middle = middle_of(board)
     if fixed:
-        R = _board_axes(cell)
+        R = board_axes(cell)
         X, Z = transform(R, cell.tool_m - R @ middle), fixed_camera(cell, camera)
     else:
         along = (cell.robot.fk(cell.base_posture) @ cell.T_tip_camera)[:3, 0]
-        R = _facing(cell, cell.target_normal, along)
+        R = facing(cell, cell.target_normal, along)
         X, Z = cell.T_tip_camera, transform(R, cell.target_m - R @ middle)
     carried: Carried = "board" if fixed else "camera"
-    lens = _lens(camera)
+    lens, found = _lens(camera), cell.camera_found
     if found is not None:
         if found.carried != carried:
             raise InputError(
@@ -195,20 +184,6 @@ def middle_of(board: Board) -> FloatArray:
     return np.asarray(board.outline.mean(axis=0))
 
 
-def board_view(cell: CellData) -> BoardView:
-    """The measurement: pixels of the board's points, those out of the image left out."""
-    found, section = cell.board_set_up, cell.config.measurement
-    arm = section.arm_three_sigma_mm / 3e3, float(np.deg2rad(section.arm_three_sigma_deg)) / 3.0
-    return BoardView(
-        section.board_three_sigma_px / 3.0,
-        BoardShape(found.board.points),
-        found.lens,
-        found.carried,
-        arm if any(arm) else None,
-        border_px=found.border_px,
-    )
-
-
 def _lens(camera: CameraSection) -> Lens:
     width, height = camera.image_px
     count = len(DISTORTION[camera.lens])
@@ -222,60 +197,3 @@ def _lens(camera: CameraSection) -> Lens:
     terms = (*camera.distortion, *[0.0] * (count - len(camera.distortion)))
     focal = camera.focal_px
     return Lens(camera.lens, width, height, (focal, focal, width / 2.0, height / 2.0, *terms))
-
-
-def fixed_camera(cell: CellData, camera: CameraSection) -> FloatArray:
-    """Pose ``T_base_camera (4, 4)`` of a camera that stands around the arm.
-
-    Looking at the target, the board upright in its picture, where nothing else is given.
-    """
-    R_base_tip = cell.robot.fk(cell.base_posture)[:3, :3]
-    if camera.position_mm is None:
-        away_m = cell.config.tool.camera_stand_off_mm / 1e3
-        lens = cell.target_m + away_m * R_base_tip @ _board_normal(cell)
-    else:
-        lens = np.array(camera.position_mm) / 1e3
-    if camera.wpr_deg is not None:
-        return transform(rotation_from_wpr(np.deg2rad(camera.wpr_deg)), lens)
-    sight = cell.target_m - lens
-    length = float(np.linalg.norm(sight))
-    if length == 0.0:
-        raise InputError("the camera is where the board is", name="camera.position_mm")
-    return transform(_with_axes(sight / length, R_base_tip @ _board_axes(cell)[:, 0]), lens)
-
-
-def _board_normal(cell: CellData) -> FloatArray:
-    """Unit vector ``(3,)`` out of the face of a board on the flange, in the axes of the tip."""
-    given = cell.config.target.normal
-    normal = np.array([0.0, 0.0, 1.0] if given is None else given)
-    return np.asarray(normal / np.linalg.norm(normal))
-
-
-def board_normal_in_base(cell: CellData) -> FloatArray:
-    """The same ``(3,)`` at the base pose, in base axes."""
-    return np.asarray(cell.robot.fk(cell.base_posture)[:3, :3] @ _board_normal(cell))
-
-
-def _board_axes(cell: CellData) -> FloatArray:
-    """Axes ``(3, 3)`` of a board on the flange, in those of the tip."""
-    return _facing(cell, _board_normal(cell), np.array([1.0, 0.0, 0.0]))
-
-
-def _facing(cell: CellData, normal: FloatArray, along: FloatArray) -> FloatArray:
-    """Axes ``(3, 3)`` of a board: z into it, x as near to a direction as it goes, then rolled."""
-    roll = np.deg2rad(cell.config.target.roll_deg)
-    return np.asarray(_with_axes(-normal, along) @ rotation_exp([0.0, 0.0, roll]))
-
-
-_PARALLEL = 1e-3
-"""Sine of the angle below which a direction tells nothing of what is across it."""
-
-
-def _with_axes(z: FloatArray, along: FloatArray) -> FloatArray:
-    """A rotation ``(3, 3)`` with this z, a unit vector, and its x as near to a direction."""
-    x = along - z * (z @ along)
-    if np.linalg.norm(x) < _PARALLEL:
-        other = np.eye(3)[int(np.argmin(np.abs(z)))]
-        x = other - z * (z @ other)
-    x = x / np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])

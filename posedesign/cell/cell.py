@@ -10,14 +10,24 @@ import numpy as np
 
 from calib.errors import FileFormatError, JointLimitError
 from calib.geometry import Scene
-from calib.model.parameters import (
-    ZeroOffsets,
-)
+from calib.model import CalibrationModel
+from calib.model.measurements import BoardView, CameraPose, Measurement
+from calib.model.parameters import TargetPoints, ZeroOffsets
 from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
 from calib.se3 import FloatArray
+from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
-from posedesign.cell.schema import CellConfig, RobotSection, parse_text, read_config
+from posedesign.cell.file import parse_text, read_config
+from posedesign.cell.measuring import (
+    board_view,
+    free_tool_axes,
+    hand_eye_model,
+    make_measurement,
+    touching_model,
+    truth_of,
+)
+from posedesign.cell.schema import CellConfig, RobotSection
 from posedesign.cell.surroundings import (
     Whereabouts,
     build_checker,
@@ -121,6 +131,64 @@ class Cell(CellData):
         check_board(cell, path)
         check_cell(cell, lambda: cell.scene, path)
         return cell
+
+    @cached_property
+    def board_set_up(self) -> BoardSetUp:
+        """Camera and board, where pictures of a board are measured.
+
+        Raises
+        ------
+        InputError
+            One of them is not described, or cannot be.
+        """
+        return board_set_up(self)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The measurement with its noise."""
+        if self.sees_board:
+            return board_view(self, self.board_set_up)
+        return make_measurement(self.config, self.T_tip_camera[:3, :3])
+
+    @property
+    def tool_axes(self) -> str:
+        """Axes along which the tool point is identified by the cell's own measurement."""
+        given = self.config.parameters.tool_axes
+        return free_tool_axes(self, self.measurement) if given is None else given
+
+    def model(
+        self,
+        offsets: tuple[str, ...] | None = None,
+        *,
+        measurement: Measurement | None = None,
+        targets: TargetPoints | None = None,
+    ) -> CalibrationModel:
+        """The model that is identified: zero offsets, tool point, target.
+
+        Where a camera sees the pose of the target: camera on the tip (X of A X = Z B) and target
+        in the base (Z), six numbers each. Where it takes pictures of a board, its lens besides.
+
+        Parameters
+        ----------
+        offsets : tuple of str, optional
+            Joints with an unknown offset; those of the cell by default, none for a camera.
+        measurement : Measurement, optional
+            Another measurement than the cell's; the tool point is then free along the axes that
+            it shows, see :func:`free_tool_axes`.
+        targets : TargetPoints, optional
+            Other targets than the cell's one.
+        """
+        measured = self.measurement if measurement is None else measurement
+        if isinstance(measured, CameraPose | BoardView):
+            set_up = self.board_set_up if isinstance(measured, BoardView) else None
+            return hand_eye_model(self, measured, set_up, offsets or ())
+        axes = self.tool_axes if measurement is None else free_tool_axes(self, measurement)
+        freed = self.offset_joints if offsets is None else offsets
+        return touching_model(self, measured, axes, freed, targets)
+
+    def truth(self, measurement: Measurement | None = None) -> tuple[CalibrationModel, FloatArray]:
+        """Model of the simulated robot, all joints with offsets and deflection, and its values."""
+        return truth_of(self, self.measurement if measurement is None else measurement)
 
     @cached_property
     def scene(self) -> Scene:

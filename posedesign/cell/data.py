@@ -1,51 +1,21 @@
-"""A cell as its file gives it, in SI: robot, tool, target, measurement, and models of them."""
+"""A cell as its file gives it, in SI: robot, tool, target, and where everything is."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.geometry import Body
-from calib.model import CalibrationModel
-from calib.model.measurements import (
-    KINDS,
-    BoardView,
-    CameraPose,
-    Measurement,
-    TouchUp,
-    ViewLine,
-)
-from calib.model.parameters import (
-    JointCompliance,
-    LensParameters,
-    LinkGeometry,
-    ParameterBlock,
-    Payload,
-    TargetFrame,
-    TargetPoints,
-    ToolFrame,
-    ToolPoint,
-    ZeroOffsets,
-)
+from calib.lens import Lens
+from calib.model.measurements.board_view import Carried
+from calib.model.parameters import Payload
 from calib.robots import Robot
-from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
-from posedesign.cell.board_set_up import (
-    BoardSetUp,
-    CameraFound,
-    board_normal_in_base,
-    board_set_up,
-    board_view,
-    fixed_camera,
-)
-from posedesign.cell.schema import CellConfig
-from posedesign.cell.schema_sections import NoiseSection
+from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, transform
+from posedesign.cell.schema import CameraSection, CellConfig
 
 if TYPE_CHECKING:
     from calib.vision.boards import Board
@@ -55,8 +25,18 @@ _FACING = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
+class CameraFound:
+    """Camera, board and lens as pictures showed them: see :class:`.BoardSetUp`."""
+
+    lens: Lens
+    carried: Carried
+    X: FloatArray
+    Z: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class CellData:
-    """What the planner, the simulation and the identification work on.
+    """What a cell is, without what is made of it.
 
     Attributes
     ----------
@@ -87,27 +67,9 @@ class CellData:
     camera_found: CameraFound | None = None
 
     @property
-    def measurement(self) -> Measurement:
-        """The measurement with its noise."""
-        if self.sees_board:
-            return board_view(self)
-        return make_measurement(self.config, self.T_tip_camera[:3, :3])
-
-    @property
     def sees_board(self) -> bool:
         """Whether pictures of a board are what is measured."""
         return self.config.measurement.kind == "board"
-
-    @cached_property
-    def board_set_up(self) -> BoardSetUp:
-        """Camera and board, where pictures of a board are measured.
-
-        Raises
-        ------
-        InputError
-            One of them is not described, or cannot be.
-        """
-        return board_set_up(self, self.camera_found)
 
     @cached_property
     def board(self) -> Board | None:
@@ -148,25 +110,6 @@ class CellData:
         """Whether the camera stands around the arm, and the board is on the flange."""
         section = self.config.camera
         return section is not None and section.mount == "fixed"
-
-    @property
-    def tool_axes(self) -> str:
-        """Axes along which the tool point is identified by the cell's own measurement."""
-        given = self.config.parameters.tool_axes
-        return self.tool_axes_of(self.measurement) if given is None else given
-
-    def tool_axes_of(self, measurement: Measurement) -> str:
-        """Axes of the tool point that another measurement identifies in this cell.
-
-        Those that the cell asks for; z only by touch-up, which does show it.
-        """
-        given = self.config.parameters.tool_axes
-        asked = "xyz" if given is None else given
-        across = asked.replace("z", "")
-        if isinstance(measurement, ViewLine):
-            return across
-        own = self.config.measurement.kind
-        return across + "z" if "z" in asked or (own == "view-line" and across) else across
 
     @property
     def stiffness(self) -> FloatArray:
@@ -250,191 +193,59 @@ class CellData:
         R = self.robot.fk(self.base_posture)[:3, :3]
         return np.asarray(self.target_m + R @ (self.T_tip_camera[:3, 3] - self.tool_m))
 
-    def model(
-        self,
-        offsets: tuple[str, ...] | None = None,
-        *,
-        measurement: Measurement | None = None,
-        targets: TargetPoints | None = None,
-    ) -> CalibrationModel:
-        """The model that is identified: zero offsets, tool point, target.
 
-        Where a camera sees the pose of the target: camera on the tip (X of A X = Z B) and target
-        in the base (Z), six numbers each. Where it takes pictures of a board, its lens besides.
+def fixed_camera(cell: CellData, camera: CameraSection) -> FloatArray:
+    """Pose ``T_base_camera (4, 4)`` of a camera that stands around the arm.
 
-        Parameters
-        ----------
-        offsets : tuple of str, optional
-            Joints with an unknown offset; those of the cell by default, none for a camera.
-        measurement : Measurement, optional
-            Another measurement than the cell's; the tool point is then free along the axes that
-            it shows, see :meth:`tool_axes_of`.
-        targets : TargetPoints, optional
-            Other targets than the cell's one.
-        """
-        measured = self.measurement if measurement is None else measurement
-        if isinstance(measured, CameraPose | BoardView):
-            X, Z = self.T_tip_camera, self.T_base_target
-            if isinstance(measured, BoardView):
-                X, Z = self.board_set_up.X, self.board_set_up.Z
-            frames = [ToolFrame(X), TargetFrame(Z, self.config.target.name)]
-            freed = [] if offsets is None else [ZeroOffsets(self.robot, offsets)]
-            lens = [LensParameters.usual(self.board_set_up.lens)] if self.estimates_lens else []
-            return CalibrationModel(self.robot, [*freed, *frames, *lens], measured)
-        axes = self.tool_axes if measurement is None else self.tool_axes_of(measurement)
-        return CalibrationModel(
-            self.robot,
-            [
-                ZeroOffsets(self.robot, self.offset_joints if offsets is None else offsets),
-                ToolPoint(self.tool_m, axes),
-                targets or TargetPoints([self.target_m], [self.config.target.name]),
-            ],
-            measured,
-        )
-
-    def truth(self, measurement: Measurement | None = None) -> tuple[CalibrationModel, FloatArray]:
-        """Model of the simulated robot, all joints with offsets and deflection, and its values."""
-        truth = self.config.truth
-        given = truth.zero_offsets_deg
-        offsets = usual_offsets(self.robot.n) if given is None else np.deg2rad(given)
-        tool = ToolPoint(self.tool_m)
-        target = TargetPoints([self.target_m], [self.config.target.name])
-        blocks: list[ParameterBlock] = [ZeroOffsets(self.robot, self.robot.joint_names)]
-        values = [offsets]
-        if self.deflects:
-            blocks.append(JointCompliance(self.robot, self.robot.joint_names, self.payload))
-            values.append(1.0 / self.stiffness)
-        if truth.link_error_mm > 0.0 or truth.link_error_deg > 0.0:
-            links = LinkGeometry(self.robot)
-            blocks.append(links)
-            values.append(
-                _link_errors(links, truth.link_error_mm, truth.link_error_deg, truth.seed)
-            )
-        values += [
-            tool.nominal + np.array(truth.tool_error_mm) / 1e3,
-            target.nominal + np.array(truth.target_error_mm) / 1e3,
-        ]
-        model = CalibrationModel(
-            self.robot,
-            [*blocks, tool, target],
-            self.measurement if measurement is None else measurement,
-        )
-        return model, np.concatenate(values)
-
-
-def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> FloatArray:
-    """Errors of links by chance ``(p,)`` [m, rad], the same for the same seed."""
-    sigma = np.where([unit == "m" for unit in links.units], mm / 1e3, np.deg2rad(deg))
-    return np.asarray(sigma * np.random.default_rng([seed, 1]).standard_normal(links.size))
-
-
-def usual_offsets(n: int) -> FloatArray:
-    """Zero offsets ``(n,)`` [rad] as on arms mastered by eye: up to a tenth of a degree."""
-    if n < 1:
-        raise InputError("a robot needs joints")
-    pattern = np.deg2rad([0.03, 0.08, -0.06, 0.05, 0.10, -0.04])
-    return np.resize(pattern, n)
-
-
-def make_measurement(config: CellConfig, R_tip_camera: FloatArray) -> Measurement:
-    """The measurement that the file describes.
-
-    The noise of a camera is that of ``[[noise]]`` where one is given for its kind: that may differ
-    from axis to axis. ``R_tip_camera`` ``(3, 3)`` is how the camera is turned on the tip.
+    Looking at the target, the board upright in its picture, where nothing else is given.
     """
-    section = config.measurement
-    if section.kind == "camera-pose":
-        given = next((noise for noise in config.noise if noise.kind == section.kind), None)
-        return CameraPose(
-            noise_sigma(
-                given
-                or NoiseSection(
-                    kind=section.kind,
-                    three_sigma_mm=section.camera_three_sigma_mm,
-                    three_sigma_deg=section.camera_three_sigma_deg,
-                )
-            )
-        )
-    if section.kind == "view-line":
-        return ViewLine(np.array(section.three_sigma_mm[:2]) / 3e3)
-    return make_touch_up(config, R_tip_camera)
+    R_base_tip = cell.robot.fk(cell.base_posture)[:3, :3]
+    if camera.position_mm is None:
+        away_m = cell.config.tool.camera_stand_off_mm / 1e3
+        lens = cell.target_m + away_m * R_base_tip @ _board_normal(cell)
+    else:
+        lens = np.array(camera.position_mm) / 1e3
+    if camera.wpr_deg is not None:
+        return transform(rotation_from_wpr(np.deg2rad(camera.wpr_deg)), lens)
+    sight = cell.target_m - lens
+    length = float(np.linalg.norm(sight))
+    if length == 0.0:
+        raise InputError("the camera is where the board is", name="camera.position_mm")
+    return transform(_with_axes(sight / length, R_base_tip @ board_axes(cell)[:, 0]), lens)
 
 
-def make_touch_up(config: CellConfig, R_tip_camera: FloatArray) -> TouchUp:
-    """Touch-ups with the noise that the file gives them, along the axes that it gives."""
-    section = config.measurement
-    axes = R_tip_camera if section.noise_axes == "camera" else None
-    return TouchUp(np.array(section.three_sigma_mm) / 3e3, axes)
+def _board_normal(cell: CellData) -> FloatArray:
+    """Unit vector ``(3,)`` out of the face of a board on the flange, in the axes of the tip."""
+    given = cell.config.target.normal
+    normal = np.array([0.0, 0.0, 1.0] if given is None else given)
+    return np.asarray(normal / np.linalg.norm(normal))
 
 
-def noise_sigma(noise: NoiseSection) -> FloatArray:
-    """Standard deviations ``(m,)`` [m, rad] of a kind."""
-    kind = KINDS[noise.kind]
-    lengths = np.array(noise.three_sigma_mm) / 3e3
-    count = kind.rows - kind.turns
-    parts = [np.broadcast_to(lengths, (3,))[:count] if lengths.ndim else np.full(count, lengths)]
-    if noise.three_sigma_deg is not None:
-        parts.append(np.broadcast_to(np.deg2rad(noise.three_sigma_deg) / 3.0, (3,)))
-    return np.concatenate(parts)
+def board_normal_in_base(cell: CellData) -> FloatArray:
+    """The same ``(3,)`` at the base pose, in base axes."""
+    return np.asarray(cell.robot.fk(cell.base_posture)[:3, :3] @ _board_normal(cell))
 
 
-def cell_text(config: CellConfig, folder: Path, comment: str = "") -> str:
-    """Text of a cell; what stands at its default is left out.
-
-    Parameters
-    ----------
-    folder : Path
-        That the paths in the cell are relative to; the text has them in full.
-    comment : str
-        Lines that stand at the top.
-    """
-    content = config.model_dump(exclude_defaults=True, exclude_none=True, by_alias=True)
-    _in_full(content, folder)
-    head = [f"# {line}".rstrip() for line in comment.splitlines()]
-    return "\n".join([*head, *_table("", content)]) + "\n"
+def board_axes(cell: CellData) -> FloatArray:
+    """Axes ``(3, 3)`` of a board on the flange, in those of the tip."""
+    return facing(cell, _board_normal(cell), np.array([1.0, 0.0, 0.0]))
 
 
-def _in_full(content: dict[str, Any], folder: Path) -> None:
-    """Put the full paths of robot and meshes in place of those relative to the folder."""
-    robot = content.get("robot", {})
-    if "urdf" in robot:
-        robot["urdf"] = str((folder / robot["urdf"]).resolve())
-    if "packages" in robot:
-        robot["packages"] = [str((folder / name).resolve()) for name in robot["packages"]]
-    for solid in (*content.get("tool", {}).get("body", ()), *content.get("obstacle", ())):
-        if "mesh" in solid:
-            solid["mesh"] = str((folder / solid["mesh"]).resolve())
+def facing(cell: CellData, normal: FloatArray, along: FloatArray) -> FloatArray:
+    """Axes ``(3, 3)`` of a board: z into it, x as near to a direction as it goes, then rolled."""
+    roll = np.deg2rad(cell.config.target.roll_deg)
+    return np.asarray(_with_axes(-normal, along) @ rotation_exp([0.0, 0.0, roll]))
 
 
-def _table(name: str, content: Mapping[str, Any]) -> list[str]:
-    """Lines of a table: its own keys first, then the tables in it."""
-    lines, inner = [], []
-    for key, value in content.items():
-        path = f"{name}.{key}" if name else key
-        if isinstance(value, Mapping):
-            inner += ["", f"[{path}]", *_table(path, value)]
-        elif _is_tables(value):
-            for item in value:
-                inner += ["", f"[[{path}]]", *_table(path, item)]
-        else:
-            lines.append(f"{key} = {_value(value)}")
-    return lines + inner
+_PARALLEL = 1e-3
+"""Sine of the angle below which a direction tells nothing of what is across it."""
 
 
-def _is_tables(value: object) -> bool:
-    return (
-        isinstance(value, Sequence) and bool(value) and all(isinstance(v, Mapping) for v in value)
-    )
-
-
-def _value(value: object) -> str:
-    """A value as TOML has it; a JSON string is a TOML string, but for DEL, which TOML escapes."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, float):
-        return repr(value)  # the shortest that reads back as the same number
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return str(value)
+def _with_axes(z: FloatArray, along: FloatArray) -> FloatArray:
+    """A rotation ``(3, 3)`` with this z, a unit vector, and its x as near to a direction."""
+    x = along - z * (z @ along)
+    if np.linalg.norm(x) < _PARALLEL:
+        other = np.eye(3)[int(np.argmin(np.abs(z)))]
+        x = other - z * (z @ other)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -102,13 +103,23 @@ def suggest_tool(robot: Robot) -> FloatArray:
     return np.round(np.array([0.05 * size, 0.0, 0.1 * size]), 2)
 
 
-def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
+def suggest_base_posture(
+    robot: Robot,
+    tool_m: FloatArray,
+    *,
+    ahead: bool = False,
+    suits: Callable[[FloatArray], bool] = lambda q: True,
+) -> FloatArray:
     """A posture with the tool pointing down in front of the arm, and room to turn it.
 
     Parameters
     ----------
     tool_m : array (3,)
         Tool point in the tip frame [m].
+    ahead : bool
+        With the tool pointing away from the arm, in place of down.
+    suits : callable
+        Whether a posture ``(n,)`` [rad] can be the one.
 
     Returns
     -------
@@ -119,14 +130,18 @@ def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
     Raises
     ------
     UnreachableError
-        The arm cannot point its tool down anywhere in front of it.
+        The arm cannot point its tool so anywhere in front of it.
     """
     size, height = robot.chain.reach_m, float(robot.state(np.zeros(robot.n)).origins[1, 2])
     front = _front(robot)
     places = list(product(_ROLLS, _FRACTIONS, _HEIGHTS))
-    down = rotation_from_wpr([[np.pi, 0.0, roll] for roll, _, _ in places])
+    rolls = rotation_from_wpr([[0.0, 0.0, roll] for roll, _, _ in places])
+    across = np.array([-front[1], front[0], 0.0])
+    R = rolls @ rotation_from_wpr([np.pi, 0.0, 0.0])
+    if ahead:
+        R = np.column_stack([across, [0.0, 0.0, -1.0], -front]) @ R
     targets = np.array([part * size * front + [0, 0, height + up * size] for _, part, up in places])
-    solutions = robot.inverse(touching_poses(down, tool_m, targets))
+    solutions = robot.inverse(touching_poses(R, tool_m, targets))
     tried: list[tuple[tuple[float, float], FloatArray]] = []
     for place in range(len(places)):
         found = np.deg2rad(np.round(np.rad2deg(solutions.of(place))))
@@ -136,13 +151,14 @@ def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
     best, most = None, -1
     for _, q in sorted(tried, key=lambda each: each[0], reverse=True):
         count = _trial_poses(robot, tool_m, q)
-        if count > most:
+        if count > most and suits(q):
             best, most = q, count
         if most == _TRIALS:  # all that follow have less room
             break
     if best is None:
         raise UnreachableError(
-            f"{robot.name}: the tool cannot point down in front of the arm",
+            f"{robot.name}: the tool cannot point {'ahead' if ahead else 'down'} in front of the "
+            "arm",
             hint="give a base posture of your own in [base_pose]",
             name="base_pose",
         )

@@ -6,13 +6,10 @@ objects that the planner works on.
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StrictBool, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, model_validator
 
-from calib.errors import FileFormatError, near_names
 from posedesign.cell.schema_sections import (
     BoardSection,
     BoxSteps,
@@ -39,9 +36,6 @@ from posedesign.cell.schema_sections import (
     VariationVector,
     Vector,
 )
-from posedesign.files import read_bytes_bounded
-
-LARGEST_CELL_BYTES = 1_000_000
 
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "box": ("size_mm",),
@@ -51,15 +45,6 @@ _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "mesh": ("mesh",),
 }
 """What each kind of solid is described by."""
-
-_IN_WORDS = {
-    "tuple_type": "should be a list in [ ]",
-    "too_long": "has too many values",
-    "model_type": "should be a table of keys",
-    "string_pattern_mismatch": "has characters that are not allowed here, or in another order",
-}
-"""Pydantic's words for programmers, in words for people who write the file."""
-
 
 _PLAN_OF_KIND = {
     "camera-pose": {"condition_threshold": 50.0, "dwell_s": 2.0},
@@ -193,10 +178,14 @@ class ToolSection(Section):
         return self
 
 
+Mount = Literal["flange", "fixed"]
+"""What a camera is on."""
+
+
 class CameraSection(Section):
     """What the camera sees; without this section no pose is refused for its view."""
 
-    mount: Literal["flange", "fixed"] = "flange"
+    mount: Mount = "flange"
     """``fixed``: the camera stands around the arm, and the board of a ``board`` is on the flange,
     its middle at the tool point; ``position_mm`` and ``wpr_deg`` are in the base frame."""
     position_mm: Vector | None = None
@@ -578,82 +567,3 @@ class CellConfig(Section):
             if double is not None:
                 raise ValueError(f"two {what} {double!r}")
         return self
-
-
-def read_config(path: Path) -> CellConfig:
-    """Read and check a ``cell.toml``.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, no TOML, or a key in it is unknown, missing or out of bounds.
-    """
-    try:
-        data = read_bytes_bounded(path, most_bytes=LARGEST_CELL_BYTES)
-    except FileFormatError as error:
-        error.hint = "make one with: posedesign new > cell.toml"
-        raise
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError("is not UTF-8 text", path=path, hint="save it as UTF-8") from error
-    return parse_text(text, path)
-
-
-def parse_text(text: str, path: Path) -> CellConfig:
-    """Check the text of a ``cell.toml``; ``path`` is named in errors."""
-    try:
-        raw = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # numbers too long, brackets nested too deep
-        raise FileFormatError(
-            f"is no valid TOML: {error}",
-            path=path,
-            hint="the cell, a .toml, comes first" if path.suffix != ".toml" else "mend the line",
-        ) from error
-    return parse_config(raw, path)
-
-
-def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
-    """Check the content of a ``cell.toml``; ``path`` is named in errors."""
-    try:
-        return CellConfig.model_validate(raw)
-    except ValidationError as error:
-        found = error.errors()
-        # a mistyped name often makes another one missing: say the mistyped one
-        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-        key = ".".join(str(part) for part in first["loc"])
-        raise FileFormatError(
-            _reason(first),
-            path=path,
-            key=key or None,
-            hint=_hint(first),
-            value=first.get("input"),
-        ) from error
-
-
-def _reason(error: Any) -> str:
-    kind, given = error["type"], error.get("input")
-    if kind == "extra_forbidden":
-        return "there is no such key"
-    if kind == "missing":
-        return "is missing"
-    text = _IN_WORDS.get(kind) or error["msg"].removeprefix("Value error, ")
-    shown = f", not {given!r:.60}" if isinstance(given, (int, float, str, bool)) else ""
-    return f"{text[0].lower()}{text[1:]}{shown}"
-
-
-def _hint(error: Any) -> str:
-    where = [part for part in error["loc"] if isinstance(part, str)]
-    if error["type"] == "extra_forbidden":
-        section: Any = CellConfig
-        for part in where[:-1]:
-            section = _section_in(section.model_fields[part].annotation)
-        known = [field.alias or name for name, field in section.model_fields.items()]
-        return near_names(where[-1], known)
-    return "posedesign new prints a commented example"
-
-
-def _section_in(annotation: Any) -> Any:
-    """The section that an annotation names, by itself, optional, or in a list."""
-    options = [annotation, *get_args(annotation)]
-    return next(o for o in options if isinstance(o, type) and issubclass(o, Section))

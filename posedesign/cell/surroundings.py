@@ -15,6 +15,7 @@ from calib.robots import Robot, preset_info
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
+from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import (
@@ -100,7 +101,7 @@ def build_checker(
     if smallest:
         found.append(Singularity(smallest))
     if cell.sees_board:
-        there = cell.board_set_up
+        there = board_set_up(cell)
         found += sight_constraints(
             BoardSight(
                 lens=there.lens,
@@ -466,7 +467,7 @@ def check_board(cell: CellData, path: Path) -> None:
     """
     if cell.sees_board:
         try:
-            cell.board_set_up  # noqa: B018  what cannot be is said now
+            board_set_up(cell)
         except InputError as error:
             with naming(path, error.name or "camera"):
                 raise

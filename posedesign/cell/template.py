@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from calib.errors import InputError, RobotModelError
 from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.se3 import FloatArray
+from posedesign.cell.measuring import usual_offsets
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
+from posedesign.cell.schema import Mount
 
 REFERENCE = "r2000ic165f"
 """Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""
@@ -66,15 +69,15 @@ name = "T1"
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
 {surroundings}
-# [board]                         # a calibration board that a camera sees: posedesign board
-# kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
-# columns = 8                     # asymmetric-circles; squares (not inner corners), markers or
-# rows = 6                        # circles, across and down
-# square_mm = 25.0                # of charuco and chessboard;
+{board}[board]                         # a calibration board that a camera sees: posedesign board
+{board}kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
+{board}columns = 8                     # asymmetric-circles; squares (not inner corners), markers or
+{board}rows = 6                        # circles, across and down
+{board}square_mm = {square}                # of charuco and chessboard;
 # spacing_mm = 35.0               # of the others: from marker to marker, from circle to circle
-# marker_mm = 18.0                # side of the black square of a marker
+{board}marker_mm = {marker}                # side of the black square of a marker
 # diameter_mm = 15.0              # of circles; default: half the distance of neighbours
-# dictionary = "DICT_5X5_100"     # of the markers
+{board}dictionary = "DICT_5X5_100"     # of the markers
 # first_id = 0                    # of the left upper marker
 # legacy = false                  # true: a charuco of OpenCV before 4.6
 
@@ -146,7 +149,7 @@ loss = "auto"                     # least-squares, student-t where residuals hav
 # lost_motion_nm = 10.0           # torque that takes up what a joint has lost
 
 [measurement]
-kind = "touch-up"                 # or "view-line": only across the line of sight; "camera-pose":
+kind = "{kind}"                 # or "view-line": only across the line of sight; "camera-pose":
                                   # hand-eye calibration, a camera sees the target's pose;
                                   # "board": the same from pictures of the [board]
 three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z
@@ -279,6 +282,48 @@ size_mm = {fixture_size}
 at_mm = {fixture_at}              # its centre; the target sits a little above its top
 """
 
+_CAMERA_BODY = """
+# Camera, board and what carries them are stand-ins of the size of the arm: put in your own.
+[[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
+name = "camera"
+size_mm = {camera_size}
+at_mm = {camera_at}  # its centre; the lens is its front
+"""
+
+_BOARD_BODY = """
+# Camera, board and what carries them are stand-ins of the size of the arm: put in your own.
+[[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
+name = "board"
+size_mm = {board_size}
+at_mm = {board_at}  # its centre; the pattern is its front
+"""
+
+_SEES_BOARD = """
+[camera]
+mount = "{mount}"                 # on the "flange", or "fixed" around the arm
+image_px = [1280, 1024]
+focal_px = {focal}                # put in your own, roughly: it is estimated
+border_px = 30.0                  # kept between points and the edge of the image
+largest_tilt_deg = 60.0           # of the board's face against the line of sight
+nearest_mm = {nearest}            # where it is sharp
+farthest_mm = {farthest}
+# position_mm = {lens_mm}         # the lens: {lens_note}
+# wpr_deg = [0.0, 0.0, 0.0]       # z looks along; default: towards the board at the base pose
+# lens = "pinhole"                # its distortion: or "rational", "fisheye"
+# distortion = [0.0, 0.0]         # OpenCV's terms, as far as they are known
+# share_in_view = 0.6             # of a board's points
+
+[[obstacle]]                      # what stands around, in the base frame
+name = "floor"
+kind = "half-space"               # everything below this point
+at_mm = {floor_at}
+
+[[obstacle]]
+name = "{stand}"
+{stand_shape}
+at_mm = {stand_at}                # its centre
+"""
+
 _NO_BODIES = """
 # Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
 # [[tool.body]]                   # what is solid, in the axes of the tip: boxes, cylinders, meshes
@@ -313,12 +358,14 @@ class _Setup:
     surroundings: str = _NO_SURROUNDINGS
     margin_deg: float = 1.0
     collisions: bool = True
+    board_square_mm: float | None = None
 
 
 def cell_template(
     robot: str | None = None,
     *,
     surroundings: bool = True,
+    camera: Mount | None = None,
     packages: Sequence[Path] = (),
     xacro_args: Sequence[str] = (),
 ) -> str:
@@ -331,6 +378,9 @@ def cell_template(
     surroundings : bool
         False: without gun, camera, fixture and floor, and with the joint limits as they are, so
         that they alone bound the poses, as in the papers.
+    camera : {"flange", "fixed"}, optional
+        A cell for pictures of a board: by a camera on the flange, or by one that stands around the
+        arm, with the board on the flange.
     packages : sequence of Path
         Folders to search for packages that a URDF names.
     xacro_args : sequence of str
@@ -346,7 +396,7 @@ def cell_template(
     name = robot or REFERENCE
     path = Path(name)
     if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
-        return _for_urdf(path, packages, xacro_args)
+        return _for_urdf(path, packages, xacro_args, camera)
     if packages or xacro_args:
         raise InputError(
             f"packages and arguments are of a URDF; {name!r} is none", hint="leave them out"
@@ -359,12 +409,14 @@ def cell_template(
             hint=error.hint,
             name=name,
         ) from error
-    return _for_preset(preset, surroundings)
+    return _for_preset(preset, surroundings, camera)
 
 
-def _for_preset(name: str, surroundings: bool) -> str:
+def _for_preset(name: str, surroundings: bool, camera: Mount | None) -> str:
     info = preset_info(name)
     robot = Robot.preset(name)
+    if camera is not None:
+        return _camera_cell(robot, camera, source=f'preset = "{name}"')
     posture = info["base_posture_deg"]
     pendant = ""
     if robot.controller is not None and robot.controller.maker == "fanuc":
@@ -382,11 +434,19 @@ def _for_preset(name: str, surroundings: bool) -> str:
     )
 
 
-def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
+def _for_urdf(
+    path: Path, packages: Sequence[Path], xacro_args: Sequence[str], camera: Mount | None
+) -> str:
     robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
+    source = (
+        f"urdf = {_quoted(str(path.resolve()))}\n"
+        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}"
+    )
+    decide, shapes = _shape_lines(robot)
+    if camera is not None:
+        return _camera_cell(robot, camera, source=source, decide=decide, shapes=shapes)
     tool = suggest_tool(robot)
     posture = np.rad2deg(suggest_base_posture(robot, tool))
-    decide, shapes = _shape_lines(robot)
     setup = _Setup(
         tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
         point_mm=(1e3 * tool).tolist(),
@@ -396,10 +456,9 @@ def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -
     )
     return _fill(
         robot,
-        source=f"urdf = {_quoted(str(path.resolve()))}\n"
-        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}",
+        source=source,
         setup=setup,
-        pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
+        pendant=_SUGGESTED.format("tool pointing down"),
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
@@ -470,6 +529,112 @@ def _gun_and_camera(
         tool_bodies=bodies,
         surroundings=around,
     )
+
+
+_SUGGESTED = "# Suggested: {}, room to turn it. Take your own taught posture.\n"
+
+_BOARD_OF_SCALE, _SMALLEST_SQUARE_MM = 40.0, 10.0
+"""Squares of the board of an arm of the size of the reference cell's [mm]."""
+
+_AWAY = 13.5
+"""Distance of camera and board at the base pose, in squares: eight of them fill two thirds of the
+picture."""
+
+_FOCAL_PX, _CLEAR_OF_WRIST_MM = 1400.0, 80.0
+
+
+def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
+    """A cell with a camera and a board of the size of an arm, its base pose clear of all."""
+    square = max(_round(_scale(robot) * _BOARD_OF_SCALE, 0), _SMALLEST_SQUARE_MM)
+    away, carried = _AWAY * square, max(4.0 * square, _CLEAR_OF_WRIST_MM)
+    fixed = mount == "fixed"
+    point = [0.0, 0.0, carried] if fixed else [square, 0.0, carried + away]
+
+    from posedesign.cell.cell import Cell
+
+    def text(q: FloatArray) -> str:
+        sizes = square, away, carried
+        return _fill(robot, **lines, **_camera_and_board(robot, fixed, q, point, sizes))
+
+    def is_clear(q: FloatArray) -> bool:
+        cell = Cell.from_text(text(q))
+        try:
+            return bool(cell.checker.check(q[None]).feasible[0])
+        except RobotModelError:  # links without a shape: to be decided on before
+            return True
+
+    return text(suggest_base_posture(robot, np.array(point) / 1e3, ahead=fixed, suits=is_clear))
+
+
+def _camera_and_board(
+    robot: Robot,
+    fixed: bool,
+    q: FloatArray,
+    point: Sequence[float],
+    sizes_mm: tuple[float, float, float],
+) -> dict[str, Any]:
+    """What :func:`_fill` is told of camera and board at a base posture ``(n,)`` [rad].
+
+    Parameters
+    ----------
+    point : sequence of three floats
+        Middle of the board in the axes of the tip [mm].
+    sizes_mm : tuple of three floats
+        Of a square, the distance of camera and board, and how far from the tip the one is that it
+        carries.
+    """
+    square, away, carried = sizes_mm
+    width, height = 9.0 * square, 7.0 * square
+    state = robot.state(q)
+    x, y, z = (1e3 * state.point(np.array(point) / 1e3)).tolist()
+    lens = 1e3 * state.point(
+        np.array([*point[:2], point[2] + away * (1.0 if fixed else -1.0)]) / 1e3
+    )
+    floor = min(0.0, z - 10.0 * square)
+    if fixed:
+        body = _BOARD_BODY.format(
+            board_size=[width, height, square / 4.0],
+            board_at=[*point[:2], _round(point[2] - square / 8.0 - 1.0, 2)],
+        )
+        stand, shape = "camera", f'kind = "sphere"\nradius_mm = {1.5 * square}'
+        out = state.R_base_tip[:, 2] * (1.5 * square + 1.0)
+        stand_at = (lens + out).tolist()
+    else:
+        body = _CAMERA_BODY.format(
+            camera_size=[2.0 * square, 2.0 * square, carried],
+            camera_at=[square, 0.0, carried / 2.0],
+        )
+        top = z - 1.0
+        stand, shape = "stand", f"size_mm = {[width, width, _round(top - floor, 1)]}"
+        stand_at = [x, y, (top + floor) / 2.0]
+    return {
+        "setup": _Setup(
+            tool_note="The middle of the board"
+            + (", out of whose face the tip's z runs." if fixed else " at the base pose."),
+            point_mm=point,
+            mass_kg=0.0,
+            com_mm=[0.0, 0.0, 0.0],
+            stand_off_mm=away,
+            tool_bodies=body,
+            surroundings=_SEES_BOARD.format(
+                mount="fixed" if fixed else "flange",
+                focal=_FOCAL_PX,
+                nearest=_round(0.6 * away, 1),
+                farthest=2.0 * away,
+                lens_mm=[_round(v, 1) for v in (lens.tolist() if fixed else [*point[:2], carried])],
+                lens_note="in the base frame" if fixed else "in the axes of the tip",
+                floor_at=[0.0, 0.0, _round(floor, 1)],
+                stand=stand,
+                stand_shape=shape,
+                stand_at=[_round(v, 1) for v in stand_at],
+            ),
+            board_square_mm=square,
+        ),
+        "pendant": _SUGGESTED.format("tool pointing ahead" if fixed else "tool pointing down"),
+        "posture": (np.round(np.rad2deg(q), 6) + 0.0).tolist(),
+        "three_sigma": [0.1, 0.1, 0.1],
+        "deflection": False,
+    }
 
 
 def _controller_line(robot: Robot) -> str:
@@ -563,8 +728,6 @@ def _fill(
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
-    from posedesign.cell.data import usual_offsets
-
     point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(
@@ -585,6 +748,10 @@ def _fill(
         safety=setup.safety_mm,
         margin=setup.margin_deg,
         collisions=str(setup.collisions).lower(),
+        board="# " if setup.board_square_mm is None else "",
+        square=setup.board_square_mm or 25.0,
+        marker=18.0 if setup.board_square_mm is None else _round(0.7 * setup.board_square_mm, 1),
+        kind="touch-up" if setup.board_square_mm is None else "board",
         pendant=pendant,
         posture_deg=list(posture),
         offsets=f"[{offsets}]",

@@ -154,6 +154,12 @@ def calibrate(
         str | None,
         typer.Option(help="Of the programs in the folder; default: the robot's controller's."),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="With a folder: take the pictures here, by device number (0), stream or file."
+        ),
+    ] = None,
     wait_s: Annotated[
         float,
         typer.Option(
@@ -163,6 +169,15 @@ def calibrate(
     seed: Annotated[
         int | None,
         typer.Option(min=0, max=LARGEST_SEED, help="Of the simulated noise; default: the cell's."),
+    ] = None,
+    pictures_mb: Annotated[
+        float | None,
+        typer.Option(
+            "--pictures-mb",
+            min=0.0,
+            max=1e6,
+            help="Disk that kept pictures may take; default: 1000, of a rehearsal 0.",
+        ),
     ] = None,
     restart: Annotated[
         bool,
@@ -187,9 +202,11 @@ def calibrate(
             out,
             folder=folder,
             dialect=dialect,
+            camera=camera,
             wait_s=wait_s,
             kind="image" if images else "fast",
             seed=seed,
+            pictures_mb=pictures_mb,
             restart=restart,
             overwrite=overwrite,
             progress=advance,

@@ -42,8 +42,16 @@ class Advance(Protocol):
         """Say what is being done, and which part of all work is done."""
 
 
+_ARGUMENT = re.compile(r"`([a-z]+(?:_[a-z]+)*)`")
+"""An argument of a function as the library's texts name it: here it is an option."""
+
+
 def plain(text: str) -> str:
-    r"""A text on one line, without what steers a terminal: spaces, or codes such as ``\x1b``."""
+    r"""A text on one line, without what steers a terminal: spaces, or codes such as ``\x1b``.
+
+    Arguments that the library names, as in \`trust_units\`, are options: ``--trust-units``.
+    """
+    text = _ARGUMENT.sub(lambda found: "--" + found[1].replace("_", "-"), text)
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -96,6 +96,13 @@ def new(
     robot: Annotated[
         str | None, typer.Option(help="Preset or URDF file; default: the reference cell.")
     ] = None,
+    camera: Annotated[
+        Literal["flange", "fixed"] | None,
+        typer.Option(
+            help="A cell for pictures of a board: the camera on the flange, or fixed around the "
+            "arm, with the board on the flange.",
+        ),
+    ] = None,
     xacro_arg: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME:=VALUE", help="Argument of a xacro file; may be repeated."),
@@ -114,7 +121,12 @@ def new(
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
 
-    text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
+    text = cell_template(
+        robot,
+        camera=camera,
+        packages=packages or (),
+        xacro_args=xacro_arg or (),
+    )
     made = Cell.from_text(text)
     if robot is None:
         note(
@@ -180,6 +192,13 @@ def plan(
     wanted_sigma_deg: Annotated[
         float | None, typer.Option(help="The same for every angle [deg]; may be given together.")
     ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            help="How long a round may take, in place of a number of poses: as many of the best as "
+            "there is time for."
+        ),
+    ] = None,
     validation: Annotated[
         int, typer.Option(help="Poses to choose besides, to be kept out of the fit.")
     ] = 0,
@@ -206,7 +225,7 @@ def plan(
     exchange, the best poses are chosen out of a pool, and it is proven how good they are.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.optimal.request import request_of_words
+    from posedesign.cli.plan_request import request_of_words
 
     loaded = Cell.load(cell)
     request = request_of_words(
@@ -221,6 +240,7 @@ def plan(
         refine,
         robust,
         keep=keep is not None,
+        minutes=minutes,
     )
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
@@ -278,7 +298,7 @@ def next_poses(
     """Say which poses to measure next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
     from posedesign.cli.plan_json import next_as_dict
-    from posedesign.planning.optimal.request import parse_length
+    from posedesign.cli.plan_request import parse_length
     from posedesign.report.plans import answer_of_next
     from posedesign.workflow import plan_next_poses
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs import Pairs, SolverOutcome
-    from posedesign.pairs.results import NoiseOn
 
 
 DEFAULT_METHODS = "ml,ml-robust,papers"
@@ -169,12 +169,11 @@ def robot_world(
     """
     from posedesign.pairs import PairSource
     from posedesign.pairs.certificate import refuse_uncertifiable
-    from posedesign.pairs.results import methods_of, reached
+    from posedesign.pairs.results import asked_noise, methods_of, reached
     from posedesign.pairs.tables import outcome_as_dict
     from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
 
-    refuse_fixed_opencv(camera, convention)
     source = PairSource(
         pairs,
         a,
@@ -194,7 +193,11 @@ def robot_world(
         noise_on = noise_on or "b"
         refuse_uncertifiable(methods, noise_on, camera)
     found = source.read()
-    noise = asked_noise(found, camera, noise_deg, noise_mm, noise_on)
+    sizes = (
+        None if noise_deg is None else math.radians(noise_deg),
+        None if noise_mm is None else noise_mm / 1e3,
+    )
+    noise = asked_noise(found, camera, *sizes, noise_on)
     results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     claims = claim_transforms(results) if transforms else []
     outcomes = _solved(
@@ -223,27 +226,6 @@ def robot_world(
     return DONE if reached(outcomes) else NOT_REACHED
 
 
-def asked_noise(
-    pairs: Pairs,
-    camera: CameraPlace,
-    noise_deg: float | None,
-    noise_mm: float | None,
-    noise_on: NoiseSide | None,
-) -> Noise | NoiseShown | None:
-    """The noise of the options, or how it is to be estimated, if they say any."""
-    import math
-
-    from posedesign.pairs.results import noise_of
-
-    if noise_on == "shown":
-        return "shown"
-    if noise_deg is None or noise_mm is None:
-        return "B" if noise_on == "b" else None
-    sides: dict[str, NoiseOn] = {"a": "A", "b": "B", "both": "both", "seen": "seen"}
-    side = sides[noise_on or "b"]
-    return noise_of(pairs, camera, math.radians(noise_deg), noise_mm / 1e3, side)
-
-
 def _solved(
     pairs: Pairs,
     out: Results,
@@ -257,10 +239,10 @@ def _solved(
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
     from posedesign.pairs.results import certified
-    from posedesign.workflow import solve_and_draw
+    from posedesign.report.pairs import solve_and_draw
 
     shown: AbstractContextManager[Advance] = (
-        nullcontext(_say_nothing) if quiet else progress("A X = Z B")
+        nullcontext(lambda what, part: None) if quiet else progress("A X = Z B")
     )
     try:
         with shown as advance:
@@ -277,10 +259,6 @@ def _solved(
         if pairs.misread:
             note(f"warning: {pairs.misread}")
         raise
-
-
-def _say_nothing(what: str, part: float) -> None:
-    """Progress that nobody sees."""
 
 
 def refuse_unfit_noise(
@@ -318,18 +296,6 @@ def refuse_unfit_noise(
             f"--noise-on {noise_on} needs --noise-deg and --noise-mm",
             hint="b and shown alone have their sizes from the residuals",
             name="noise",
-        )
-
-
-def refuse_fixed_opencv(camera: str, convention: str) -> None:
-    """OpenCV's function has no fixed camera: its world would be the flange."""
-    from calib.errors import InputError
-
-    if camera == "fixed" and convention == "opencv":
-        raise InputError(
-            "--convention opencv is for a camera on the flange",
-            hint="for a fixed one give gripper2base as A and target2cam as B, without it",
-            name="convention",
         )
 
 

@@ -279,6 +279,12 @@ def truth_rows(results: DemoResults) -> list[dict[str, object]]:
         results.offsets.displayed(), displayed(results.plan.model, results.truth), strict=True
     )
     return [
-        {"parameter": name, "truth": true, "identified": value, "sigma": sigma, "unit": unit}
-        for (name, unit, value, _, sigma), (_, _, true) in shown
+        {
+            "parameter": row.name,
+            "truth": true,
+            "identified": row.value,
+            "sigma": row.sigma,
+            "unit": row.unit,
+        }
+        for row, (_, _, true) in shown
     ]

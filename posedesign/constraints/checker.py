@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import ClassVar
@@ -22,7 +22,8 @@ ROUNDING = 1e-9
 class Situation:
     """An arm at postures ``(S, n)`` [rad].
 
-    ``q`` (S, n). ``depths``: whether somebody reads how deep meshes are in what they run into.
+    ``q`` (S, n). ``in_full``: whether somebody reads margins of what is kept, and how deep meshes
+    are in what they run into.
     """
 
     def __init__(
@@ -31,11 +32,11 @@ class Situation:
         q: FloatArray,
         state: ChainState | None = None,
         *,
-        depths: bool = False,
+        in_full: bool = False,
     ) -> None:
         self.chain = chain
         self.q = q
-        self.depths = depths
+        self.in_full = in_full
         if state is not None:
             self.state = state
 
@@ -48,7 +49,7 @@ class Situation:
         state = self.__dict__.get("state")
         if state is not None:
             state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
-        return Situation(self.chain, self.q[rows], state, depths=self.depths)
+        return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 
 class Constraint(ABC):
@@ -238,10 +239,10 @@ class Checker:
         """Verdicts on postures ``(S, n)`` [rad].
 
         ``q`` (S, n). ``every``: False: a posture that breaks one constraint is not looked at by
-        those after it, and how deep meshes run into something is not measured. Enough to tell what
-        is feasible, not to tell people why something is not.
+        those after it. Distances that are kept are not measured, nor how deep meshes run into
+        something. Enough to tell what is feasible, not to tell people why something is not.
         """
-        arm = Situation(self.robot.chain, q, depths=every)
+        arm = Situation(self.robot.chain, q, in_full=every)
         margin = np.full((len(q), len(self.constraints)), np.nan)
         which = np.zeros(margin.shape, dtype=np.intp)
         alive = np.arange(len(q))
@@ -291,33 +292,20 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     of the joint difference.
     """
     solutions = checker.robot.inverse(T_base_tip, near=reference, margin=checker.margin)
-    count = len(T_base_tip)
-    q = np.full((count, checker.robot.n), np.nan)
-    feasible = np.zeros(count, dtype=bool)
-    slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
-    best = np.full((count, checker.robot.n), np.nan)
-    for rows in nearest_first(solutions, reference):
-        rows = rows[~feasible[solutions.pose[rows]]]
-        if not len(rows):
-            continue
-        verdicts = checker.check(solutions.postures[rows], every=False)
-        good = verdicts.feasible
-        poses = solutions.pose[rows]
-        q[poses[good]] = solutions.postures[rows[good]]
-        feasible[poses[good]] = True
-        # of all branches, the one that comes nearest to being possible is worth talking about
-        nearer = ~good & ~(verdicts.slack <= slack[poses])
-        slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
+    row, nearly = nearest_rows(checker, solutions)
+    feasible = row >= 0
+    q = np.full((len(T_base_tip), checker.robot.n), np.nan)
+    q[feasible] = solutions.postures[row[feasible]]
 
     def explain() -> list[tuple[str, str]]:
-        unreached = np.flatnonzero(~feasible & np.isnan(slack))
+        unreached = np.flatnonzero(~feasible & (nearly < 0))
         why = _unreached(checker, solutions) if len(unreached) else []
-        said = [("", "")] * count
+        said = [("", "")] * len(q)
         for pose in unreached:
             said[pose] = why[pose]
-        blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
+        blocked = np.flatnonzero(~feasible & (nearly >= 0))
         # by all constraints: the first that is broken is not the worst
-        verdicts = checker.check(best[blocked])
+        verdicts = checker.check(solutions.postures[nearly[blocked]])
         for i, pose in enumerate(blocked):
             said[pose] = verdicts.reason(i), verdicts.hint(i)
         return said
@@ -325,15 +313,46 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     return Postures(q, feasible, explain)
 
 
-def nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
-    """Rows of the solutions inside the limits: the nearest of each pose, the second nearest, ..."""
+def nearest_rows(checker: Checker, solutions: InverseSolutions) -> tuple[IntArray, IntArray]:
+    """Of each pose the posture nearest to the reference that keeps every constraint.
+
+    Returns
+    -------
+    row : array (N,)
+        Row of the solutions; -1 where none keeps them.
+    nearly : array (N,)
+        Where none does, the one inside the limits that comes nearest to it and is worth talking
+        about; -1 where there is none.
+    """
+    row, nearly = np.full((2, len(solutions.gap_m)), -1, dtype=np.intp)
+    slack = np.full(len(row), -np.inf)
+    for rows in _nearest_first(solutions):
+        rows = rows[row[solutions.pose[rows]] < 0]
+        verdicts = checker.check(solutions.postures[rows], every=False)
+        found, first = np.unique(solutions.pose[rows[verdicts.feasible]], return_index=True)
+        row[found] = rows[verdicts.feasible][first]
+        best = first_per_group(solutions.pose[rows], -verdicts.slack, len(row))
+        poses = np.flatnonzero(best >= 0)
+        better = (nearly[poses] < 0) | (verdicts.slack[best[poses]] > slack[poses])
+        poses = poses[better]
+        slack[poses], nearly[poses] = verdicts.slack[best[poses]], rows[best[poses]]
+    return row, nearly
+
+
+def _nearest_first(solutions: InverseSolutions) -> Iterator[IntArray]:
+    """Rows of the solutions inside the limits: the nearest of each pose, the next two, four, ...
+
+    Ordered by pose, then by distance. Most poses are taken by their nearest posture; a redundant
+    arm has hundreds, and looking at them one by one takes long.
+    """
     inside = np.flatnonzero(solutions.inside)
-    distance = np.linalg.norm(solutions.postures[inside] - reference, axis=1)
+    distance = np.linalg.norm(solutions.postures[inside] - solutions.near, axis=1)
     order = inside[np.lexsort((distance, solutions.pose[inside]))]
     pose = solutions.pose[order]
-    starts = np.flatnonzero(np.diff(pose, prepend=-1))
-    rank = np.arange(len(pose)) - np.repeat(starts, np.diff(np.append(starts, len(pose))))
-    return [order[rank == k] for k in range(int(rank.max(initial=-1)) + 1)]
+    rank = np.arange(len(pose)) - np.searchsorted(pose, pose)
+    batch = np.frexp(rank + 1.0)[1]
+    for k in range(1, int(batch.max(initial=0)) + 1):
+        yield order[batch == k]
 
 
 def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str, str]]:

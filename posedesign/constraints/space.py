@@ -58,7 +58,9 @@ class Collision(Constraint):
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Which: the pair of bodies."""
-        found = self.scene.clearance(arm.q, cap_m=self._cap_m, depths=arm.depths, state=arm.state)
+        # how far what is kept is from being broken takes long, and is read by people alone
+        cap_m = self._cap_m if arm.in_full else self.keep_m + TOUCH_M
+        found = self.scene.clearance(arm.q, cap_m=cap_m, depths=arm.in_full, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:

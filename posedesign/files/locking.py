@@ -24,7 +24,7 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 @contextmanager
-def held(folder: Path, what: str, hint: str = "name another folder with --out") -> Iterator[None]:
+def held(folder: Path, what: str, hint: str = "name another folder: `out`") -> Iterator[None]:
     """Hold a folder while something is written; a process that is killed lets go of it.
 
     Where the file system has no locks, as on some network shares, nothing keeps two apart.

@@ -176,7 +176,7 @@ def _degrees(
             f"the joint values look like radians (the largest is {largest:.4g})",
             path=path,
             column=f"{columns[0]} to {columns[-1]}",
-            hint="multiply them by 57.29578, or pass --trust-units if they really are degrees",
+            hint="multiply them by 57.29578, or pass `trust_units` if they really are degrees",
             value=largest,
             bound=2 * math.pi,
         )
@@ -193,7 +193,7 @@ def _radians(
             f"the joint values look like degrees (the largest is {largest:.4g})",
             path=path,
             column=f"{columns[0]} to {columns[-1]}",
-            hint="end the names of the columns with _deg, or pass --trust-units if they really "
+            hint="end the names of the columns with _deg, or pass `trust_units` if they really "
             "are radians",
             value=largest,
             bound=LARGEST_RAD,

@@ -161,7 +161,7 @@ def kept_aside(path: Path) -> Path:
     except OSError as error:
         raise OutputError(
             f"{path}: cannot be kept aside: {error.strerror or error}",
-            hint="name another folder with --out",
+            hint="name another folder: `out`",
             name=str(path),
         ) from error
     return aside
@@ -280,7 +280,7 @@ def check_writable(path: Path) -> None:
     if not os.access(there, os.W_OK | os.X_OK):
         raise OutputError(
             f"{path}: cannot be written: the folder {there} is closed to writing",
-            hint="name another one with --out",
+            hint="name another one: `out`",
             name=str(path),
         )
 
@@ -335,16 +335,17 @@ def write_json_atomic(path: StrPath, content: object) -> Path:
 
 def json_text(content: object) -> str:
     """A value as JSON: arrays as lists, and null for numbers that JSON does not have."""
-    return json.dumps(_plain(content), indent=2)
+    return json.dumps(plain(content), indent=2)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A value of what JSON has: arrays as lists, None for numbers that are not finite."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -455,7 +456,7 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         raise OutputError(
             f"{path}: the output folder cannot be made: {error.strerror}",
-            hint="name another one with --out",
+            hint="name another one: `out`",
             name=str(path),
         ) from error
     return path

@@ -24,7 +24,7 @@ from calib.se3 import (
 )
 from calib.vision.boards import Board
 from posedesign.cell import Cell
-from posedesign.cell.board_set_up import CameraFound
+from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.trees import number, numbers, read_tree
@@ -357,9 +357,10 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
 def parameter_rows(result: HandEyeResult) -> list[dict[str, Any]]:
     """Parameters as people read them; cx and cy as OpenCV and ROS count them."""
     rows = []
-    for name, unit, value, _, sigma in result.estimate.displayed():
-        shift = 0.5 if name.startswith("lens") and name.endswith((".cx", ".cy")) else 0.0
-        rows.append({"parameter": name, "value": value - shift, "sigma": sigma, "unit": unit})
+    for row in result.estimate.displayed():
+        is_center = row.name.startswith("lens") and row.name.endswith((".cx", ".cy"))
+        value = row.value - 0.5 if is_center else row.value
+        rows.append({"parameter": row.name, "value": value, "sigma": row.sigma, "unit": row.unit})
     return rows
 
 

@@ -249,17 +249,15 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
 def noise_found(judge: Reference) -> list[str]:
     """Kinds whose residuals show another noise than was given, with both."""
     said = []
-    for given, found in zip(judge.given.measurements, judge.fitted.model.measurements, strict=True):
-        if found.found and not given.estimated:
-            was, now = 1e3 * given.mean_sigma_m, 1e3 * found.mean_sigma_m
-            why = "it is larger, or the arm has errors that no model here describes"
-            if now < was:  # such as with few gross errors, which weigh little
-                why = "most of them agree better than that"
-            said.append(
-                f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where "
-                f"{was:.3g} mm was given: {why}; models and priors are weighed against the noise "
-                "found"
-            )
+    for given, found in judge.noise_found:
+        was, now = 1e3 * given.mean_sigma_m, 1e3 * found.mean_sigma_m
+        why = "it is larger, or the arm has errors that no model here describes"
+        if now < was:  # such as with few gross errors, which weigh little
+            why = "most of them agree better than that"
+        said.append(
+            f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where {was:.3g} "
+            f"mm was given: {why}; models and priors are weighed against the noise found"
+        )
     return said
 
 
@@ -322,13 +320,7 @@ def _reference(cell: Cell, table: MeasurementTable) -> Reference | None:
 def _refuse_unexplained(judge: Reference, identified: Identified) -> None:
     """Raise where an arm with everything that may be off leaves what no arm leaves, unnamed."""
     result = judge.fitted.result
-    larger = [
-        found.mean_sigma_m / given.mean_sigma_m
-        for given, found in zip(
-            judge.given.measurements, judge.fitted.model.measurements, strict=True
-        )
-        if found.found and not given.estimated
-    ]
+    larger = [found.mean_sigma_m / given.mean_sigma_m for given, found in judge.noise_found]
     nothing = result.rms_m > FAR_FITTED_M and max(larger, default=1.0) > FAR_FROM_NOISE
     if nothing and identified.is_of_this_robot and not identified.findings:
         raise InputError(

@@ -309,16 +309,14 @@ def _pose_rows(
         q, T = found.postures[i], found.T_base_tip[i]
         row["reason"] = f"corrected by up to {turned[i]:.4f} deg in a joint"
         row |= dict(zip(joints, np.rad2deg(q), strict=True))
-        numbers = np.concatenate([1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), _wpr_deg(T)])
+        numbers = np.concatenate(
+            [1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), np.rad2deg(wpr_from_rotation(T[:3, :3]))]
+        )
         row |= dict(zip(POSE_AXES, numbers, strict=True))
         if shown:
             row |= dict(zip(pendant, shown.pendant(q), strict=True))
         rows.append(row)
     return ["name", "status", "reason", *joints, *POSE_AXES, *pendant], rows
-
-
-def _wpr_deg(T: FloatArray) -> FloatArray:
-    return np.rad2deg(wpr_from_rotation(T[:3, :3]))
 
 
 def predict(
@@ -432,15 +430,13 @@ class Mastering:
                 "pendant_joint": f"J{j + 1}",
                 "joint": name,
                 "correction_deg": float(np.rad2deg(self.correction[j])),
-                "sigma_deg": self._sigma_deg(j),
+                "sigma_deg": float(np.rad2deg(self.sigma[j]))
+                if self._is_corrected(j) and np.isfinite(self.sigma[j])
+                else None,
                 "meaning": self._meaning(j),
             }
             for j, name in enumerate(self.robot.joint_names)
         ]
-
-    def _sigma_deg(self, j: int) -> float | None:
-        known = self._is_corrected(j) and np.isfinite(self.sigma[j])
-        return float(np.rad2deg(self.sigma[j])) if known else None
 
     def _is_corrected(self, j: int) -> bool:
         """Whether any offset that was identified has a part in a joint of the pendant."""

@@ -1,23 +1,24 @@
-"""Reading an ``identification.json``: what was identified, for the robot of a cell.
+"""``identification.json``: what stands in it, how it is read for a cell, and how it is written.
 
 The file is hostile until read: size, JSON, the robot's name, every name and every number.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import FileFormatError, InputError, near_names
-from calib.identification import DISPLAY, IdentificationResult, KindNoise, Trial
+from calib.identification import DISPLAY, IdentificationResult, Trial
 from calib.model import CalibrationModel
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
-from posedesign.files import LARGEST_NUMBER, load_json, read_bytes_bounded, usable
+from posedesign.files import LARGEST_NUMBER, load_json, plain, read_bytes_bounded
 from posedesign.identification.comparison import Identified, why_another
 from posedesign.identification.findings import as_dict
 from posedesign.identification.measurement_set_up import frames_of
@@ -31,6 +32,133 @@ _LONGEST_SHOWN = 60
 _SYMMETRIC = 1e-6
 """Of a covariance over the standard deviations: how far it may be off its transpose, and below
 zero. Files have every digit."""
+
+_IS_ONE = "is it an identification?"
+_WRITTEN = "give the identification.json that posedesign identify has written"
+
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Number = Annotated[float, Field(strict=True, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+
+
+class _Read(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class Residual(_Read):
+    """A measurement as one model leaves it."""
+
+    pose: str
+    mm: float
+    target: str | None = None
+    leave_one_out_mm: float | None = None
+    weight: float | None = None
+    outlier: bool = False
+
+
+class Parameter(_Read):
+    """A parameter in the unit that it says."""
+
+    name: Text
+    value: Number
+    unit: str
+    sigma: Annotated[Number, Field(ge=0.0)] | None = None
+    change: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+class FittedModel(_Read):
+    """A model; one that was refused has no parameters."""
+
+    name: Text
+    message: str = ""
+    parameters: Annotated[list[Parameter], Field(max_length=MOST_PARAMETERS)] = []
+    residuals: list[Residual] = []
+    rms_mm: float | None = None
+    leave_one_out_rms_mm: float | None = None
+    expected_box_mm: float | None = None
+    noise_scale: float | None = None
+    held_by_prior: tuple[str, ...] = ()
+    covariance_si: list[list[Number]] | None = None
+
+
+class Source(_Read):
+    """What was identified from."""
+
+    file: str = ""
+
+
+class NamedFinding(_Read):
+    """What explains the residuals by name."""
+
+    text: str
+
+
+class IdentificationFile(_Read):
+    """What is read of an identification.json."""
+
+    robot: Text | None = None
+    joints: list[str] = []
+    arm: dict[str, Any] = {}
+    models: list[FittedModel]
+    recommended: Text | None = None
+    reference: Text | None = None
+    reason: str | None = None
+    warnings: list[str] = []
+    findings: list[NamedFinding] = []
+    data: Source = Source()
+
+    @property
+    def chosen(self) -> FittedModel | None:
+        """The recommended model."""
+        return next((model for model in self.models if model.name == self.recommended), None)
+
+
+def read_file(path: Path) -> IdentificationFile:
+    """Read an ``identification.json``.
+
+    Raises
+    ------
+    FileFormatError
+        It is none.
+    """
+    data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
+    try:
+        return IdentificationFile.model_validate(load_json(data))
+    except UnicodeDecodeError as error:
+        raise FileFormatError(
+            "is not UTF-8 text", path=path, hint="is it the right file?"
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        negative = first.get("ctx") == {"ge": 0.0}
+        raise FileFormatError(
+            "is below zero" if negative else _IN_WORDS.get(first["type"], first["msg"]),
+            path=path,
+            key=".".join(map(str, first["loc"])) or None,
+            hint=_WRITTEN,
+        ) from error
+    except ValueError as error:
+        raise FileFormatError(
+            f"is no valid JSON: {str(error).splitlines()[0][:100]}", path=path, hint=_WRITTEN
+        ) from error
+
+
+_IN_WORDS = {
+    "missing": "is missing",
+    "string_type": "is no text",
+    "string_too_short": "is no text",
+    "list_type": "is no list",
+    "tuple_type": "is no list",
+    "dict_type": "is no table of keys",
+    "model_type": "is no table of keys",
+    "too_long": "is too long a list",
+    **dict.fromkeys(
+        ("float_type", "greater_than_equal", "less_than_equal"),
+        f"is not a finite number within {LARGEST_NUMBER:g}",
+    ),
+}
+"""What is wrong with a key, by the names that pydantic has for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,110 +207,79 @@ def read_identification(
         The file is no identification, is of another robot, has no such model, or a number in it
         cannot be used.
     """
-    content = _object(_parsed(path), path, "the file")
-    robot = _text(content.get("robot"), path, "robot")
-    joints = content.get("joints", list(cell.robot.joint_names))
-    if robot != cell.robot.name or joints != list(cell.robot.joint_names):
+    content = read_file(path)
+    if content.robot is None:
+        raise FileFormatError("is no text", path=path, key="robot", hint=_IS_ONE)
+    joints = content.joints if "joints" in content.model_fields_set else None
+    if content.robot != cell.robot.name or joints not in (None, list(cell.robot.joint_names)):
         raise FileFormatError(
-            f"is of the robot {_shown(robot)}, the cell has {cell.robot.name}"
-            + (" with other joints" if robot == cell.robot.name else ""),
+            f"is of the robot {_shown(content.robot)}, the cell has {cell.robot.name}"
+            + (" with other joints" if content.robot == cell.robot.name else ""),
             path=path,
             key="robot",
             hint="give the cell that was identified",
         )
-    _check_arm(content, path, cell)
-    picked, entry = _picked(content, path, name, reference=reference)
-    names, values, units, sigma = _parameters(entry, path, picked)
-    try:
-        model = model_of(cell, names)
-    except InputError as error:
-        raise FileFormatError(
-            f"model {_shown(picked)}: {error.message}",
-            path=path,
-            key="parameters",
-            hint=error.hint or "is it the identification of this cell?",
-        ) from error
-    order = [names.index(n) for n in model.names]
-    factors = np.ones(model.p)
-    for k, (own, unit) in enumerate(zip(model.names, model.units, strict=True)):
-        label, factors[k] = DISPLAY[unit]
-        if units[order[k]] != label:
-            raise FileFormatError(
-                f"{_shown(own)} is in {_shown(units[order[k]])}, not in {label}",
-                path=path,
-                key="unit",
-            )
-    covariance = _covariance(entry, path, len(names))
-    if covariance is not None:
-        covariance = covariance[np.ix_(order, order)]
-    return IdentifiedModel(
-        picked,
-        robot,
-        model,
-        values[order] / factors,
-        sigma[order] / factors,
-        covariance,
-        _held(entry, path),
-    )
-
-
-def _check_arm(content: dict[str, Any], path: Path, cell: Cell) -> None:
-    """Refuse a cell that has changed in what gives the parameters their meaning."""
-    written, own = content.get("arm"), arm_as_dict(cell)
-    if not isinstance(written, dict):
-        return
-    for key, value in own.items():
-        if key in written and written[key] != value:
+    for key, value in arm_as_dict(cell).items():  # gives the parameters their meaning
+        if content.arm.get(key, value) != value:
             raise FileFormatError(
                 f"was identified with another {key}",
                 path=path,
                 key=key,
                 hint="identify again with the cell as it is now, or give the cell as it was",
             )
-
-
-def _parsed(path: Path) -> Any:
-    data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
+    entry = _picked(content, path, name, reference=reference)
+    names = [parameter.name for parameter in entry.parameters]
     try:
-        return load_json(data)
-    except UnicodeDecodeError as error:
+        model = model_of(cell, names)
+    except InputError as error:
         raise FileFormatError(
-            "is not UTF-8 text", path=path, hint="is it the right file?"
-        ) from error
-    except ValueError as error:
-        raise FileFormatError(
-            f"is no valid JSON: {str(error).splitlines()[0][:100]}",
+            f"model {_shown(entry.name)}: {error.message}",
             path=path,
-            hint="give the identification.json that posedesign identify has written",
+            key="parameters",
+            hint=error.hint or "is it the identification of this cell?",
         ) from error
+    order = [names.index(n) for n in model.names]
+    if len(order) != len(names):
+        double = next(n for n in names if names.count(n) > 1)
+        raise FileFormatError(f"{_shown(double)} appears twice", path=path, key="parameters.name")
+    given = [entry.parameters[k] for k in order]
+    for own, unit in zip(given, model.units, strict=True):
+        if own.unit != DISPLAY[unit][0]:
+            raise FileFormatError(
+                f"{_shown(own.name)} is in {_shown(own.unit)}, not in {DISPLAY[unit][0]}",
+                path=path,
+                key="unit",
+            )
+    factors = np.array([DISPLAY[unit][1] for unit in model.units])
+    sigma = np.array([np.nan if own.sigma is None else own.sigma for own in given])
+    covariance = _covariance(entry, path)
+    return IdentifiedModel(
+        entry.name,
+        content.robot,
+        model,
+        np.array([own.value for own in given]) / factors,
+        sigma / factors,
+        None if covariance is None else covariance[np.ix_(order, order)],
+        entry.held_by_prior,
+    )
 
 
 def _picked(
-    content: dict[str, Any], path: Path, name: str | None, *, reference: bool
-) -> tuple[str, dict[str, Any]]:
-    """Name and entry of the model that is meant."""
-    listed = content.get("models")
-    if not isinstance(listed, list) or not listed:
+    content: IdentificationFile, path: Path, name: str | None, *, reference: bool
+) -> FittedModel:
+    """The model that is meant."""
+    entries = {model.name: model for model in content.models}
+    if not entries:
+        raise FileFormatError("has no list of models", path=path, key="models", hint=_IS_ONE)
+    if name is None and content.recommended is None:
         raise FileFormatError(
-            "has no list of models", path=path, key="models", hint="is it an identification?"
+            "recommends no model",
+            path=path,
+            key="recommended",
+            hint="name one with --model: " + ", ".join(map(_shown, entries)),
         )
-    entries: dict[str, dict[str, Any]] = {}
-    for entry in listed:
-        own = _object(entry, path, "a model")
-        entries[_text(own.get("name"), path, "models.name")] = own
-    wanted = name
-    if wanted is None:
-        recommended = content.get("recommended")
-        if recommended is None:
-            raise FileFormatError(
-                "recommends no model",
-                path=path,
-                key="recommended",
-                hint="name one with --model: " + ", ".join(map(_shown, entries)),
-            )
-        wanted = _text(recommended, path, "recommended")
-        if reference and content.get("reference") is not None:
-            wanted = _text(content["reference"], path, "reference")
+    recommended = (content.reference if reference else None) or content.recommended or ""
+    wanted = recommended if name is None else name
     if wanted not in entries:
         raise FileFormatError(
             f"has no model {_shown(wanted)}",
@@ -190,63 +287,25 @@ def _picked(
             key="models",
             hint=near_names(wanted, [n[:_LONGEST_SHOWN] for n in entries]),
         )
-    return wanted, entries[wanted]
-
-
-def _parameters(
-    entry: dict[str, Any], path: Path, model: str
-) -> tuple[list[str], FloatArray, list[str], FloatArray]:
-    """Names, values, units and standard deviations, as they stand in the file."""
-    listed = entry.get("parameters")
-    if not isinstance(listed, list) or len(listed) > MOST_PARAMETERS:
+    if not entries[wanted].parameters:
         raise FileFormatError(
-            f"model {_shown(model)} has no list of at most {MOST_PARAMETERS} parameters",
-            path=path,
-            key="parameters",
-        )
-    if not listed:
-        raise FileFormatError(
-            f"model {_shown(model)} has no parameters",
+            f"model {_shown(wanted)} has no parameters",
             path=path,
             key="parameters",
             hint="it was refused, or nothing was identified: choose another one with --model",
         )
-    names, units = [], []
-    values, sigma = np.empty(len(listed)), np.full(len(listed), np.nan)
-    for k, item in enumerate(listed):
-        own = _object(item, path, "a parameter")
-        names.append(_text(own.get("name"), path, "parameters.name"))
-        units.append(_text(own.get("unit"), path, "parameters.unit"))
-        values[k] = _number(own.get("value"), path, names[k], "value")
-        if own.get("sigma") is not None:
-            sigma[k] = _number(own["sigma"], path, names[k], "sigma")
-            if sigma[k] < 0:
-                raise FileFormatError(
-                    f"the sigma of {_shown(names[k])} is below zero", path=path, key="sigma"
-                )
-    double = next((n for n in names if names.count(n) > 1), None)
-    if double is not None:
-        raise FileFormatError(f"{_shown(double)} appears twice", path=path, key="parameters.name")
-    return names, values, units, sigma
+    return entries[wanted]
 
 
-def _held(entry: dict[str, Any], path: Path) -> tuple[str, ...]:
-    listed = entry.get("held_by_prior", [])
-    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
-        raise FileFormatError("is no list of names", path=path, key="held_by_prior")
-    return tuple(listed)
-
-
-def _covariance(entry: dict[str, Any], path: Path, count: int) -> FloatArray | None:
-    given = entry.get("covariance_si")
+def _covariance(entry: FittedModel, path: Path) -> FloatArray | None:
+    given, count = entry.covariance_si, len(entry.parameters)
     if given is None:
         return None
-    rows = given if isinstance(given, list) and len(given) == count else []
-    if not rows or not all(isinstance(row, list) and len(row) == count for row in rows):
+    if [len(row) for row in given] != [count] * count:
         raise FileFormatError(
             f"is no table of {count} by {count} numbers", path=path, key="covariance_si"
         )
-    C = np.array([[_number(v, path, "an element", "covariance_si") for v in row] for row in rows])
+    C = np.array(given)
     sigma = np.sqrt(np.abs(np.diag(C)))
     scaled = C / np.outer(sigma, sigma) if sigma.all() else np.full_like(C, np.nan)
     if not (
@@ -258,34 +317,6 @@ def _covariance(entry: dict[str, Any], path: Path, count: int) -> FloatArray | N
     return C
 
 
-def _object(value: Any, path: Path, what: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise FileFormatError(
-            f"{what} is no table of keys",
-            path=path,
-            hint="give the identification.json that posedesign identify has written",
-        )
-    return value
-
-
-def _text(value: Any, path: Path, key: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise FileFormatError("is no text", path=path, key=key, hint="is it an identification?")
-    return value
-
-
-def _number(value: Any, path: Path, name: str, key: str) -> float:
-    number = usable(value)
-    if math.isnan(number):
-        raise FileFormatError(
-            f"the {key} of {_shown(name)} is not a finite number within {LARGEST_NUMBER:g}",
-            path=path,
-            key=key,
-            hint="a model that was refused, or did not converge, cannot be used",
-        )
-    return number
-
-
 def _shown(text: str) -> str:
     return repr(text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "...")
 
@@ -293,7 +324,7 @@ def _shown(text: str) -> str:
 def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
     """The content of ``identification.json``: degrees and millimetres."""
     comparison, data = identified.comparison, identified.table.data
-    return {
+    content = {
         "robot": cell.robot.name,
         "joints": list(cell.robot.joint_names),
         "arm": arm_as_dict(cell),
@@ -303,7 +334,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "tools": list(data.tools),
         "weighted": cell.config.measurement.weighted,
         "loss": cell.config.parameters.loss,
-        "nominal_rms_mm": _or_none(identified.nominal_rms_m * 1e3),
+        "nominal_rms_mm": 1e3 * identified.nominal_rms_m,
         "recommended": comparison.recommended if identified.is_of_this_robot else None,
         "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
         "criterion": comparison.criterion,
@@ -316,10 +347,12 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
     }
+    found: dict[str, Any] = plain(content)
+    return found
 
 
 def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
-    result = trial.result
+    result, expected = trial.result, trial.expected
     if result is None:
         message = trial.error.message if trial.error else ""
         return {"name": trial.name, "status": "refused", "message": message, "parameters": []}
@@ -331,35 +364,53 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
         "iterations": result.iterations,
         "rms_mm": result.rms_m * 1e3,
         "max_mm": result.max_m * 1e3,
-        "leave_one_out_rms_mm": _or_none(result.leave_one_out_rms_m * 1e3),
-        "leave_one_target_out_rms_mm": _or_none(trial.target_out_rms_m * 1e3),
-        "rms_deg": _or_none(np.rad2deg(result.rms_rad)),
-        "leave_one_out_rms_deg": _or_none(np.rad2deg(result.leave_one_out_rms_rad)),
-        "expected_box_mm": None if trial.expected is None else 1e3 * trial.expected.rms_m,
+        "leave_one_out_rms_mm": 1e3 * result.leave_one_out_rms_m,
+        "leave_one_target_out_rms_mm": 1e3 * trial.target_out_rms_m,
+        "rms_deg": np.rad2deg(result.rms_rad),
+        "leave_one_out_rms_deg": np.rad2deg(result.leave_one_out_rms_rad),
+        "expected_box_mm": None if expected is None else 1e3 * expected.rms_m,
         "expected_box_interval_mm": None
-        if trial.expected is None
-        else [1e3 * trial.expected.low_m, 1e3 * trial.expected.high_m],
+        if expected is None
+        else [1e3 * expected.low_m, 1e3 * expected.high_m],
         "not_left_out": result.indispensable,
         "chi2": result.chi2,
         "degrees_of_freedom": result.degrees_of_freedom,
-        "noise_scale": _or_none(result.noise_scale),
-        "noise": [_noise_as_dict(noise) for noise in result.noise],
-        "residuals": _residuals_as_dicts(result, identified),
-        "parameters": _parameters_as_dicts(result),
+        "noise_scale": result.noise_scale,
+        "noise": [
+            {
+                "kind": noise.kind,
+                "sigma_si": noise.sigma,
+                "estimated": noise.estimated,
+                "doubted": noise.doubted,
+                "residuals_over_noise": noise.scale,
+            }
+            for noise in result.noise
+        ],
+        "residuals": _residuals_as_dicts(result, identified.table.data),
+        "parameters": [
+            {
+                "name": row.name,
+                "value": row.value,
+                "unit": row.unit,
+                "sigma": row.sigma,
+                "change": row.change,
+                "low": row.low,
+                "high": row.high,
+                "prior_sigma": row.prior,
+            }
+            for row in result.displayed()
+        ],
         "strong_correlations": [
             {"first": a, "second": b, "value": value} for a, b, value in result.strong_correlations
         ],
         "held_by_prior": result.held_by_prior,
-        "singular_values": result.singular_values.tolist(),
-        "covariance_si": result.covariance.tolist(),
+        "singular_values": result.singular_values,
+        "covariance_si": result.covariance,
         "frames": _frames_as_dict(trial, result),
     }
 
 
-def _residuals_as_dicts(
-    result: IdentificationResult, identified: Identified
-) -> list[dict[str, Any]]:
-    data = identified.table.data
+def _residuals_as_dicts(result: IdentificationResult, data: Measurements) -> list[dict[str, Any]]:
     # each of all rows, asked for once
     far, lost = result.distances_m, result.leave_one_out_m
     return [
@@ -367,57 +418,22 @@ def _residuals_as_dicts(
             "pose": data.names[i],
             "target": data.targets[data.target[i]],
             "mm": 1e3 * far[i],
-            "leave_one_out_mm": _or_none(1e3 * lost[i]),
-            "weight": float(result.weights[i]),
-            "outlier": bool(result.outliers[i]),
-            "rows_si": result.residuals[i].tolist(),
+            "leave_one_out_mm": 1e3 * lost[i],
+            "weight": result.weights[i],
+            "outlier": result.outliers[i],
+            "rows_si": result.residuals[i],
         }
         for i in range(data.count)
     ]
-
-
-def _parameters_as_dicts(result: IdentificationResult) -> list[dict[str, Any]]:
-    low, high = result.interval
-    found = []
-    for k, (name, unit, value, change, sigma) in enumerate(result.displayed()):
-        factor = DISPLAY[result.units[k]][1]
-        found.append(
-            {
-                "name": name,
-                "value": value,
-                "unit": unit,
-                "sigma": sigma,
-                "change": change,
-                "low": low[k] * factor,
-                "high": high[k] * factor,
-                "prior_sigma": _or_none(result.prior[k] * factor),
-            }
-        )
-    return found
-
-
-def _noise_as_dict(noise: KindNoise) -> dict[str, Any]:
-    return {
-        "kind": noise.kind,
-        "sigma_si": noise.sigma.tolist(),
-        "estimated": noise.estimated,
-        "doubted": noise.doubted,
-        "residuals_over_noise": noise.scale,
-    }
 
 
 def _frames_as_dict(trial: Trial, result: IdentificationResult) -> dict[str, Any]:
     """Where tools and targets are: x, y, z [mm] and W, P, R [deg]."""
     blocks = list(trial.candidate.model.parameters)
     return {
-        side: {label: _pose(T) for label, T in poses.items()}
+        side: {
+            label: [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
+            for label, T in poses.items()
+        }
         for side, poses in frames_of(blocks, result.values, result.names).items()
     }
-
-
-def _pose(T: FloatArray) -> list[float]:
-    return [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

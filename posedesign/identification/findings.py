@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.identification.diagnosis import GROSS, MODEL, Finding, diagnose
+from calib.identification.diagnosis import GROSS, MODEL, Cause, Finding, diagnose
 from calib.identification.report import UNSEEN_SCALE
 from calib.model import CalibrationModel
 from posedesign.cell import Cell
@@ -79,11 +79,11 @@ def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
         "things": list(finding.things),
         "poses": [table.data.names[i] for i in finding.rows],
         "lines": [table.lines[i] for i in finding.rows],
-        "size": _or_none(finding.size * factor),
+        "size": finding.size * factor,
         "unit": unit,
-        "rms_before_mm": _or_none(1e3 * finding.before_m),
-        "rms_after_mm": _or_none(1e3 * finding.after_m),
-        "log_odds": _or_none(finding.log_odds),
+        "rms_before_mm": 1e3 * finding.before_m,
+        "rms_after_mm": 1e3 * finding.after_m,
+        "log_odds": finding.log_odds,
         "text": in_words(finding, table),
         "also": [_said(other, table)[0] for other in finding.also],
     }
@@ -97,13 +97,48 @@ def _said(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
     """What seems to have happened, and what to do."""
     if finding.cause in ("step", "drift", "warm-up"):
         return _changed(finding, table)
-    if finding.cause in ("swapped rows", "swapped labels", "wrong label"):
+    if finding.rows:
         return _mixed_up(finding, table)
     if finding.cause in ("scale", "harmonic", "reach"):
         return _followed(finding)
-    if finding.part == "joint":
-        return _counted(finding)
-    return _read(finding)
+    what, remedy = _OF_ALL_ROWS[finding.cause]
+    row = {"later": "low", "earlier": "high"}  # of what stands one row off
+    things = [*(row.get(thing, thing) for thing in finding.things), "", "", ""]
+    off = things[1].lstrip("+")
+    return what.format(*things, off=off, listed=", ".join(finding.things)), remedy
+
+
+_SIGNS = "bring the joints into the signs and zeros of the URDF, or give them as pendant_j.."
+_AXES = "give the readings in a right-handed frame, axes in order"
+_SHIFTED = "is a row missing, or one there twice?"
+_OF_ALL_ROWS: dict[Cause, tuple[str, str]] = {
+    "sign": ("as if {0} were counted the other way", _SIGNS),
+    "zero": ("as if the zero of {0} were {off} deg off", _SIGNS),
+    "sign and zero": ("as if {0} were counted the other way from a zero {off} deg off", _SIGNS),
+    "coupling": (
+        "as if {0} were shown {2} {1}, as on FANUC pendants",
+        "give the joints as pendant_j1_deg .. with the robot's controller in the cell, or in URDF "
+        "joints",
+    ),
+    "swapped joints": ("as if {0} and {1} were exchanged", "put the columns in order"),
+    "joint unit": ("as if joints were in {0}", "give them in degrees"),
+    "all signs": ("as if all joints were counted the other way", _SIGNS),
+    "reading unit": ("as if readings were in {listed}", "give them in mm"),
+    "mirrored axis": ("as if an axis of the readings were mirrored, or two exchanged", _AXES),
+    "swapped axes": ("as if the axes {0} and {1} of readings were exchanged", _AXES),
+    "turned axes": ("as if the axes of places were in the order {listed}", _AXES),
+    "inverted rotation": (
+        "as if the rotations of readings were inverted",
+        "give w_deg, p_deg, r_deg of the frame that places are of",
+    ),
+    "inverted pose": (
+        "as if poses were read from the other side",
+        "a camera-pose is the target in the camera, a pose the tool in the instrument",
+    ),
+    "shifted labels": ("as if targets stood one row too {0}", _SHIFTED),
+    "shifted rows": ("as if readings stood one row too {0}", _SHIFTED),
+}
+"""What all rows suffer from, by its things, and what to do."""
 
 
 def _changed(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
@@ -176,56 +211,3 @@ def _followed(finding: Finding) -> tuple[str, str]:
         f"{np.degrees(finding.size):.2g} deg that comes {turn} a turn",
         'free "harmonics" in parameters.models',
     )
-
-
-def _counted(finding: Finding) -> tuple[str, str]:
-    things = finding.things
-    remedy = "bring the joints into the signs and zeros of the URDF, or give them as pendant_j.."
-    if finding.cause == "sign":
-        return f"as if {things[0]} were counted the other way", remedy
-    if finding.cause == "zero":
-        return f"as if the zero of {things[0]} were {things[1].lstrip('+')} deg off", remedy
-    if finding.cause == "sign and zero":
-        off = things[1].lstrip("+")
-        return f"as if {things[0]} were counted the other way from a zero {off} deg off", remedy
-    if finding.cause == "coupling":
-        return (
-            f"as if {things[0]} were shown {things[2]} {things[1]}, as on FANUC pendants",
-            "give the joints as pendant_j1_deg .. with the robot's controller in the cell, or in "
-            "URDF joints",
-        )
-    if finding.cause == "swapped joints":
-        return f"as if {things[0]} and {things[1]} were exchanged", "put the columns in order"
-    if finding.cause == "joint unit":
-        return f"as if joints were in {things[0]}", "give them in degrees"
-    return "as if all joints were counted the other way", remedy
-
-
-def _read(finding: Finding) -> tuple[str, str]:
-    names = finding.things
-    axes = "give the readings in a right-handed frame, axes in order"
-    words = {
-        "reading unit": (f"as if readings were in {', '.join(names)}", "give them in mm"),
-        "mirrored axis": ("as if an axis of the readings were mirrored, or two exchanged", axes),
-        "swapped axes": (f"as if the axes {' and '.join(names)} of readings were exchanged", axes),
-        "turned axes": (f"as if the axes of places were in the order {', '.join(names)}", axes),
-        "inverted rotation": (
-            "as if the rotations of readings were inverted",
-            "give w_deg, p_deg, r_deg of the frame that places are of",
-        ),
-        "inverted pose": (
-            "as if poses were read from the other side",
-            "a camera-pose is the target in the camera, a pose the tool in the instrument",
-        ),
-    }
-    if finding.cause in words:
-        return words[finding.cause]
-    what = "targets" if finding.cause == "shifted labels" else "readings"
-    return (
-        f"as if {what} stood one row {'too low' if names[0] == 'later' else 'too high'}",
-        "is a row missing, or one there twice?",
-    )
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -34,7 +34,7 @@ from calib.model.parameters import (
 from calib.robots import Robot
 from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
-from posedesign.cell.data import noise_sigma
+from posedesign.cell.measuring import noise_sigma
 from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.measurement_set_up import set_up_blocks
 
@@ -294,20 +294,6 @@ def _model(
     return CalibrationModel(cell.robot, blocks, kinds, _distances(cell, table))
 
 
-def _frees_scale(words: Sequence[str], whole: CalibrationModel, table: MeasurementTable) -> bool:
-    """Whether links are free and the measurements do not see how large the arm is.
-
-    Asked of the model before it is reduced: a link that is left out of it would hold the scale, and
-    a short one holds it badly.
-    """
-    if "geometry" not in words or PRIORS in words:
-        return False
-    x = first_guess(whole, table.data)
-    data = table.data
-    linear = whole.linearise(data.postures, x, data.setup, data.observed)
-    return unseen_scale(linear, x) > UNSEEN_SCALE
-
-
 def left_out(cell: Cell) -> list[str]:
     """Models that the cell asks for and cannot have, with the reason: all in one, or none."""
     able = asked_for(cell)
@@ -316,13 +302,20 @@ def left_out(cell: Cell) -> list[str]:
 
 
 def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
-    """Names of models that the cell asks for, and that need priors: nothing sees the scale."""
-    kinds = kinds_of(cell, table.kinds)
-    return [
-        name_of(words)
-        for words in asked_for(cell)
-        if _frees_scale(words, _model(cell, table, words, kinds), table)
-    ]
+    """Names of models that the cell asks for, and that need priors: nothing sees the scale.
+
+    Models are asked before they are reduced: a link that is left out of one would hold the scale,
+    and a short one holds it badly.
+    """
+    kinds, data, found = kinds_of(cell, table.kinds), table.data, []
+    for words in asked_for(cell):
+        if "geometry" in words and PRIORS not in words:
+            whole = _model(cell, table, words, kinds)
+            x = first_guess(whole, data)
+            linear = whole.linearise_at(data, x)
+            if unseen_scale(linear, x) > UNSEEN_SCALE:
+                found.append(name_of(words))
+    return found
 
 
 def _has_weight(cell: Cell) -> bool:

@@ -127,11 +127,6 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
     on : {"a", "b", "both", "seen", "shown"}
         Where the noise is.
     camera : {"on-flange", "fixed"}
-
-    Raises
-    ------
-    InputError
-        No method of maximum likelihood, noise on both sides, or not the same in all directions.
     """
     if not any(METHODS[method].likelihood for method in methods):
         raise InputError(
@@ -160,13 +155,7 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
 
 
 def prove(A: FloatArray, B: FloatArray, result: RobotWorldResult) -> Proof | None:
-    """Proof for an answer from pairs ``(N, 4, 4)``; None where it has no noise to weigh them by.
-
-    Raises
-    ------
-    InputError
-        Noise on both sides, or not the same in all directions.
-    """
+    """Proof for an answer from pairs ``(N, 4, 4)``; None where it has no noise to weigh them by."""
     if result.noise is None:
         return None
     if not isinstance(result.noise, PairNoise):

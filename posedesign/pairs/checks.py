@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,39 +57,19 @@ class Place:
         return f"{self.variable}{self.marks[0]}{i + self.first}{self.marks[1]}"
 
     def error(
-        self,
-        i: int,
-        message: str,
-        *,
-        hint: str,
-        column: str | None = None,
-        value: float | None = None,
-        bound: float | None = None,
+        self, i: int, message: str, *, column: str | None = None, **details: Any
     ) -> FileFormatError:
-        """The error of one pose."""
-        return FileFormatError(
-            message,
-            path=self.path,
-            row=None if self.variable else self.lines[i],
-            column=None if self.variable else column,
-            key=self.name(i) if self.variable else None,
-            hint=hint,
-            value=value,
-            bound=bound,
-        )
+        """The error of one pose, with hint, value and bound as any."""
+        if self.variable:
+            return FileFormatError(message, path=self.path, key=self.name(i), **details)
+        row = self.lines[i]
+        return FileFormatError(message, path=self.path, row=row, column=column, **details)
 
 
 def transforms_from_matrices(
     T: FloatArray, place: Place, column: str | None = None
 ) -> tuple[FloatArray, str]:
-    """Rigid transforms ``(N, 4, 4)`` from matrices of a file, and a note where they are rounded.
-
-    Raises
-    ------
-    FileFormatError
-        A number that is not finite, a last row other than 0 0 0 1, a scaled, sheared or
-        left-handed rotation.
-    """
+    """Rigid transforms ``(N, 4, 4)`` from matrices of a file, and a note where they are rounded."""
     bad = np.asarray(~np.isfinite(T).all(axis=(-2, -1)))
     if bad.any():
         raise place.error(
@@ -103,13 +84,7 @@ def transforms_from_matrices(
 
 
 def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tuple[FloatArray, str]:
-    """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded.
-
-    Raises
-    ------
-    FileFormatError
-        A norm that is not 1.
-    """
+    """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded."""
     with np.errstate(over="ignore"):
         square = (q**2).sum(axis=-1)
     off = np.abs(square - 1.0)
@@ -202,24 +177,3 @@ def _rounding_note(off: FloatArray, place: Place) -> str:
         f"rotations are rounded, off by up to {off[worst]:.1g} ({place.name(worst)}): the nearest "
         f"ones are taken, good to about {math.degrees(off[worst]):.1g} deg"
     )
-
-
-def repeats(A: FloatArray, B: FloatArray) -> tuple[BoolArray, list[tuple[int, int]]]:
-    """Pairs that repeat an earlier one number by number.
-
-    A measurement that was made twice differs in its last digits; a row that was pasted twice does
-    not, and would count double.
-
-    Returns
-    -------
-    kept : array (N,) of bool
-        False where a pair repeats another.
-    found : list of (int, int)
-        Each repetition, and what it repeats.
-    """
-    first: dict[bytes, int] = {}
-    keys = [T_a.tobytes() + T_b.tobytes() for T_a, T_b in zip(A, B, strict=True)]
-    found = [(i, first[key]) for i, key in enumerate(keys) if first.setdefault(key, i) != i]
-    kept = np.ones(len(A), dtype=bool)
-    kept[[i for i, _ in found]] = False
-    return kept, found

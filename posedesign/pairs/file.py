@@ -78,10 +78,7 @@ def write_pairs(
 ) -> Path:
     """Write ``pairs.csv``; InputError for what is no rigid transform: W, P, R would not show it.
 
-    Parameters
-    ----------
-    a, b : PoseForm
-        Form of the poses of each side.
+    a and b are the forms of the poses of each side.
     """
     A, B = check_transforms(pairs.A, "A"), check_transforms(pairs.B, "B")
     numbers = np.concatenate([a.numbers(A), b.numbers(B)], axis=-1)
@@ -102,11 +99,6 @@ def read_pairs(path: Path, columns: Sequence[str] = (), *, trust_units: bool = F
         Names of the columns, for a file without a header line; see :func:`expanded`.
     trust_units : bool
         Do not refuse angles and lengths that look like those of another unit.
-
-    Raises
-    ------
-    FileFormatError
-        Naming line and column.
     """
     return joined(*read_sides(path, columns, trust_units=trust_units))
 
@@ -116,7 +108,10 @@ def read_sides(
 ) -> tuple[Poses, Poses]:
     """Read both sides of a ``pairs.csv``; see :func:`read_pairs`."""
     table = _table(path, expanded(columns))
-    a, b = (_poses_of(path, table, f"{side}_", trust_units) for side in "ab")
+    a, b = (
+        read_poses_of(path, table.columns, table.rows, f"{side}_", trust_units=trust_units)
+        for side in "ab"
+    )
     return replace(a, notes=table.notes + a.notes), b
 
 
@@ -138,25 +133,20 @@ def read_side(
     if any(name.startswith(("a_", "b_")) for name in named):
         named = [name for name in named if name.startswith(f"{letter}_")]
         if not named:
-            raise _no_columns(letter)
+            raise InputError(
+                f"--columns names none of {letter.upper()}",
+                hint="names without a_ and b_ count for both files",
+                name="columns",
+            )
     table = _table(path, named)
     prefixed = any(name.startswith(f"{letter}_") for name in table.columns)
-    poses = _poses_of(path, table, f"{letter}_" if prefixed else "", trust_units)
+    prefix = f"{letter}_" if prefixed else ""
+    poses = read_poses_of(path, table.columns, table.rows, prefix, trust_units=trust_units)
     return replace(poses, notes=table.notes + poses.notes)
 
 
-def _poses_of(path: Path, table: Table, prefix: str, trust_units: bool) -> Poses:
-    return read_poses_of(path, table.columns, table.rows, prefix, trust_units=trust_units)
-
-
 def joined(a: Poses, b: Poses) -> Pairs:
-    """Pairs from the poses of both sides.
-
-    Raises
-    ------
-    FileFormatError
-        One side has more poses than the other, or others by name.
-    """
+    """Pairs from the poses of both sides."""
     if len(a.T) != len(b.T):
         raise FileFormatError(
             f"has {len(b.T)} poses, {a.place.variable or a.place.path} has {len(a.T)}",
@@ -239,11 +229,3 @@ def _in_small_letters(
         Row(row.line, {named.get(name, name): cell for name, cell in row.cells.items()})
         for row in rows
     ]
-
-
-def _no_columns(letter: str) -> InputError:
-    return InputError(
-        f"--columns names none of {letter.upper()}",
-        hint="names without a_ and b_ count for both files",
-        name="columns",
-    )

@@ -55,22 +55,15 @@ ENDLESS_ANGLE = 1e6
 says where it points."""
 
 
-def refuse_endless_lengths(place: Place, p: FloatArray, column: str | None = None) -> None:
-    """Refuse translations ``(N, 3)`` [m] beyond any robot, whether units are trusted or not."""
-    _refuse_endless(place, p, ENDLESS_M, "a translation of {:.3g} m is beyond any robot", column)
-
-
-def refuse_endless_angles(
-    place: Place, angles: FloatArray, columns: Sequence[str], unit: str
+def refuse_endless(
+    place: Place, numbers: FloatArray, unit: str = "m", column: str | None = None
 ) -> None:
-    """Refuse angles ``(N, 3)`` that are no angles, whether units are trusted or not."""
-    said, column = f"an angle of {{:.3g}} {unit} is none", f"{columns[0]} to {columns[-1]}"
-    _refuse_endless(place, angles, ENDLESS_ANGLE, said, column)
-
-
-def _refuse_endless(
-    place: Place, numbers: FloatArray, bound: float, said: str, column: str | None
-) -> None:
+    """Refuse lengths [m] and angles [deg or rad] ``(N, 3)`` that nothing has, whatever the unit."""
+    bound, said = (
+        (ENDLESS_M, "a translation of {:.3g} m is beyond any robot")
+        if unit == "m"
+        else (ENDLESS_ANGLE, f"an angle of {{:.3g}} {unit} is none")
+    )
     largest = np.abs(numbers).max(axis=-1)  # no norm, which would overflow
     bad = largest > bound
     if bad.any():
@@ -110,19 +103,7 @@ def check_lengths(
     place: Place, p: FloatArray, unit: str, remedy: str, column: str | None = None
 ) -> None:
     """Refuse translations ``(N, 3)`` [m] read in mm that look like m, and the other way round.
-
-    Parameters
-    ----------
-    place : Place
-        Where they stand.
-    p : array (N, 3)
-        Translations as read [m].
-    unit : {"mm", "m"}
-        Unit that they were read in.
-    remedy : str
-        How to say the other unit.
-    column : str, optional
-        The columns of a table.
+    The remedy says how to give the other unit.
     """
     longest = float(np.linalg.norm(p, axis=-1).max())
     short = unit == "mm" and 0.0 < longest < NEAREST_M and len(p) >= FEWEST_TO_JUDGE
@@ -182,9 +163,8 @@ class PoseForm:
     Attributes
     ----------
     unit : {"mm", "m"}
-        Unit of the translation.
     turn : str
-        Form of the orientation, one of :data:`TURNS`.
+        One of :data:`TURNS`.
     """
 
     unit: str = "mm"
@@ -202,12 +182,10 @@ class PoseForm:
 
     @property
     def place_columns(self) -> tuple[str, ...]:
-        """Columns of the translation."""
         return _PLACES[self.unit]
 
     @property
     def turn_columns(self) -> tuple[str, ...]:
-        """Columns of the orientation."""
         return _TURNS[self.turn]
 
     def numbers(self, T: FloatArray) -> FloatArray:
@@ -252,13 +230,7 @@ class Poses:
 
 
 def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
-    """The form that the columns with a prefix have.
-
-    Raises
-    ------
-    FileFormatError
-        A column is missing, or there are two forms of the same thing.
-    """
+    """The form that the columns with a prefix have."""
     unit = _find(path, columns, prefix, _PLACES, "position")
     turn = _find(path, columns, prefix, _TURNS, "orientation")
     return PoseForm(unit, turn)
@@ -267,67 +239,39 @@ def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
 def read_poses_of(
     path: Path, columns: Sequence[str], rows: Sequence[Row], prefix: str, *, trust_units: bool
 ) -> Poses:
-    """Poses from the columns of a table whose names begin with a prefix.
-
-    Raises
-    ------
-    FileFormatError
-        Naming line and column: no number, no rotation, or a unit that cannot be.
-    """
+    """Poses from the columns of a table whose names begin with a prefix."""
     form = find_form(path, columns, prefix)
     place = Place(path, tuple(row.line for row in rows))
-    place_columns = [prefix + name for name in form.place_columns]
-    p = numbers_of(path, rows, place_columns) * METRES[form.unit]
-    what = f"{place_columns[0]} to {place_columns[-1]}"
-    refuse_endless_lengths(place, p, what)
-    numbers = _turn_numbers(path, rows, prefix, form, trust_units)
-    R, note = _rotations(path, columns, rows, prefix, form, place, numbers)
-    if not trust_units:
-        other = "m" if form.unit == "mm" else "mm"
-        named = ", ".join(prefix + name for name in _PLACES[other])
-        check_lengths(place, p, form.unit, f"call the columns {named}", what)
-    names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
-    notes = (f"{path}, {prefix + form.turn_columns[0]} ..: {note}",) if note else ()
-    return Poses(se3.transform(R, p), place, names, notes, form.turn, numbers)
-
-
-def _turn_numbers(
-    path: Path, rows: Sequence[Row], prefix: str, form: PoseForm, trust_units: bool
-) -> FloatArray:
-    """The orientation in its own form, angles in rad."""
-    names = tuple(prefix + name for name in form.turn_columns)
-    numbers = numbers_of(path, rows, names)
-    _, _, unit = form.turn.partition("-")
+    places, turns = (
+        tuple(prefix + name for name in names) for names in (form.place_columns, form.turn_columns)
+    )
+    what, turn = f"{places[0]} to {places[-1]}", f"{turns[0]} to {turns[-1]}"
+    p = numbers_of(path, rows, places) * METRES[form.unit]
+    refuse_endless(place, p, "m", what)
+    numbers, note = numbers_of(path, rows, turns), ""
+    kind, _, unit = form.turn.partition("-")
     if unit:
-        refuse_endless_angles(Place(path, tuple(row.line for row in rows)), numbers, names, unit)
+        refuse_endless(place, numbers, unit, turn)
         if not trust_units:
-            check_angles(path, names, numbers, unit)
-    return numbers * _DEGREE if unit == "deg" else numbers
-
-
-def _rotations(
-    path: Path,
-    columns: Sequence[str],
-    rows: Sequence[Row],
-    prefix: str,
-    form: PoseForm,
-    place: Place,
-    numbers: FloatArray,
-) -> tuple[FloatArray, str]:
-    """Rotations ``(N, 3, 3)``, and a note where they are rounded."""
-    what = f"{prefix}{form.turn_columns[0]} to {prefix}{form.turn_columns[-1]}"
-    if form.turn == "quaternion":
-        return rotations_from_quaternions(numbers, place, what)
-    if form.turn == "matrix":
+            check_angles(path, turns, numbers, unit)
+        numbers = numbers * _DEGREE if unit == "deg" else numbers
+        R = _FROM_ANGLES[kind](numbers)
+    elif kind == "quaternion":
+        R, note = rotations_from_quaternions(numbers, place, turn)
+    else:
         T = se3.transform(numbers.reshape(-1, 3, 3), np.zeros(3))
         last = [prefix + name for name in _LAST_ROW]
         if any(name in columns for name in last):
             _check_there(path, columns, last)
             T[:, 3] = numbers_of(path, rows, last)
-        T, note = transforms_from_matrices(T, place, what)
-        return T[:, :3, :3], note
-    kind, _, _ = form.turn.partition("-")
-    return _FROM_ANGLES[kind](numbers), ""
+        T, note = transforms_from_matrices(T, place, turn)
+        R = T[:, :3, :3]
+    if not trust_units:
+        named = ", ".join(prefix + name for name in _PLACES["m" if form.unit == "mm" else "mm"])
+        check_lengths(place, p, form.unit, f"call the columns {named}", what)
+    names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
+    notes = (f"{path}, {turns[0]} ..: {note}",) if note else ()
+    return Poses(se3.transform(R, p), place, names, notes, form.turn, numbers)
 
 
 def _find(

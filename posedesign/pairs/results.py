@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,13 +29,15 @@ from posedesign.pairs.file import Pairs
 
 ALL, PAPERS = "all", "papers"
 
-NoiseOn = Literal["A", "B", "both", "seen"]
+NoiseSide = Literal["a", "b", "both", "seen", "shown"]
+_SIDES: Mapping[str, Literal["A", "both"]] = {"a": "A", "both": "both"}
+"""The others are of B: what a fixed camera sees is B itself."""
 
 Advance = Callable[[str, float], None]
 """Told what is being done, and the part of all work that is done."""
 
-_STEPS = 3
-"""Solving, standard deviations, leaving out: the last two take most of the time of most methods."""
+_LATER = (("standard deviations", "covariance"), ("leaving out pairs", "left_out_residuals"))
+"""What takes most of the time of most methods, after solving."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,7 @@ class SolverOutcome:
 
 
 def methods_of(names: str) -> tuple[str, ...]:
-    """Methods by their names with commas between them, ``papers`` and ``all`` among them.
-
-    Raises
-    ------
-    InputError
-        No name beside a comma, or an unknown one; the hint has the near ones.
-    """
+    """Methods by their names with commas between them, ``papers`` and ``all`` among them."""
     chosen: list[str] = []
     for name in map(str.strip, names.split(",")):
         if not name:
@@ -90,26 +86,32 @@ def methods_of(names: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(chosen))
 
 
-def noise_of(
-    pairs: Pairs, camera: Camera, rotation_rad: float, translation_m: float, on: NoiseOn
-) -> Noise:
-    """Noise of pairs, the same in all directions.
+def asked_noise(
+    pairs: Pairs,
+    camera: Camera,
+    rotation_rad: float | None,
+    translation_m: float | None,
+    on: NoiseSide | None,
+) -> Noise | NoiseShown | None:
+    """Noise of pairs, the same in all directions, or how it is to be estimated, if that is said.
 
     Parameters
     ----------
     camera : {"on-flange", "fixed"}
-    rotation_rad, translation_m : float
-        Standard deviations about and along each axis.
-    on : {"A", "B", "both", "seen"}
+    rotation_rad, translation_m : float or None
+        Standard deviations about and along each axis; None: as the residuals show it.
+    on : {"a", "b", "both", "seen", "shown"} or None
         The side that has it; seen: the target as the camera sees it, which for a camera on the
-        flange is the inverse of B.
+        flange is the inverse of B; shown: as the residuals show it.
     """
-    if on != "seen":
-        return PairNoise(rotation_rad, translation_m, on)
-    noise = PairNoise(rotation_rad, translation_m, "B")
-    if camera == "fixed":
-        return noise
-    return PairCovariances.of_seen_target(pairs.B, np.diag(noise.sigma**2))
+    if on == "shown":
+        return "shown"
+    if rotation_rad is None or translation_m is None:
+        return "B" if on == "b" else None
+    if on == "seen" and camera == "on-flange":
+        sigma = PairNoise(rotation_rad, translation_m).sigma
+        return PairCovariances.of_seen_target(pairs.B, np.diag(sigma**2))
+    return PairNoise(rotation_rad, translation_m, _SIDES.get(on or "b", "B"))
 
 
 def solve_pairs(
@@ -124,19 +126,10 @@ def solve_pairs(
 
     Parameters
     ----------
-    noise : PairNoise, PairCovariances, "B" or "shown", optional
+    noise, estimate_scale
         See :func:`calib.robot_world.solve`.
     advance : callable, optional
         Told what is being done, and the part of all work that is done.
-    estimate_scale : bool
-        Whether to estimate the scale of B's translations as well.
-
-    Raises
-    ------
-    InputError
-        An unknown method, or too few pairs.
-    NotIdentifiableError
-        No method has an answer because the motions do not allow one.
     """
     if not methods:
         raise InputError("no method to solve A X = Z B by", name="methods")
@@ -145,7 +138,7 @@ def solve_pairs(
     for k, method in enumerate(methods):
 
         def step(what: str, done: int, method: str = method, k: int = k) -> None:
-            advance(f"{method}, {what}", (k + done / _STEPS) / len(methods))
+            advance(f"{method}, {what}", (k + done / (1 + len(_LATER))) / len(methods))
 
         step("solving", 0)
         try:
@@ -161,7 +154,10 @@ def solve_pairs(
                 raise
             outcomes.append(SolverOutcome(method, None, error.message))
             continue
-        _work_out(result, step)
+        # a result works these out when it is first asked: here, so that progress shows it
+        for done, (what, name) in enumerate(_LATER, 1):
+            step(what, done)
+            getattr(result, name)
         out = tuple(
             place for place, ok in zip(places_of(pairs), result.used, strict=True) if not ok
         )
@@ -172,23 +168,8 @@ def solve_pairs(
     return tuple(outcomes)
 
 
-def _work_out(result: RobotWorldResult, step: Callable[[str, int], None]) -> None:
-    """Have worked out what a result does when it is first asked, so that progress shows it."""
-    for done, (what, name) in enumerate(
-        (("standard deviations", "covariance"), ("leaving out pairs", "left_out_residuals")), 1
-    ):
-        step(what, done)
-        getattr(result, name)
-
-
 def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOutcome, ...]:
-    """Outcomes, those of maximum likelihood with a proof from the pairs that they used.
-
-    Raises
-    ------
-    InputError
-        See :func:`posedesign.pairs.certificate.refuse_uncertifiable`.
-    """
+    """Outcomes, those of maximum likelihood with a proof from the pairs that they used."""
     return tuple(
         replace(outcome, proof=prove(pairs.A, _corrected(pairs.B, outcome.result), outcome.result))
         if outcome.result is not None and METHODS[outcome.method].likelihood

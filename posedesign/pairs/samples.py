@@ -34,7 +34,7 @@ from calib.se3 import FloatArray, inverse, transform
 from posedesign.files.trees import numbers
 from posedesign.pairs.certificate import Camera
 from posedesign.pairs.checks import Place, rotations_from_quaternions, transforms_from_matrices
-from posedesign.pairs.forms import Poses, check_lengths, refuse_endless_lengths
+from posedesign.pairs.forms import Poses, check_lengths, refuse_endless
 
 _MOVEIT = ("effector_wrt_world", "object_wrt_sensor")
 _EASY = ("hand_world_samples", "camera_marker_samples")
@@ -51,15 +51,7 @@ class Samples:
 
 
 def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> Samples | None:
-    """The samples of a file, of which `read_tree` is known; None where they are none of these.
-
-    Raises
-    ------
-    FileFormatError
-        A sample has not the numbers of two transforms, or they are no rigid ones.
-    InputError
-        The file says that the camera is elsewhere.
-    """
+    """The samples of a file, of which `read_tree` is known; None where they are none of these."""
     found = _sides_of(tree)
     if found is None:
         return None
@@ -78,8 +70,8 @@ def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> S
         note = f"{path} does not say where the camera is: taken as {taken}, by --camera"
         a = replace(a, notes=(note, *a.notes))
     if camera == "fixed":
-        return Samples(_other_way(a) if inverted else a, b)
-    return Samples(a, _other_way(b))
+        return Samples(replace(a, T=inverse(a.T)) if inverted else a, b)
+    return Samples(a, replace(b, T=inverse(b.T)))
 
 
 def _sides_of(tree: Any) -> tuple[list[Any], list[Any], Sequence[str], bool] | None:
@@ -123,7 +115,7 @@ def _poses(given: list[Any], place: Place, trust_units: bool) -> Poses:
     else:
         R, note = rotations_from_quaternions(np.roll(T[:, 3:], 1, axis=-1), place, "rotation")
         T = transform(R, T[:, :3])
-    refuse_endless_lengths(place, T[:, :3, 3])
+    refuse_endless(place, T[:, :3, 3])
     if not trust_units:
         check_lengths(place, T[:, :3, 3], "m", "divide them by 1000")
     notes = (f"{place.path}, {place.variable}: {note}",) if note else ()
@@ -136,7 +128,3 @@ def _message(item: Any) -> FloatArray | None:
     item = _at(item, "transform") or item
     moved, turned = _at(item, "translation"), _at(item, "rotation")
     return numbers([*(_at(moved, k) for k in "xyz"), *(_at(turned, k) for k in "xyzw")], 7)
-
-
-def _other_way(poses: Poses) -> Poses:
-    return Poses(inverse(poses.T), poses.place, poses.names, poses.notes, poses.turn, poses.numbers)

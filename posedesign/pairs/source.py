@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -23,7 +24,6 @@ from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
 from posedesign.files.trees import read_tree
 from posedesign.pairs.certificate import Camera
-from posedesign.pairs.checks import repeats
 from posedesign.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.pairs.forms import METRES, Poses
 from posedesign.pairs.samples import Samples, samples_of
@@ -241,6 +241,13 @@ class PairSource:
     camera: Camera = "on-flange"
 
     def __post_init__(self) -> None:
+        if self.camera == "fixed" and self.convention == "opencv":
+            # its function has no fixed camera: its world would be the flange
+            raise InputError(
+                "--convention opencv is for a camera on the flange",
+                hint="for a fixed one give gripper2base as A and target2cam as B, without it",
+                name="convention",
+            )
         given = (self.pairs is not None, self.a is not None, self.b is not None)
         if given not in ((True, False, False), (False, True, True)):
             raise InputError(
@@ -373,19 +380,26 @@ class PairSource:
 
 
 def without_repeats(pairs: Pairs) -> Pairs:
-    """The pairs without those that repeat another number by number, with a note of them."""
-    kept, found = repeats(pairs.A, pairs.B)
-    if not found or kept.sum() < FEWEST_DISTINCT:
+    """The pairs without those that repeat another number by number, with a note of them.
+
+    A measurement that was made twice differs in its last digits; a row that was pasted twice does
+    not, and would count double.
+    """
+    both = np.concatenate([pairs.A, pairs.B], axis=1).reshape(len(pairs.A), -1)
+    _, first, same = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    first = first[same.reshape(-1)]
+    kept = first == np.arange(len(first))
+    if kept.all() or kept.sum() < FEWEST_DISTINCT:
         return pairs
-    places = pairs.places or pairs.names
-    shown = [f"{places[i]} as {places[first]}" for i, first in found[:_SHOWN]]
-    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    places, again = pairs.places or pairs.names, np.flatnonzero(~kept)
+    shown = [f"{places[i]} as {places[first[i]]}" for i in again[:_SHOWN]]
+    more = f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
     note = f"pairs that repeat another number by number are left out: {', '.join(shown)}{more}"
-    return Pairs(
-        tuple(name for name, ok in zip(pairs.names, kept, strict=True) if ok),
-        pairs.A[kept],
-        pairs.B[kept],
-        tuple(place for place, ok in zip(places, kept, strict=True) if ok),
-        (*pairs.notes, note),
-        pairs.misread,
+    return replace(
+        pairs,
+        names=tuple(compress(pairs.names, kept)),
+        A=pairs.A[kept],
+        B=pairs.B[kept],
+        places=tuple(compress(places, kept)),
+        notes=(*pairs.notes, note),
     )

@@ -40,48 +40,13 @@ from posedesign.files.csv_tables import (
 )
 from posedesign.files.trees import matrix
 from posedesign.pairs.checks import Place, transforms_from_matrices
-from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless_lengths
+from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless
 
 WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
 """Kinds that they cannot be, however their numbers are stacked."""
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
 _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
-
-
-def variables_of(path: Path) -> dict[str, Variable]:
-    """The variables of a MATLAB file by name.
-
-    Raises
-    ------
-    FileFormatError
-        It is missing, too large, of version 7.3, no MATLAB file, or damaged.
-    """
-    data = read_bytes_bounded(path, most_bytes=LARGEST_MAT_BYTES)
-    if data.startswith(_HDF5) or data[512:].startswith(_HDF5[1]):
-        raise FileFormatError(
-            "is a MATLAB file of version 7.3 (HDF5)",
-            path=path,
-            hint="save it again with save('file.mat', 'A', 'B', '-v7')",
-        )
-    if not data.startswith(_MAGIC):
-        raise FileFormatError(
-            "is no MATLAB file of version 5 to 7", path=path, hint="is it the right file?"
-        )
-    try:
-        return read_variables(data)
-    except OverflowError as error:
-        raise FileFormatError(
-            f"unfolds to more than {LARGEST_MAT_BYTES / 1e6:g} MB",
-            path=path,
-            hint="save the two variables alone",
-        ) from error
-    except OSError as error:
-        raise FileFormatError(
-            "is damaged or cut off",
-            path=path,
-            hint="save it again with save('file.mat', .., '-v7')",
-        ) from error
 
 
 @dataclass(frozen=True)
@@ -118,18 +83,12 @@ class StackFile:
         return tuple(name for name, variable in self.variables.items() if _is_stack(variable))
 
     def poses(self, name: str, unit: str, *, trust_units: bool) -> Poses:
-        """Transforms of a variable.
-
-        Raises
-        ------
-        FileFormatError
-            It is not there, no 4x4xN real numbers, or some are no rigid transforms.
-        """
+        """Transforms of a variable."""
         T = self._array(name)
         place = Place(self.path, self.lines, "" if self.lines else name, self.marks, self.first)
         T[:, :3, 3] *= METRES[unit]
         T, note = transforms_from_matrices(T, place)
-        refuse_endless_lengths(place, T[:, :3, 3])
+        refuse_endless(place, T[:, :3, 3])
         if not trust_units:
             other = "m" if unit == "mm" else "mm"
             check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
@@ -152,27 +111,39 @@ class StackFile:
 
 
 def open_mat(path: Path) -> StackFile:
-    """Look into a MATLAB file.
-
-    Raises
-    ------
-    FileFormatError
-        It is missing, too large, of version 7.3, no MATLAB file, or damaged.
-    """
-    return StackFile(path, variables_of(path))
+    """Look into a MATLAB file."""
+    data = read_bytes_bounded(path, most_bytes=LARGEST_MAT_BYTES)
+    if data.startswith(_HDF5) or data[512:].startswith(_HDF5[1]):
+        raise FileFormatError(
+            "is a MATLAB file of version 7.3 (HDF5)",
+            path=path,
+            hint="save it again with save('file.mat', 'A', 'B', '-v7')",
+        )
+    if not data.startswith(_MAGIC):
+        raise FileFormatError(
+            "is no MATLAB file of version 5 to 7", path=path, hint="is it the right file?"
+        )
+    try:
+        return StackFile(path, read_variables(data))
+    except OverflowError as error:
+        raise FileFormatError(
+            f"unfolds to more than {LARGEST_MAT_BYTES / 1e6:g} MB",
+            path=path,
+            hint="save the two variables alone",
+        ) from error
+    except OSError as error:
+        raise FileFormatError(
+            "is damaged or cut off",
+            path=path,
+            hint="save it again with save('file.mat', .., '-v7')",
+        ) from error
 
 
 _PYTHON_HINT = "store N transforms as one array of Nx4x4 numbers"
 
 
 def open_npz(path: Path) -> StackFile:
-    """Look into a file of NumPy's ``savez``.
-
-    Raises
-    ------
-    FileFormatError
-        It is missing, too large, unfolds to too much, no such file, or damaged.
-    """
+    """Look into a file of NumPy's ``savez``."""
     data = read_bytes_bounded(path, most_bytes=LARGEST_MAT_BYTES)
     variables: dict[str, Variable] = {}
     try:
@@ -212,7 +183,8 @@ def _numpy_array(data: bytes) -> Variable:
             warnings.simplefilter("error")
             shape, by_columns, kind = readers[version](stream)
     except Exception as error:  # it parses Python: anything may come out of that
-        raise ValueError(str(error)) from error
+        # what it says of a node of Python's own has the address of that
+        raise ValueError(re.sub(r":? <.*", "", str(error))) from error
     if kind.kind not in "fc":
         return Variable("object" if kind.hasobject else kind.name, tuple(shape))
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(data) - stream.tell():
@@ -235,13 +207,7 @@ def _stacked(array: Any) -> Variable:
 
 
 def open_opencv(path: Path, tree: Any) -> StackFile:
-    """Look into a file of OpenCV's, of which :func:`~posedesign.files.trees.read_tree` is known.
-
-    Raises
-    ------
-    FileFormatError
-        There is no matrix in it.
-    """
+    """Look into a file of OpenCV's, of which :func:`~posedesign.files.trees.read_tree` is known."""
     variables: dict[str, Variable] = {}
     for name, value in tree.items() if isinstance(tree, dict) else ():
         several = isinstance(value, list) and len(value) > 0
@@ -267,13 +233,7 @@ def open_opencv(path: Path, tree: Any) -> StackFile:
 
 
 def open_blocks(path: Path) -> StackFile | None:
-    """Look into a text of 4x4 blocks; None where it is none, but a table, say.
-
-    Raises
-    ------
-    FileFormatError
-        It is too large, a line has not four numbers, or their count does not fit.
-    """
+    """Look into a text of 4x4 blocks; None where it is none, but a table, say."""
     if not path.is_file():  # a pipe can be read once only
         return None
     data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
@@ -304,13 +264,7 @@ def open_blocks(path: Path) -> StackFile | None:
 
 
 def pick_two(file: StackFile, variables: Sequence[str]) -> tuple[str, str]:
-    """The variables that are A and B: those that were named, or ``A`` and ``B``.
-
-    Raises
-    ------
-    FileFormatError
-        Which is which cannot be known.
-    """
+    """The variables that are A and B: those that were named, or ``A`` and ``B``."""
     if variables:
         return variables[0], variables[1]
     if "A" in file.variables and "B" in file.variables:
@@ -324,13 +278,7 @@ def pick_two(file: StackFile, variables: Sequence[str]) -> tuple[str, str]:
 
 
 def pick_one(file: StackFile, variable: str) -> str:
-    """The variable of a file with one side: the one that was named, or the only 4x4xN one.
-
-    Raises
-    ------
-    FileFormatError
-        There are several.
-    """
+    """The variable of a file with one side: the one that was named, or the only 4x4xN one."""
     if variable:
         return variable
     known = file.stacks or tuple(file.variables)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +18,12 @@ from calib.robot_world import (
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import PLACE, TURN
 from posedesign.pairs.certificate import FRAMES, Camera, Proof
-from posedesign.pairs.file import Pairs
+from posedesign.pairs.file import DEFAULT_FORM, Pairs
 from posedesign.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
 
-_SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *PLACE)
-
+POSE_AXES = (*DEFAULT_FORM.place_columns, *DEFAULT_FORM.turn_columns)
+_SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *DEFAULT_FORM.place_columns)
 
 ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
 """Names of the files, and what they say that they are."""
@@ -72,13 +71,13 @@ def solver_row(outcome: SolverOutcome) -> dict[str, object]:
         "method": outcome.method,
         "status": result.status if result else "refused",
         "iterations": result.iterations if result else None,
-        **_left_over(result),
+        **{name: value(result) if result else None for name, value in _LEFT_OVER.items()},
         **_scale_numbers(result),
     }
     for letter in "xz":
         values = _numbers(result.X if letter == "x" else result.Z) if result else [None] * 6
         sigma = _sigma_numbers(result, letter)
-        for axis, value in zip((*PLACE, *TURN), values, strict=True):
+        for axis, value in zip(POSE_AXES, values, strict=True):
             row[f"{letter}_{axis}"] = value
         for axis, deviation in zip(_SIGMA_AXES, sigma, strict=True):
             row[f"sigma_{letter}_{axis}"] = deviation
@@ -97,47 +96,31 @@ def _scale_numbers(result: RobotWorldResult | None) -> dict[str, object]:
     }
 
 
-def _left_over(result: RobotWorldResult | None) -> dict[str, object]:
-    """Residuals in numbers, rms; of the pairs that were used."""
-    if result is None:
-        return dict.fromkeys(_LEFT_OVER)
-    # one with a covariance of its own for each pair is no two numbers
-    noise = result.noise if isinstance(result.noise, PairNoise) else None
-    values = (
-        np.rad2deg(result.rotation_rms_rad),
-        1e3 * result.translation_rms_m,
-        np.rad2deg(result.left_out_rotation_rms_rad),
-        1e3 * result.left_out_translation_rms_m,
-        len(result.used),
-        int(result.used.sum()),
-        None if noise is None else np.rad2deg(noise.rotation_rad),
-        None if noise is None else 1e3 * noise.translation_m,
-        None if result.noise is None else result.noise.on,
-        None if result.noise is None else ("estimated" if result.noise_estimated else "given"),
-        result.chi2,
-        result.freedom,
-        None if result.chi2 is None else result.chi2 / result.freedom,
-        result.chi2_probability,
-    )
-    return dict(zip(_LEFT_OVER, values, strict=True))
+_LEFT_OVER: Mapping[str, Callable[[RobotWorldResult], object]] = {
+    "residual_rotation_deg": lambda result: np.rad2deg(result.rotation_rms_rad),
+    "residual_translation_mm": lambda result: 1e3 * result.translation_rms_m,
+    "left_out_rotation_deg": lambda result: np.rad2deg(result.left_out_rotation_rms_rad),
+    "left_out_translation_mm": lambda result: 1e3 * result.left_out_translation_rms_m,
+    "pairs": lambda result: len(result.used),
+    "used": lambda result: int(result.used.sum()),
+    # a noise with a covariance of its own for each pair is no two numbers
+    "noise_rotation_deg": lambda result: (
+        np.rad2deg(result.noise.rotation_rad) if isinstance(result.noise, PairNoise) else None
+    ),
+    "noise_translation_mm": lambda result: (
+        1e3 * result.noise.translation_m if isinstance(result.noise, PairNoise) else None
+    ),
+    "noise_on": lambda result: result.noise and result.noise.on,
+    "noise": lambda result: result.noise and ("estimated" if result.noise_estimated else "given"),
+    "chi2": lambda result: result.chi2,
+    "freedom": lambda result: result.freedom,
+    "chi2_per_freedom": lambda result: result.chi2 and result.chi2 / result.freedom,
+    "chi2_probability": lambda result: result.chi2_probability,
+}
+"""Residuals in numbers, rms, of the pairs that were used, by column."""
 
 
-_LEFT_OVER = (
-    "residual_rotation_deg",
-    "residual_translation_mm",
-    "left_out_rotation_deg",
-    "left_out_translation_mm",
-    "pairs",
-    "used",
-    "noise_rotation_deg",
-    "noise_translation_mm",
-    "noise_on",
-    "noise",
-    "chi2",
-    "freedom",
-    "chi2_per_freedom",
-    "chi2_probability",
-)
+_EACH = ("residual_deg", "residual_mm", "left_out_deg", "left_out_mm")
 
 
 def pair_rows(pairs: Pairs, outcome: SolverOutcome) -> list[dict[str, object]]:
@@ -145,27 +128,15 @@ def pair_rows(pairs: Pairs, outcome: SolverOutcome) -> list[dict[str, object]]:
     result = outcome.result
     count = len(pairs.names)
     nothing = np.full((count, 6), np.nan)
-    residuals = nothing if result is None else result.residuals
-    left_out = nothing if result is None else result.left_out_residuals
+    residuals, left_out = (
+        (result.residuals, result.left_out_residuals) if result else (nothing, nothing)
+    )
     used = [None] * count if result is None else ["yes" if ok else "no" for ok in result.used]
-    places = places_of(pairs)
-    columns = (*_lengths(residuals), *_lengths(left_out))
+    columns = zip(*_lengths(residuals), *_lengths(left_out), strict=True)
+    names = ("method", "pose", "place", "used", *_EACH)
     return [
-        {
-            "method": outcome.method,
-            "pose": pairs.names[i],
-            "place": places[i],
-            "used": used[i],
-            **{
-                name: float(values[i])
-                for name, values in zip(
-                    ("residual_deg", "residual_mm", "left_out_deg", "left_out_mm"),
-                    columns,
-                    strict=True,
-                )
-            },
-        }
-        for i in range(count)
+        dict(zip(names, (outcome.method, *labels, *numbers), strict=True))
+        for *labels, numbers in zip(pairs.names, places_of(pairs), used, columns, strict=True)
     ]
 
 
@@ -173,13 +144,7 @@ def outcome_as_dict(
     pairs: Pairs, outcome: SolverOutcome, camera: Camera = "on-flange", *, opencv: bool = False
 ) -> dict[str, object]:
     """Everything that one solver says, for JSON: the row of the table, and in m and rad the rest.
-
-    Parameters
-    ----------
-    camera : {"on-flange", "fixed"}
-        What X and Z are called.
-    opencv : bool
-        Whether to add the answer in the names of OpenCV.
+    The camera's place tells what X and Z are called; ``opencv`` adds them in OpenCV's names.
     """
     frames, result = FRAMES[camera], outcome.result
     content: dict[str, object] = {
@@ -237,7 +202,7 @@ def opencv_rows(outcomes: Iterable[SolverOutcome]) -> list[dict[str, object]]:
         {
             "method": outcome.method,
             "transform": name,
-            **dict(zip((*PLACE, *TURN), _numbers(T), strict=True)),
+            **dict(zip(POSE_AXES, _numbers(T), strict=True)),
         }
         for outcome in outcomes
         if outcome.result is not None
@@ -265,9 +230,7 @@ def _sigma_numbers(result: RobotWorldResult | None, letter: str) -> list[float |
     return [*np.rad2deg(sigma[:3]).tolist(), *(1e3 * sigma[3:]).tolist()]
 
 
-def _lengths(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _lengths(residuals: FloatArray) -> tuple[list[float], list[float]]:
     """Angles [deg] and distances [mm] of residuals ``(N, 6)``."""
-    return (
-        np.rad2deg(np.linalg.norm(residuals[:, :3], axis=-1)),
-        1e3 * np.linalg.norm(residuals[:, 3:], axis=-1),
-    )
+    angles, distances = (np.linalg.norm(residuals[:, at : at + 3], axis=-1) for at in (0, 3))
+    return np.rad2deg(angles).tolist(), (1e3 * distances).tolist()

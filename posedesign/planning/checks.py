@@ -182,7 +182,7 @@ def check_clear(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
         more = f", and {len(said) - 1} more" if len(said) > 1 else ""
         raise InputError(
             f"pose {said[0]}{more}",
-            hint="look at them with posedesign check; --force writes the program all the same",
+            hint="look at them with posedesign check; `force` writes the program all the same",
             name="poses",
         )
     return said
@@ -280,7 +280,8 @@ def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:
     if white[..., 0].size < model.p:
         return f"{len(white)} poses give {white[..., 0].size} equations for {model.p} parameters"
     try:
-        check_identifiable(white.reshape(-1, model.p), model.names, model.nuisance)
+        told = np.vstack([white.reshape(-1, model.p), model.known_rows])
+        check_identifiable(told, model.names, model.nuisance)
     except NotIdentifiableError as error:
         return error.message
     return ""

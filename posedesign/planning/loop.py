@@ -359,8 +359,8 @@ class _Loop:
         blocks, white = identification_jacobian(linear), linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
-            flat = white.reshape(-1, self.model.p)
-            check_identifiable(flat, self.model.names, self.model.nuisance)
+            told = np.vstack([white.reshape(-1, self.model.p), self.model.known_rows])
+            check_identifiable(told, self.model.names, self.model.nuisance)
         return PosePlan(
             poses=poses,
             route=route,

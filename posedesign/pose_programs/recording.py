@@ -63,10 +63,7 @@ class Recording:
     def resume(cls, cell: Cell, plan: PoseList, file: Claim) -> Recording:
         """Begin, or go on with what is in the file and was recorded for the same plan.
 
-        Raises
-        ------
-        FileFormatError
-            What is in the file cannot be read.
+        Raises FileFormatError: what is in the file cannot be read.
         """
         columns = ["target", *joint_columns(cell.robot.n), "pose"]
         rows: list[dict[str, object]] = []

@@ -67,17 +67,8 @@ class Arm:
     def usual(cls, maker: str | None, n: int | None = None) -> Arm:
         """The arm of a maker in the signs of its own and ROS-Industrial's URDFs.
 
-        Parameters
-        ----------
-        maker : str or None
-            None: joints are shown as the description has them.
-        n : int, optional
-            Number of joints.
-
-        Raises
-        ------
-        InputError
-            The maker is unknown, or its arms have another number of joints.
+        ``maker``: None: joints are shown as the description has them. ``n``: number of joints.
+        Raises InputError: the maker is unknown, or its arms have another number of joints.
         """
         if maker is None:
             return cls(Controller("", np.eye(n or USUAL_JOINTS), np.eye(4)))

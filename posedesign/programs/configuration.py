@@ -7,6 +7,7 @@ values and the geometry of the arm, and serve to choose among the answers of the
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from typing import ClassVar, Self
 
@@ -18,24 +19,19 @@ from calib.se3 import FloatArray
 class Configuration(ABC):
     """Arm position and turns of joints: one subclass, a frozen dataclass in one file, a maker.
 
-    Attributes
-    ----------
-    maker : str
-        A key of ``calib.robots.POSITIVE_AXES``.
+    ``maker``: a key of ``calib.robots.POSITIVE_AXES``. ``form``: of the words; its groups are what
+    `_of_groups` takes. ``called``, ``hint``: what the words are called, and how to write them.
     """
 
     maker: ClassVar[str]
+    form: ClassVar[re.Pattern[str]]
+    called: ClassVar[str]
+    hint: ClassVar[str]
 
     @classmethod
     @abstractmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """Of each posture ``(N, n)`` [rad, signs of the description].
-
-        Raises
-        ------
-        InputError
-            The arm is not of the kind that these words are for.
-        """
+        """Of each posture ``(N, n)`` [rad]; InputError for an arm that the words are not for."""
 
     @property
     @abstractmethod
@@ -43,22 +39,32 @@ class Configuration(ABC):
         """As the maker's programs write it."""
 
     @classmethod
-    @abstractmethod
     def parse(cls, text: str) -> Self:
-        """The arm position that words mean.
+        """The arm position that words mean; InputError where they are not the maker's."""
+        found = cls.form.fullmatch(text.strip())
+        meant = cls._of_groups(*found.groups()) if found else None
+        if meant is None:
+            maker = cls.maker.upper() if len(cls.maker) < 6 else cls.maker.title()
+            raise InputError(
+                f"{cls.called} {text!r} is not one of a six-axis {maker} arm",
+                hint=cls.hint,
+                name=cls.called,
+                value=text,
+            )
+        return meant
 
-        Raises
-        ------
-        InputError
-            They are not the maker's.
-        """
+    @classmethod
+    @abstractmethod
+    def _of_groups(cls, *groups: str) -> Self | None:
+        """The arm position of the parts of the words; None where one is out of its range."""
 
+    @abstractmethod
     def allows(self, other: Configuration) -> bool:
         """Whether an arm position with ``other`` is one that is meant by this.
 
-        Some makers' words leave open what they do not say.
+        Some makers' words leave open what they do not say, and numbers agree on either side of a
+        boundary nearby (:mod:`~posedesign.programs.configurations.boundaries`).
         """
-        return self == other
 
 
 def configuration_of(maker: str) -> type[Configuration] | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import gc
-from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ from posedesign.programs.sets import (
 from posedesign.programs.writing import NameRule
 
 
-class Dialect(ABC):
+class Dialect:
     """A controller's program format: one subclass, in one package, a controller.
 
     Attributes
@@ -58,6 +58,10 @@ class Dialect(ABC):
         Step that the controller stores joint values in [deg]; 0 where it does not matter.
     passes : bool
         Whether it has postures that the arm only passes through.
+    begins : pattern or None
+        What stands in all of its programs, where other dialects have the same ending.
+    writer, reader, rules : callable
+        What `render`, `parse` and `check` do.
     """
 
     name: ClassVar[str]
@@ -73,38 +77,33 @@ class Dialect(ABC):
     numbered_frames: ClassVar[bool] = False
     joint_step_deg: ClassVar[float] = 0.0
     passes: ClassVar[bool] = True
+    begins: ClassVar[re.Pattern[bytes] | None] = None
+    writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
+    reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
+    rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
 
-    @abstractmethod
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         r"""Text of each file of a program by its name, lines ended by ``\n``.
 
         The file that is read back, with the positions, comes first. The program is not too long,
-        its name is legal, and the arm is the maker's.
-
-        Raises
-        ------
-        InputError
-            The program cannot be said in this dialect.
+        its name is legal, and the arm is the maker's. Raises InputError for what it cannot say.
         """
+        return type(self).writer(program, arm)
 
-    @abstractmethod
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         """The program in the content of a file, tolerant of what controllers export.
 
-        ``path`` is for messages, and for companions of the file that hold no positions.
-
-        Raises
-        ------
-        FileFormatError
-            The file is not such a program, or holds no positions.
+        ``path`` is for messages, and for companions of the file that hold no positions. Raises
+        FileFormatError for a file that is no such program, or holds no positions.
         """
+        return type(self).reader(data, path)
 
-    @abstractmethod
     def check(self, data: bytes, path: Path) -> list[Problem]:
         """What the controller would refuse, or run in another way than meant; notes as well.
 
         Shares no code with the writer. Never fails, whatever the content.
         """
+        return type(self).rules(data, path)
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Most poses of one file of such a program; None: any number."""
@@ -116,7 +115,7 @@ class Dialect(ABC):
 
     def recognises(self, data: bytes) -> bool:
         """Whether the content looks like this dialect's, where several have the same ending."""
-        return True
+        return self.begins is None or self.begins.search(data) is not None
 
     def is_companion(self, data: bytes) -> bool:
         """Whether it is a companion of this dialect's, of an ending that others have, too."""
@@ -136,10 +135,7 @@ class Dialect(ABC):
 
         Those with the positions come first, in the order of the visit.
 
-        Raises
-        ------
-        InputError
-            The program cannot be said in this dialect.
+        Raises InputError: the program cannot be said in this dialect.
         """
         if program.options.form not in self.forms:
             raise InputError(
@@ -231,10 +227,7 @@ class Dialect(ABC):
     def seen(self, arm: Arm) -> Arm:
         """An arm as the programs of this dialect show it.
 
-        Raises
-        ------
-        InputError
-            Its controller is another maker's, or not known.
+        Raises InputError: its controller is another maker's, or not known.
         """
         if self.maker is None:
             # the description's joints, whatever a pendant shows

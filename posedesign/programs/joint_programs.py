@@ -17,7 +17,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
-from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse
+from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse, text_of
 from posedesign.programs.recorded import (
     Level,
     PlanMark,
@@ -28,6 +28,7 @@ from posedesign.programs.recorded import (
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
 from posedesign.programs.writing import (
     Limits,
+    Phrases,
     check_call,
     plain,
     plain_all,
@@ -56,73 +57,6 @@ PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
 
-@dataclass(frozen=True)
-class Phrases:
-    """How a language says the steps of a measuring program: formats that are filled in.
-
-    Attributes
-    ----------
-    remark : str
-        Of its text.
-    head : tuple of str
-        Behind the first remarks: ``name``, ``percent``, ``speed``.
-    move, pulse : tuple of str
-        Steps of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s]; of
-        ``output``, ``time`` [s] and ``ms``.
-    wait, call, keep : str
-        A step of ``time`` and ``ms``; of ``call``, ``argument``; of ``name``, ``register``. Empty
-        where a language keeps no registers.
-    most_output : int
-        Largest number of an output.
-    """
-
-    remark: str
-    head: tuple[str, ...]
-    move: tuple[str, ...]
-    wait: str
-    pulse: tuple[str, ...]
-    call: str
-    keep: str
-    most_output: int
-
-    def steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
-        """Steps of a program with their remarks; InputError for what they cannot say."""
-        options = program.options
-        notes = [text for text in (options.comment, program.mark) if text]
-        for note in notes + warning_lines(program, TEXT_LENGTH):
-            yield self.remark.format(note)
-        own = {
-            "name": program.name,
-            "percent": options.speed_percent,
-            "speed": _speed(arm, options),
-        }
-        yield from (line.format(**own) for line in self.head)
-        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
-        for number, pose, shown in rows:
-            told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) <= TEXT_LENGTH
-            yield self.remark.format(f"POSE {number} {pose.name if told else ''}".rstrip())
-            if pose.comment.strip():
-                yield self.remark.format(pose.comment.strip())
-            joints = ", ".join(plain_all(shown, 6))
-            yield from (line.format(number=number, joints=joints, **own) for line in self.move)
-            if not pose.via:
-                yield from self._measured(program, number)
-
-    def _measured(self, program: PoseProgram, number: int) -> Iterator[str]:
-        options = program.options
-        yield self.wait.format(**_time(options.settle_s))
-        if options.measure_output is not None:
-            pulse = _time(options.measure_pulse_s)
-            yield from (line.format(output=options.measure_output, **pulse) for line in self.pulse)
-        if options.measure_call is not None:
-            argument = options.argument(number)
-            shown = "" if argument is None else argument
-            yield self.call.format(call=options.measure_call, argument=shown)
-        if options.keep == "register":
-            register = options.first_register + number - 1
-            yield self.keep.format(name=program.name, register=register)
-
-
 def _speed(arm: Arm, options: ProgramOptions) -> str:
     """So many percent of the speed of the slowest joint [deg/s]."""
     known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
@@ -130,26 +64,23 @@ def _speed(arm: Arm, options: ProgramOptions) -> str:
     return plain(max(slowest * options.speed_percent / 100, 0.01), 2)
 
 
-def _time(seconds: float) -> dict[str, str]:
-    time = max(seconds, LEAST_S)
-    return {"time": plain(time, 3), "ms": plain(1e3 * time, 0)}
-
-
 class JointDialect(Dialect):
-    """A dialect of joint positions in one file."""
+    """A dialect of joint positions in one file.
+
+    Attributes
+    ----------
+    phrases : Phrases
+        Moves are of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s].
+    head : tuple of str
+        Steps behind the first remarks, of ``name``, ``percent``, ``speed``.
+    most_output : int
+        Largest number of an output.
+    """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     phrases: ClassVar[Phrases]
-    reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
-    rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
-
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        """A program with its positions; see the module `reader`."""
-        return type(self).reader(data, path)
-
-    def check(self, data: bytes, path: Path) -> list[Problem]:
-        """Check a program; see the module `rules`."""
-        return type(self).rules(data, path)
+    head: ClassVar[tuple[str, ...]] = ()
+    most_output: ClassVar[int] = 4096
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""
@@ -157,31 +88,39 @@ class JointDialect(Dialect):
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """Text of the file; InputError for what cannot stand in it."""
-        options, phrases = program.options, self.phrases
-        if options.keep == "register" and not phrases.keep:
+        options = program.options
+        if options.keep == "register" and not self.phrases.keep:
             raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
         check_call(self.names, options, program.name)
-        replace(LIMITS, outputs=(1, phrases.most_output)).check(program)
-        lines = self.lines(program, arm, list(phrases.steps(program, arm)))
+        replace(LIMITS, outputs=(1, self.most_output)).check(program)
+        lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> Iterable[str]:
         """Lines of the file of these steps."""
         return steps
 
+    def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
+        options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)
+        notes = [text for text in (options.comment, program.mark) if text]
+        for note in notes + warning_lines(program, TEXT_LENGTH):
+            yield phrases.note.format(note)
+        percent, speed = options.speed_percent, _speed(arm, options)
+        own = {"name": program.name, "percent": percent, "speed": speed}
+        yield from (line.format(**own) for line in self.head)
+        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
+        for number, pose, shown in rows:
+            joints = ", ".join(plain_all(shown, 6))
+            name = pose.name if LIMITS.fits(pose.name) else ""
+            yield from phrases.at_pose(options, pose, number, name, joints=joints, **own)
+
 
 @dataclass
 class Notes:
     """What the remarks of a program say of its plan.
 
-    Attributes
-    ----------
-    mark : PlanMark or None
-        None: it is of no plan.
-    names : dict of int to str
-        Names of poses by number.
-    rows : dict of int to int
-        Lines of the remarks that name them, and the numbers.
+    ``mark``: None: it is of no plan. ``names``: names of poses by number. ``rows``: lines of the
+    remarks that name them, and the numbers.
     """
 
     mark: PlanMark | None = None
@@ -195,15 +134,6 @@ class Notes:
         if found:
             self.names[int(found[1])] = found[2] or ""
             self.rows[row] = int(found[1])
-
-
-def notes_of(text: str, remark: str) -> Notes:
-    """What the remarks of a text say, which begin with this mark."""
-    notes = Notes()
-    for line in lines_of(text):
-        if line.text[: len(remark)] == remark:
-            notes.take(line.row, line.text[len(remark) :])
-    return notes
 
 
 def joints_of(label: str, row: int, texts: Sequence[str], path: Path) -> FloatArray:
@@ -229,26 +159,44 @@ def refuse_lost(found: Sequence[Found], path: Path) -> None:
     at_rest(values, path)
 
 
-def program_of(found: Sequence[Found], notes: Notes, path: Path, maker: str) -> RecordedProgram:
-    """The program of positions in the order of its moves.
+def in_moves(
+    find: Callable[[str, Path], list[Found]],
+    remark: str,
+    maker: str,
+    code: Callable[[str], str] = str,
+) -> Callable[[bytes, Path], RecordedProgram]:
+    """A reader of programs in whose moves the positions stand: ``find`` gives them in their order.
 
     The first behind a remark of a pose has its number; others come behind all that are planned.
+    Remarks begin with the mark ``remark``; ``code`` is what of a text is read.
     """
-    refuse_lost(found, path)
-    mark = notes.mark or PlanMark()
-    rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
-    chosen: dict[int, RecordedPosition] = {}
-    above = -1
-    for label, row, texts in found:
-        last, above = above, bisect_left(rows, row) - 1
-        own = notes.rows[rows[above]] if above > last else 0
-        free += not own
-        if own in chosen:
-            refuse(f"pose {own} is there twice", path, row)
-        shown = joints_of(label, row, texts, path)
-        chosen[own or free] = RecordedPosition(own or free, notes.names.get(own, ""), row, shown)
-    positions = tuple(position for _, position in sorted(chosen.items()))
-    return RecordedProgram(path.stem, "", mark, positions, maker)
+
+    def read(data: bytes, path: Path) -> RecordedProgram:
+        text = code(text_of(data, path))
+        notes = Notes()
+        for line in lines_of(text):
+            if line.text[: len(remark)] == remark:
+                notes.take(line.row, line.text[len(remark) :])
+        found = find(text, path)
+        refuse_lost(found, path)
+        mark = notes.mark or PlanMark()
+        rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
+        chosen: dict[int, RecordedPosition] = {}
+        above = -1
+        for label, row, texts in found:
+            last, above = above, bisect_left(rows, row) - 1
+            own = notes.rows[rows[above]] if above > last else 0
+            free += not own
+            if own in chosen:
+                refuse(f"pose {own} is there twice", path, row)
+            shown = joints_of(label, row, texts, path)
+            chosen[own or free] = RecordedPosition(
+                own or free, notes.names.get(own, ""), row, shown
+            )
+        positions = tuple(position for _, position in sorted(chosen.items()))
+        return RecordedProgram(path.stem, "", mark, positions, maker)
+
+    return read
 
 
 @dataclass
@@ -299,13 +247,16 @@ def level_of(word: str, known: str, others: str) -> Level:
 
 
 def judged(
-    data: bytes,
     language: Language,
     kinds: tuple[str, ...],
     check: Callable[[list[Statement]], Iterator[Problem]],
-) -> list[Problem]:
-    """Problems of the statements of a file; one of these kinds makes it a program."""
-    statements = language.statements(data.decode("latin-1").replace("\r", ""))
-    if not any(s.kind in kinds for s in statements):
-        return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
-    return told(check(statements), check_bytes(data, CONTROL))
+) -> Callable[[bytes, Path], list[Problem]]:
+    """The rules of files that are checked by their statements; one of these kinds is a program."""
+
+    def problems(data: bytes, path: Path) -> list[Problem]:
+        statements = language.statements(data.decode("latin-1").replace("\r", ""))
+        if not any(s.kind in kinds for s in statements):
+            return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
+        return told(check(statements), check_bytes(data, CONTROL))
+
+    return problems

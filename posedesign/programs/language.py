@@ -49,6 +49,7 @@ _LONG = 1000
 _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
+_MOST_LINES = 300
 
 _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
@@ -79,16 +80,9 @@ class Line:
 class Statement:
     """What one line says.
 
-    Attributes
-    ----------
-    row : int
-        Line of the file where it begins, counted from 1.
-    text : str
-        As it stands there.
-    tree : Tree
-        What the grammar makes of it; a tree of the name ``fault`` where nothing.
-    fault : str
-        What is wrong with it, in words; empty for nothing.
+    ``row``: line of the file where it begins, counted from 1. ``text``: as it stands there.
+    ``tree``: what the grammar makes of it; a tree of the name ``fault`` where nothing. ``fault``:
+    what is wrong with it, in words; empty for nothing.
     """
 
     row: int
@@ -159,6 +153,8 @@ class Language:
         Of the dialect, whose folder holds ``grammar.lark``.
     joined : callable, optional
         Makes one statement of several lines, or several of one.
+    divided : callable, optional
+        Finds the statements in a text, where lines say nothing.
     start : str
         Rule of a statement.
     others : tuple of str
@@ -175,6 +171,7 @@ class Language:
 
     package: str
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
+    divided: Callable[[str], Iterator[Line]] | None = None
     start: str = "statement"
     others: tuple[str, ...] = ()
     name: str = "grammar.lark"
@@ -216,7 +213,7 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
-        lines = lines_of(text)
+        lines = self.divided(text) if self.divided else lines_of(text)
         found: list[Statement] = []
         faults = size = 0
         self._parsed = self._filled = 0
@@ -265,7 +262,8 @@ class Language:
             try:
                 tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
-                return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
+                at, fault = _fault(text, error, self.parser)
+                return Statement(line.row + text.count("\n", 0, at), line.text, NOTHING, fault)
             spans = [found.span() for found in pieces.finditer(text) if not found[2]]
             if len(self._builders) >= _MOST_SHAPES:
                 self._builders.clear()
@@ -289,19 +287,74 @@ def _depth(text: str) -> int:
     return most
 
 
-def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
+def lines_of(text: str, *, indented: bool = False, row: int = 1) -> Iterator[Line]:
     """Lines of a text that are not blank, without the blanks before them where those say nothing.
 
-    Lines without anything cost nothing.
+    Lines without anything cost nothing. ``row``: of the first one.
     """
-    row, last = 1, 0
+    first, last = row, 0
     for found in _LINE.finditer(text):
         start = found.start()
         row += text.count("\n", last, start)
         if indented:
-            start = text.rfind("\n", last, start) + 1 if row > 1 else 0
+            start = text.rfind("\n", last, start) + 1 if row > first else 0
         last = found.start()
         yield Line(row, text[start : found.end()].rstrip())
+
+
+_QUOTED = r'("[^"\n]*")'
+
+
+def without_remarks(
+    remark: str, quoted: str = _QUOTED
+) -> Callable[[Iterator[Line]], Iterator[Line]]:
+    """Leave out what is a remark, but in texts in quotes, and lines that are nothing else.
+
+    Patterns of both, letters of either case alike; for `Language.joined`.
+    """
+    pattern = re.compile(f"{quoted}|{remark}", re.IGNORECASE)
+
+    def joined(lines: Iterator[Line]) -> Iterator[Line]:
+        for line in lines:
+            text = pattern.sub(lambda found: found[1] or "", line.text).rstrip()
+            if text:
+                yield Line(line.row, text)
+
+    return joined
+
+
+def open_lines(
+    remark: str, quoted: str = _QUOTED, brackets: str = "() []", begins: str = "(?!)"
+) -> Callable[[Iterator[Line]], Iterator[Line]]:
+    """Make one statement of lines while a bracket is open, without remarks.
+
+    What ``begins`` a statement never goes on with another; for `Language.joined`.
+    """
+    pattern, in_quotes = re.compile(f"{quoted}|{remark}.*"), re.compile(quoted)
+    first, pairs = re.compile(begins), [(pair[0], pair[1]) for pair in brackets.split()]
+
+    def joined(lines: Iterator[Line]) -> Iterator[Line]:
+        row, parts, opened, length = 0, list[str](), 0, 0
+        for line in lines:
+            text = line.text
+            if remark in text:
+                text = pattern.sub(lambda found: found[1] or "", text).rstrip()
+            if not text:
+                continue
+            goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
+            if parts and (not goes_on or first.match(text)):
+                yield Line(row, " ".join(parts))
+                parts, opened, length = [], 0, 0
+            row = row if parts else line.row
+            parts.append(text)
+            length += len(text)
+            bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
+            for opening, closing in pairs:
+                opened += bare.count(opening) - bare.count(closing)
+        if parts:
+            yield Line(row, " ".join(parts))
+
+    return joined
 
 
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
@@ -350,7 +403,8 @@ def _token(kind: str, text: str) -> Token:
     return token
 
 
-def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:
+def _fault(text: str, error: UnexpectedInput, parser: Lark) -> tuple[int, str]:
+    """Where in a text a fault is, and what it is."""
     at = (error.pos_in_stream or 0) if isinstance(error, UnexpectedCharacters) else None
     if at is None:
         token = getattr(error, "token", None)
@@ -363,8 +417,13 @@ def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:
     )
     hint = f"; one of {' '.join(keywords)} can" if 0 < len(keywords) <= 5 else ""
     if not rest:
-        return f"{text[-30:]!a} is not complete" + hint
-    return f"{rest!a} cannot stand behind {text[max(0, at - 20) : at]!a}" + hint
+        return at, f"{_in_line(text[-30:])} is not complete" + hint
+    before = _in_line(text[max(0, at - 20) : at])
+    return at, f"{_in_line(rest)} cannot stand behind {before}" + hint
+
+
+def _in_line(text: str) -> str:
+    return ascii(re.sub(r" *\n *", " ", text))
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,8 @@ WARNING_LENGTH = 90
 def comment_text(what: str, text: str) -> str:
     """A text that can stand in a comment, and comes back as it is.
 
-    Raises
-    ------
-    InputError
-        It has line ends or other characters that cannot be seen, or spaces around it.
+    Raises InputError: it has line ends or other characters that cannot be seen, or spaces around
+    it.
     """
     if not text.isprintable() or text != text.strip():
         raise InputError(
@@ -30,10 +28,7 @@ def comment_text(what: str, text: str) -> str:
 def check_options(program: PoseProgram) -> None:
     """Refuse what a list of joint values cannot do; calls are left to who runs it.
 
-    Raises
-    ------
-    InputError
-        A digital output is to be pulsed, or positions kept in registers.
+    Raises InputError: a digital output is to be pulsed, or positions kept in registers.
     """
     options = program.options
     if options.measure_output is not None:

@@ -67,18 +67,11 @@ _FIRST_REGISTER = re.compile(r"\w+[\[{](\d{1,6})[\]}] IS P(\d{1,6})\s*", re.ASCI
 class Numbering:
     """How a program numbers its positions, and what its comments say of them.
 
-    Attributes
-    ----------
-    numbered : pattern
-        Of whole names with a number, which is its first group: ``XP3``.
-    element : pattern
-        Of whole names of the elements of the array that keeps touched-up positions: ``XM[3]``.
-    mark : PlanMark or None
-        The plan it was written from.
-    names : mapping of int to str
-        Names of the planned poses by number.
-    first_register : (int, int) or None
-        Element of the array, and number of the pose that it keeps; None: there is no array.
+    ``numbered``: of whole names with a number, which is its first group: ``XP3``. ``element``: of
+    whole names of the elements of the array that keeps touched-up positions: ``XM[3]``. ``mark``:
+    the plan it was written from. ``names``: names of the planned poses by number.
+    ``first_register``: element of the array, and number of the pose that it keeps; None:
+    there is no array.
     """
 
     numbered: re.Pattern[str]
@@ -111,10 +104,7 @@ class Numbering:
 
         ``transforms`` makes poses ``(N, 4, 4)`` [m] of their numbers.
 
-        Raises
-        ------
-        FileFormatError
-            A position is none, or an external axis moves from one to the other.
+        Raises FileFormatError: a position is none, or an external axis moves from one to the other.
         """
         name, title, maker = named
         numbered = self.of(stored, path)
@@ -140,10 +130,7 @@ class Numbering:
         operator's own position takes neither number nor name of a deleted one. Sets ``name`` and
         ``other`` of each.
 
-        Raises
-        ------
-        FileFormatError
-            A touched-up position is that of no measured pose.
+        Raises FileFormatError: a touched-up position is that of no measured pose.
         """
         touched = self._touched(positions)
         kept = {id(position) for position in touched.values()}

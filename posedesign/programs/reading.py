@@ -47,10 +47,7 @@ def refuse(
 def read_program_bytes(path: Path | str) -> bytes:
     """Content of a program file of at most 20 MB.
 
-    Raises
-    ------
-    FileFormatError
-        The file is missing, cannot be opened, or is larger.
+    Raises FileFormatError: the file is missing, cannot be opened, or is larger.
     """
     return read_bytes_bounded(path, most_bytes=MOST_BYTES)
 
@@ -62,10 +59,7 @@ def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = Fal
     each, whatever the controller's code page. Where it is ``strict``, lines end in LF or CR LF, of
     which LF stays, and another CR is refused.
 
-    Raises
-    ------
-    FileFormatError
-        Naming the first byte that is not, and its line.
+    Raises FileFormatError: naming the first byte that is not, and its line.
     """
     if strict:
         data = data.replace(b"\r\n", b"\n")
@@ -90,10 +84,7 @@ def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
 def number(text: str, what: str, path: Path | str, row: int, most: float, unit: str = "") -> float:
     """A finite decimal number of a file, within ``+-most``.
 
-    Raises
-    ------
-    FileFormatError
-        Saying what is not such a number.
+    Raises FileFormatError: saying what is not such a number.
     """
     value = float(text) if _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
@@ -141,18 +132,10 @@ def configuration_in(kind: type[C], words: str, label: str, path: Path | str, ro
 def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
     """Refuse positions between which an external axis moves: it could carry the arm's base.
 
-    Parameters
-    ----------
-    values : iterable of (str, str, str, int)
-        Label of the position, name of the axis, its value [mm or deg] as text, and the line: of
-        every position in order, axes that are not there left out.
-    path : Path or str
-        For the messages.
-
-    Raises
-    ------
-    FileFormatError
-        A value is no number, or differs by more than 0.01 from the first of its axis.
+    ``values``: label of the position, name of the axis, its value [mm or deg]
+    as text, and the line: of every position in order, axes that are not there left out. ``path``:
+    for the messages. Raises FileFormatError: a value is no number, or differs by more than 0.01
+    from the first of its axis.
     """
     first: dict[str, tuple[str, float]] = {}
     for label, axis, text, row in values:

@@ -158,12 +158,8 @@ def find_dialect(name: str) -> Dialect:
 def dialect_of(path: Path, name: str | None = None) -> Dialect:
     """The dialect of a file: the one that is named, or what its ending and content tell.
 
-    Raises
-    ------
-    InputError
-        There is none of this name, or none has this ending.
-    FileFormatError
-        Several have this ending, and the content is none of theirs.
+    Raises InputError: there is none of this name, or none has this ending. Raises FileFormatError:
+    several have this ending, and the content is none of theirs.
     """
     if name is not None:
         return find_dialect(name)

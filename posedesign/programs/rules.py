@@ -56,15 +56,8 @@ def check_line_ends(data: bytes) -> Iterator[Problem]:
 def near(word: str, known: Iterable[str], least: int = 3, alike: float = 1.0) -> str:
     """The known word that an unknown one was probably meant to be; empty for none.
 
-    Parameters
-    ----------
-    word : str
-    known : iterable of str
-    least : int
-        Letters that a known word has at least.
-    alike : float
-        Below 1: how much of both is the same. Else one letter is dropped, added or changed, or two
-        are swapped.
+    ``least``: letters that a known word has at least. ``alike``: below 1: how much of both is the
+    same. Else one letter is dropped, added or changed, or two are swapped.
     """
     return _near(word[:60], frozenset(known), least, alike)
 

@@ -37,14 +37,8 @@ MOST_PARTS = 99
 class SetMark:
     """What a file of a program says of its plan and of its set.
 
-    Attributes
-    ----------
-    plan : str
-        Fingerprint of the plan.
-    files : int or None
-        Number of files of the set; None where the file names none.
-    digest : str
-        Of the set; empty where the file names none.
+    ``plan``: fingerprint of the plan. ``files``: number of files of the set; None where the file
+    names none. ``digest``: of the set; empty where the file names none.
     """
 
     plan: str
@@ -151,24 +145,10 @@ def claim_set(
 ) -> list[Path]:
     """Files of older programs of the name that have to give way; kept aside where they must be.
 
-    Parameters
-    ----------
-    name : str
-        Of the program.
-    parts : iterable of str
-        Names of its parts, were it longer.
-    endings : collection of str
-        Of the files of its dialect.
-    results : Results
-    in_folder : bool
-        Whether the program is a folder of its name.
-    new : mapping of Path to bytes, optional
-        What is going to be written; nothing is kept aside without it.
-
-    Raises
-    ------
-    OutputError
-        A file is not as it was written with the others, and is not to be replaced.
+    ``name``: of the program. ``parts``: names of its parts, were it longer. ``endings``: of the
+    files of its dialect. ``in_folder``: whether the program is a folder of its name. ``new``: what
+    is going to be written; nothing is kept aside without it. Raises OutputError: a file is not as
+    it was written with the others, and is not to be replaced.
     """
     place = results.folder / name if in_folder else results.folder
     stems = {stem.casefold() for stem in (name, *parts)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,18 +41,9 @@ def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
 class NameRule:
     """What a controller takes for a name.
 
-    Attributes
-    ----------
-    what : str
-        For messages: "a FANUC program name".
-    length : int
-        Most characters.
-    small : bool
-        Whether small letters are legal.
-    stand_in : str
-        A legal name, where nothing of the one given can be kept.
-    reserved : frozenset of str
-        Words of the language, in capitals, that are no names.
+    ``what``: for messages: "a FANUC program name". ``length``: most characters. ``small``: whether
+    small letters are legal. ``stand_in``: a legal name, where nothing of the one given can be kept.
+    ``reserved``: words of the language, in capitals, that are no names.
     """
 
     what: str
@@ -105,16 +96,8 @@ class NameRule:
 def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
     """Raise InputError where a text has other characters than printable ASCII, or too many.
 
-    Parameters
-    ----------
-    what : str
-        For messages: "comment", "comment of pose 'P01'".
-    text : str
-        An empty one is legal.
-    length : int
-        Most characters.
-    forbidden : str
-        Characters that the language gives a meaning.
+    ``what``: for messages: "comment", "comment of pose 'P01'". ``text``: an empty one is legal.
+    ``length``: most characters. ``forbidden``: characters that the language gives a meaning.
     """
     if len(text) <= length and re.fullmatch(r"[ -~]*", text) and not set(text) & set(forbidden):
         return
@@ -206,6 +189,79 @@ class Limits:
         return bool(legal) and len(name) <= (length or self.remark)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Phrases:
+    """How a language says what is done at a pose: formats that are filled in.
+
+    Attributes
+    ----------
+    note, remark : str
+        Of what the program says of the pose, and of the pose's own comment; None: the same.
+    move : tuple of str
+        Steps of ``number``, and of what a writer gives besides.
+    wait, pulse : str, tuple of str
+        Steps of ``time`` [s] and ``ms``; of ``output`` as well.
+    call, bare : tuple of str
+        Steps of ``call``, ``argument``; and those of a call without an argument, where that does
+        not only leave a gap.
+    keep : str
+        A step of ``register``. Empty where a language keeps none.
+    least_s : float
+        Shortest time: none that is asked for must round to nothing [s].
+    always : bool
+        Waits where no time to settle is asked for, too.
+    still : str
+        A step where no time is asked for, and the arm has to stand. Empty for none.
+    """
+
+    note: str
+    remark: str | None = None
+    move: tuple[str, ...]
+    wait: str
+    pulse: tuple[str, ...]
+    call: tuple[str, ...]
+    bare: tuple[str, ...] | None = None
+    keep: str = ""
+    least_s: float = 0.001
+    always: bool = False
+    still: str = ""
+
+    def at_pose(
+        self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object
+    ) -> Iterator[str]:
+        """Steps at a pose; its name is given as it fits, empty for none."""
+        yield self.note.format(f"POSE {number} {name}".rstrip())
+        yield from self.steps(options, pose, number, **given)
+
+    def steps(
+        self, options: ProgramOptions, pose: ProgramPose, number: int, /, **given: object
+    ) -> Iterator[str]:
+        """The same without its name."""
+        if pose.comment.strip():
+            yield (self.remark or self.note).format(pose.comment.strip())
+        yield from (line.format(number=number, **given) for line in self.move)
+        if pose.via:
+            return
+        if options.settle_s > 0 or self.always:
+            yield self.wait.format(**self._times(options.settle_s))
+        elif self.still:
+            yield self.still
+        if options.measure_output is not None:
+            pulse = {"output": options.measure_output, **self._times(options.measure_pulse_s)}
+            yield from (line.format(**pulse) for line in self.pulse)
+        if options.measure_call is not None:
+            argument = options.argument(number)
+            call = {"call": options.measure_call, "argument": "" if argument is None else argument}
+            steps = self.bare if argument is None and self.bare is not None else self.call
+            yield from (line.format(**call) for line in steps)
+        if options.keep == "register" and self.keep:
+            yield self.keep.format(register=options.first_register + number - 1, **given)
+
+    def _times(self, seconds: float) -> dict[str, float]:
+        time = max(seconds, self.least_s)
+        return {"time": time, "ms": 1e3 * time}
+
+
 def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
     """What the head of a program warns of, as comments of at most so many ASCII characters.
 
@@ -255,10 +311,8 @@ def check_call(
 def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     """Joint values ``(N, n)`` [deg] of poses as the controller shows them, each within +-720.
 
-    Raises
-    ------
-    InputError
-        A joint value is beyond, with its pose and joint, or the arm has other joints.
+    Raises InputError: a joint value is beyond, with its pose and joint, or the arm has other
+    joints.
     """
     listed = list(poses)
     postures = np.stack([pose.posture_rad for pose in listed])

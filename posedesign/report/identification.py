@@ -139,20 +139,15 @@ def _of_the_fit(result: IdentificationResult) -> dict[str, str]:
 
 def parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
     """Parameters with as many decimals as their standard deviations have two digits."""
-    from calib.identification import DISPLAY
-
     rows: list[dict[str, object]] = []
-    bounds = zip(*result.interval, strict=True)
-    for (name, unit, value, change, sigma), (low, high), si in zip(
-        result.displayed(), bounds, result.units, strict=True
-    ):
-        factor, decimals = DISPLAY[si][1], _decimals(sigma)
-        numbers = {"value": value, "change": change, "sigma": sigma}
-        numbers |= {"95 % from": low * factor, "to": high * factor}
-        row: dict[str, object] = {"parameter": name}
+    for shown in result.displayed():
+        decimals = _decimals(shown.sigma)
+        numbers = {"value": shown.value, "change": shown.change, "sigma": shown.sigma}
+        numbers |= {"95 % from": shown.low, "to": shown.high}
+        row: dict[str, object] = {"parameter": shown.name}
         # adding zero makes minus zero plus zero
         row |= {key: f"{round(n, decimals) + 0.0:.{decimals}f}" for key, n in numbers.items()}
-        rows.append(row | {"unit": unit})
+        rows.append(row | {"unit": shown.unit})
     return rows
 
 

@@ -10,11 +10,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as resources
-from json import JSONDecodeError
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.identification import covariance_of
@@ -33,23 +31,23 @@ from posedesign.files import (
 from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.origin import checksum, read_whole
+from posedesign.identification.file import (
+    FittedModel,
+    IdentificationFile,
+    Parameter,
+    Residual,
+    read_file,
+)
 from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
-from posedesign.report.identification_json import (
-    FittedModel,
-    IdentificationFile,
-    Parameter,
-    Residual,
-)
+from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
 from posedesign.report.plots import (
-    SIGMA_AXES,
     figure_of_identification,
-    figure_of_pairs,
     figure_of_plan,
 )
 
@@ -299,19 +297,15 @@ def _read_identification(path: Path) -> IdentificationFile:
     ------
     FileFormatError
     """
-    data = read_bytes_bounded(path, most_bytes=MOST_BYTES)
-    try:
-        return IdentificationFile.model_validate(load_json(data))
-    except JSONDecodeError as error:
-        raise FileFormatError(f"is no JSON: {error}", path=path, hint="write it again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
+    content = read_file(path)
+    if content.recommended and not (content.chosen and content.chosen.residuals):
         raise FileFormatError(
-            f"does not have what a report needs: {where}: {first['msg']}",
+            "does not have what a report needs: nothing is said of the recommended model "
+            f"{content.recommended[:40]}",
             path=path,
             hint="write it again",
-        ) from error
+        )
+    return content
 
 
 def _model_row(model: FittedModel) -> dict[str, object]:

@@ -1,4 +1,7 @@
-"""What the solvers of A X = Z B answer: X and Z, their uncertainty, how far methods differ."""
+"""What the solvers of A X = Z B answer: X and Z, their uncertainty, how far methods differ.
+
+In words, and drawn.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.robot_world import difference
+from calib.robot_world import Noise, NoiseShown, difference
+from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
+from posedesign.files import Results
 from posedesign.pairs import FRAMES
-from posedesign.pairs.results import noise_judged, reached, remarks_of, warnings_of
-from posedesign.pairs.tables import largest_sigma, opencv_rows, solver_row
+from posedesign.pairs.results import Advance, noise_judged, reached, remarks_of, warnings_of
+from posedesign.pairs.tables import (
+    DEFAULT_METHODS,
+    POSE_AXES,
+    largest_sigma,
+    opencv_rows,
+    pair_rows,
+    solve_and_write,
+    solver_row,
+)
 from posedesign.pairs.transforms import forms_of
-from posedesign.planning.poses_file import POSE_AXES
+from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
     from posedesign.pairs import Pairs, SolverOutcome
     from posedesign.pairs.certificate import Camera
+
+DRAWN = tuple((f"robot_world.{ending}", "figure of A X = Z B") for ending in ("png", "svg"))
+"""Names of the files of the figure, and what they say that they are."""
 
 _LEFT_OVER = {
     "method": "method",
@@ -90,7 +110,7 @@ def answer_of_pairs(
         figures,
         warnings=warnings,
         details=details,
-        tables=_tables(outcomes, rows, camera) + _opencv(outcomes, opencv=opencv),
+        tables=_tables(outcomes, rows, camera, opencv=opencv),
         files=files,
     )
 
@@ -140,7 +160,11 @@ def _sigma_words(rows: Sequence[Mapping[str, object]]) -> str:
 
 
 def _tables(
-    outcomes: Sequence[SolverOutcome], rows: Sequence[Mapping[str, object]], camera: Camera
+    outcomes: Sequence[SolverOutcome],
+    rows: Sequence[Mapping[str, object]],
+    camera: Camera,
+    *,
+    opencv: bool,
 ) -> list[Table]:
     """X, Z, the scale and what is left over, by every method."""
     frames = FRAMES[camera]
@@ -157,6 +181,7 @@ def _tables(
             "Left over (rms)",
             [{name: row[key] for key, name in _LEFT_OVER.items()} for row in rows],
         ),
+        *([Table("In OpenCV's names", opencv_rows(outcomes))] if opencv else []),
     ]
 
 
@@ -173,5 +198,85 @@ def _transform_rows(
     return shown
 
 
-def _opencv(outcomes: Sequence[SolverOutcome], *, opencv: bool) -> list[Table]:
-    return [Table("In OpenCV's names", opencv_rows(outcomes))] if opencv else []
+def solve_and_draw(
+    pairs: Pairs,
+    out: Path | Results,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    noise: Noise | NoiseShown | None = None,
+    advance: Advance = lambda what, part: None,
+    inputs: Sequence[Path] = (),
+    *,
+    estimate_scale: bool = False,
+) -> tuple[SolverOutcome, ...]:
+    """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
+    results = Results.of(out, "robot-world")
+    drawn = results.claim("computed", *DRAWN, inputs=inputs)
+    outcomes = solve_and_write(
+        pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
+    )
+    rows = [solver_row(outcome) for outcome in outcomes]
+    figures.draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
+    return outcomes
+
+
+SIGMA_AXES = (("mm", ("x", "y", "z")), ("deg", ("rx", "ry", "rz")))
+"""Of the standard deviations of X, as columns have them."""
+
+
+def figure_of_pairs(
+    answers: Sequence[Mapping[str, object]], each: Sequence[Mapping[str, object]]
+) -> Figure | None:
+    """Residuals of the pairs by the first method, and how far X of the others is from its X.
+
+    None where the first has no answer.
+
+    Parameters
+    ----------
+    answers, each : sequence of mapping
+        Rows of robot_world.csv and robot_world_pairs.csv.
+    """
+    first = answers[0]
+    own = [row for row in each if row["method"] == first["method"]]
+    if first["status"] != "ok" or not own:
+        return None
+    if len(answers) == 1:
+        heights: tuple[float, ...] = (2.6, 2.6)
+    else:
+        heights = (2.6, 2.6, 1.0 + 0.18 * len(answers))
+    figure = figures.new_figure(sum(heights))
+    parts = figures.rows_of(figure, heights)
+    used = np.array([row["used"] == "yes" for row in own])
+    names = [str(row["pose"]) for row in own]
+    for part, unit in zip(parts, ("mm", "deg"), strict=False):
+        left = {str(first["method"]): np.array([_number(row[f"residual_{unit}"]) for row in own])}
+        figures.residuals_by_pose(part, names, left, ~used, unit)
+    if len(answers) == 1:
+        return figure
+    X = _transform_of(first)
+    off = {}
+    for row in answers[1:]:
+        if row["status"] == "ok":
+            place, R = _transform_of(row)
+            angle = float(np.rad2deg(rotation_angle(X[1].T @ R)))
+            off[str(row["method"])] = np.array([np.linalg.norm(place - X[0]), angle])
+    sigma = [
+        max(_number(first[f"sigma_x_{axis}_{unit}"]) for axis in axes) for unit, axes in SIGMA_AXES
+    ]
+    refused = [str(row["method"]) for row in answers[1:] if row["status"] != "ok"]
+    known = np.array(sigma) if np.isfinite(sigma).all() else None
+    figures.answers_beside_the_first(parts[-1], str(first["method"]), off, known, refused)
+    return figure
+
+
+def _number(value: object) -> float:
+    """A number of a table, which may be empty."""
+    return float(str(value)) if value not in (None, "") else float("nan")
+
+
+def _transform_of(row: Mapping[str, object]) -> tuple[FloatArray, FloatArray]:
+    """Position [mm] and rotation of X."""
+    place, wpr = (
+        np.array([_number(row[f"x_{axis}"]) for axis in axes])
+        for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
+    )
+    return place, rotation_from_wpr(np.deg2rad(wpr))

@@ -130,6 +130,18 @@ def _short_names(row: Mapping[str, object]) -> dict[str, object]:
     }
 
 
+def _what_time_buys(result: OptimalPlan) -> str:
+    """What the choice is worth as it is out of the pool, and two minutes less and more."""
+    words = result.objective.words
+    said = [f"{len(result.poses.kept)} poses out of the pool {words(result.of_pool.value)}"]
+    said += [
+        f"2 min {'more' if other.poses > len(result.poses.kept) else 'less'}, {other.poses} poses: "
+        + (words(other.value) if math.isfinite(other.value) else "not all is told")
+        for other in result.others
+    ]
+    return ", ".join(said)
+
+
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
@@ -141,6 +153,8 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
         promised = _seen(cell, found.tcp_m, found.tcp_worst_m, result.box_words)
         promised |= _camera_and_target(displayed(result.model, found.sigma))
     time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
+    if result.request.time_s is not None:
+        time += "; " + _what_time_buys(result)
     return Answer(
         result.verdict,
         {

@@ -6,7 +6,7 @@ has them from there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import singledispatch
 from typing import TYPE_CHECKING
 
@@ -16,14 +16,14 @@ from calib.errors import InputError
 from calib.identification import IdentificationResult, covariance_of
 from calib.model import CalibrationModel
 from calib.robot_world import RobotWorldResult
-from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
+from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, functions_over_box
 from posedesign.cell import Cell
 from posedesign.cell.task_box import BoxAccuracy, predict_box
+from posedesign.identification.file import IdentificationFile
 from posedesign.planning.optimal import NextPoses, OptimalPlan
 from posedesign.planning.pose_plan import PosePlan, named_stops
 from posedesign.report import figures
-from posedesign.report.identification_json import IdentificationFile
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -242,66 +242,3 @@ def figure_of_identification(
     if bottom is not None and q_deg is not None:
         figures.residuals_by_joint(bottom, content.joints, q_deg, left)
     return figure
-
-
-SIGMA_AXES = (("mm", ("x", "y", "z")), ("deg", ("rx", "ry", "rz")))
-"""Of the standard deviations of X, as columns have them."""
-
-
-def figure_of_pairs(
-    answers: Sequence[Mapping[str, object]], each: Sequence[Mapping[str, object]]
-) -> Figure | None:
-    """Residuals of the pairs by the first method, and how far X of the others is from its X.
-
-    None where the first has no answer.
-
-    Parameters
-    ----------
-    answers, each : sequence of mapping
-        Rows of robot_world.csv and robot_world_pairs.csv.
-    """
-    first = answers[0]
-    own = [row for row in each if row["method"] == first["method"]]
-    if first["status"] != "ok" or not own:
-        return None
-    if len(answers) == 1:
-        heights: tuple[float, ...] = (2.6, 2.6)
-    else:
-        heights = (2.6, 2.6, 1.0 + 0.18 * len(answers))
-    figure = figures.new_figure(sum(heights))
-    parts = figures.rows_of(figure, heights)
-    used = np.array([row["used"] == "yes" for row in own])
-    names = [str(row["pose"]) for row in own]
-    for part, unit in zip(parts, ("mm", "deg"), strict=False):
-        left = {str(first["method"]): np.array([_number(row[f"residual_{unit}"]) for row in own])}
-        figures.residuals_by_pose(part, names, left, ~used, unit)
-    if len(answers) == 1:
-        return figure
-    X = _transform_of(first)
-    off = {}
-    for row in answers[1:]:
-        if row["status"] == "ok":
-            place, R = _transform_of(row)
-            angle = float(np.rad2deg(rotation_angle(X[1].T @ R)))
-            off[str(row["method"])] = np.array([np.linalg.norm(place - X[0]), angle])
-    sigma = [
-        max(_number(first[f"sigma_x_{axis}_{unit}"]) for axis in axes) for unit, axes in SIGMA_AXES
-    ]
-    refused = [str(row["method"]) for row in answers[1:] if row["status"] != "ok"]
-    known = np.array(sigma) if np.isfinite(sigma).all() else None
-    figures.answers_beside_the_first(parts[-1], str(first["method"]), off, known, refused)
-    return figure
-
-
-def _number(value: object) -> float:
-    """A number of a table, which may be empty."""
-    return float(str(value)) if value not in (None, "") else float("nan")
-
-
-def _transform_of(row: Mapping[str, object]) -> tuple[FloatArray, FloatArray]:
-    """Position [mm] and rotation of X."""
-    place, wpr = (
-        np.array([_number(row[f"x_{axis}"]) for axis in axes])
-        for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
-    )
-    return place, rotation_from_wpr(np.deg2rad(wpr))

@@ -20,7 +20,9 @@ and each of the two factors is smallest over its own range by sorting alone.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -100,9 +102,13 @@ class MeanCertificate(Certificate):
     total: bool = False
 
     def bound(self, candidates: Candidates, count: int) -> float:
+        return self.bound_by(candidates, partial(sum_of_largest, count=count))
+
+    def bound_by(self, candidates: Candidates, gathered: Callable[[FloatArray], float]) -> float:
+        """Cost that no allowed choice is below, by what they gather of scores ``(N,)`` at most."""
         root = _root_of(self.Z)
-        scores, known, error = _seen_by(candidates, root, count)
-        most = known + sum_of_largest(scores, count)
+        scores, known, error = _seen_by(candidates, root, gathered)
+        most = known + gathered(scores)
         return float((1.0 - error / most) * self._strength(root) / most) if most > error else 0.0
 
     def _strength(self, root: FloatArray) -> float:
@@ -149,8 +155,9 @@ class ConditionCertificate(Certificate):
 
     def _of_choice(self, candidates: Candidates, count: int, Y: FloatArray, Z: FloatArray) -> float:
         """Smallest ``trace(Z M) / trace(Y M)`` over all choices, of roots of Y and Z."""
-        y, y_known, y_error = _seen_by(candidates, Y, count)
-        z, z_known, z_error = _seen_by(candidates, Z, count)
+        gathered = partial(sum_of_largest, count=count)
+        y, y_known, y_error = _seen_by(candidates, Y, gathered)
+        z, z_known, z_error = _seen_by(candidates, Z, gathered)
         most = y_known + float(y.sum())
         if not most > 0.0:
             return 0.0
@@ -200,16 +207,16 @@ def _root_of(Z: FloatArray) -> FloatArray:
 
 
 def _seen_by(
-    candidates: Candidates, root: FloatArray, count: int
+    candidates: Candidates, root: FloatArray, gathered: Callable[[FloatArray], float]
 ) -> tuple[FloatArray, float, float]:
     """``trace(Z Jᵀ J)`` of each candidate ``(N,)`` and of the known, Z by its root.
 
-    With how far a sum of ``count`` of them may be off by rounding: products of long vectors that
-    are nearly orthogonal have few digits.
+    With how far what an allowed choice gathers of them may be off by rounding: products of long
+    vectors that are nearly orthogonal have few digits.
     """
     scores, known = candidates.scores_of_root(root), candidates.known_by_root(root)
-    size = float(np.trace(candidates.known)) + sum_of_largest(candidates.lengths, count)
-    most = known + sum_of_largest(scores, count)
+    size = float(np.trace(candidates.known)) + gathered(candidates.lengths)
+    most = known + gathered(scores)
     rounding = 4.0 * candidates.p * np.finfo(float).eps
     length = float(np.square(root).sum()) * size
     return scores, known, ROUNDING * most + rounding * float(np.sqrt(length * most))

@@ -24,6 +24,7 @@ from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation
 from posedesign.selection.criteria import criterion_by_name
 from posedesign.selection.criterion import Criterion, covariance_of_root
+from posedesign.selection.limits import Limits, LinearLimit
 from posedesign.selection.search import ENUMERATED, METHODS, Found, Search
 
 PROVEN = 0.9995
@@ -160,10 +161,14 @@ class Fewest:
 @one_blas_thread
 def select(
     blocks: ArrayLike,
-    n: int,
+    n: int | None = None,
     criterion: str | Criterion = "D",
     method: str = "exchange",
     *,
+    costs: ArrayLike | None = None,
+    budget: float | None = None,
+    constraints: Sequence[LinearLimit] = (),
+    repeats: int = 1,
     known: ArrayLike | None = None,
     keep: Sequence[int] = (),
     interest: Sequence[int] | None = None,
@@ -181,13 +186,21 @@ def select(
     blocks : array_like (N, m, p)
         Whitened Jacobians of the candidates: rows of unit variance. For condition numbers, the
         regressor. A, E and O depend on the units of the columns.
-    n : int
-        Poses to choose, those of ``keep`` included.
+    n : int, optional
+        Poses to choose, those of ``keep`` included; may be left to a budget or to constraints.
     criterion : str or Criterion
         A name of :data:`~posedesign.selection.criteria.CRITERIA`, or one that is made of linear
         functions of the parameters.
     method : str
-        One of :data:`METHODS`.
+        One of :data:`METHODS`. Where there are costs, constraints or repeats, ``exchange``.
+    costs : array_like (N,), optional
+        What each candidate costs each time that it is measured, such as seconds.
+    budget : float, optional
+        What a choice may cost.
+    constraints : sequence of scipy.optimize.LinearConstraint, optional
+        Of the times (N,) that each candidate is measured.
+    repeats : int
+        Most times that a candidate may be measured; it then stands in ``indices`` as often.
     known : array_like (..., p), optional
         Rows that are there anyway: poses already measured, priors.
     keep : sequence of int
@@ -215,9 +228,25 @@ def select(
     """
     pool = Candidates(blocks, known, names)
     kept = _checked_keep(keep, pool.N)
+    _check_options(method, starts, tolerance, threshold)
+    rng = rng or np.random.default_rng(0)
+    if n is None or costs is not None or budget is not None or constraints or repeats != 1:
+        if n is not None:
+            _check_count(n, len(kept), pool.N * max(repeats, 1), pool.N)
+        limits = Limits.of(
+            pool.N,
+            n=n,
+            costs=costs,
+            budget=budget,
+            constraints=constraints,
+            repeats=repeats,
+            keep=kept,
+        )
+        return _select_under(
+            pool, criterion, n, limits, interest, threshold, starts, tolerance, rng
+        )
     offered = np.union1d(pool.distinct(), kept)
     _check_count(n, len(kept), len(offered), pool.N)
-    _check_options(method, starts, tolerance, threshold)
     if not isinstance(criterion, Criterion):
         criterion = criterion_by_name(criterion, pool.p, n, interest)
     pool.check_identifiable()
@@ -230,8 +259,43 @@ def select(
     if threshold is not None and relaxed is not None:
         _check_threshold(criterion, threshold, relaxed.bound, n)
     if found is None:
-        found = search.run(method, starts, relaxed, rng or np.random.default_rng(0))
+        found = search.run(method, starts, relaxed, rng)
     return _selection(pool, offered, criterion, found, relaxed if bound else None)
+
+
+def _select_under(
+    pool: Candidates,
+    criterion: str | Criterion,
+    n: int | None,
+    limits: Limits,
+    interest: Sequence[int] | None,
+    threshold: float | None,
+    starts: int,
+    tolerance: float,
+    rng: np.random.Generator,
+) -> Selection:
+    """The choice under limits, with what no other within them beats."""
+    from posedesign.selection.limited import (
+        SMALL,
+        best_under,
+        mean_objective,
+        relax_under,
+        search_under,
+    )
+
+    if not isinstance(criterion, Criterion):
+        criterion = criterion_by_name(criterion, pool.p, n or 1, interest)
+    if n is None and criterion.name == "O1":
+        raise InputError("O1 is of a number of poses", hint="give it, or take D", name="criterion")
+    objective = mean_objective(criterion, pool)
+    pool.check_identifiable()
+    relaxed, scores = relax_under(objective, pool, limits, tolerance)
+    if threshold is not None:
+        _check_threshold(criterion, threshold, relaxed.bound, n)
+    found = search_under(criterion, pool, limits, relaxed, scores, starts, rng)
+    if pool.N <= SMALL:
+        found, relaxed = best_under(objective, pool, limits, relaxed, found)
+    return _selection(pool, np.arange(pool.N), criterion, found, relaxed)
 
 
 def _selection(
@@ -265,13 +329,14 @@ def _selection(
     )
 
 
-def _check_threshold(criterion: Criterion, threshold: float, bound: float, n: int) -> None:
+def _check_threshold(criterion: Criterion, threshold: float, bound: float, n: int | None) -> None:
     """Refuse a value that no choice can reach; ``bound`` is the proven one of the cost."""
     if criterion.cost_of(threshold) >= bound:
         return
     side = "below" if criterion.smaller_is_better else "above"
     raise InputError(
-        f"no set of {n} poses from this pool can be {side} {threshold:.4g}: {criterion.name} of "
+        f"no set of {n or 'allowed'} poses from this pool can be {side} {threshold:.4g}: "
+        f"{criterion.name} of "
         f"the best is proven not to be {side} {criterion.shown(bound):.4g}",
         hint="take more poses, a wider pool, or another threshold",
         name="threshold",

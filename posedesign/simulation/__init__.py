@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from posedesign.simulation.rehearsal import (
         SimulatedRobot,
         circle_target,
+        target_of,
         true_cell,
         true_observer,
     )
@@ -38,6 +39,7 @@ __all__ = [
     "effective_truth",
     "pick",
     "spread_interval",
+    "target_of",
     "true_cell",
     "true_observer",
 ]

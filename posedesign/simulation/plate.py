@@ -14,7 +14,7 @@ from calib.se3 import FloatArray
 from calib.vision.camera import Observer
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, TrueCell, touch_up
 from posedesign.cell import Cell, touching_poses
-from posedesign.cell.data import make_touch_up
+from posedesign.cell.measuring import make_touch_up
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.simulation.rehearsal import SimulatedRobot
 

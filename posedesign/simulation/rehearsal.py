@@ -18,8 +18,8 @@ from calib.vision.camera import (
     make_observer,
     noise_from_images,
 )
-from calib.vision.camera.observers import Kind
-from calib.vision.touch_up import SimulatedArms, TrueCell
+from calib.vision.camera.observers import Kind, Target
+from calib.vision.touch_up import BoardTarget, SimulatedArms, TrueCell
 from calib.vision.touch_up.arms import LostMotion
 from posedesign.cell import Cell
 
@@ -62,6 +62,11 @@ def circle_target(cell: Cell) -> CircleTarget:
         circle=dark if section.dark else light,
         face=light if section.dark else dark,
     )
+
+
+def target_of(cell: Cell) -> Target:
+    """What a camera touches up: the board of the cell, or its round target."""
+    return circle_target(cell) if cell.board is None else BoardTarget(cell.board)
 
 
 def imaging_of(cell: Cell) -> Imaging:
@@ -108,7 +113,7 @@ def true_observer(cell: Cell, kind: Kind, noise: MeasurementNoise | None = None)
     noise : MeasurementNoise, optional
         Of the fast one; by default calibrated from pictures at the stand-off of the cell.
     """
-    camera, target, imaging = true_camera(cell), circle_target(cell), imaging_of(cell)
+    camera, target, imaging = true_camera(cell), target_of(cell), imaging_of(cell)
     if kind == "fast" and noise is None:
         distance = float(np.linalg.norm(cell.lens_m - cell.target_m))
         facing = transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, distance])

@@ -15,7 +15,7 @@ from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import CandidatePoses, cone_candidates, grid_candidates, offset_targets
-from posedesign.cell import Cell
+from posedesign.cell import Cell, free_tool_axes
 from posedesign.cell.orientations import GRID
 from posedesign.motion import Router
 from posedesign.planning import plan
@@ -164,7 +164,7 @@ class Bench:
             [
                 ZeroOffsets(cell.robot, cell.offset_joints),
                 *loaded,
-                ToolPoint(cell.tool_m, cell.tool_axes_of(measurement)),
+                ToolPoint(cell.tool_m, free_tool_axes(cell, measurement)),
                 pool.target_points(),
             ],
             measurement,

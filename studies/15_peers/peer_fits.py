@@ -93,10 +93,10 @@ def ours_at_once(problem: TouchUps) -> FloatArray:
 
 def fit_by_scipy(problem: TouchUps, trial: int = 0) -> FloatArray:
     """scipy with finite differences over this project's predictions, weighed as here."""
-    q, model = problem.postures(trial), problem.model
+    data, model = problem.data.trials(trial), problem.model
 
     def rows(x: FloatArray) -> FloatArray:
-        return model.white_residuals(q, x).ravel()
+        return model.white_residuals(data, x).ravel()
 
     return np.asarray(least_squares(rows, model.nominal, method="lm", x_scale="jac").x)
 

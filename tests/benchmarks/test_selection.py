@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.optimize import LinearConstraint
 
 from calib.se3 import FloatArray
 from posedesign.selection import (
@@ -56,6 +57,27 @@ def test_one_exchange_of_ten_thousand(benchmark):
     start, none = np.arange(50), np.array([], dtype=int)
     rows = benchmark.pedantic(exchange, args=(objective, start, none), rounds=3, warmup_rounds=1)
     assert objective.cost(rows) < 0.8 * objective.cost(start)
+
+
+def test_a_choice_under_limits(benchmark):
+    """500 x 3 x 30, costs, a budget and 20 constraints, with its proof. To be at most 2 s."""
+    rng = np.random.default_rng(3)
+    J, costs = blocks(500, 3, 30, 0.0), rng.uniform(0.5, 2.0, 500)
+    groups = LinearConstraint(rng.random((20, 500)) < 0.3, -np.inf, rng.integers(8, 12, 20))
+    given = {"costs": costs, "budget": 40.0, "constraints": [groups]}
+    found = benchmark.pedantic(select, (J,), given, rounds=2, warmup_rounds=1)
+    assert found.efficiency > 0.9
+
+
+@pytest.mark.parametrize("repeats", [1, 30])
+def test_a_pose_measured_again(capsys, repeats):
+    """D of 500 x 1 x 10, 30 poses, each as often as it may: repeats are worth a few per cent."""
+    start = time.process_time()
+    found = select(blocks(500, 1, 10), 30, repeats=repeats)
+    with capsys.disabled():
+        taken = time.process_time() - start
+        print(f"\n{len(set(found.indices.tolist()))} of 30: {taken:.2f} s, {found.message}")
+    assert found.efficiency > 0.97
 
 
 @pytest.mark.parametrize("m", [1, 3])

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +48,29 @@ ANSWERING = frozenset(
 """Commands that say at a glance what they found, and all of it where that is asked for."""
 
 
-@contextmanager
-def empty_pictures() -> Iterator[None]:
-    """Figures are made and written as ever, with nothing in them: that is most of the time."""
+@cache
+def empty_picture(kind: str) -> bytes:
+    """A small figure with nothing in it, as PNG, SVG or PDF."""
     from matplotlib.figure import Figure
 
-    def save_empty(figure: Figure, *args: Any, **kwargs: Any) -> None:
-        figure.clear()
-        figure.set_size_inches(0.5, 0.5)
-        save_empty.savefig(figure, *args, **kwargs)
+    data = io.BytesIO()
+    Figure(figsize=(0.5, 0.5)).canvas.print_figure(data, format=kind)
+    return data.getvalue()
+
+
+@contextmanager
+def empty_pictures() -> Iterator[None]:
+    """Figures are made as ever, and an empty one is written: that is most of the time."""
+    from matplotlib.figure import Figure
+
+    def save_empty(figure: Figure, to: Any, **kwargs: Any) -> None:
+        empty = empty_picture(
+            kwargs.get("format", "png" if hasattr(to, "write") else to.suffix[1:])
+        )
+        if not hasattr(to, "write"):
+            to.write_bytes(empty)
+        else:
+            to.write(empty.decode() if isinstance(to, io.StringIO) else empty)
 
     with pytest.MonkeyPatch.context() as patch:
         save_empty.savefig = Figure.savefig

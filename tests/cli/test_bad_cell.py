@@ -2,7 +2,7 @@
 
 import pytest
 
-from posedesign.cell import schema as config
+from posedesign.cell import file as config
 from tests.cli.conftest import offsets_only
 
 RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.0]"

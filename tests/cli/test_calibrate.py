@@ -52,6 +52,7 @@ FILES = {
     "identification.png",
     "identification.svg",
     "journal.jsonl",
+    "log.csv",
     "plan.png",
     "plan.svg",
     "poses.csv",
@@ -156,9 +157,10 @@ def test_restart_puts_what_was_measured_aside(cli, cell, rehearsed, tmp_path):
         assert (out / f"session.{number}" / "journal.jsonl").read_bytes() == journal
     aside = {path.name: path.read_bytes() for path in (out / "session.1").iterdir()}
     assert aside == before
-    assert [path.name for path in (out / "session.2").iterdir()] == ["journal.jsonl"]
+    assert {path.name for path in (out / "session.2").iterdir()} == {"journal.jsonl", "log.csv"}
     assert {path.name for path in out.iterdir()} == {
         "journal.jsonl",
+        "log.csv",
         "running.lock",
         "session.1",
         "session.2",

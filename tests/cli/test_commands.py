@@ -10,7 +10,7 @@ import pytest
 
 from calib.robots import preset_names
 from posedesign.cell import Cell, CellConfig
-from posedesign.cell.data import cell_text
+from posedesign.cell.file import cell_text
 from posedesign.cli import output
 from posedesign.programs import read, validate
 from tests.cli.conftest import rows_of

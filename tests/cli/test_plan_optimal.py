@@ -75,6 +75,25 @@ def test_a_plan_reads_well_in_a_narrow_terminal(cli, cell, tmp_path, monkeypatch
         assert f"\nwrote: {out / 'poses.csv'}, " in said.out
 
 
+def test_as_many_poses_as_there_is_time_for(cli, cell, tmp_path):
+    """The round takes no longer, one pose more would, and two minutes more buy accuracy."""
+    said = cli("plan", cell, "--minutes", 5, "--no-refine", "--out", tmp_path / "run", "--json")
+    assert said.code == 0
+    told = strict_json(said.out)
+    assert told["cycle_time_s"] <= 300.0
+    one_more = (*EXCHANGE, "--poses", told["poses"] + 1, "--no-refine")
+    longer = strict_json(cli("plan", cell, *one_more, "--out", tmp_path / "more", "--json").out)
+    assert longer["cycle_time_s"] > 300.0
+    fewer, more = told["other_numbers_of_poses"]
+    assert fewer["poses"] + 3 <= told["poses"] <= more["poses"] - 3
+    assert fewer["tcp_rms_mm"] > told["tcp_rms_mm"] > more["tcp_rms_mm"]
+    shown = cli("plan", cell, "--minutes", 5, "--no-refine", "--out", tmp_path / "run")
+    text = " ".join(shown.out.split())
+    assert f"{told['poses']} poses, " in text
+    assert "of 5 min" in text
+    assert "2 min more" in text
+
+
 def test_the_fewest_poses_for_an_accuracy_of_the_tool_point(cli, cell, tmp_path):
     accuracy = ("--target-accuracy", "0.2mm")
     said = cli("plan", cell, "--poses", "auto", *accuracy, "--out", tmp_path / "run", "--json")
@@ -160,6 +179,11 @@ def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
         ),
         (("--method", "WPR", "--validation", "5"), ("--validation does not go with",)),
         (("--method", "wpr", "--keep", "poses.csv"), ("--keep does not go with",)),
+        (("--minutes", "5", "--poses", "5"), ("--minutes decides", "--poses")),
+        (("--minutes", "5", "--target-accuracy", "0.1mm"), ("so does --target-accuracy",)),
+        (("--minutes", "0.5"), ("0.5 min are not enough: 4 poses", " min (allow more time")),
+        (("--minutes", "0"), ("the time is not above zero",)),
+        (("--minutes", "5", "--method", "wpr"), ("--minutes does not go with",)),
         ((*EXCHANGE, "--validation", "-1"), ("-1 poses for validation", "0 to 1000")),
         ((*EXCHANGE, "--robust", "wurst"), ("no robustness 'wurst'", "worst")),
         (("--wanted-sigma-mm", "0"), ("wanted standard deviation is not above zero",)),

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write

@@ -577,7 +577,7 @@ def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch,
 
     def told(A: FloatArray, B: FloatArray, name: str, noise: Any, **options: Any) -> Any:
         result = solve(A, B, name, noise, **options)
-        return replace(result, _judged=lambda _: (status, "why")) if name == "ml" else result
+        return replace(result, _first=(status, "why")) if name == "ml" else result
 
     monkeypatch.setattr(pairs_results, "solve", told)
     path = write_pairs(tmp_path / "pairs.csv", measured[0])

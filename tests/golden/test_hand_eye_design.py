@@ -18,7 +18,7 @@ from calib.robot_world import (
 )
 from calib.robot_world.noise import perturb
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.planning.optimal import plan_fewest
 from posedesign.simulation import SimulatedRobot
 

@@ -38,7 +38,7 @@ class Tally:
         rng = np.random.default_rng(seed)
         robot = nasty_cell(rng)
         trick = robot.trick.name
-        drive = Drive(robot.sight.robot, OneArm(robot, dark=robot.sight.target.is_dark))
+        drive = Drive(robot.sight.robot, OneArm(robot, robot.sight.target))
         station = Station(drive)
         found = find_set_up(station, robot.sight.q, Loop())
         if isinstance(found, NoSetUp):

@@ -14,8 +14,8 @@ import pytest
 
 from calib.errors import CalibError
 from posedesign.cell import Cell, cell_template, touching_poses
+from posedesign.cell.file import parse_config
 from posedesign.cell.orientations import cone_rotations
-from posedesign.cell.schema import parse_config
 from posedesign.planning.loop import Replacements, grid_poses, repair
 from posedesign.planning.pose_plan import PoseStatus
 from tests.marks import rest_in_full

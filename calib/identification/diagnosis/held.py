@@ -26,8 +26,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.evidence import PriorGroup, tune_priors
-from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
+from calib.identification.evidence import (
+    LinearEvidence,
+    PriorGroup,
+    linear_evidence,
+    noise_classes,
+    tune_priors,
+)
+from calib.identification.least_squares import column_lengths
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
@@ -122,17 +128,14 @@ class Held:
 
 def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
     """Linearise at the solution ``(p,)`` of a model."""
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x)
     rows, J = linear.white_rows, linear.white_jacobian
-    known, K = model.known(x[None])
-    stacked = np.concatenate([J.reshape(rows.size, model.p), K[0]])
-    length = np.linalg.norm(stacked, axis=0)
-    U, singular, _ = np.linalg.svd(stacked / np.where(length > 0, length, 1.0), full_matrices=False)
+    right, stacked = linear.stacked(x)
+    U, singular, _ = np.linalg.svd(stacked / column_lengths(stacked), full_matrices=False)
     U = U[:, singular > _RANK * singular.max(initial=0.0)]
-    right = np.concatenate([rows.ravel(), known[0]])
     right = right - U @ (U.T @ right)  # the last step: exact where the model is linear
-    there = model.equations(data.setup)
-    freedom = float(there + len(known[0]) - U.shape[1])
+    besides = len(right) - rows.size
+    freedom = float(model.equations(data.setup) + besides - U.shape[1])
     return Held(
         linear,
         data,

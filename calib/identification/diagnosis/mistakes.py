@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.identification.diagnosis.held import Cause, Held, held_at
-from calib.identification.least_squares import minimise
+from calib.identification.least_squares import column_lengths, minimise
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
@@ -225,10 +225,8 @@ def _swapped_readings(held: Held, observed: FloatArray, suspect: IntArray) -> It
         return
     both = np.array(sorted(pairs))
     swapped = replace(data[both.ravel()], observed=observed[both[:, ::-1].ravel()])
-    white = model.white_residuals(
-        swapped.postures, held.x, swapped.setup, swapped.observed
-    ).reshape(len(both), 2, -1)
-    own = model.white_residuals(data.postures, held.x, data.setup, data.observed)
+    white = model.white_residuals(swapped, held.x).reshape(len(both), 2, -1)
+    own = model.white_residuals(data, held.x)
     change = white - own[both]
     taken = held.Q[both]  # C, 2, m, r
     inner = np.einsum("camr,cam->cr", taken, change)
@@ -258,7 +256,7 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
         x = _without_row(held, i)
         same = data[np.full(len(others), i)]
         setup = replace(same.setup, target=np.array(others, dtype=np.intp))
-        white = model.white_residuals(same.postures, x, setup, same.observed)
+        white = model.white_residuals(replace(same, setup=setup), x)
         cost = np.einsum("tm,mn,tn->t", white, held.blocks[i], white)
         best = int(np.argmin(cost))
         gain = float(held.standing_out[i] - cost[best])
@@ -282,13 +280,11 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
 
 def _without_row(held: Held, i: int) -> FloatArray:
     """Parameters ``(p,)`` [SI] from all measurements but one, linearised."""
-    model = held.model
-    J = np.concatenate([held.J.reshape(-1, model.p), model.known(held.x[None])[1][0]])
+    J = held.linear.stacked(held.x)[1]
     # x without i: as if its rows had been predicted, r_i less what is predicted of it
-    rows = np.zeros(held.rows.shape)
-    rows[i] = held.left_out[i]
-    right = np.concatenate([rows.ravel(), np.zeros(len(J) - rows.size)])
-    length = np.linalg.norm(J, axis=0)
-    length[length == 0.0] = 1.0
+    right = np.zeros(len(J))
+    m = held.rows.shape[1]
+    right[i * m : (i + 1) * m] = held.left_out[i]
+    length = column_lengths(J)
     step = np.linalg.lstsq(J / length, right, rcond=1e-10)[0] / length
     return np.asarray(held.x + step)

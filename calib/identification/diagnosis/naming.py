@@ -117,7 +117,11 @@ def _gross(model: CalibrationModel, data: Measurements, held: Held | None) -> tu
     found = []
     for k in np.argsort(first)[:MOST_FITTED].tolist():
         right = fitted(model, tried[k].data)
-        if right is not None and right.rms_m() < LITTLE * _spread_m(right):
+        if right is None:
+            continue
+        places = right.linear.view.walk.p_base_tip
+        spread2 = np.sum((places - places.mean(axis=1)[:, None]) ** 2, axis=0)
+        if right.rms_m() < LITTLE * float(np.sqrt(np.mean(spread2))):
             after = right.squares / model.equations(tried[k].data.setup)
             weight = 0.5 * equations * after + UNLIKELY.get(tried[k].cause, 0.0)
             found.append((weight, after, tried[k], right))
@@ -128,12 +132,6 @@ def _gross(model: CalibrationModel, data: Measurements, held: Held | None) -> tu
         other for other, each in zip(named, found, strict=True) if each[0] < found[0][0] + AS_WELL
     ]
     return tuple(replace(best, also=tuple(as_well[1:])) for best in named[:1])
-
-
-def _spread_m(held: Held) -> float:
-    """Root mean square distance of the tip's places from their middle [m]."""
-    places = held.linear.view.walk.p_base_tip
-    return float(np.sqrt(np.mean(np.sum((places - places.mean(axis=1)[:, None]) ** 2, axis=0))))
 
 
 def _finding(mistake: Mistake, held: Held | None, right: Held, tried: int) -> Finding:

@@ -137,12 +137,14 @@ def changes(held: Held) -> Iterator[Effect]:
                 # of all places, the likeliest stands for the mean
                 more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
                 rows = (int(starts[best]),)
-                yield _effect(held, thing, "step", rows, after, found, best, more, neighbours)
+                yield _change(held, thing, "step", after, found, best, more, neighbours, rows)
         trends = _trends(thing)
         for cause, course in trends:
-            found, neighbours = _trend(held, thing, course)
+            Z = thing.columns * course[:, None, None]
+            neighbours = alike(held.after(Z, score_of(held, Z).size[0]))
+            found = score_of(held, Z, neighbours)
             more = float(tried + np.log(len(trends)))
-            yield _effect(held, thing, cause, (), course, found, 0, more, neighbours)
+            yield _change(held, thing, cause, course, found, 0, more, neighbours)
 
 
 def _trends(thing: Thing) -> list[tuple[Cause, FloatArray]]:
@@ -178,44 +180,47 @@ def _steps(held: Held, thing: Thing, starts: IntArray) -> tuple[Scores, float]:
     return scores(held, score, information, whole, neighbours), neighbours
 
 
-def _trend(held: Held, thing: Thing, course: FloatArray) -> tuple[Scores, float]:
-    """Scores of one course ``(N,)``, and how alike neighbours are after it."""
-    Z = thing.columns * course[:, None, None]
-    neighbours = alike(held.after(Z, score_of(held, Z).size[0]))
-    return score_of(held, Z, neighbours), neighbours
-
-
 def _from(each: FloatArray) -> FloatArray:
     """Sums over each measurement and all that follow."""
     return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
 
 
-def _effect(
+def _change(
     held: Held,
     thing: Thing,
     cause: Cause,
-    rows: tuple[int, ...],
     course: FloatArray,
     found: Scores,
     best: int,
     tried: float,
     neighbours: float,
+    rows: tuple[int, ...] = (),
 ) -> Effect:
     Z, size = thing.columns * course[:, None, None], found.size[best]
-    is_joint = thing.part == "joint"
     # where it is measured: the origin of an instrument's frame may be metres off
-    far = float(held.lengths_m(Z @ size).max(initial=0.0))
-    finding = Finding(
-        cause,
-        thing.names,
-        thing.part,
-        rows,
-        float(np.abs(size[0])) * ZERO_RAD if is_joint else far,
-        "rad" if is_joint else "m",
-        held.rms_m(),
-        held.rms_m(held.after(Z, size)),
-        float(found.log_odds[best]) - tried,
+    far, unit = float(held.lengths_m(Z @ size).max(initial=0.0)), "m"
+    if thing.part == "joint":
+        far, unit = float(np.abs(size[0])) * ZERO_RAD, "rad"
+    return _effect(
+        held, Z, found, best, (cause, thing.names, thing.part), (far, unit), tried, neighbours, rows
     )
+
+
+def _effect(
+    held: Held,
+    Z: FloatArray,
+    found: Scores,
+    best: int,
+    what: tuple[Cause, tuple[str, ...], str],
+    size: tuple[float, str],
+    tried: float = 0.0,
+    neighbours: float = 0.0,
+    rows: tuple[int, ...] = (),
+) -> Effect:
+    """Effect of columns ``(N, m, k)`` by one of its scores; what it is of, and its size."""
+    before, after = held.rms_m(), held.rms_m(held.after(Z, found.size[best]))
+    odds = float(found.log_odds[best]) - tried
+    finding = Finding(*what, rows, *size, before, after, odds)
     return Effect(finding, Z, float(found.usual[best]), tried, neighbours)
 
 
@@ -247,7 +252,7 @@ def scales(held: Held) -> Iterator[Effect]:
         read = np.zeros(held.rows.shape)
         read[own, :lengths] = data.observed[own, :lengths] * SCALE
         Z = model.whiten(data.postures, read[..., None], held.x, data.setup)
-        yield _pattern_effect(held, Z, "scale", "instrument", (kind.name,), SCALE, "", 0.0)
+        yield _pattern(held, Z, ("scale", (kind.name,), "instrument"), SCALE, "")
 
 
 def incomplete(held: Held) -> Iterator[Finding]:
@@ -268,9 +273,8 @@ def incomplete(held: Held) -> Iterator[Finding]:
             motion = np.stack([np.sin(angle) * turn, np.cos(angle) * turn]) * WAVE_RAD
             Z = _seen(bare, motion)
             name = (model.robot.joint_names[joint], f"{wave:g}")
-            yield _pattern_effect(
-                bare, Z, "harmonic", "joint", name, WAVE_RAD, "rad", tried
-            ).finding
+            what: tuple[Cause, tuple[str, ...], str] = ("harmonic", name, "joint")
+            yield _pattern(bare, Z, what, WAVE_RAD, "rad", tried).finding
     out = view.point.copy()
     out[2] = 0.0
     reach = np.linalg.norm(out, axis=0)
@@ -278,7 +282,7 @@ def incomplete(held: Held) -> Iterator[Finding]:
     motion = np.zeros((2, 6, view.q.shape[1]))
     motion[0, 2] = grown
     motion[1, :3] = out / np.maximum(reach, 1e-9) * grown
-    yield _pattern_effect(bare, _seen(bare, motion), "reach", "", (), SAG_M, "m", tried).finding
+    yield _pattern(bare, _seen(bare, motion), ("reach", (), ""), SAG_M, "m", tried).finding
 
 
 def _seen(held: Held, motion: FloatArray) -> FloatArray:
@@ -295,28 +299,16 @@ def _seen(held: Held, motion: FloatArray) -> FloatArray:
     return view.posture_first(out)
 
 
-def _pattern_effect(
+def _pattern(
     held: Held,
     Z: FloatArray,
-    cause: Cause,
-    part: str,
-    things: tuple[str, ...],
+    what: tuple[Cause, tuple[str, ...], str],
     usual: float,
     unit: str,
-    tried: float,
+    tried: float = 0.0,
 ) -> Effect:
+    """Effect of columns ``(N, m, k)`` in all measurements alike."""
     found = score_of(held, Z)
     size = found.size[0]
     far = float(size[0]) if len(size) == 1 else float(np.linalg.norm(size))
-    finding = Finding(
-        cause,
-        things,
-        part,
-        (),
-        far * usual,
-        unit,
-        held.rms_m(),
-        held.rms_m(held.after(Z, size)),
-        float(found.log_odds[0]) - tried,
-    )
-    return Effect(finding, Z, float(found.usual[0]), tried, 0.0)
+    return _effect(held, Z, found, 0, what, (far * usual, unit), tried)

@@ -67,9 +67,9 @@ class ParameterBlock(ABC):
         return len(self.names)
 
     @property
-    @abstractmethod
     def nominal(self) -> FloatArray:
-        """Values ``(size,)`` of robot and set-up as described."""
+        """Values ``(size,)`` of robot and set-up as described: zero for errors."""
+        return np.zeros(self.size)
 
     @abstractmethod
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
@@ -137,6 +137,14 @@ def prior_of(sigma: float | FloatArray | None, size: int) -> FloatArray:
             bound=0.0,
         )
     return each
+
+
+def priors_of_units(
+    units: Sequence[Unit], prior_m: float | None, prior_rad: float | None
+) -> FloatArray:
+    """Standard deviations ``(size,)`` of a prior of lengths and of one of angles."""
+    lengths = np.array([unit == "m" for unit in units], dtype=bool)
+    return np.where(lengths, prior_of(prior_m, len(units)), prior_of(prior_rad, len(units)))
 
 
 class Part(ParameterBlock):

@@ -7,6 +7,7 @@ axes. Points are frames without a rotation.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from calib.batch_last import columns_of, cross, product, turn
 from calib.errors import InputError
 from calib.model.context import ArmErrors, Feature, MeasurementContext, Setup
-from calib.model.parameters.base import ParameterBlock, prior_of
+from calib.model.parameters.base import ParameterBlock, Unit, prior_of, priors_of_units
 from calib.model.parameters.links import AXES
 from calib.se3 import (
     FloatArray,
@@ -31,8 +32,6 @@ class Frames(ParameterBlock):
 
     Parameters
     ----------
-    kind : str
-        First part of the names: ``tool`` or ``target``.
     labels : sequence of str
         Names of the frames.
     T_nominal : array_like (K, 4, 4)
@@ -45,16 +44,18 @@ class Frames(ParameterBlock):
 
     nuisance = True
     beyond_chain = ""
+    side: ClassVar[Literal["tool", "target"]]
+    """What they are, and the first part of the names."""
 
     def __init__(
         self,
-        kind: str,
         labels: Sequence[str],
         T_nominal: ArrayLike,
         free: Sequence[str],
         prior_m: float | None = None,
         prior_rad: float | None = None,
     ) -> None:
+        kind = self.side
         self.T_nominal = check_transforms(T_nominal, kind)
         self.labels = tuple(labels)
         if len(set(self.labels)) != len(self.labels):
@@ -66,13 +67,14 @@ class Frames(ParameterBlock):
             )
         self._axes = [AXES.index(axis) for axis in free]
         self._turns = any(axis >= 3 for axis in self._axes)
-        self.names = tuple(f"{self._stem(kind, k)}.{axis}" for k in self.labels for axis in free)
+        stems = [kind if label == kind else f"{kind}.{label}" for label in self.labels]
+        self.names = tuple(f"{stem}.{axis}" for stem in stems for axis in free)
         self.units = tuple("m" if axis < 3 else "rad" for axis in self._axes) * len(self.labels)
-        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
-        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
-
-    def _stem(self, kind: str, label: str) -> str:
-        return kind if label == kind else f"{kind}.{label}"
+        self.prior = priors_of_units(self.units, prior_m, prior_rad)
+        if kind == "tool":
+            self.tools = self.labels
+        else:
+            self.targets = self.labels
 
     @property
     def nominal(self) -> FloatArray:
@@ -125,74 +127,45 @@ class Frames(ParameterBlock):
         six = self._six(values)[k]
         return product(columns, columns_of(right_jacobian(six[3:].T)))
 
-
-class OnTool(Frames):
-    """Frames that the tip carries."""
-
-    def __init__(
-        self,
-        labels: Sequence[str],
-        T_tip_frame: ArrayLike,
-        free: Sequence[str],
-        prior_m: float | None = None,
-        prior_rad: float | None = None,
-    ) -> None:
-        super().__init__("tool", labels, T_tip_frame, free, prior_m, prior_rad)
-        self.tools = self.labels
-
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        errors.tools += self.features(values)
+        placed = errors.tools if self.side == "tool" else errors.targets
+        placed += self.features(values)
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`: the tool against targets goes the other way."""
+        on_tool, setup = self.side == "tool", view.setup
+        index, labels = (setup.tool, view.tools) if on_tool else (setup.target, view.targets)
+        axes, sign = (view.tool, 1.0) if on_tool else (view.target, -1.0)
         per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
         for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
-            mask = view.tiled(view.setup.tool, view.tools.index(label))
-            about = self._turning(values, frame, view.tool) if self._turns else None
+            mask = view.tiled(index, labels.index(label))
+            about = sign * self._turning(values, frame, axes) if self._turns else None
             for k, axis in enumerate(self._axes):
-                if axis < 3:
-                    rows[k, :3] = view.walk.tip[axis]
-                elif about is not None:  # about the frame's origin, which stays
+                if about is None or axis < 3:
+                    shift = self._shift(frame, axis)[:, None]
+                    rows[k, :3] = view.walk.tip[axis] if on_tool else -shift
+                else:
+                    if not on_tool:  # a tool turns about its own origin, which stays
+                        rows[k, :3] = cross(about[axis - 3], view.error)
                     rows[k, 3:] = about[axis - 3][: rows.shape[1] - 3]
-            if mask is not None:
-                rows *= mask
-
-
-class AroundArm(Frames):
-    """Frames that measurements are taken from."""
-
-    def __init__(
-        self,
-        labels: Sequence[str],
-        T_base_frame: ArrayLike,
-        free: Sequence[str],
-        prior_m: float | None = None,
-        prior_rad: float | None = None,
-    ) -> None:
-        super().__init__("target", labels, T_base_frame, free, prior_m, prior_rad)
-        self.targets = self.labels
-
-    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        errors.targets += self.features(values)
-
-    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`: the tool against them goes the other way."""
-        per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
-        for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
-            mask = view.tiled(view.setup.target, view.targets.index(label))
-            about = self._turning(values, frame, view.target) if self._turns else None
-            for k, axis in enumerate(self._axes):
-                if axis < 3:
-                    rows[k, :3] = -self._shift(frame, axis)[:, None]
-                elif about is not None:
-                    turn = -about[axis - 3]
-                    rows[k, :3] = cross(turn, view.error)
-                    rows[k, 3:] = turn[: rows.shape[1] - 3]
             if mask is not None:
                 rows *= mask
 
     def _shift(self, frame: int, axis: int) -> FloatArray:
         """Direction in the base ``(3,)`` in which a frame goes for one of its first numbers."""
         return np.asarray(np.eye(3)[axis])
+
+
+class OnTool(Frames):
+    """Frames that the tip carries."""
+
+    side = "tool"
+
+
+class AroundArm(Frames):
+    """Frames that measurements are taken from."""
+
+    side = "target"
 
 
 def points_as_frames(
@@ -327,8 +300,8 @@ class ToolBody(ParameterBlock):
         nominal = np.eye(4) if T_tip_body is None else np.asarray(T_tip_body, dtype=float)
         self.T_nominal = check_transforms(nominal[None], "tool")[0]
         self.names = tuple(f"tool.{name}.{axis}" for axis in AXES)
-        self.units = ("m",) * 3 + ("rad",) * 3
-        self.prior = np.concatenate([prior_of(prior_m, 3), prior_of(prior_rad, 3)])
+        self.units: tuple[Unit, ...] = ("m",) * 3 + ("rad",) * 3
+        self.prior = priors_of_units(self.units, prior_m, prior_rad)
 
     @property
     def nominal(self) -> FloatArray:
@@ -464,11 +437,6 @@ class LengthOffsets(ParameterBlock):
         self.names = tuple(f"length.{label}" for label in labels)
         self.units = tuple("m" for _ in self.names)
         self.prior = prior_of(prior_m, len(self.names))
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: the length as shown."""
-        return np.zeros(self.size)
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
         errors.lengths |= dict(zip(self.labels, values, strict=True))

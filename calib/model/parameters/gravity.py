@@ -59,6 +59,9 @@ class GravityLoad:
         given = [payload] if isinstance(payload, Payload) else list(payload or [])
         self.payloads = tuple(given) or (NOTHING,)
         self._mass = np.array([p.mass_kg for p in self.payloads], dtype=float)
+        self._down = -skew(robot.gravity)
+        self._links = robot.link_mass[:, None, None]
+        self._carried = np.cumsum(robot.link_mass[::-1])[::-1, None]
         self._com = np.stack([p.com_m for p in self.payloads], axis=-1)
 
     def torques(self, q: FloatArray, setup: Setup) -> tuple[FloatArray, Walk]:
@@ -78,12 +81,24 @@ class GravityLoad:
                 f"{len(self.payloads)} are known",
                 name="payload",
             )
-        index = np.tile(setup.payload, q.shape[1] // setup.count)
-        return _torques(self.robot, q, self._mass[index], self._com[:, index])
+        index = setup.payload
+        if q.shape[1] != setup.count:
+            index = np.tile(index, q.shape[1] // setup.count)
+        mass, com = self._mass[index], self._com[:, index]
+        chain = self.robot.chain
+        walk = chain.walk(q)
+        # of all that a joint carries, from the tip down
+        moment = self._links * chain.in_base(walk, self.robot.link_com)
+        moment[-1] += mass * (walk.p_base_tip + turn(walk.tip, com))
+        for j in reversed(range(self.robot.n - 1)):
+            moment[j] += moment[j + 1]
+        moment -= (self._carried + mass)[:, None] * walk.origins
+        return np.asarray(self._down @ moment), walk
 
     def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`."""
-        return _along_axes(self.robot, *self.torques(q, setup))
+        torque, walk = self.torques(q, setup)
+        return np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
 
 
 def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
@@ -104,23 +119,3 @@ def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) 
     last = np.ascontiguousarray(q.reshape(-1, robot.n).T)
     load = GravityLoad(robot, payload)
     return np.asarray(load.joint_torque(last, Setup.of(last.shape[1])).T.reshape(q.shape))
-
-
-def _torques(
-    robot: Robot, q: FloatArray, mass: FloatArray, com: FloatArray
-) -> tuple[FloatArray, Walk]:
-    """Torque vectors ``(n, 3, S)`` with masses ``(S,)`` at ``(3, S)`` in the tip frame."""
-    chain = robot.chain
-    walk = chain.walk(q)
-    # of all that a joint carries, from the tip down
-    moment = robot.link_mass[:, None, None] * chain.in_base(walk, robot.link_com)
-    moment[-1] += mass * (walk.p_base_tip + turn(walk.tip, com))
-    for j in reversed(range(robot.n - 1)):
-        moment[j] += moment[j + 1]
-    weight = np.cumsum(robot.link_mass[::-1])[::-1, None] + mass
-    moment -= weight[:, None] * walk.origins
-    return np.asarray(-skew(robot.gravity) @ moment), walk
-
-
-def _along_axes(robot: Robot, torque: FloatArray, walk: Walk) -> FloatArray:
-    return np.asarray((robot.chain.all_axes(walk) * torque).sum(axis=1))

@@ -45,11 +45,6 @@ class JointErrors(ParameterBlock):
         self.units = (unit,) * len(self.names)
         self.prior = prior_of(prior, len(self.names))
 
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: joints that do what they show."""
-        return np.zeros(self.size)
-
     @abstractmethod
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The function of each parameter at postures ``(n, S)``: ``(size, S)`` or ``(size, 1)``."""

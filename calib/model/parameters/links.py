@@ -9,7 +9,7 @@ import numpy as np
 from calib.batch_last import along, cross, product, turn
 from calib.errors import InputError
 from calib.model.context import ArmErrors, MeasurementContext, Setup
-from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
+from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of, priors_of_units
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray
@@ -67,17 +67,11 @@ class LinkGeometry(ParameterBlock):
             for joint in self._joints
         }
         self.units = tuple("m" if axis < 3 else "rad" for _, axis in places)
-        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
-        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+        self.prior = priors_of_units(self.units, prior_m, prior_rad)
 
     def only(self, names: Sequence[str]) -> LinkGeometry:
         """The same links with only some of their parameters free."""
         return LinkGeometry(self._robot, names, self._prior_m, self._prior_rad)
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: links as described."""
-        return np.zeros(self.size)
 
     def displacement(self, values: FloatArray, joint: int) -> FloatArray:
         """The six numbers of a joint's frame ``(6, S)``, zero where they are not free."""
@@ -164,11 +158,6 @@ class BearingCompliance(ParameterBlock):
         )
         self.units = tuple("rad/Nm" for _ in self.names)
         self.prior = prior_of(prior, len(self.names))
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: bearings that do not give way."""
-        return np.zeros(self.size)
 
     def torques(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Gravity torque about the axis of each parameter ``(size, S)`` [Nm] at ``(n, S)``."""

@@ -1,8 +1,7 @@
 """The certificate: whether a solution of A X = Z B is the global optimum.
 
-Local minimum of the cost over both rotations, by Newton's method on the manifold.
-
-Every iteration works on 18 numbers whatever the number of pairs. Steps are rotation vectors from
+A local minimum of the cost over both rotations is found by Newton's method on the manifold. Every
+iteration works on 18 numbers whatever the number of pairs. Steps are rotation vectors from
 the left, ``R ← exp([w]) R``. Far from the minimum the Hessian may be indefinite: the absolute
 values of its eigenvalues, plus a damping, then make every step one that descends.
 """
@@ -18,6 +17,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.certificate.dual import (
+    LowerBound,
     balanced_multipliers,
     best_multipliers,
     least_multipliers,
@@ -154,15 +154,16 @@ def certify(
 
 @dataclass(frozen=True, eq=False)
 class _Optimum:
-    """A stationary point X, Z ``(4, 4)``, the form about it, and what is known of it."""
+    """A stationary point, T = 1, the form about it, and what is known of it."""
 
-    X: FloatArray
-    Z: FloatArray
-    cost: float
+    at: LocalMinimum
     form: QuadraticForm
     bound: float
-    smallest_eigenvalue: float
-    convex: bool
+    proof: LowerBound
+
+    @property
+    def cost(self) -> float:
+        return float(self.at.cost[0])
 
     @property
     def gap(self) -> float:
@@ -196,22 +197,15 @@ class _Problem:
         if not proof.convex[0] and np.isfinite(form.rounding[0]):
             proof = lower_bound(form, balanced_multipliers(form))
             bound = max(bound, float(proof.value[0]))
-        return _Optimum(
-            X=minimum.X[0],
-            Z=minimum.Z[0],
-            cost=float(minimum.cost[0]),
-            form=form,
-            bound=bound,
-            smallest_eigenvalue=float(proof.smallest_eigenvalue[0]),
-            convex=bool(proof.convex[0]),
-        )
+        return _Optimum(minimum, form, bound, proof)
 
     def relax(self, found: _Optimum) -> tuple[_Optimum, float]:
         """What the solution of the relaxed problem leads to, and the bound that it is."""
         multipliers = best_multipliers(found.form)
         bound = float(lower_bound(found.form, multipliers).value[0])
         turns = se3.project_to_rotation(relaxed_minimum(found.form, multipliers))
-        return self.descend(found.X[:3, :3] @ turns[:, 0], found.Z[:3, :3] @ turns[:, 1]), bound
+        R_X, R_Z = found.at.X[:, :3, :3], found.at.Z[:, :3, :3]
+        return self.descend(R_X @ turns[:, 0], R_Z @ turns[:, 1]), bound
 
 
 def _certificate(
@@ -220,9 +214,9 @@ def _certificate(
     candidate: tuple[FloatArray, FloatArray],
     exchanged: bool,
 ) -> Certificate:
-    unique = found.proven and found.convex
+    unique = found.proven and bool(found.proof.convex[0])
     status, message = _verdict(found, better, unique)
-    optimum = [se3.inverse(T) if exchanged else T for T in (found.X, found.Z)]
+    optimum = [se3.inverse(T) if exchanged else T for T in (found.at.X[0], found.at.Z[0])]
     pairs = list(zip(candidate, optimum, strict=True))
     turns = np.array([a[:3, :3] @ b[:3, :3].T for a, b in pairs])
     return Certificate(
@@ -231,7 +225,7 @@ def _certificate(
         cost=found.cost,
         bound=found.bound,
         relative_gap=found.gap,
-        smallest_eigenvalue=found.smallest_eigenvalue,
+        smallest_eigenvalue=float(found.proof.smallest_eigenvalue[0]),
         certified=found.proven,
         unique=unique,
         status=status,
@@ -310,7 +304,6 @@ class LocalMinimum:
     Attributes
     ----------
     X, Z : ndarray (T, 4, 4)
-        The transforms.
     cost : ndarray (T,)
         chi², where the weights are those of the noise.
     iterations : ndarray of int (T,)
@@ -393,13 +386,8 @@ def derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient ``(T, 6)`` and Hessian ``(T, 6, 6)`` of the cost by (w_X, w_Z).
 
-    Parameters
-    ----------
-    quadratic, linear : ndarray (T, 18, 18), (T, 18)
-        Of the form.
-    turns : ndarray (T, 2, 3, 3)
-        Rotations of X and Z from the reference, at which to take them, moved by ``exp([w])`` from
-        the left.
+    Of a form ``(T, 18, 18), (T, 18)``, at rotations ``(T, 2, 3, 3)`` of X and Z from the reference,
+    which are moved by ``exp([w])`` from the left.
     """
     T = len(turns)
     D = np.zeros((T, 18, 6))

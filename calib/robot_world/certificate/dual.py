@@ -14,46 +14,30 @@ proof always exists.
 
 Whatever the multipliers, the bound holds: how they were found is no part of the proof.
 
-Every quadratic equation that holds on a pair of rotations, written about the identity.
-
-A rotation matrix satisfies ``Rᵀ R = I`` and ``R Rᵀ = I`` (columns and rows orthonormal) and
-``cof R = R`` (each column, and each row, is the cross product of the other two: right-handed).
-These are 21 equations with one dependency, the trace of the first two: 20 in all, and every
-quadratic polynomial that vanishes on SO(3) is a combination of them: ten numbers (R, 1) make 55
-products, and only 1 + 9 + 25 functions of degree two or less are different on SO(3). None mixes
-two rotations. What is redundant for a rotation is not so for its relaxation: without them it is
-not tight.
+The equations are all quadratic ones that hold on a pair of rotations, written about the identity.
+A rotation satisfies ``Rᵀ R = I`` and ``R Rᵀ = I`` (columns and rows orthonormal) and ``cof R = R``
+(each column, and each row, is the cross product of the other two: right-handed). These are 21
+equations with one dependency, the trace of the first two: 20 in all, and every quadratic polynomial
+that vanishes on SO(3) is a combination of them: ten numbers (R, 1) make 55 products, and only
+1 + 9 + 25 functions of degree two or less are different on SO(3). None mixes two rotations. What is
+redundant for a rotation is not so for its relaxation: without them it is not tight.
 
 With R = I + U, each reads ``2 slope·vec U + vec Uᵀ bend vec U = 0``.
 
-Better multipliers where those of least norm do not make S positive definite.
-
-The change ``K = quadratic - S`` is measured in units of the quadratic term: S is positive definite
+Where the multipliers of least norm do not make S positive definite, better ones are looked for. The
+change ``K = quadratic - S`` is measured in units of the quadratic term: S is positive definite
 when the largest eigenvalue τ of ``quadratic^-½ K quadratic^-½`` is below 1. That does not depend
 on how well conditioned the motion is, while the norm of K does.
-
-The relaxed problem itself, solved by cvxpy and Clarabel: a check of the dual route.
-
-The cost is linear in the products of (u, 1) with itself. With the matrix of products replaced by
-any positive semidefinite one that satisfies the equations of the rotations (Shor's relaxation), it
-is a semidefinite program, whose value is the best bound that multipliers can give. Where its
-solution has rank one, that is the global optimum. An interior-point solver knows its value to some
-digits of the largest numbers in it only, which are the weights of the data, not the cost.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
-from calib import se3
-from calib.errors import ConvergenceError
 from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.certificate.polynomial import QuadraticForm
 from calib.se3 import BoolArray, FloatArray
@@ -150,9 +134,6 @@ def relaxed_minimum(form: QuadraticForm, multipliers: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + u.reshape(-1, 2, 3, 3))
 
 
-_PER_ROTATION = 20
-"""Independent equations of one rotation."""
-
 _RANK_TOLERANCE = 1e-9
 """Singular values of matrices of small whole numbers are zero below this, or order one."""
 
@@ -182,7 +163,7 @@ class Constraints:
 def rotation_constraints() -> Constraints:
     """The equations of one rotation about the identity."""
     quadratic, linear = _equations()
-    slopes = apply_to_identity(quadratic) + linear
+    slopes = quadratic[..., [0, 4, 8]].sum(axis=-1) + linear  # the first times vec I
     # An orthonormal basis of the bends: no equation has a slope alone, so the slopes follow.
     U, size, Vt = np.linalg.svd(quadratic.reshape(len(quadratic), 81), full_matrices=False)
     keep = size > _RANK_TOLERANCE
@@ -193,11 +174,6 @@ def rotation_constraints() -> Constraints:
     balance = (W[:, :normal] / strength[:normal]) @ Ft[:normal]
     flat = np.einsum("kj,kab->jab", W[:, normal:], bends)
     return Constraints(bends, slopes, balance, flat)
-
-
-def apply_to_identity(quadratic: FloatArray) -> FloatArray:
-    """Products ``(..., 9)`` of matrices ``(..., 9, 9)`` with vec I."""
-    return np.asarray(quadratic[..., [0, 4, 8]].sum(axis=-1))
 
 
 def _equations() -> tuple[FloatArray, FloatArray]:
@@ -318,11 +294,6 @@ def balanced_multipliers(form: QuadraticForm) -> FloatArray:
 
     First those of least K in the measure of the quadratic term and the Frobenius norm, by linear
     least squares. Where they do not do, the ones of least τ, from a semidefinite problem.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        Of one problem, T = 1.
     """
     start = least_multipliers(form)
     K = form.quadratic[0] - lagrangian(form, start)[0][0]
@@ -350,11 +321,7 @@ def best_multipliers(form: QuadraticForm) -> FloatArray:
     The largest ``constant - ρᵀ S⁻¹ ρ``, which is the value of the relaxed problem: of use where
     the reference is not, or cannot be shown to be, the global minimum. Starts from no multipliers
     at all, the minimum of the form over all matrices.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        Of one problem, T = 1, whose quadratic term is positive definite.
+    The quadratic term has to be positive definite.
     """
     equations = rotation_constraints()
     constant = np.zeros((19, 19))
@@ -398,88 +365,3 @@ def _root(quadratic: FloatArray) -> FloatArray:
 
 def _largest(matrix: FloatArray) -> float:
     return float(np.linalg.eigvalsh(matrix)[-1])
-
-
-SOLVER_TOLERANCE = 1e-12
-"""Asked of the solver, which stops at what it can reach."""
-
-
-@dataclass(frozen=True, eq=False)
-class Relaxation:
-    """Solution of the relaxed problem.
-
-    Attributes
-    ----------
-    X, Z : ndarray (4, 4)
-        Rounded to rotations, with the translations that fit best.
-    cost : float
-        Theirs.
-    value : float
-        Of the relaxed problem: a bound of the cost, as far as the solver's precision goes.
-    relative_gap : float
-        ``|cost - value| / cost``.
-    second_eigenvalue : float
-        Of the matrix of products, in units of the first: zero where the relaxation is tight.
-    """
-
-    X: FloatArray
-    Z: FloatArray
-    cost: float
-    value: float
-    relative_gap: float
-    second_eigenvalue: float
-
-
-def solve_relaxation(form: QuadraticForm) -> Relaxation:
-    """Solve the relaxation of one problem.
-
-    Parameters
-    ----------
-    form : QuadraticForm
-        Of one problem, T = 1. The usual relaxation over the rotations themselves has the identity
-        as the reference; the closer the reference to the solution, the more digits are left.
-
-    Raises
-    ------
-    ConvergenceError
-        The solver gave up.
-    """
-    cp: Any = import_module("cvxpy")  # takes a second to load
-    whole = np.zeros((19, 19))
-    whole[:18, :18] = form.quadratic[0]
-    whole[18, :18] = whole[:18, 18] = form.linear[0]
-    whole[18, 18] = form.constant[0]
-    scale = float(np.abs(whole).max())
-    Y = cp.Variable((19, 19), PSD=True)
-    constraints = [Y[18, 18] == 1.0]
-    equations = rotation_constraints()
-    for at in (slice(0, 9), slice(9, 18)):
-        constraints += [
-            cp.sum(cp.multiply(bend, Y[at, at])) + 2.0 * (slope @ Y[at, 18]) == 0.0
-            for bend, slope in zip(equations.bends, equations.slopes, strict=True)
-        ]
-    problem = cp.Problem(cp.Minimize(cp.sum(cp.multiply(whole / scale, Y))), constraints)
-    with warnings.catch_warnings():
-        # that it stopped short of its tolerances is what the result is looked at for
-        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-        problem.solve(
-            solver=cp.CLARABEL,
-            tol_gap_abs=SOLVER_TOLERANCE,
-            tol_gap_rel=SOLVER_TOLERANCE,
-            tol_feas=SOLVER_TOLERANCE,
-        )
-    if Y.value is None:
-        raise ConvergenceError(
-            f"Clarabel ended with {problem.status}", hint="the dual certificate needs no solver"
-        )
-    products = np.asarray(Y.value)
-    turns = se3.project_to_rotation(np.eye(3) + products[:18, 18].reshape(2, 1, 3, 3))
-    X, Z = form.transforms(turns[0], turns[1])
-    cost = float(form.cost(form.offset(X[:, :3, :3], Z[:, :3, :3]))[0])
-    value = float(problem.value) * scale
-    # over the rotations themselves, since about the solution u is zero and 1 is all there is
-    lift = np.eye(19)
-    lift[:18, 18] = np.tile(np.eye(3).ravel(), 2)
-    eigenvalues = np.linalg.eigvalsh(lift @ products @ lift.T)
-    second = float(eigenvalues[-2] / eigenvalues[-1])
-    return Relaxation(X[0], Z[0], cost, value, abs(cost - value) / cost, second)

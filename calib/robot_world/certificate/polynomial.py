@@ -124,12 +124,9 @@ class QuadraticForm:
         return np.asarray(self.constant + (u * slope).sum(axis=-1))
 
     def transforms(self, turn_X: FloatArray, turn_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """X and Z ``(T, 4, 4)`` turned from the reference, with the translations that fit best.
+        """X and Z ``(T, 4, 4)`` turned from the reference by rotations ``I + U`` and ``I + V``.
 
-        Parameters
-        ----------
-        turn_X, turn_Z : ndarray (T, 3, 3)
-            Rotations ``I + U`` and ``I + V`` from the reference.
+        With the translations that fit best.
         """
         u = join(turn_X - np.eye(3), turn_Z - np.eye(3))
         moved = apply_matrix(self.translation_map[..., :18], u) + self.translation_map[..., 18]
@@ -158,13 +155,6 @@ def quadratic_form(
         Measured transforms, rotations orthonormal to rounding; noise on B.
     X, Z : ndarray (T, 4, 4)
         The reference; numbers are most accurate where it is close to the solution.
-    weights : Weights
-        Of the two kinds of residual.
-
-    Returns
-    -------
-    QuadraticForm
-        For T problems.
     """
     moved = se3.inverse(Z)[:, None] @ A @ X[:, None]  # what B would be without noise
     turns = weights.rotation * _rotation_terms(moved, B)

@@ -20,9 +20,9 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import kronecker, least_squares
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import centred, complete
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 

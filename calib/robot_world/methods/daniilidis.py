@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.robot_world.algebra import dual_part, transform_in_plane, transforms, triangle
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import (
     complete,
     few_motions,
@@ -25,7 +26,6 @@ from calib.robot_world.methods.relative_motions import (
     vector_rows,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:

@@ -38,8 +38,8 @@ from calib.robot_world.algebra import (
     triangle,
 )
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 TOLERANCE_RAD = 1e-12
@@ -87,20 +87,10 @@ def estimate_literal(pairs: PairSets) -> Estimate:
 
 
 def cycles(pairs: PairSets, tolerance_rad: float) -> IntArray:
-    """Cycles from the identity until z is within a tolerance of where the iteration ends.
+    """Cycles ``(T,)`` from the identity until z is within a tolerance of where the iteration ends.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs.
-    tolerance_rad : float
-        The paper's measure of error: the angle between quaternions as vectors of four numbers,
-        which is half the rotation angle.
-
-    Returns
-    -------
-    ndarray of int (T,)
-        At most :data:`CYCLE_LIMIT`.
+    At most :data:`CYCLE_LIMIT`. The tolerance is the paper's measure of error: the angle between
+    quaternions as vectors of four numbers, which is half the rotation angle.
     """
     return _count_cycles(_prepare(pairs), tolerance_rad)
 
@@ -192,12 +182,7 @@ def iterate_literal(
 ) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
     """Rotation part of :func:`estimate_literal`: x, z ``(T, 4)``, cycles and convergence ``(T,)``.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs.
-    limit : int
-        Cycles after which to stop.
+    It stops after a limit of cycles.
     """
     a = se3.quaternion_from_rotation(pairs.A[..., :3, :3])
     b = se3.quaternion_from_rotation(pairs.B[..., :3, :3])

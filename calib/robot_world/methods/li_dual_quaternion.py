@@ -25,8 +25,8 @@ from calib.robot_world.algebra import (
     transforms,
     triangle,
 )
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 
@@ -46,21 +46,9 @@ _PRODUCTS = np.einsum("prc,qrd->pqcd", _ROWS, _ROWS).reshape(256, 256)
 def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, rotations and translations together.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3. Eq. 12 adds rows with and without a length, unweighted: the
-        answer depends on the unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-
-    Notes
-    -----
-    The signs of the quaternions are made consistent first, which the paper omits. Under noise no
-    point of the plane spanned by the last two singular vectors satisfies Eq. 14a-d; see
+    Eq. 12 adds rows with and without a length, unweighted: the answer depends on the unit of
+    length. The signs of the quaternions are made consistent first, which the paper omits. Under
+    noise no point of the plane spanned by the last two singular vectors satisfies Eq. 14a-d; see
     :func:`_unit_combination` for the choice. Where noise makes Eq. 14 unsolvable the method fails:
     its residuals show it.
     """

@@ -26,8 +26,8 @@ from calib.robot_world.algebra import (
     triangle,
 )
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 

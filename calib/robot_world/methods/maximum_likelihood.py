@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from calib.robot_world.adjustment import adjust
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit, Isotropic
+from calib.robot_world.errors_of_pairs import ErrorModel, Isotropic
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import FloatArray
 
 _ROUNDS = 100
@@ -42,20 +42,7 @@ Data without noise have rounding left, which is not independent from pair to pai
 
 
 def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
-    """X and Z of T problems at once.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3.
-    noise : PairNoise or PairCovariances, optional
-        Without it the noise of each set is estimated, on B.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, the information on them, and the estimated noise.
-    """
+    """X and Z of T problems at once; without a noise that of each set is estimated, on B."""
     X, Z = pairs.rotations_first
     if noise is None:
         fit, sigma = with_estimated_noise(pairs, X, Z)
@@ -79,8 +66,6 @@ def with_estimated_noise(
 
     Parameters
     ----------
-    X, Z : ndarray (T, 4, 4)
-        Where to start.
     weights : ndarray (T, N), optional
         1 for the pairs that count, 0 for the others.
     widening : float

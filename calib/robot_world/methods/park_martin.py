@@ -13,20 +13,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import (
     complete,
     rotation_between_axes,
-    translation,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 
 def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the rotations first, from the motions of all pairs."""
     R_X = rotation_between_axes(pairs, _angle)
-    return complete(pairs, R_X, translation(pairs, R_X))
+    return complete(pairs, R_X)
 
 
 def _angle(sine: FloatArray, cosine: FloatArray) -> FloatArray:

@@ -8,12 +8,12 @@ from types import MappingProxyType
 from typing import Literal
 
 from calib.errors import InputError, near_names, one_line
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import (
     andreff,
     daniilidis,
     dornaika_horaud,
     hirsh,
-    horaud_dornaika,
     li_dual_quaternion,
     li_kronecker,
     maximum_likelihood,
@@ -25,7 +25,6 @@ from calib.robot_world.methods import (
 )
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 CHANGES = (
     "unit",
@@ -65,9 +64,8 @@ class Method:
     source : str
         The publication.
     estimate : callable
-        Takes :class:`~calib.robot_world.pairs.PairSets` and, where it weighs by it, the noise;
-        returns an
-        :class:`~calib.robot_world.results.Estimate` of the T problems.
+        Makes an :class:`~calib.robot_world.estimate.Estimate` of
+        :class:`~calib.robot_world.pairs.PairSets` and, where it weighs by it, their noise.
     equation : {"AX=ZB", "AX=XB"}
         What it solves: the pairs as they are, for X and Z, or the motions between them, for X
         alone, Z being the mean of what the pairs then say.
@@ -87,8 +85,8 @@ class Method:
     description: str
     source: str
     estimate: Callable[..., Estimate]
-    equation: Literal["AX=ZB", "AX=XB"]
-    invariant_to: frozenset[str]
+    equation: Literal["AX=ZB", "AX=XB"] = "AX=ZB"
+    invariant_to: frozenset[str] = _ROTATIONS_FIRST
     iterative: bool = False
     likelihood: bool = False
     robust: bool = False
@@ -104,8 +102,6 @@ _ALL = (
         "the likeliest X and Z with errors on A, on B or on both, which are estimated if unknown",
         "Maximum likelihood on SE(3), by Gauss-Helmert adjustment",
         maximum_likelihood.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
         iterative=True,
         likelihood=True,
     ),
@@ -114,8 +110,6 @@ _ALL = (
         "the same from the pairs that agree: leaves out, and names, those that contradict them",
         "Maximum likelihood, after least median of squares (Rousseeuw 1984)",
         robust.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
         iterative=True,
         likelihood=True,
         robust=True,
@@ -125,15 +119,12 @@ _ALL = (
         "rotations and translations together by the Kronecker product, lengths scaled by the data",
         "Li 2010, Eq. 19, scaled",
         li_kronecker.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "li-kronecker-literal",
         "the same as printed: the answer depends on the unit of length",
         "Li 2010, Eq. 19",
         li_kronecker.estimate_literal,
-        equation="AX=ZB",
         invariant_to=_TURNS | {"base origin", "flange origin"},
     ),
     Method(
@@ -142,7 +133,6 @@ _ALL = (
         "and can fail under noise",
         "Li 2010, Eq. 12-14, corrected",
         li_dual_quaternion.estimate,
-        equation="AX=ZB",
         invariant_to=_TURNS,
     ),
     Method(
@@ -150,15 +140,12 @@ _ALL = (
         "linear in the quaternions, rotations first; safe at half turns",
         "Zhuang 1994, in safe frames",
         zhuang.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "zhuang-literal",
         "the same in the frames as given: fails near half turns of A or Z",
         "Zhuang 1994",
         zhuang.estimate_literal,
-        equation="AX=ZB",
         invariant_to=_SHIFTS | {"unit"},
     ),
     Method(
@@ -166,8 +153,6 @@ _ALL = (
         "alternating averages of quaternions with consistent signs, rotations first",
         "Hirsh 2001, corrected",
         hirsh.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
         iterative=True,
     ),
     Method(
@@ -175,7 +160,6 @@ _ALL = (
         "the same as printed: often settles far from the answer",
         "Hirsh 2001",
         hirsh.estimate_literal,
-        equation="AX=ZB",
         invariant_to=_SHIFTS | {"unit"},
         iterative=True,
     ),
@@ -184,8 +168,6 @@ _ALL = (
         "closed form by quaternions, rotations first: where hirsh ends",
         "Dornaika and Horaud 1998, closed form",
         dornaika_horaud.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "dornaika-horaud-nonlinear",
@@ -193,7 +175,6 @@ _ALL = (
         "unit of length",
         "Dornaika and Horaud 1998, non-linear",
         dornaika_horaud.estimate_nonlinear,
-        equation="AX=ZB",
         invariant_to=_TURNS | _SHIFTS,
         iterative=True,
     ),
@@ -202,8 +183,6 @@ _ALL = (
         "closed form by the Kronecker product, rotations first",
         "Shah 2013",
         shah.estimate,
-        equation="AX=ZB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "tsai-lenz",
@@ -219,23 +198,20 @@ _ALL = (
         "Park and Martin 1994",
         park_martin.estimate,
         equation="AX=XB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "horaud-dornaika",
         "motions, by their quaternions, rotation first: X turned as by dornaika-horaud",
         "Horaud and Dornaika 1995, by quaternions of the motions",
-        horaud_dornaika.estimate,
+        dornaika_horaud.estimate_motions,
         equation="AX=XB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "horaud-dornaika-literal",
         "motions, by unit axes as printed: small motions weigh as much as large ones",
         "Horaud and Dornaika 1995",
-        horaud_dornaika.estimate_literal,
+        dornaika_horaud.estimate_motions_literal,
         equation="AX=XB",
-        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "andreff",

@@ -23,8 +23,8 @@ import numpy as np
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix, least_squares, triangle
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 _MOTIONS_AT_ONCE = 2**15
@@ -80,16 +80,9 @@ def rotation_between_axes(
 ) -> FloatArray:
     """R_X ``(T, 3, 3)`` that minimises ``Σ |α - R_X β|²``, α and β along the axes of p and q.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs.
-    length : callable
-        Takes the sine and the cosine of half the angle of motions, ``(T, n)``, and returns how
-        long a vector along the axis is to be, divided by the sine; the sine may be 0.
+    Their length takes the sine and the cosine of half the angle of motions ``(T, n)``, and is
+    divided by the sine, which may be 0.
 
-    Notes
-    -----
     The minimum is the rotation nearest to ``Σ α βᵀ``. That sum squares the condition: where the
     common axis tilts by τ from pose to pose, rounding costs 1e-16 / τ², below 1e-9 from a tilt of
     0.02 deg on.
@@ -111,20 +104,10 @@ def _sine(motion: FloatArray) -> FloatArray:
 def few_motions(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Poses i and j ``(m, T, n)`` whose motions stand for those of all pairs of poses.
 
-    Parameters
-    ----------
-    poses : ndarray (T, N, m)
-        m numbers for each pose.
+    Of m numbers of each pose ``(T, N, m)``; n = k (k - 1) / 2, where k is the smaller of N and m.
+    The sum of squares of anything bilinear in the numbers of two poses, zero for a pose and itself
+    and of the same size both ways, is that over all pairs.
 
-    Returns
-    -------
-    ndarray (m, T, n), ndarray (m, T, n)
-        n = k (k - 1) / 2 pairs, where k is the smaller of N and m: the sum of squares of anything
-        bilinear in the numbers of two poses, zero for a pose and itself and of the same size both
-        ways, is that over all pairs.
-
-    Notes
-    -----
     With more poses than numbers, their QR factor takes their place: it has the same sums of
     products, so the same sums of squares of what is linear in one pose, twice over. Nothing is
     squared, and 1,000 poses cost little more than 10.
@@ -167,16 +150,12 @@ def translation(pairs: PairSets, R_X: FloatArray) -> FloatArray:
     )
 
 
-def complete(pairs: PairSets, R_X: FloatArray, p_X: FloatArray) -> Estimate:
+def complete(pairs: PairSets, R_X: FloatArray, p_X: FloatArray | None = None) -> Estimate:
     """X and Z ``(T, 4, 4)``, Z being the mean of what the pairs say with this X.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs.
-    R_X, p_X : ndarray (T, 3, 3), (T, 3)
-        What the method found.
+    The translation of X is the one of :func:`translation` where none is given.
     """
+    p_X = translation(pairs, R_X) if p_X is None else p_X
     mean = apply_matrix(pairs.kronecker_mean, R_X.reshape(-1, 9)).reshape(-1, 3, 3)
     R_Z = se3.project_to_rotation(mean)
     A, B = pairs.A.mean(axis=1), pairs.B.mean(axis=1)

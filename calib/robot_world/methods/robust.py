@@ -13,7 +13,8 @@ import numpy as np
 
 from calib.chance import chi2_quantile, chi2_tail, f_bound
 from calib.robot_world.adjustment import adjust, linear_rows
-from calib.robot_world.errors_of_pairs import ErrorModel, Fit
+from calib.robot_world.errors_of_pairs import ErrorModel
+from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
     estimated_model,
@@ -21,7 +22,6 @@ from calib.robot_world.methods.maximum_likelihood import (
 )
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 CHANCE = 1e-3
@@ -60,20 +60,10 @@ _TINY = 1e-300
 
 
 def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
-    """X and Z of T problems at once, from the pairs that agree.
+    """X and Z of T problems at once, from the pairs that agree; weights are 0 for those left out.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3; with fewer than five none can be told to be wrong.
-    noise : PairNoise or PairCovariances, optional
-        Without it the noise is estimated, on B.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, and weights ``(T, N)``: 0 for the pairs left out. The draws are
-        always the same ones, so that a result can be had again.
+    Without a noise it is estimated, on B. Of fewer than five pairs none can be told to be wrong.
+    The draws are always the same ones, so that a result can be had again.
     """
     X, Z = _consensus(pairs)
     first = estimated_model(pairs, _shown(pairs, X, Z)) if noise is None else noise.model(pairs)

@@ -13,8 +13,8 @@ rotations that are orthonormal already: the answer does not depend on the unit o
 
 from __future__ import annotations
 
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:

@@ -20,15 +20,14 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import least_squares
+from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods.relative_motions import (
     complete,
     few_motions,
     relative,
-    translation,
     vector_rows,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:
@@ -38,4 +37,4 @@ def estimate(pairs: PairSets) -> Estimate:
     ratio = least_squares(rows[..., 1:], -rows[..., 0])
     x = np.concatenate([np.ones((pairs.T, 1)), ratio], axis=-1)
     R_X = se3.rotation_from_quaternion(x)
-    return complete(pairs, R_X, translation(pairs, R_X))
+    return complete(pairs, R_X)

@@ -24,8 +24,8 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate
+from calib.robot_world.estimate import Estimate
+from calib.robot_world.pairs import PairSets, own_order, shared
 from calib.se3 import FloatArray, IntArray
 
 _SAFE_SCALAR = 0.2
@@ -43,18 +43,6 @@ of the result shows it."""
 def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the rotations first, then the translations.
 
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-
-    Notes
-    -----
     All frames are turned before the equations are written: the base and the flange so that a
     reference orientation far from half a turn from every A becomes the identity, the target and
     the camera so that X and Z, taken from the rotations in closed form, are near the identity
@@ -63,7 +51,8 @@ def estimate(pairs: PairSets) -> Estimate:
     others. Without noise none of this changes the answer.
     """
     a, b = pairs.quaternions
-    reference = _reference(pairs.A, a)
+    sets = 1 if shared(pairs.A) else pairs.T
+    reference = np.broadcast_to(_reference(pairs.A[:sets], a[:sets]), (pairs.T, 4))
     R_X, R_Z = pairs.rotations
     # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
     x, z = pairs.quaternions_of_rotations

@@ -199,8 +199,10 @@ def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
     same = np.zeros(count, dtype=bool)
     for back in range(1, int((np.arange(count) - first).max(initial=0)) + 1):
         later = np.flatnonzero(np.arange(count) - back >= first)
-        apart = np.remainder(postures[later] - postures[later - back] + np.pi, 2.0 * np.pi) - np.pi
-        same[later] |= np.abs(apart).max(axis=1) < SAME_POSTURE_RAD
+        for angle in postures.T[::-1]:  # few are left after two or three joints
+            apart = np.remainder(angle[later] - angle[later - back] + np.pi, 2.0 * np.pi) - np.pi
+            later = later[np.abs(apart) < SAME_POSTURE_RAD]
+        same[later] = True
     return same
 
 

@@ -141,7 +141,11 @@ class RedundantArm(InverseKinematics):
         if len(almost):
             free, T = np.full(7, np.inf), T_base_tip[pose[almost]]
             postures[almost] = close_in(self._chain, postures[almost], T, -free, free, _POLISHING)
-            distance, angle, _ = compare(self._chain, postures, T_base_tip, pose)
+            # of the others only what an ideal arm misses is not what this one does
+            again = almost if self._ideal is self._chain else np.arange(len(pose))
+            distance[again], angle[again], _ = compare(
+                self._chain, postures[again], T_base_tip, pose[again]
+            )
         return postures, distance, (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
 
     def _some(
@@ -154,18 +158,31 @@ class RedundantArm(InverseKinematics):
         cut = np.cumsum((np.diff(key, axis=0, prepend=key[:1]) != 0).any(axis=1))
         postures, distance, exact = self._closed_in(postures, pose, T_base_tip)
         exact[exact] = ~repeated(postures[exact], cut[exact])  # EAIK gives some answers twice
-        postures, inside = nearest_turns(postures, bounds.lower, bounds.upper, near)
-        inside &= bounds.coupled_fit(postures)
         gap_m = np.full(count, np.inf)
         # of least-squares answers, which keep the orientation: what walks gives some of it up
         np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
 
-        # from the reference itself, and from the cuts: inside the limits the nearest to it, else
-        # the least outside, else the closest to the pose
-        away = np.linalg.norm(postures - near, axis=1)
-        beyond = np.maximum(bounds.excess(postures).max(axis=1), 0.0)
-        rank = np.where(exact, np.where(inside, away, 1e3 + beyond), 1e6 + distance)
-        starts = _best(postures, pose, rank, count)
+        inside = np.zeros(len(pose), dtype=bool)
+
+        def apart(rows: IntArray) -> IntArray:
+            """Of some rows the best to start from.
+
+            Inside the limits the nearest to the reference, else the least outside, else the closest
+            to the pose.
+            """
+            q, fits = nearest_turns(postures[rows], bounds.lower, bounds.upper, near)
+            postures[rows], inside[rows] = q, fits & bounds.coupled_fit(q)
+            away = np.linalg.norm(q - near, axis=1)
+            beyond = np.maximum(bounds.excess(q).max(axis=1), 0.0)
+            rank = np.where(inside[rows], away, 1e3 + beyond)
+            rank = np.where(exact[rows], rank, 1e6 + distance[rows])
+            return np.asarray(rows[_best(q, pose[rows], rank, count)])
+
+        # least-squares answers, most of what some arms get, only where others are too few
+        starts = apart(np.flatnonzero(exact))
+        few = (np.bincount(pose[starts], minlength=count) < _STARTS)[pose]
+        starts = np.concatenate([starts[~few[starts]], apart(np.flatnonzero(few))])
+        # from the reference itself, and from the cuts
         of = np.concatenate([np.arange(count), pose[starts]])
         q = np.concatenate([np.tile(near, (count, 1)), postures[starts]])
         q = move_near(self._chain, q, T_base_tip[of], bounds.lower, bounds.upper, near)
@@ -217,7 +234,10 @@ def _together(
     for k in range(int(rank.max(initial=-1)) + 1):
         chosen = np.full((int(max(pose.max(initial=-1), of.max())) + 1, cuts.shape[1]), np.inf)
         chosen[of[rank == k]] = walked[rank == k]
-        fresh &= np.abs(cuts - chosen[pose]).max(axis=1, initial=0.0) > SAME_POSTURE_RAD
+        same = np.arange(len(cuts))
+        for angle, taken in zip(cuts.T, chosen.T, strict=True):
+            same = same[np.abs(angle[same] - taken[pose[same]]) <= SAME_POSTURE_RAD]
+        fresh[same] = False
     pose = np.concatenate([of, pose[fresh]])
     order = np.argsort(pose, kind="stable")
     return np.concatenate([walked, cuts[fresh]])[order], pose[order]

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.batch_last import columns_of, rotation_log
+from calib.batch_last import columns_of, product, rotation_log, transposed
 from calib.robots.bounds import (
     LIMIT_TOLERANCE,
     Bounds,
@@ -297,32 +297,46 @@ def close_in(
 
     Damped least squares; what has not closed after the iterations is returned as it is then.
     """
-    q = q.copy()
-    active = np.arange(len(q))
+    q = np.array(q.T, order="C")  # a copy, even of one posture
+    R, p = columns_of(T_wanted[:, :3, :3]), np.ascontiguousarray(T_wanted[:, :3, 3].T)
+    active = np.arange(q.shape[1])
     for _ in range(iterations):
-        state = chain.forward(q[active])
-        error = twist_to(state, T_wanted[active])
-        open_ = np.abs(error).max(axis=-1) > 0.01 * CLOSURE_TOLERANCE
-        if not open_.any():
+        left = []
+        for start in range(0, len(active), _STEPPED_AT_ONCE):
+            rows = active[start : start + _STEPPED_AT_ONCE]
+            here = np.take(q, rows, axis=1)
+            walk = chain.walk(here)
+            turn = rotation_log(product(np.take(R, rows, axis=2), transposed(walk.tip)))
+            error = np.concatenate([np.take(p, rows, axis=1) - walk.p_base_tip, turn])
+            open_ = np.flatnonzero(np.abs(error).max(axis=0) > 0.01 * CLOSURE_TOLERANCE)
+            left.append(rows[open_])
+            here, error = np.take(here, open_, axis=1), np.take(error, open_, axis=1)
+            J = np.take(chain.tip_jacobian(walk), open_, axis=2)
+            q[:, rows[open_]] = _step(here, J, error, lower[:, None], upper[:, None])
+        active = np.concatenate(left) if left else active
+        if not len(active):
             break
-        active = active[open_]
-        J = state.jacobian(state.p_base_tip)[open_]
-        q[active] = _step(q[active], J, error[open_], lower, upper)
-    return q
+    return np.ascontiguousarray(q.T)
+
+
+_STEPPED_AT_ONCE = 2048
+"""Postures stepped at once: their Jacobians stay in the cache of a core."""
 
 
 def _step(
     q: FloatArray, J: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
+    """The next postures ``(n, S)`` by the Jacobians ``(6, n, S)`` of twists ``(6, S)``."""
     # joints at a limit that the step would push further out are held
-    gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
+    gradient = np.einsum("kns,ks->ns", J, error)
     held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
-    J = J * ~held[..., None, :]
-    damping = _DAMPING * np.sum(error**2, axis=-1)[..., None, None] + 1e-14
-    JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
-    step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, error[..., None]))[..., 0]
-    largest = np.abs(step).max(axis=-1, keepdims=True)
-    step *= np.minimum(1.0, 0.5 / np.maximum(largest, 1e-300))
+    if held.any():
+        J = J * ~held
+    JJt = np.einsum("ins,kns->sik", J, J)
+    damping = _DAMPING * np.einsum("ks,ks->s", error, error) + 1e-14
+    JJt[:, range(6), range(6)] += damping[:, None]
+    step = np.einsum("kns,sk->ns", J, np.linalg.solve(JJt, error.T[..., None])[..., 0])
+    step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step).max(axis=0), 1e-300))
     return np.asarray(np.clip(q + step, lower, upper))
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import re
 import tomllib
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from typing import Any
 
@@ -70,8 +72,13 @@ class Preset:
 
 def preset_names() -> list[str]:
     """Names that :func:`load_preset` knows, sorted."""
+    return list(_names())
+
+
+@cache
+def _names() -> tuple[str, ...]:
     files = resources.files(__name__).iterdir()
-    return sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml"))
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
 def find_preset(name: str) -> str:
@@ -106,10 +113,12 @@ def preset_info(name: str) -> dict[str, Any]:
     RobotModelError
         There is none of that name.
     """
-    return _content(find_preset(name))
+    return deepcopy(_content(find_preset(name)))
 
 
+@cache
 def _content(preset: str) -> dict[str, Any]:
+    """What stands in a file: the files are parts of the package, so each is read once."""
     file = resources.files(__name__).joinpath(f"{preset}.toml")
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
@@ -117,7 +126,7 @@ def _content(preset: str) -> dict[str, Any]:
 def load_preset(name: str) -> Preset:
     """Load a preset and build its Pinocchio model; for names see :func:`find_preset`."""
     name = find_preset(name)
-    info = preset_info(name)
+    info = _content(name)
     stiffness = {
         j["name"]: float(j["stiffness_nm_per_rad"])
         for j in info["joint"]

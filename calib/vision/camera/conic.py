@@ -75,6 +75,33 @@ def circle_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray)
     return fit_ellipse(camera.project(rays), steps=_BENT_STEPS)
 
 
+def disc_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -> FloatArray:
+    """Ellipse ``(..., 5)`` [px] of a circle by the map of the image at its middle alone.
+
+    That of an infinitely small circle, enlarged: its centre is the image of the middle at any tilt.
+
+    Parameters
+    ----------
+    T_camera_target : ndarray (..., 4, 4)
+
+    Returns
+    -------
+    ndarray (..., 5)
+        NaN where the circle shows its back.
+    """
+    middle = T_camera_target[..., :3, 3]
+    slope = camera.project_jacobian(middle) @ T_camera_target[..., :3, :2]
+    facing = (T_camera_target[..., :3, 2] * middle).sum(axis=-1) < 0.0
+    ellipse = ellipse_of_slope(camera.project(middle), slope, diameter_m)
+    return np.where(facing[..., None], ellipse, np.nan)
+
+
+def ellipse_of_slope(center_px: FloatArray, slope: FloatArray, diameter_m: float) -> FloatArray:
+    """Ellipse ``(..., 5)`` of a circle in a plane that is mapped by ``(..., 2, 2)`` [px/m]."""
+    square = slope @ np.swapaxes(slope, -1, -2)
+    return _from_square(center_px, (diameter_m / 2.0) ** 2 * square)
+
+
 def ellipse_axes(ellipse: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Long and short axis [px] (whole lengths) and direction of the long one, each ``(...)``.
 

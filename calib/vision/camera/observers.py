@@ -9,23 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol, cast, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.se3 import BoolArray, FloatArray
-from calib.vision.camera.conic import circle_image, ellipse_axes, ellipse_vhs
-from calib.vision.camera.ellipse import EllipseMeasurement, Status, measure_ellipse
+from calib.vision.camera.conic import ellipse_axes, ellipse_vhs
 from calib.vision.camera.lens import Camera
-from calib.vision.camera.rendering import GreyImage, Imaging, render
-from calib.vision.camera.target import CircleTarget
+from calib.vision.camera.rendering import GreyImage, Imaging, Plate, render
+from calib.vision.camera.target import SMALLEST_PX
 
 Kind = Literal["image", "fast"]
-
-SMALLEST_PX = 10.0
-"""Short axis of the smallest target that both observers see."""
 
 _FEWEST_TRIALS = 10
 """Images below which a covariance of five numbers means nothing."""
@@ -50,11 +46,10 @@ class Views:
     reasons: tuple[str, ...]
 
     @classmethod
-    def of(cls, measured: Sequence[EllipseMeasurement]) -> Views:
-        """Views of measurements, those that are not ``ok`` without numbers."""
-        ellipses = [m.ellipse if m.is_ok else np.full(5, np.nan) for m in measured]
-        reasons = ["" if m.is_ok else f"{m.status}: {m.message}" for m in measured]
-        return cls(np.array(ellipses).reshape(-1, 5), tuple(reasons))
+    def of(cls, measured: Sequence[tuple[FloatArray, str]]) -> Views:
+        """Views of what targets have measured: see :meth:`Target.measure`."""
+        ellipses = np.array([ellipse for ellipse, _ in measured]).reshape(-1, 5)
+        return cls(ellipses, tuple(reason for _, reason in measured))
 
     @property
     def vhs_px(self) -> FloatArray:
@@ -67,24 +62,60 @@ class Views:
         return np.array([not reason for reason in self.reasons], dtype=bool)
 
 
+class Target(Plate, Protocol):
+    """What a camera looks at: how it is drawn, and what is measured of it.
+
+    Whatever it is, it is measured as the ellipse of a circle about its middle. Its frame has z out
+    of the face.
+    """
+
+    @property
+    def diameter_m(self) -> float:
+        """Diameter of that circle [m]."""
+        ...
+
+    @property
+    def is_known(self) -> bool:
+        """Whether this diameter is relied on; or found, with the camera."""
+        ...
+
+    @property
+    def is_biased(self) -> bool:
+        """Whether a tilt moves the ellipse off the image of the middle."""
+        ...
+
+    def measure(
+        self, image: GreyImage, near_px: FloatArray | None = None
+    ) -> tuple[FloatArray, str]:
+        """Ellipse ``(5,)`` [px] in a picture, and in words why it is NaN; empty where it is not.
+
+        ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
+        """
+        ...
+
+    def image(
+        self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
+    ) -> FloatArray:
+        """Ellipses ``(..., 5)`` [px] that are measured of it at poses ``(..., 4, 4)`` [m].
+
+        NaN where it shows its back. Of a circle of another diameter, if given.
+        """
+        ...
+
+    def pose(self, camera: Camera, image: GreyImage, about: FloatArray) -> FloatArray | None:
+        """Pose of its pattern before the camera ``(4, 4)`` [m]; None where none fits.
+
+        The best of the poses ``(K, 4, 4)`` that it may be about.
+        """
+        ...
+
+
 class Observer(Protocol):
     """A camera that looks at a target."""
 
     @property
     def camera(self) -> Camera:
         """The camera as it really is."""
-        ...
-
-    def observe(
-        self,
-        T_camera_target: FloatArray,
-        rng: np.random.Generator,
-        near_px: FloatArray | None = None,
-    ) -> EllipseMeasurement:
-        """Measurement of the target at a pose ``(4, 4)`` [m]; look at its ``status``.
-
-        ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
-        """
         ...
 
     def views(
@@ -148,34 +179,20 @@ class ImageObserver:
 
     Attributes
     ----------
-    beside : tuple of (CircleTarget, array (4, 4))
+    beside : tuple of (Plate, array (4, 4))
         Other targets in the picture, each with its pose in the frame of the target.
     """
 
     camera: Camera
-    target: CircleTarget
+    target: Target
     imaging: Imaging
-    beside: tuple[tuple[CircleTarget, FloatArray], ...] = ()
+    beside: tuple[tuple[Plate, FloatArray], ...] = ()
 
     def grab(self, T_camera_target: FloatArray, rng: np.random.Generator) -> GreyImage:
         """Picture ``(height, width)`` of the target at a pose ``(4, 4)`` [m]."""
         others = [(target, T_camera_target @ T) for target, T in self.beside]
         scene = [*others, (self.target, T_camera_target)]
         return render(self.camera, scene, self.imaging, rng)
-
-    def observe(
-        self,
-        T_camera_target: FloatArray,
-        rng: np.random.Generator,
-        near_px: FloatArray | None = None,
-    ) -> EllipseMeasurement:
-        """See :meth:`Observer.observe`."""
-        return measure_ellipse(
-            self.grab(T_camera_target, rng),
-            dark=self.target.is_dark,
-            smallest_px=SMALLEST_PX,
-            near_px=near_px,
-        )
 
     def views(
         self,
@@ -186,7 +203,10 @@ class ImageObserver:
         """See :meth:`Observer.views`."""
         near = [None] * len(T_camera_target) if near_px is None else list(near_px)
         return Views.of(
-            [self.observe(T, rng, px) for T, px in zip(T_camera_target, near, strict=True)]
+            [
+                self.target.measure(self.grab(T, rng), px)
+                for T, px in zip(T_camera_target, near, strict=True)
+            ]
         )
 
 
@@ -201,22 +221,8 @@ class FastObserver:
     """
 
     camera: Camera
-    target: CircleTarget
+    target: Target
     noise: MeasurementNoise
-
-    def observe(
-        self,
-        T_camera_target: FloatArray,
-        rng: np.random.Generator,
-        near_px: FloatArray | None = None,
-    ) -> EllipseMeasurement:
-        """See :meth:`Observer.observe`; nothing else looks like the target here."""
-        found = self.views(np.asarray(T_camera_target)[None], rng)
-        if found.reasons[0]:
-            status = "no target" if found.reasons[0].startswith("no target") else "touches the edge"
-            message = found.reasons[0].partition(": ")[2]
-            return EllipseMeasurement.failed(cast(Status, status), message)
-        return EllipseMeasurement.from_ellipse(found.ellipses[0], 0.0)
 
     def views(
         self,
@@ -224,8 +230,8 @@ class FastObserver:
         rng: np.random.Generator,
         near_px: FloatArray | None = None,
     ) -> Views:
-        """See :meth:`Observer.views`."""
-        true = circle_image(self.camera, self.target.diameter_m, T_camera_target)
+        """See :meth:`Observer.views`; nothing else looks like the target here."""
+        true = self.target.image(self.camera, T_camera_target)
         _, short, _ = ellipse_axes(true)
         margin = self._margin(true)
         large = short >= SMALLEST_PX
@@ -255,7 +261,7 @@ class FastObserver:
 def make_observer(
     kind: Kind,
     camera: Camera,
-    target: CircleTarget,
+    target: Target,
     imaging: Imaging | None = None,
     noise: MeasurementNoise | None = None,
 ) -> Observer:
@@ -289,7 +295,7 @@ def make_observer(
 
 def noise_from_images(
     camera: Camera,
-    target: CircleTarget,
+    target: Target,
     T_camera_target: FloatArray,
     imaging: Imaging,
     trials: int,
@@ -326,18 +332,18 @@ def noise_from_images(
     pixel_m = T_camera_target[2, 3] / camera.focal_xy_px
     poses = np.repeat(np.asarray(T_camera_target, dtype=float)[None], trials, axis=0)
     poses[:, :2, 3] += rng.uniform(-0.5, 0.5, (trials, 2)) * pixel_m
-    found = [observer.observe(T, rng) for T in poses]
-    ok = np.array([m.is_ok for m in found])
+    found = observer.views(poses, rng)
+    ok = found.seen
     if ok.mean() < _LEAST_MEASURED:
-        reason = next(m.message for m in found if not m.is_ok)
+        reason = next(said for said in found.reasons if said).partition(": ")[2]
         raise ConvergenceError(
             f"{int((~ok).sum())} of {trials} images could not be measured: {reason}",
             hint="choose a pose at which the target is well seen",
             value=float(ok.mean()),
             bound=_LEAST_MEASURED,
         )
-    measured = np.array([m.ellipse for m in found])[ok]
-    true = circle_image(camera, target.diameter_m, poses[ok])
+    measured = found.ellipses[ok]
+    true = target.image(camera, poses[ok])
     error = measured - true
     long = ellipse_axes(measured)[0] - ellipse_axes(true)[0]
     sigma = np.array([error[:, 1].std(ddof=1), error[:, 0].std(ddof=1), long.std(ddof=1)])

@@ -20,6 +20,9 @@ GreyImage = NDArray[np.uint8]
 _SAMPLES = 64
 """Rays of a pixel that an edge runs through: their mean is within 0.01 of the covered area."""
 
+_BLOCK = 1024
+"""Such pixels at once: what their rays take stays in the cache."""
+
 _SIDE = np.linspace(0.0, 1.0, 9)[:, None]
 """Places along each side of a plate at which it is projected: a bowed side stays in the box."""
 
@@ -175,12 +178,16 @@ def _draw(
     same = (seen[1:, :-1] == first) & (seen[:-1, 1:] == first) & (seen[1:, 1:] == first)
     plain = same & (first >= 0.0)
     view[plain] = first[plain]
-    rows, columns = np.nonzero(~same)
-    around = np.stack([corners[:, rows + i, columns + j] for i in (0, 1) for j in (0, 1)], axis=-1)
-    fine = _pattern(target, around @ _bilinear())  # shape (edge pixels, samples)
-    off = fine < 0.0
-    fine[off] = 0.0
-    view[rows, columns] = fine.mean(axis=1) + off.mean(axis=1) * view[rows, columns]
+    on_edges = np.nonzero(~same)
+    for start in range(0, len(on_edges[0]), _BLOCK):
+        rows, columns = (index[start : start + _BLOCK] for index in on_edges)
+        around = np.stack(
+            [corners[:, rows + i, columns + j] for i in (0, 1) for j in (0, 1)], axis=-1
+        )
+        fine = _pattern(target, around @ _bilinear())  # shape (edge pixels, samples)
+        off = fine < 0.0
+        fine[off] = 0.0
+        view[rows, columns] = fine.mean(axis=1) + off.mean(axis=1) * view[rows, columns]
 
 
 def _pattern(target: Plate, plane: NDArray[np.float32]) -> FloatArray:

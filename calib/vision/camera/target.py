@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import BoolArray, FloatArray
+from calib.vision.camera.conic import circle_image
+from calib.vision.camera.ellipse import measure_ellipse
+from calib.vision.camera.lens import Camera
+
+if TYPE_CHECKING:
+    from calib.vision.camera.rendering import GreyImage
+
+SMALLEST_PX = 10.0
+"""Short axis of the smallest target that is measured."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,9 @@ class CircleTarget:
     circle: float = 0.08
     face: float = 0.85
 
+    is_known: ClassVar[bool] = False
+    is_biased: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         if not 0.0 < self.diameter_m < min(self.plate_m):
             self._refuse("diameter_m", "give a positive one that the plate has room for")
@@ -61,6 +74,31 @@ class CircleTarget:
     def is_dark(self) -> bool:
         """Whether the circle is darker than the plate about it."""
         return self.circle < self.face
+
+    def measure(
+        self, image: GreyImage, near_px: FloatArray | None = None
+    ) -> tuple[FloatArray, str]:
+        """See :meth:`~calib.vision.camera.observers.Target.measure`."""
+        found = measure_ellipse(image, dark=self.is_dark, smallest_px=SMALLEST_PX, near_px=near_px)
+        if found.is_ok:
+            return found.ellipse, ""
+        return np.full(5, np.nan), f"{found.status}: {found.message}"
+
+    def image(
+        self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
+    ) -> FloatArray:
+        """See :meth:`~calib.vision.camera.observers.Target.image`."""
+        return circle_image(
+            camera, self.diameter_m if diameter_m is None else diameter_m, T_camera_target
+        )
+
+    def pose(self, camera: Camera, image: GreyImage, about: FloatArray) -> FloatArray | None:
+        """See :meth:`~calib.vision.camera.observers.Target.pose`: by all edges."""
+        from calib.vision.camera.target_pose import pose_from_image
+
+        found = [pose_from_image(camera, self, image, T) for T in about]
+        good = [pose for pose in found if pose.is_ok]
+        return min(good, key=lambda pose: pose.rms_px).T_camera_target if good else None
 
     def on_plate(self, xy: FloatArray) -> BoolArray:
         """Whether points ``(..., 2)`` [m] of the target's plane lie on the plate ``(...)``."""

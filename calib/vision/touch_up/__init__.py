@@ -8,6 +8,7 @@ from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib.vision.touch_up.arms import Arms, RobotAdapter, SimulatedArms, TrueCell
+    from calib.vision.touch_up.board_target import BoardTarget
     from calib.vision.touch_up.drive import Drive, follow
     from calib.vision.touch_up.jacobian import ImageJacobian, Relation
     from calib.vision.touch_up.servo import (
@@ -23,6 +24,7 @@ else:
 
 __all__ = [
     "Arms",
+    "BoardTarget",
     "Drive",
     "ImageJacobian",
     "Loop",

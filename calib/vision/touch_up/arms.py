@@ -14,8 +14,8 @@ from calib.model import CalibrationModel, Setup
 from calib.model.parameters import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
-from calib.vision.camera import EllipseMeasurement, ImageObserver, Observer, Views, measure_ellipse
-from calib.vision.camera.observers import SMALLEST_PX
+from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
+from calib.vision.camera.observers import Target
 from calib.vision.camera.rendering import GreyImage
 
 _LEAST_TORQUE_NM = 1e-6
@@ -147,6 +147,7 @@ class SimulatedArms:
         self._stopped = np.zeros((count, robot.n))
         self._gravity = GravityLoad(robot, cell.payload)
         self.pictures = 0
+        self.seen: GreyImage | None = None
 
     @property
     def count(self) -> int:
@@ -178,7 +179,12 @@ class SimulatedArms:
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
         """See :meth:`Arms.look`."""
         self.pictures += len(which)
-        return self._observer.views(self.T_camera_target(which), self._rng, near_px)
+        T, observer = self.T_camera_target(which), self._observer
+        if len(which) > 1 or not isinstance(observer, ImageObserver):
+            return observer.views(T, self._rng, near_px)
+        self.seen = observer.grab(T[0], self._rng)
+        near = None if near_px is None else near_px[0]
+        return Views.of([observer.target.measure(self.seen, near)])
 
     def picture(self, arm: int) -> GreyImage | None:
         """See :meth:`Arms.picture`."""
@@ -295,15 +301,15 @@ class OneArm:
 
     Parameters
     ----------
-    dark : bool
-        Whether the target's circle is darker than the plate about it.
+    target : Target
+        What is looked at; by default a dark circle of any size.
     """
 
     count = 1
 
-    def __init__(self, robot: RobotAdapter, *, dark: bool = True) -> None:
+    def __init__(self, robot: RobotAdapter, target: Target | None = None) -> None:
         self._robot = robot
-        self._dark = dark
+        self._target: Target = CircleTarget() if target is None else target
         self._size: tuple[int, int] | None = None
         self._moved = False
         self._last: GreyImage | None = None
@@ -337,12 +343,11 @@ class OneArm:
             image = self._grabbed()
             self._size, self._last = (image.shape[1], image.shape[0]), image
             near = None if near_px is None else near_px[k]
-            found = measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
-            if found.is_ok and self._is_old(image):
-                found = EllipseMeasurement.failed(
-                    "no target", "the camera repeats a picture from before the arm moved"
-                )
-            seen.append(found)
+            ellipse, reason = self._target.measure(image, near)
+            if not reason and self._is_old(image):
+                ellipse = np.full(5, np.nan)
+                reason = "no target: the camera repeats a picture from before the arm moved"
+            seen.append((ellipse, reason))
         return Views.of(seen)
 
     def _is_old(self, image: GreyImage) -> bool:
@@ -356,6 +361,11 @@ class OneArm:
         if not old:
             self._before = joints, image
         return old
+
+    @property
+    def seen(self) -> GreyImage | None:
+        """The last picture that was looked at, if the arm has not moved since."""
+        return self._last
 
     def picture(self, arm: int) -> GreyImage | None:
         """See :meth:`Arms.picture`: the last that was looked at, if the arm has not moved since."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import BoolArray, FloatArray, IntArray
-from calib.vision.camera import Camera, CircleTarget, Views, pose_from_image
+from calib.vision.camera import Camera, Views
+from calib.vision.camera.observers import Target
 from calib.vision.touch_up.drive import Drive, shifted
 from calib.vision.touch_up.jacobian import (
     ImageJacobian,
@@ -302,19 +303,14 @@ class Station:
         return touch_up(self.drive, q[None], jacobian, loop, bias)
 
     def target_pose(
-        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
+        self, name: str, camera: Camera, target: Target, about: FloatArray
     ) -> FloatArray | None:
         """Pose of the target ``(4, 4)`` [m] before the camera, where the arm stands.
 
-        By all edges of its pattern. The best of the poses ``(K, 4, 4)`` that it may be about; None
-        where there are no pictures, or none of them fits.
+        See :meth:`Target.pose`; None where there are no pictures, too.
         """
         image = self.drive.arms.picture(0)
-        if image is None:
-            return None
-        found = [pose_from_image(camera, target, image, T) for T in about]
-        good = [pose for pose in found if pose.is_ok]
-        return min(good, key=lambda pose: pose.rms_px).T_camera_target if good else None
+        return None if image is None else target.pose(camera, image, about)
 
     def pass_through(self, name: str, q: FloatArray) -> None:
         """Move to a posture ``(n,)`` [rad] at which nothing is measured."""

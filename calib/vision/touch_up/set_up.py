@@ -16,8 +16,10 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
+from calib.vision.camera.observers import Target
 from calib.vision.touch_up.servo import Loop, Station
 from calib.vision.touch_up.sighting import (
+    CIRCLE,
     FIXED,
     NoSetUp,
     Refused,
@@ -163,6 +165,7 @@ def find_set_up(
     *,
     widest: float = np.deg2rad(15.0),
     size_px: float | None = None,
+    target: Target = CIRCLE,
     progress: Callable[[str, float], None] = lambda what, part: None,
 ) -> SetUp | NoSetUp:
     """Find camera and target from a taught posture ``(n,)`` [rad] with the target in view.
@@ -174,13 +177,15 @@ def find_set_up(
         Largest turn about the target [rad]; about the line of sight it is twice that.
     size_px : float, optional
         Size of the target in the designated relation; by default as it is seen at the posture.
+    target : Target
+        What is looked at; by default a circle of any size.
     progress : callable
         Called with what is being done and the part of the step that is done.
     """
     try:
         progress("finding how the picture moves", 0.0)
-        sighting = sight(station, q, loop, size_px)
-        return _Inching(station, loop, widest, sighting).run(progress)
+        sighting = sight(station, q, loop, size_px, target)
+        return _Inching(station, loop, widest, sighting, target).run(progress)
     except Refused as refused:
         return refused.outcome
 
@@ -188,8 +193,10 @@ def find_set_up(
 class _Inching:
     """State of the first step: the touch-ups so far and what follows from them."""
 
-    def __init__(self, station: Station, loop: Loop, widest: float, sighting: Sighting) -> None:
-        self.station, self.loop, self.widest = station, loop, widest
+    def __init__(
+        self, station: Station, loop: Loop, widest: float, sighting: Sighting, target: Target
+    ) -> None:
+        self.station, self.loop, self.widest, self.target = station, loop, widest, target
         self.robot = station.drive.robot
         self.jacobian, self.noise_m = sighting.jacobian, sighting.noise_m
         self.step_m = sighting.step_m
@@ -264,7 +271,7 @@ class _Inching:
                 "choose a posture with more room around the target",
             )
         R = self.robot.fk(np.array(self.postures))[:, :3, :3]
-        facing = find_normal(self.jacobian, R, np.array(self.ellipses))
+        facing = find_normal(self.jacobian, R, np.array(self.ellipses), self.target)
         if facing.flaw:
             raise Refused(facing.flaw, "take a flat, round target, and check the joint signs")
         return SetUp(

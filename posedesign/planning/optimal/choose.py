@@ -35,7 +35,14 @@ from posedesign.planning.optimal.refinement import (
     refine,
     robustness,
 )
-from posedesign.planning.optimal.request import IN_MM, Accuracy, Request, accuracy_of, objective_of
+from posedesign.planning.optimal.request import (
+    IN_MM,
+    MOST_POSES,
+    Accuracy,
+    Request,
+    accuracy_of,
+    objective_of,
+)
 from posedesign.planning.optimal.result import OptimalPlan
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import (
@@ -63,6 +70,16 @@ were, before all are."""
 ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 """Postures of which no joint differs by more from one that no clear way leads to are left out with
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
+
+
+MOVING_S = 3.0
+"""First guess of what a move takes, where the number of poses is decided by the time."""
+
+TRIED_COUNTS = 6
+"""Numbers of poses that are planned with, until one more would take too long; three are seen."""
+
+BESIDE_S = 120.0
+"""Of a plan for a given time: what as much more, and less, would buy."""
 
 
 Advance = Callable[[str, float], None]
@@ -186,7 +203,61 @@ def plan_optimal(
         The whole pool cannot identify some of the parameters, which are named.
     """
     kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
+    if request.time_s is not None:
+        return _plan_in_time(cell, request, request.time_s, advance, kept)
     return _Planning(cell, request, advance, kept).run()
+
+
+def _plan_in_time(
+    cell: Cell, request: Request, time_s: float, advance: Advance, kept: FloatArray
+) -> OptimalPlan:
+    """The best of as many poses as a round has time for, by the route through them.
+
+    The number is looked for by the time that a pose takes in the plans before. It is compared with
+    what two minutes more, and two less, would buy.
+    """
+
+    def planned(count: int, **changes: object) -> OptimalPlan:
+        asked = replace(request, count=count, time_s=None, **changes)  # type: ignore[arg-type]
+        plan = _Planning(cell, asked, advance, kept).run()
+        return replace(plan, request=replace(asked, time_s=time_s))
+
+    model = cell.model()
+    least = max(-(-model.p // model.measurement.rows), len(kept), 1)
+    fits, too_many, best, each = 0, MOST_POSES + 1, None, 0.0
+    count = max(least, min(MOST_POSES, int(time_s / (cell.config.plan.dwell_s + MOVING_S))))
+    for _ in range(TRIED_COUNTS):
+        plan = planned(count, refine=False, validation=0)
+        if plan.cycle_time_s is None:
+            raise InputError(
+                f"nothing is known of the speeds of {cell.robot.name}: no time can be kept",
+                hint="give a number of poses, or the joints' velocity limits in the description",
+                name="time",
+            )
+        each = plan.cycle_time_s / count
+        if plan.cycle_time_s <= time_s:
+            fits, best = count, plan
+        elif count == least:
+            raise InputError(
+                f"{time_s / 60.0:.3g} min are not enough: {least} poses, the fewest that can tell "
+                f"all parameters, take {plan.cycle_time_s / 60.0:.3g} min",
+                hint="allow more time, or take a smaller plan.dwell_s",
+                name="time",
+            )
+        else:
+            too_many = count
+        count = min(max(int(time_s / each), fits + 1, least), too_many - 1, MOST_POSES)
+        if count <= fits:
+            break
+    if best is None:
+        best, fits = planned(least, refine=False, validation=0), least
+    final = planned(
+        fits,
+        beside=max(1, round(BESIDE_S / each)),
+        refine=request.refine,
+    )
+    late = final.cycle_time_s is None or final.cycle_time_s > time_s
+    return replace(best, request=replace(request, count=fits)) if late else final
 
 
 @one_blas_thread
@@ -212,7 +283,7 @@ def plan_fewest(
     if sigma_m is None and sigma_rad is None:
         raise InputError(
             "no accuracy is wanted of anything that is identified",
-            hint="give --wanted-sigma-mm, --wanted-sigma-deg, or both",
+            hint="give `wanted_sigma_mm`, `wanted_sigma_deg`, or both",
             name="wanted",
         )
     request = Request(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
@@ -298,7 +369,8 @@ class _Planning:
         """Refuse what this pool cannot give, before anything is chosen."""
         white = pool.white(self._model)
         names, nuisance = self._model.names, self._model.nuisance
-        check_identifiable(white.reshape(-1, self._model.p), names, nuisance)
+        told = np.vstack([white.reshape(-1, self._model.p), self._model.known_rows])
+        check_identifiable(told, names, nuisance)
         count, validation = self._request.count, self._request.validation
         if count is None:
             return
@@ -319,7 +391,12 @@ class _Planning:
         if request.count is None:
             limit = 1.0 if objective.limit is None else objective.limit
             fewest = select_fewest(
-                blocks, criterion, limit, names=self._model.names, keep=range(len(self._kept))
+                blocks,
+                criterion,
+                limit,
+                known=objective.known,
+                names=self._model.names,
+                keep=range(len(self._kept)),
             )
             return fewest.selection, fewest
         try:
@@ -328,6 +405,7 @@ class _Planning:
                 request.count if first else min(request.count, len(pool)),
                 criterion,
                 request.method,
+                known=objective.known,
                 names=self._model.names,
                 threshold=objective.limit if first else None,
                 keep=range(len(self._kept)),
@@ -343,7 +421,7 @@ class _Planning:
         return InputError(
             f"no {self._request.count} poses of this pool reach the deviations wanted: those of "
             f"the best are proven not to be below {error.bound:.4g} times them",
-            hint="take more poses (--poses auto: as many as it takes), or a wider pool",
+            hint="take more poses (`poses` auto: as many as it takes), or a wider pool",
             name="threshold",
             value=error.value,
             bound=error.bound,
@@ -385,7 +463,8 @@ class _Planning:
             count, m, p = white.shape
             if count * m < p:
                 self._refuse_few(count, m)
-            check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
+            told = np.vstack([white.reshape(-1, p), self._model.known_rows])
+            check_identifiable(told, self._model.names, self._model.nuisance)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
             request=self._request,
@@ -456,14 +535,18 @@ class _Planning:
         found = []
         blocks, criterion = self._blocks_and_criterion(pool)
         m = self._model.measurement.rows
-        for count in (selection.count - 1, selection.count + 1):
+        beside = self._request.beside
+        for count in (selection.count - beside, selection.count + beside):
             if not max(-(-self._model.p // m), len(self._kept)) <= count <= len(pool):
                 continue
             if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
                 other = fewest.fewer
             else:
                 keep = range(len(self._kept))
-                other = select(blocks, count, criterion, self._request.method, starts=1, keep=keep)
+                known = self._objective.known
+                other = select(
+                    blocks, count, criterion, self._request.method, known=known, starts=1, keep=keep
+                )
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
 
@@ -507,7 +590,9 @@ def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Out
     smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
     try:
         blocks = objective.of_pool(model, candidates_of(away_from_singularities(smaller)))
-        found = select(blocks, count, objective.criterion, starts=1, bound=False)
+        found = select(
+            blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
+        )
     except CalibError:  # no pool, or too small a one: there is nothing to compare with
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

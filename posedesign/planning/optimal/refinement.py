@@ -219,7 +219,9 @@ class _Refinement:
     def _costs_in_place(self, blocks: FloatArray, owner: IntArray) -> FloatArray:
         """Cost of the set with each block in the place of its owner."""
         n = len(self.pool)
-        candidates = Candidates(np.concatenate([self._blocks(self.pool), blocks]))
+        candidates = Candidates(
+            np.concatenate([self._blocks(self.pool), blocks]), self._objective.known
+        )
         objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         out = np.empty(len(owner))
@@ -232,7 +234,9 @@ class _Refinement:
 
     def _take_best(self, offered: CandidatePoses, owner: IntArray) -> None:
         n = len(self.pool)
-        candidates = Candidates(np.concatenate([self._blocks(self.pool), self._blocks(offered)]))
+        candidates = Candidates(
+            np.concatenate([self._blocks(self.pool), self._blocks(offered)]), self._objective.known
+        )
         objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         q, R = self.pool.postures.copy(), self.pool.orientations.copy()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +17,6 @@ from posedesign.planning.loop import regressor
 from posedesign.planning.pose_plan import displayed
 from posedesign.selection import (
     CRITERIA,
-    METHODS,
     PER_MRAD_AND_MM,
     Candidates,
     Criterion,
@@ -53,22 +51,20 @@ USUAL_POSES = 27
 
 ROBUST = ("none", "average", "worst")
 
-_LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
-
-_IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
-
 
 @dataclass(frozen=True, eq=False)
 class PlanObjective:
     """What is to be reached, and on which blocks.
 
     ``limit``: value to be reached, as the criterion is shown. ``unit``: of values as they are
-    shown; empty where they have none.
+    shown; empty where they have none. ``known`` (K, p): rows of what is known before any pose, as
+    the blocks are scaled; None for nothing.
     """
 
     criterion: Criterion
     limit: float | None = None
     unit: str = ""
+    known: FloatArray | None = None
 
     def blocks(self, linear: Linearisation) -> FloatArray:
         """Blocks ``(N, m, p)`` that the criterion is of."""
@@ -90,7 +86,7 @@ class PlanObjective:
 
     def cost_of_blocks(self, blocks: FloatArray) -> float:
         """The cost of a set of poses, of their blocks ``(N, m, p)``."""
-        pool = Candidates(blocks)
+        pool = Candidates(blocks, self.known)
         return self.criterion.on(pool).cost(np.arange(pool.N))
 
     def words(self, value: float) -> str:
@@ -120,6 +116,15 @@ def objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> 
     ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Raises
     InputError: no such criterion or parameter, or a request that does not go with it.
     """
+    objective = _objective_of(request, model, box)
+    known = model.known_rows
+    if not (len(known) and objective.weighted):
+        return objective
+    units = PER_MRAD_AND_MM if objective.criterion.name in CRITERIA else 1.0
+    return replace(objective, known=units * known)
+
+
+def _objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> PlanObjective:
     if request.wants_sigma:
         wanted = _wanted(model, request.sigma_m, request.sigma_rad)
         return PlanObjective(wanted_deviations(wanted, model.p), 1.0)
@@ -188,7 +193,7 @@ def _wanted(model: CalibrationModel, sigma_m: float | None, sigma_rad: float | N
     if np.isinf(wanted).all():
         raise InputError(
             "no accuracy is wanted of anything that is identified",
-            hint="give --wanted-sigma-mm, --wanted-sigma-deg, or both",
+            hint="give `wanted_sigma_mm`, `wanted_sigma_deg`, or both",
             name="wanted",
         )
     return wanted
@@ -231,7 +236,7 @@ def accuracy_of(
 
 def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None:
     """Covariance ``(p, p)`` of blocks; None where they do not identify everything."""
-    rows = white.reshape(-1, model.p)
+    rows = np.vstack([white.reshape(-1, model.p), model.known_rows])
     if len(rows) < model.p:
         return None
     try:
@@ -254,7 +259,9 @@ class Request:
     of each that is an angle. ``threshold``: value of the criterion to be reached. ``validation``:
     poses to choose besides, for a test. ``refine``: turn the tool at the chosen poses, off the
     pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
-    ``"average"``, ``"worst"``: for what is known of it before measuring.
+    ``"average"``, ``"worst"``: for what is known of it before measuring. ``time_s``: what a round
+    through the poses may take; it decides how many, in place of ``count``. ``beside``: how many
+    poses fewer and more a choice is compared with.
     """
 
     method: str = "exchange"
@@ -267,6 +274,8 @@ class Request:
     validation: int = 0
     refine: bool = False
     robust: str = "none"
+    time_s: float | None = None
+    beside: int = 1
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -274,6 +283,7 @@ class Request:
             ("a wanted standard deviation", self.sigma_m),
             ("a wanted standard deviation", self.sigma_rad),
             ("the threshold", self.threshold),
+            ("the time", self.time_s),
         ):
             if value is not None and not usable(value) >= LEAST_POSITIVE:
                 raise InputError(
@@ -302,7 +312,7 @@ class Request:
         if self.count is None and not self.has_limit:
             raise InputError(
                 "auto takes the fewest poses that reach an accuracy, and none is given",
-                hint="give --target-accuracy 0.2mm, --wanted-sigma-mm or --threshold, or a number "
+                hint="give `target_accuracy` 0.2mm, `wanted_sigma_mm` or `threshold`, or a number "
                 "of poses",
                 name="poses",
             )
@@ -315,107 +325,3 @@ class Request:
     def wants_sigma(self) -> bool:
         """Whether standard deviations of all parameters are what is wanted."""
         return self.sigma_m is not None or self.sigma_rad is not None
-
-
-def parse_count(text: str) -> int | None:
-    """A number of poses, or None for ``auto``."""
-    word = text.strip().lower()
-    if word == "auto":
-        return None
-    if not (word.isascii() and word.isdigit() and len(word) < 8):
-        raise InputError(
-            f"{text[:40]!r} is no number of poses", hint="give a number, or auto", name="poses"
-        )
-    return int(word)
-
-
-def parse_length(text: str) -> float:
-    """A length [m] of text such as ``0.2mm``, ``50um``; millimetres where no unit is given."""
-    found = _LENGTH.fullmatch(text[:80])
-    try:
-        value = float(found[1]) if found else np.nan
-    except ValueError:
-        value = np.nan
-    if found is None or not np.isfinite(value) or value <= 0.0:
-        raise InputError(
-            f"{text[:40]!r} is no accuracy", hint="give a length above zero, such as 0.2mm"
-        )
-    return value * _IN_M[(found[2] or "mm").lower()]
-
-
-def request_of_words(
-    method: str | None,
-    poses: str | None,
-    criterion: str | None,
-    target_accuracy: str | None,
-    threshold: float | None,
-    sigma_mm: float | None,
-    sigma_deg: float | None,
-    validation: int,
-    refine: bool | None,
-    robust: str = "none",
-    *,
-    keep: bool = False,
-) -> Request | None:
-    """The request of a command line; None where the grid of the paper is what is asked for.
-
-    Raises InputError: options that do not go together.
-    """
-    limit = target_accuracy is not None or sigma_mm is not None or sigma_deg is not None
-    given = {
-        "--poses": poses,
-        "--criterion": criterion,
-        "--target-accuracy": target_accuracy,
-        "--threshold": threshold,
-        "--wanted-sigma-mm": sigma_mm,
-        "--wanted-sigma-deg": sigma_deg,
-        "--validation": validation or None,
-        "--refine": refine,
-        "--robust": None if robust == "none" else robust,
-        "--keep": keep or None,
-    }
-    asked = [name for name, value in given.items() if value is not None]
-    if method is None and not asked:
-        return None
-    method, every = None if method is None else method.strip().lower(), ["wpr", *METHODS]
-    if method is not None and method not in every:
-        raise InputError(
-            f"there is no method {method[:40]!r}", hint=near_names(method, every), name="method"
-        )
-    if method == "wpr":
-        if asked:
-            raise InputError(
-                f"{asked[0]} does not go with --method wpr, whose poses are those of the grid",
-                hint="leave it out, or take --method exchange",
-                name=asked[0],
-            )
-        return None
-    alone = ["--criterion", "--target-accuracy", "--wanted-sigma-mm"]
-    alone += ["--wanted-sigma-deg"] * (sigma_mm is None)
-    wants = [name for name in alone if given[name] is not None]
-    if len(wants) > 1:
-        raise InputError(
-            f"{wants[0]} and {wants[1]} are two things to choose by", hint="give one", name="plan"
-        )
-    if threshold is not None and limit:
-        raise InputError(
-            f"--threshold is a value of --criterion, and {wants[0]} is one of its own",
-            hint="leave one of the two out",
-            name="--threshold",
-        )
-    count = USUAL_POSES if not (limit or threshold is not None) else None
-    if poses is not None:
-        count = parse_count(poses)
-    return Request(
-        method="exchange" if method is None else method,
-        count=count,
-        criterion=criterion or "tcp",
-        accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
-        sigma_m=None if sigma_mm is None else sigma_mm / 1e3,
-        sigma_rad=None if sigma_deg is None else float(np.deg2rad(sigma_deg)),
-        threshold=threshold,
-        validation=validation,
-        # the fewest poses reach what is wanted as they are, and robust ones are for other robots
-        refine=count is not None and robust == "none" if refine is None else refine,
-        robust=robust.strip().lower(),
-    )

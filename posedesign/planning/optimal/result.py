@@ -145,7 +145,11 @@ class OptimalPlan(Planned):
         if self.fewest is not None:
             said = self._fewest_words(self.fewest)
         else:
-            said = f"{len(self.poses.kept)} poses, {self.objective.words(self.accuracy.value)}"
+            in_time, took = self.request.time_s, self.cycle_time_s
+            said = f"{len(self.poses.kept)} poses, "
+            if in_time is not None and took is not None:
+                said += f"{took / 60.0:.1f} of {in_time / 60.0:.3g} min, "
+            said += self.objective.words(self.accuracy.value)
             if self.request.robust != "none":
                 said += (
                     f" as described, {self.objective.words(self.selection.value)} in the "

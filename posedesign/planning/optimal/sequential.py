@@ -161,14 +161,14 @@ def plan_next_views(
     _check_gain(least_gain)
     model = cell.model()
     measured = model.linearise(taken)
-    why_not, before = "", np.zeros((0, model.p))
+    why_not, before = "", model.known_rows
+    told = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
     try:
-        check_identifiable(
-            measured.white_jacobian.reshape(-1, model.p), model.names, model.nuisance
-        )
+        check_identifiable(told, model.names, model.nuisance)
     except NotIdentifiableError as error:
         why_not = _shortened(error.message)
-        before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+        wide = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+        before = np.vstack([before, wide])
     box, box_words = functions_over_box(cell, model)
     objective = objective_of(Request(count=count, criterion=criterion), model, box)
     poses, route, errors = _choose(cell, objective, box, model.nominal, measured, before, count)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from lark import Token, Tree
 
@@ -15,9 +15,6 @@ Nested = list["Nested | str"]
 Argument = tuple[Node | None, dict[str, Node | None]]
 """A value and its switches."""
 
-MOST_LINES = MOST_STATEMENTS = 250_000
-"""Far more than a controller's memory holds."""
-
 ROUTINES = ("proc", "func", "trap")
 FRAMES = ("tooldata", "wobjdata")
 SHAPES = {"jointtarget": (6, 6), "robtarget": (3, 4, 4, 6)}
@@ -27,6 +24,10 @@ _I = re.IGNORECASE | re.ASCII
 _ENDS = ("MODULE", "PROC", "FUNC", "TRAP", "RECORD", "IF", "FOR", "WHILE", "TEST")
 _ALONE = frozenset(("ELSE", "UNDO", "BACKWARD", *(f"END{word}" for word in _ENDS)))
 _WITH_LINE = frozenset(("MODULE", "PROC", "FUNC", "TRAP", "RECORD", "TEST", "ERROR"))
+_SCOPES = frozenset(("LOCAL", "TASK"))
+_MOST_HEADING = 500
+"""Characters of a heading, or of what stands in front of a list."""
+
 _STORED = frozenset(("CONST", "PERS", "VAR"))
 _FIRST = (_ALONE | _STORED | _WITH_LINE | {"ELSEIF", "CASE", "DEFAULT", "LOCAL"}) - {"TEST"}
 """Words that only begin statements, but for those of parameters."""
@@ -35,123 +36,80 @@ _LAST = {"IF": "THEN", "ELSEIF": "THEN", "FOR": "DO", "WHILE": "DO"}
 _HEADING = "|".join(sorted(_ALONE | _WITH_LINE | _LAST.keys() | {"CASE", "DEFAULT"}))
 _LIST = r"(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\s[^:;]*\{"
 _LIST_BEGINS = re.compile(rf"{_LIST}[^:;]*\}}\s*:=\s*\[", _I)
-_PLAIN = re.compile(rf'(?!(?:LOCAL\s+)?(?:{_HEADING})\b|{_LIST})[a-z][^!";:]*(?::=[^!";:]*)*;', _I)
-"""A line that is one statement, as most are."""
+_PLAIN = re.compile(
+    rf"(?!(?:LOCAL\s+)?(?:{_HEADING})\b|{_LIST})[a-z][^\";:\n]{{0,400}}(?::=[^\";:\n]{{0,400}})?;",
+    _I,
+)
+"""A statement in one line, as most are."""
 
-_ELEMENT = re.compile(r'\[\[[^][!";]*\](?:, ?\[[^][!";]*\])*\],')
-_PIECE = re.compile(r'"[^"]*"?|!.*|:=|[][(){},;:]|(?<![\w.])[a-z]\w*', _I)
+_ELEMENT = re.compile(r",\s*\[\[[^][\";]{0,200}\](?:, ?\[[^][\";]{0,200}\])*\](?=,)")
+_PIECE = re.compile(r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.])[a-z]\w*', _I)
+_BEGIN = re.compile(r"\S")
+_LEFT_OUT = re.compile(r'\A\s*%%%(?:[^%]|%(?!%%))*+(?:%%%.*)?|("[^"\n]*"?)|!.*')
+"""Remarks, and what stands in front of modules of older controllers: %%% VERSION:1 ... %%%."""
 
 
-def divided(lines: Iterator[Line]) -> Iterator[Line]:
-    """Statements of lines: they end with a semicolon, headings of blocks with their last word.
+def divided(text: str) -> Iterator[Line]:
+    """Statements of a text: they end with a semicolon, headings of blocks with their last word.
 
     Remarks are left out. A word that only begins statements ends one that lacks its semicolon, and
     elements of a declared list come one by one, each behind its comma.
     """
-    divider = _Divider()
-    header = count = 0
-    for number, line in enumerate(lines):
-        if count > MOST_STATEMENTS or number > MOST_LINES:
-            yield Line(line.row, ";" * (MOST_LENGTH + 1))  # is refused, as a line so long is
-            return
-        marks = 0 if count or header > 1 else line.text.count("%%%")
-        if marks or header == 1:  # %%% VERSION:1 ... %%% in front of modules of older controllers
-            header += marks
-            continue
-        for statement in divider.take(line.row, line.text):
-            count += 1
-            yield statement
-            if count > MOST_STATEMENTS:
-                break
-    yield from divider.ended()
+    text = _LEFT_OUT.sub(lambda found: found[1] or "\n" * found[0].count("\n"), text)
+    row, last, at, listed = 1, 0, 0, False
+    while found := _BEGIN.search(text, at):
+        start = found.start()
+        row += text.count("\n", last, start)
+        last = start
+        at, listed = _end_of(text, start, listed)
+        yield Line(row, text[start:at].rstrip())
 
 
-@dataclass
-class _Divider:
-    """The statement that is open at the end of a line; ``listed``: it declares a list."""
-
-    row: int = 0
-    parts: list[str] = field(default_factory=list)
-    length: int = 0
-    word: str = ""
-    depth: int = 0
-    listed: bool | None = None
-
-    def take(self, row: int, text: str) -> Iterator[Line]:
-        """Statements that end in a line."""
-        if not self.parts and _PLAIN.fullmatch(text):
-            yield Line(row, text)
-        elif self.listed and self.parts == [","] and _ELEMENT.fullmatch(text):
-            yield Line(row, "," + text[:-1])
-        else:
-            yield from self._take_pieces(row, text)
-
-    def ended(self, row: int = 0, text: str = "") -> Iterator[Line]:
-        """The open statement with its last part, if there is one; nothing is open behind."""
-        self._add(row, text)
-        if self.parts:
-            yield Line(self.row, " ".join(self.parts))
-        self.parts, self.length, self.word = [], 0, ""
-
-    def _add(self, row: int, text: str) -> None:
-        text = text.strip()
-        if text:
-            self.row = self.row if self.parts else row
-            self.parts.append(text)
-            self.length += len(text)
-
-    def _take_pieces(self, row: int, text: str) -> Iterator[Line]:
-        last, fresh, stop = 0, True, len(text)
-        for piece in _PIECE.finditer(text):
-            mark, at = piece[0], piece.start()
-            if mark[0] == "!" or at - last > MOST_LENGTH:
-                stop = at
-                break
-            begins = fresh and not self.parts and not text[last:at].strip()
-            fresh = False
-            if mark[0].isalpha():
-                word = mark.upper()
-                if word in _FIRST and not begins and self._is_cut_by(word, text[last:at]):
-                    yield from self.ended(row, text[last:at])
-                    last, self.depth, self.listed, begins = at, 0, None, True
-                if begins or self.word in ("LOCAL", "TASK"):
-                    self.word = word
-            elif mark in "[({":
-                if mark == "[" and not self.depth and self.listed is None:
-                    opened = " ".join([*self.parts, text[last : at + 1].strip()])
-                    self.listed = _LIST_BEGINS.fullmatch(opened) is not None
-                self.depth += 1
-            elif mark in "])}":
-                self.depth = max(0, self.depth - 1)
-            if self.listed and (mark, self.depth) in ((",", 1), ("]", 0)):
-                yield from self.ended(row, text[last:at])
-                last, self.listed = at, None if mark == "]" else True
-            elif self._is_ended_by(mark, text[last:at] if mark == ":" else ""):
-                yield from self.ended(row, text[last : piece.end()])
-                last, self.depth, self.listed, fresh = piece.end(), 0, None, True
-        self._add(row, text[last:stop])
-        heading = self.word in _WITH_LINE and not self.depth and bool(self.parts)
-        named = heading and (self.word == "ERROR" or " " in " ".join(self.parts))
-        if named or self.length > MOST_LENGTH:
-            yield from self.ended()
-            self.depth, self.listed = 0, None
-
-    def _is_cut_by(self, word: str, between: str) -> bool:
-        """Whether a statement ends in front of a word that begins the next one."""
-        if self.word in ("LOCAL", "TASK"):
-            return " ".join([*self.parts, between]).strip().upper() != self.word
-        return not (self.word in ("PROC", "FUNC") and self.depth and word in _STORED)
-
-    def _is_ended_by(self, mark: str, before: str) -> bool:
-        if mark == ":":  # of a case, or of a label
-            label = not self.parts and before.strip().upper() == self.word
-            return self.word in ("CASE", "DEFAULT") or (label and bool(self.word))
-        if mark == ")":
-            return not self.depth and self.word in ("PROC", "FUNC", "ERROR")
-        return mark == ";" or mark.upper() in _ALONE or mark.upper() == _LAST.get(self.word)
+def _end_of(text: str, start: int, listed: bool) -> tuple[int, bool]:
+    """Where the statement ends that begins there, and whether a list is declared behind it."""
+    whole = (_ELEMENT if listed else _PLAIN).match(text, start)
+    if whole:
+        return whole.end(), listed
+    word, depth, asked = "", int(listed), listed
+    for piece in _PIECE.finditer(text, start):
+        mark, at = piece[0].upper(), piece.start()
+        before = text[start:at].strip() if at - start < _MOST_HEADING else "a b"
+        if mark[0].isalpha():
+            if at > start and mark in _FIRST and _is_cut(word, mark, before, depth):
+                return at, False
+            word = mark if at == start or word in _SCOPES else word
+        elif mark in ("[", "(", "{"):
+            if mark == "[" and not depth and not asked:
+                asked, listed = True, _LIST_BEGINS.fullmatch(before + mark) is not None
+            depth += 1
+        elif mark in ("]", ")", "}"):
+            depth = max(0, depth - 1)
+        if listed and at > start and (mark, depth) in ((",", 1), ("]", 0)):
+            return at, True
+        if at - start > MOST_LENGTH or _is_end(word, mark, before, depth):
+            return piece.end(), False
+    return len(text), False
 
 
-LANGUAGE = Language("posedesign.programs.abb_rapid", joined=divided)
+def _is_end(word: str, mark: str, before: str, depth: int) -> bool:
+    """Whether a statement ends behind a mark."""
+    if mark == "\n":
+        return word in _WITH_LINE and not depth and (word == "ERROR" or " " in before)
+    if mark == ":":  # of a case, or of a label
+        return word in ("CASE", "DEFAULT") or (bool(word) and before.upper() == word)
+    if mark == ")":
+        return not depth and word in ("PROC", "FUNC", "ERROR")
+    return mark == ";" or mark in _ALONE or mark == _LAST.get(word)
+
+
+def _is_cut(word: str, by: str, before: str, depth: int) -> bool:
+    """Whether a statement ends in front of a word that begins the next one."""
+    if word in _SCOPES:
+        return before.upper() != word
+    return not (word in ("PROC", "FUNC") and depth and by in _STORED)
+
+
+LANGUAGE = Language("posedesign.programs.abb_rapid", divided=divided)
 
 
 @dataclass(frozen=True)

@@ -217,33 +217,26 @@ class _Reader:
             if word == "MOVEC" and values and is_a(values[0][0], "list"):
                 refuse("MoveC: only MoveAbsJ, MoveJ and MoveL can be read", self.path, row)
             motion = motion or word in (*_MOTIONS, "MOVEC")
-            if word in _MOTIONS and values:
-                frames = values[3] if len(values) == 4 else None
-                self._take_motion(_MOTIONS[word], values[0][0], row)
-                self._take_frames(values[0][0], frames, row)
+            if word in _MOTIONS and values and values[0][0] is not None:
+                last = values[3] if len(values) == 4 else None
+                self._take_motion(_MOTIONS[word], values[0][0], last, row)
         if not motion and "[" in statement.text:
             self._refuse_lost(statement.tree, row, statement.text)
 
-    def _take_motion(self, kind: str, target: Node | None, row: int) -> None:
-        # a list that has a name in the place of a part is calculated: no position of the file
-        if is_a(target, "list") and all(
-            isinstance(c, Token) or c.data == "list"
-            for c in target.children  # type: ignore[union-attr]
-        ):
-            self.positions.append(StoredPosition.of("", row, kind, target, self.path))  # type: ignore[arg-type]
-
-    def _take_frames(
-        self,
-        target: Node | None,
-        last: module.Argument | None,
-        row: int,
-    ) -> None:
-        name = str(nested(target)).upper() if is_a(target, "variable") and target else f"[{row}"
-        if last is None or not (is_a(target, "variable") or is_a(target, "list")):
-            return  # Offs(p1,...): no motion to a position of the file
-        tool, switches = last
-        work_object = module.name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
-        self.motions.append((name, module.name_of(tool), work_object, row))
+    def _take_motion(self, kind: str, target: Node, last: module.Argument | None, row: int) -> None:
+        """A position that stands in a motion, and the tool and work object of the last argument."""
+        name = ""
+        if is_a(target, "variable"):
+            name = str(nested(target)).upper()
+        elif isinstance(target, Tree) and target.data == "list":
+            name = f"[{row}"
+            # a list that has a name in the place of a part is calculated: no position of the file
+            if all(isinstance(c, Token) or c.data == "list" for c in target.children):
+                self.positions.append(StoredPosition.of("", row, kind, target, self.path))
+        if last is not None and name:  # Offs(p1,...): no motion to a position of the file
+            tool, switches = last
+            work_object = module.name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
+            self.motions.append((name, module.name_of(tool), work_object, row))
 
     def _refuse_lost(self, tree: Node, row: int, text: str) -> None:
         """Refuse lists of numbers that are a position, and stand where none is read."""
@@ -264,11 +257,8 @@ class _Reader:
     def give_frames(self) -> None:
         """Give poses the frames of the motions that go to them.
 
-        Raises
-        ------
-        FileFormatError
-            A pose is used in two frames, or in one that is not that of a tool at the flange, or is
-            changed by the program.
+        Raises FileFormatError: a pose is used in two frames, or in one that is not that of a tool
+        at the flange, or is changed by the program.
         """
         posed = [p for p in self.positions if p.kind == "robtarget"]
         poses = {p.variable.upper() or f"[{p.line}": p for p in posed}
@@ -313,14 +303,11 @@ class _Reader:
         return np.asarray(frames[0] if len(frames) == 1 else frames[0] @ frames[1])
 
 
-def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
+def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no RAPID module, is cut off, or holds no positions, or one that is neither a
-        jointtarget nor a robtarget.
+    Raises FileFormatError: the file is no RAPID module, is cut off, or holds no positions, or one
+    that is neither a jointtarget nor a robtarget.
     """
     text = text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)

@@ -65,7 +65,7 @@ _NUMBER = re.compile(r"[-+]?[\d.]+(?:E[-+]?\d+)?", re.IGNORECASE | re.ASCII)
 _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "num"}
 
 
-def check_module(data: bytes, path: Path) -> list[Problem]:
+def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
     statements = module.LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
     checker = _Checker(statements, whole=set_mark(data) is not None)

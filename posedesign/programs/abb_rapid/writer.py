@@ -21,6 +21,7 @@ state of the task, which an aborted program leaves changed for whatever goes on 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from posedesign.programs.program import Form, PoseProgram, ProgramPose
 from posedesign.programs.writing import (
     Limits,
     NameRule,
+    Phrases,
     check_call,
     plain,
     plain_all,
@@ -68,6 +70,19 @@ JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
 """The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
 0.0001."""
 
+_TO_POSE = f"    MoveJ p{{number}},{SPEED},fine,{{tool}}\\WObj:={{frame}};"
+_PHRASES = Phrases(
+    note="    ! {}",
+    move=(f"    MoveAbsJ jp{{number}}\\NoEOffs,{SPEED},fine,{{tool}};",),
+    wait="    WaitTime\\InPos,{time:.2f};",
+    pulse=("    PulseDO\\PLength:={time:.3f},do{output};",),
+    call=("    {call} {argument};",),
+    bare=("    {call};",),
+    keep=f"    {MEASURED}{{{{{{register}}}}}}:=CJointT();",
+    least_s=0.01,
+    still="    WaitTime\\InPos,0;",
+)
+
 _POSITION = re.compile(r"J?P\d+", re.IGNORECASE)
 _NOT_CONNECTED = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _UNKNOWN_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
@@ -75,17 +90,15 @@ _LEAST_LOAD = f"[{LEAST_MASS_KG},[0,0,0.001],[1,0,0,0],0,0,0]"
 _IDENTITY_WITHIN = 1e-12
 
 
-def render_module(program: PoseProgram, arm: Arm) -> str:
-    r"""Text of the module, its lines ended by ``\n``.
+def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of the module by its name, its lines ended by ``\n``.
 
     Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 1e-9 of
     the quaternion. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or
     other ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)
@@ -107,18 +120,12 @@ def render_module(program: PoseProgram, arm: Arm) -> str:
     lines += [f"  ! * start it with PP to Routine {routine}", f"  PROC {routine}()"]
     if options.form == "cartesian":
         lines.append("    ConfJ\\On;")
+    phrases = _PHRASES if options.form == "joint" else replace(_PHRASES, move=(_TO_POSE,))
     for number, pose in zip(program.numbers, program.poses, strict=True):
         lines += _named(number, pose, "    ")
-        if pose.comment:
-            lines.append(f"    ! {pose.comment}")
-        if options.form == "joint":
-            lines.append(f"    MoveAbsJ jp{number}\\NoEOffs,{SPEED},fine,{tool};")
-        else:
-            lines.append(f"    MoveJ p{number},{SPEED},fine,{tool}\\WObj:={work_object};")
-        if not pose.via:
-            lines += [f"    {line}" for line in _measuring(program, number)]
-    lines += ["  ENDPROC", "ENDMODULE"]
-    return "\n".join(lines) + "\n"
+        lines += phrases.steps(options, pose, number, tool=tool, frame=work_object)
+    lines += ["  ENDPROC", "ENDMODULE", ""]
+    return {f"{program.name}.mod": "\n".join(lines)}
 
 
 def run_name(name: str) -> str:
@@ -217,19 +224,3 @@ def _measured(program: PoseProgram) -> list[str]:
         *[f"    {empty},"] * (last - 1),
         f"    {empty}];",
     ]
-
-
-def _measuring(program: PoseProgram, number: int) -> list[str]:
-    options = program.options
-    # at least one hundredth: a wait that is asked for must not round to none
-    settle = plain(max(options.settle_s, 0.01), 2) if options.settle_s else "0"
-    lines = [f"WaitTime\\InPos,{settle};"]
-    if options.measure_output is not None:
-        pulse = plain(options.measure_pulse_s, 3)
-        lines.append(f"PulseDO\\PLength:={pulse},do{options.measure_output};")
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        lines.append(options.measure_call + ("" if argument is None else f" {argument}") + ";")
-    if options.keep == "register":
-        lines.append(f"{MEASURED}{{{options.first_register + number - 1}}}:=CJointT();")
-    return lines

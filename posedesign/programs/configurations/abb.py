@@ -8,14 +8,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
 from posedesign.programs.configurations.geometry import arm_positions
-
-_FORM = re.compile(r"\[" + r",".join([r"\s*([+-]?\d{1,3})\s*"] * 3) + r",\s*([0-7])\s*\]")
 
 
 @dataclass(frozen=True)
@@ -44,6 +41,11 @@ class AbbConfiguration(Configuration):
     """
 
     maker: ClassVar[str] = "abb"
+    called: ClassVar[str] = "confdata"
+    hint: ClassVar[str] = "write the quadrants of axes 1, 4, 6 and cfx from 0 to 7: [0,-1,0,1]"
+    form: ClassVar[re.Pattern[str]] = re.compile(
+        r"\[" + r",".join([r"\s*([+-]?\d{1,3})\s*"] * 3) + r",\s*([0-7])\s*\]"
+    )
     cf1: int
     cf4: int
     cf6: int
@@ -68,27 +70,11 @@ class AbbConfiguration(Configuration):
         return f"[{self.cf1},{self.cf4},{self.cf6},{self.cfx}]"
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read ``[0,-1,0,1]``.
-
-        Raises
-        ------
-        InputError
-            The text is not of this form, or ``cfx`` is not that of a six-axis arm.
-        """
-        found = _FORM.fullmatch(text.strip())
-        if not found:
-            raise InputError(
-                f"confdata {text!r} is not one of a six-axis ABB arm",
-                hint="write the quadrants of axes 1, 4, 6 and cfx from 0 to 7: [0,-1,0,1]",
-                name="confdata",
-                value=text,
-            )
-        cf1, cf4, cf6, cfx = map(int, found.groups())
+    def _of_groups(cls, *groups: str) -> Self:
+        cf1, cf4, cf6, cfx = map(int, groups)
         return cls(cf1, cf4, cf6, cfx)
 
     def allows(self, other: Configuration) -> bool:
-        """See :meth:`Configuration.allows`: quadrants agree on either side of a boundary nearby."""
         return (
             isinstance(other, AbbConfiguration)
             and self.cfx == other.cfx

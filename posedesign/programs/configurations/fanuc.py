@@ -8,14 +8,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
 from posedesign.programs.configurations.geometry import arm_positions
-
-_FORM = re.compile(r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?")
 
 _TOLERANCE_DEG = 5e-4
 """Distance from 180 deg that the controller takes for 180: measured, between 0.0004 and 0.0007."""
@@ -52,6 +49,11 @@ class FanucConfiguration(Configuration):
     """
 
     maker: ClassVar[str] = "fanuc"
+    called: ClassVar[str] = "CONFIG"
+    hint: ClassVar[str] = "write F or N, U or D, T or B and the turns of J1, J4, J6: N U T, 0, 0, 0"
+    form: ClassVar[re.Pattern[str]] = re.compile(
+        r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?"
+    )
     flip: bool
     down: bool
     back: bool
@@ -81,28 +83,12 @@ class FanucConfiguration(Configuration):
         return ", ".join([" ".join(letters), *map(str, self.turns)])
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read ``N U T, 0, 0, 0``, with or without quotes.
-
-        Raises
-        ------
-        InputError
-            The text is not of this form.
-        """
-        found = _FORM.fullmatch(text.strip())
-        if not found:
-            raise InputError(
-                f"CONFIG {text!r} is not one of a six-axis FANUC arm",
-                hint="write F or N, U or D, T or B and the turns of J1, J4, J6: N U T, 0, 0, 0",
-                name="CONFIG",
-                value=text,
-            )
-        flip, down, back, *turns = found.groups()
+    def _of_groups(cls, *groups: str) -> Self:
+        flip, down, back, *turns = groups
         j1, j4, j6 = map(int, turns)
         return cls(flip == "F", down == "D", back == "B", (j1, j4, j6))
 
     def allows(self, other: Configuration) -> bool:
-        """See :meth:`Configuration.allows`: turns agree on either side of a boundary nearby."""
         return (
             isinstance(other, FanucConfiguration)
             and (self.flip, self.down, self.back) == (other.flip, other.down, other.back)

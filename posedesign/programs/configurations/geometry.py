@@ -61,11 +61,8 @@ class ArmPositions:
 def arm_positions(robot: Robot, postures: FloatArray, maker: str) -> ArmPositions:
     """Arm positions at postures ``(N, 6)`` [rad, signs of the description].
 
-    Raises
-    ------
-    InputError
-        The robot does not have this maker's controller, its last three axes do not meet, or the
-        postures are not of this robot.
+    Raises InputError: the robot does not have this maker's controller, its last three axes do not
+    meet, or the postures are not of this robot.
     """
     controller = _controller_of(robot, maker)
     postures = np.atleast_2d(robot.check_posture(postures))
@@ -91,10 +88,7 @@ def wrist_centre(state: ChainState) -> FloatArray:
     The point of axis 5 nearest to axis 4, which is defined in every posture; axis 6 may lie on
     axis 4.
 
-    Raises
-    ------
-    InputError
-        The three axes do not meet.
+    Raises InputError: the three axes do not meet.
     """
     a4, a5, a6 = (state.axes[:, j] for j in (3, 4, 5))
     p4, p5, p6 = (state.origins[:, j] for j in (3, 4, 5))

@@ -8,7 +8,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.programs.configuration import Configuration
@@ -16,7 +15,6 @@ from posedesign.programs.configurations.boundaries import EXACT_DEG, ROUNDING_DE
 from posedesign.programs.configurations.geometry import arm_positions
 
 _NUMBER = r"(\d{1,3}|'B[01]{1,8}')"
-_FORM = re.compile(rf"S\s*{_NUMBER}\s*,\s*T\s*{_NUMBER}", re.IGNORECASE)
 
 _ARM_BITS = 0b111
 """Bits of S that say where the arm is."""
@@ -55,6 +53,13 @@ class KukaConfiguration(Configuration):
     """
 
     maker: ClassVar[str] = "kuka"
+    called: ClassVar[str] = "Status and Turn"
+    hint: ClassVar[str] = (
+        "write S from 0 to 31 and T from 0 to 63: S 2,T 35 or S 'B010',T 'B100011'"
+    )
+    form: ClassVar[re.Pattern[str]] = re.compile(
+        rf"S\s*{_NUMBER}\s*,\s*T\s*{_NUMBER}", re.IGNORECASE
+    )
     status: int
     turn: int
     loose: int = field(default=0, compare=False, repr=False)
@@ -77,27 +82,12 @@ class KukaConfiguration(Configuration):
         return f"S {self.status},T {self.turn}"
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read ``S 2,T 35`` or ``S 'B010',T 'B100011'``.
-
-        Raises
-        ------
-        InputError
-            The text is not of this form, or a number has bits of no meaning.
-        """
-        found = _FORM.fullmatch(text.strip())
-        status, turn = map(_integer, found.groups()) if found else (-1, -1)
-        if not (0 <= status <= _LARGEST_STATUS and 0 <= turn <= _LARGEST_TURN):
-            raise InputError(
-                f"Status and Turn {text!r} are not those of a six-axis KUKA arm",
-                hint="write S from 0 to 31 and T from 0 to 63: S 2,T 35 or S 'B010',T 'B100011'",
-                name="S,T",
-                value=text,
-            )
-        return cls(status, turn)
+    def _of_groups(cls, *groups: str) -> Self | None:
+        status, turn = map(_integer, groups)
+        fits = status <= _LARGEST_STATUS and turn <= _LARGEST_TURN
+        return cls(status, turn) if fits else None
 
     def allows(self, other: Configuration) -> bool:
-        """See :meth:`Configuration.allows`: signs of axes near zero are left open."""
         return (
             isinstance(other, KukaConfiguration)
             and self.status & _ARM_BITS == other.status & _ARM_BITS

@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.programs.configuration import Configuration
@@ -18,8 +17,7 @@ ELBOW = {"enegative": True, "epositive": False, "efree": None}
 WRIST = {"wnegative": True, "wpositive": False, "wfree": None}
 """What each word says of ``behind_axis_1``, ``elbow_negative``, ``wrist_negative``."""
 
-_AS_ATTRIBUTES = re.compile(r'shoulder="(\w+)"\s+elbow="(\w+)"\s+wrist="(\w+)"')
-_AS_LIST = re.compile(r"(\w+)[\s,]+(\w+)[\s,]+(\w+)")
+_TABLES = SHOULDER, ELBOW, WRIST
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,11 @@ class StaubliConfiguration(Configuration):
     """
 
     maker: ClassVar[str] = "staubli"
+    called: ClassVar[str] = "config"
+    hint: ClassVar[str] = "write one of each: " + "; ".join(map("/".join, _TABLES))
+    form: ClassVar[re.Pattern[str]] = re.compile(
+        r'(?:shoulder=")?(\w+)(?:"\s+elbow="|[\s,]+)(\w+)(?:"\s+wrist="|[\s,]+)(\w+)"?'
+    )
     righty: bool | None
     elbow_negative: bool | None
     wrist_negative: bool | None
@@ -65,34 +68,17 @@ class StaubliConfiguration(Configuration):
         """As a point of a data file has it: ``shoulder="lefty" elbow="..." wrist="..."``."""
         shoulder, elbow, wrist = (
             next(word for word, value in table.items() if value is flag)
-            for table, flag in zip((SHOULDER, ELBOW, WRIST), self._flags, strict=True)
+            for table, flag in zip(_TABLES, self._flags, strict=True)
         )
         return f'shoulder="{shoulder}" elbow="{elbow}" wrist="{wrist}"'
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read attributes of a point, or the three words alone.
-
-        Raises
-        ------
-        InputError
-            The text is not of this form, or a word is not one of its table.
-        """
-        stripped = text.strip()
-        found = _AS_ATTRIBUTES.fullmatch(stripped) or _AS_LIST.fullmatch(stripped)
-        tables = SHOULDER, ELBOW, WRIST
-        words = found.groups() if found else ("", "", "")
-        if not all(word in table for word, table in zip(words, tables, strict=True)):
-            raise InputError(
-                f"config {text!r} is not one of a six-axis Staubli arm",
-                hint="write one of each: " + "; ".join("/".join(table) for table in tables),
-                name="config",
-                value=text,
-            )
-        return cls(*(table[word] for word, table in zip(words, tables, strict=True)))
+    def _of_groups(cls, *groups: str) -> Self | None:
+        if not all(word in table for word, table in zip(groups, _TABLES, strict=True)):
+            return None
+        return cls(*(table[word] for word, table in zip(groups, _TABLES, strict=True)))
 
     def allows(self, other: Configuration) -> bool:
-        """See :meth:`Configuration.allows`: what is free here may be either."""
         return isinstance(other, StaubliConfiguration) and all(
             wanted is None or wanted is found
             for wanted, found in zip(self._flags, other._flags, strict=True)

@@ -9,14 +9,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
 from posedesign.programs.configurations.geometry import arm_positions
-
-_FORM = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
 
 LENGTHS = (6, 8, 24)
 """Values of a job: as in the manual of NX100, as controllers of its time save them, and from DX100
@@ -58,6 +55,11 @@ class YaskawaConfiguration(Configuration):
     """
 
     maker: ClassVar[str] = "yaskawa"
+    called: ClassVar[str] = "RCONF"
+    hint: ClassVar[str] = (
+        "write 6, 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0"
+    )
+    form: ClassVar[re.Pattern[str]] = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
     no_flip: int
     lower: int
     rear: int
@@ -87,27 +89,12 @@ class YaskawaConfiguration(Configuration):
         return ",".join(map(str, [*self._numbers, *[0] * (self.length - len(self._numbers))]))
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read 6, 8 or 24 values, with or without ``///RCONF``.
-
-        Raises
-        ------
-        InputError
-            The text is not of this form, or has values that a six-axis arm does not have.
-        """
-        found = _FORM.fullmatch(text.strip())
-        values = [int(v) for v in found[1].split(",")] if found else []
-        if len(values) not in LENGTHS or max(values[:6]) > 1 or any(values[6:]):
-            raise InputError(
-                f"RCONF {text!r} is not one of a six-axis Yaskawa arm",
-                hint="write 6, 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0",
-                name="RCONF",
-                value=text,
-            )
-        return cls(*_six(values), length=len(values))
+    def _of_groups(cls, *groups: str) -> Self | None:
+        values = [int(v) for v in groups[0].split(",")]
+        fits = len(values) in LENGTHS and max(values[:6]) <= 1 and not any(values[6:])
+        return cls(*_six(values), length=len(values)) if fits else None
 
     def allows(self, other: Configuration) -> bool:
-        """See :meth:`Configuration.allows`: R, S, T agree on either side of a boundary nearby."""
         return (
             isinstance(other, YaskawaConfiguration)
             and (self.lower, self.rear) == (other.lower, other.rear)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import writer
-from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
-from posedesign.programs.fanuc_ls.registers import parse_registers
+from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
@@ -30,18 +28,15 @@ class FanucLs(Dialect):
     newline = "\r\n"
     numbered_frames = True
     joint_step_deg = 1e-3
-
-    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        return {f"{program.name}.LS": writer.render_fanuc_ls(program, arm)}
+    writer = writer.render_fanuc_ls
 
     def most_poses(self, program: PoseProgram) -> int | None:
         head, each = writer.lines_besides(program)
         return (writer.MOST_LINES - head) // each  # line numbers have four digits
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        if path.suffix.lower() == REGISTERS:
-            return parse_registers(data, path)
-        return parse_fanuc_ls(data, path)
+        registers = path.suffix.lower() == REGISTERS
+        return (parse_registers if registers else parse_fanuc_ls)(data, path)
 
     def check(self, data: bytes, path: Path) -> list[Problem]:
         if path.suffix.lower() == REGISTERS:

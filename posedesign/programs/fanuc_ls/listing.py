@@ -18,21 +18,26 @@ from posedesign.programs.language import (
     Line,
     Statement,
     lines_of,
-    words,
+    nodes,
 )
 
 LANGUAGE = Language(
-    "posedesign.programs.fanuc_ls", start="instruction", others=("position_line", "attribute_line")
+    "posedesign.programs.fanuc_ls",
+    start="instruction",
+    others=("position", "register", "attribute_line"),
 )
 
-_SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])[ \t]*(.*)")
+_SECTION = re.compile(
+    r"^[ \t\r]*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])[ \t]*(.*)$", re.MULTILINE
+)
 _NUMBERED = re.compile(r"([ \t]*)(\d{0,9})[ \t]*:(.*)", re.DOTALL)
 _SUB_LINE = re.compile(r" {5,20}\d{1,4}")
+_POSITION = re.compile(r'\S(?:[^}"\n]++|"[^"\n]*+"?|\n(?![ \t]*P ?\[))*+(?:\}[ \t]*;?)?')
+_NUMBER = re.compile(r"P ?\[ ?(\d{1,9})")
 MOST_LINES = 100_000
 """Of /MN that are looked at: line numbers have four digits, lines inside of others not many."""
 
 _INSIDE = "       ---"
-_VALUES = ("active", "config", "field")
 
 
 @dataclass(frozen=True)
@@ -60,27 +65,54 @@ class Instruction:
 
 @dataclass
 class Group:
-    """One motion group of a position.
+    """One motion group of a position or register, which begins in a line ``row`` with ``text``.
 
-    ``fields`` hold for each name the text of the value, its unit, and its line; ``frames`` the
-    numbers of UF and UT, None where the file leaves them open (F).
+    ``fields`` hold for each name the text of the value and its unit; ``frames`` the numbers of UF
+    and UT, None where the file leaves them open (F). ``twice`` is a name that is there twice.
     """
 
     row: int
+    text: str
     frames: dict[str, int | None] = field(default_factory=dict)
-    fields: dict[str, tuple[str, str, int]] = field(default_factory=dict)
+    fields: dict[str, tuple[str, str]] = field(default_factory=dict)
     config: str | None = None
+    twice: str = ""
+
+    @classmethod
+    def of(cls, row: int, text: str, tree: Tree[Token]) -> Group:
+        """The group that a tree is."""
+        group = cls(row, text)
+        for element in tree.children:
+            if not isinstance(element, Tree):
+                continue
+            name, *values = map(str, element.children)
+            if element.data == "active":
+                group.frames[name] = None if values[0] == "F" else int(values[0][:5])
+            elif element.data == "config":
+                group.config = str(element.children[-1]).strip("'\" ")
+            else:
+                if element.children[0].type == "AXIS":  # type: ignore[union-attr]
+                    values.append("mm" if name in "XYZ" else "deg")
+                name = name.replace("EXT", "E")
+                group.twice = group.twice or name * (name in group.fields)
+                group.fields[name] = values[0], "".join(values[1:])
+        return group
+
+    def row_of(self, name: str) -> int:
+        """Line of a value."""
+        name = name.replace("E", "E(?:XT)?")
+        found = re.search(rf"(?<!\w){name}[ \t]*[=:]", self.text)
+        return self.row + self.text.count("\n", 0, found.start() if found else 0)
 
 
 @dataclass
 class Position:
-    """A position of /POS; ``faults`` are lines and what is malformed in them."""
+    """A position of /POS."""
 
     row: int
     number: int
     name: str
     groups: dict[int, Group] = field(default_factory=dict)
-    faults: list[tuple[int, str]] = field(default_factory=list)
 
     @property
     def label(self) -> str:
@@ -90,7 +122,7 @@ class Position:
 
 @dataclass
 class Listing:
-    """A whole file."""
+    """A whole file; ``faults`` are lines of /POS and what is malformed, ``broken`` its numbers."""
 
     headings: list[tuple[int, str, str]] = field(default_factory=list)  # line, section, rest
     stray: list[tuple[int, str]] = field(default_factory=list)
@@ -98,7 +130,8 @@ class Listing:
     attributes: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, its text
     lines: list[Line] = field(default_factory=list)  # of /MN
     positions: list[Position] = field(default_factory=list)
-    faults: list[tuple[int, str]] = field(default_factory=list)  # in /POS, outside of positions
+    faults: list[tuple[int, str]] = field(default_factory=list)
+    broken: set[int] = field(default_factory=set)
     rows: int = 1
 
     @cached_property
@@ -110,47 +143,77 @@ class Listing:
 def read_listing(text: str) -> Listing:
     """Sort the lines of a file into its sections; never fails."""
     listing = Listing(rows=text.count("\n") + 1)
-    positions = _PositionReader(listing)
-    section = ""
-    for line in lines_of(text, indented=True):
-        heading = _SECTION.fullmatch(line.text)
+    row, section, start = 1, "", 0
+    for heading in [*_SECTION.finditer(text), None]:
+        body = text[start : heading.start() if heading else None]
+        _take(listing, section, row, body)
         if heading:
-            section = heading[1]
-            listing.headings.append((line.row, section, heading[2]))
-        elif section == "ATTR":
-            _take_attribute(listing, line)
-        elif section == "MN" and len(listing.lines) < MOST_LINES:
-            listing.lines.append(line)
-        elif section == "POS":
-            positions.take_line(line)
-        elif section != "APPL":
-            listing.stray.append((line.row, line.text))
-        if max(len(listing.stray), len(listing.unclear), positions.faults) > MOST_FAULTS:
-            break
-    positions.finish()
+            row += body.count("\n")
+            section, start = heading[1], heading.end()
+            listing.headings.append((row, section, heading[2].rstrip()))
     return listing
 
 
-def _take_attribute(listing: Listing, line: Line) -> None:
-    statement = LANGUAGE.statement(line, "attribute_line")
-    if statement.fault:
-        listing.unclear.append((line.row, statement.fault))
-    else:
-        listing.attributes.append((line.row, statement.word("KEY"), line.text))
+def _take(listing: Listing, section: str, row: int, body: str) -> None:
+    if section == "POS":
+        _take_positions(listing, row, body)
+        return
+    for line in lines_of(body, indented=True, row=row):
+        if section == "ATTR":
+            statement = LANGUAGE.statement(line, "attribute_line")
+            if statement.fault:
+                listing.unclear.append((line.row, statement.fault))
+            else:
+                listing.attributes.append((line.row, str(statement.tree.children[0]), line.text))
+        elif section == "MN" and len(listing.lines) < MOST_LINES:
+            listing.lines.append(line)
+        elif section not in ("MN", "APPL"):
+            listing.stray.append((line.row, line.text))
+        if max(len(listing.stray), len(listing.unclear)) > MOST_FAULTS:
+            break
+
+
+def _take_positions(listing: Listing, row: int, body: str) -> None:
+    last = 0
+    for found in _POSITION.finditer(body):
+        row += body.count("\n", last, found.start())
+        last = found.start()
+        statement = LANGUAGE.statement(Line(row, found[0]), "position")
+        number = _NUMBER.match(found[0])
+        label = f"P[{int(number[1])}] " if number else ""
+        if statement.fault:
+            listing.faults.append((statement.row, label + statement.fault))
+            listing.broken.add(int(number[1]) if number else 0)
+            if len(listing.faults) > MOST_FAULTS:
+                break
+            continue
+        name = statement.word("NAME_TEXT").lstrip(": ").strip(' "')
+        position = Position(row, int(statement.word("INT")[:9]), name)
+        listing.positions.append(position)
+        at = 0
+        for tree in nodes(statement.tree, "group"):
+            motion = str(tree.children[0])
+            start = found[0].index(motion, at)
+            at = start + 1
+            group = Group.of(row + found[0].count("\n", 0, start), found[0][start:], tree)
+            for twice in (motion * (int(motion[2:5]) in position.groups), group.twice):
+                if twice:
+                    listing.faults.append((group.row_of(twice), f"{label}has {twice} twice"))
+            position.groups[int(motion[2:5])] = group
 
 
 def _instructions(lines: list[Line]) -> Iterator[Instruction]:
     """Instructions of /MN; a long one goes on in lines that have a colon, but no number."""
     faults = 0
-    joined: list[list[str]] = []  # of the open instruction
+    joined: list[str] = []  # of the open instruction
     head: tuple[int, str, int | None] = (0, "", None)
     for line in [*lines, Line(0, "0:")]:
         found = _NUMBERED.fullmatch(line.text)
-        if found and not found[2] and joined and not joined[-1][0].rstrip().endswith(";"):
-            joined.append([found[3]])
+        if found and not found[2] and joined and not joined[-1].rstrip().endswith(";"):
+            joined.append(found[3])
             continue
         if joined and faults < MOST_FAULTS:
-            made = _instruction(*head, " ".join(body for (body,) in joined))
+            made = _instruction(*head, " ".join(joined))
             faults += bool(made.statement.fault) or not made.closed
             yield made
         joined = []
@@ -158,7 +221,7 @@ def _instructions(lines: list[Line]) -> Iterator[Instruction]:
             continue
         number = int(found[2]) if found and found[2] else None
         head = (line.row, found[1] + found[2] if found else line.text, number)
-        joined = [[found[3] if found else ""]]
+        joined = [found[3] if found else ""]
 
 
 def _instruction(row: int, head: str, number: int | None, body: str) -> Instruction:
@@ -166,85 +229,3 @@ def _instruction(row: int, head: str, number: int | None, body: str) -> Instruct
     code = body.rstrip().removesuffix(";").rstrip()
     statement = LANGUAGE.statement(Line(row, code.strip() or "!"))
     return Instruction(row, number, head, code, closed, statement, bool(_SUB_LINE.fullmatch(head)))
-
-
-@dataclass
-class _PositionReader:
-    """Collects the positions of /POS, one element at a time, whatever lines they stand on."""
-
-    listing: Listing
-    position: Position | None = None
-    group: Group | None = None
-    comma: bool = True  # whether a value may follow
-    faults: int = 0  # lines that are none of a position
-
-    def take_line(self, line: Line) -> None:
-        """Take one more line of the section."""
-        statement = LANGUAGE.statement(line, "position_line")
-        if statement.fault:
-            faults = self.listing.faults if self.position is None else self.position.faults
-            faults.append((line.row, statement.fault))
-            self.comma = True
-            self.faults += 1
-            return
-        for element in statement.tree.children:
-            if isinstance(element, Tree) and not self._take(line.row, element):
-                reason = f"{line.text.strip()[:30]!a} is outside a position"
-                self.listing.faults.append((line.row, reason))
-                self.faults += 1
-                return
-
-    def finish(self) -> None:
-        """End of the section: no position may be open."""
-        if self.position is not None:
-            self.position.faults.append((self.position.row, "is not closed by };"))
-
-    def _tell(self, position: Position, row: int, fault: str) -> None:
-        position.faults.append((row, fault))
-        self.faults += 1
-
-    def _take(self, row: int, element: Tree[Token]) -> bool:
-        """Add an element to the open position; False where none is open."""
-        kind, position = element.data, self.position
-        if kind == "header":
-            if position is not None:
-                self._tell(position, row, "is not closed by };")
-            name = "".join(words(element, "NAME_TEXT")).lstrip(": ").strip(' "')
-            number = int(words(element, "INT")[0][:9])
-            self.position, self.group, self.comma = Position(row, number, name), None, True
-            self.listing.positions.append(self.position)
-        elif position is None:
-            return False
-        elif kind == "close":
-            if self.comma and self.group is not None and self.group.fields:
-                self._tell(position, row, "has a comma behind its last value")
-            self.position = None
-        elif kind == "group":
-            number = int(words(element, "GROUP")[0][2:5])
-            if number in position.groups:
-                self._tell(position, row, f"has GP{number} twice")
-            self.group, self.comma = Group(row), True
-            position.groups[number] = self.group
-        elif self.group is None:
-            self._tell(position, row, "has a value outside a group")
-        elif kind == "comma" or kind in _VALUES:
-            if self.comma == (kind == "comma"):
-                reason = "has a comma too many" if self.comma else "has no comma before a value"
-                self._tell(position, row, reason)
-            self.comma = kind == "comma"
-            if not self.comma:
-                _take_value(position, self.group, row, element)
-        return True
-
-
-def _take_value(position: Position, group: Group, row: int, element: Tree[Token]) -> None:
-    tokens = {t.type: str(t) for t in element.children if isinstance(t, Token)}
-    if element.data == "active":
-        group.frames[tokens["FRAME"]] = None if "OPEN" in tokens else int(tokens["INT"][:5])
-    elif element.data == "config":
-        group.config = tokens["TEXT"].strip("'\"")
-    elif tokens["FIELD"] in group.fields:
-        position.faults.append((row, f"has {tokens['FIELD']} twice"))
-    else:
-        value = tokens.get("NUMBER", tokens.get("STARS", ""))
-        group.fields[tokens["FIELD"]] = (value, tokens.get("LENGTH", ""), row)

@@ -1,9 +1,24 @@
-"""FANUC ``.LS``: positions of what controllers export.
+"""FANUC ``.LS`` and ``POSREG.VA``: positions of what controllers export.
 
 Programs with any instructions, in any language of the controller, can be read: of them only the
 mark of the plan is taken. Of several motion groups the first, GP1, is the arm; the others have to
 rest. What would be read wrong in silence is refused with its line: increments, positions without a
 value, an extended axis that carries the arm from one position to another.
+
+A backup of position registers is for programs that keep the touched-up positions in them: PR[n]
+becomes position n. Registers without a position are passed over, and so is what belongs to other
+motion groups than the first. The layout is that of public backups::
+
+    [*POSREG*]$POSREG  Storage: SHADOW  Access: RW  : ARRAY[1,100] OF Position Reg
+        [1,1] =   'HOME'   Group: 1
+      J1 =    60.000 deg   J2 =   -50.000 deg   J3 =    10.000 deg
+      J4 =   -10.000 deg   J5 =   -95.000 deg   J6 =   -50.000 deg
+
+        [1,2] =   '' Uninitialized
+        [1,3] =   ''
+      Group: 1   Config: N U T, 0, 0, 0
+      X:  -820.507   Y:  2309.503   Z:   945.836
+      W:    90.594   P:    -1.149   R:  -160.248
 """
 
 from __future__ import annotations
@@ -15,7 +30,8 @@ from pathlib import Path
 import numpy as np
 
 from posedesign.programs.configurations import FanucConfiguration
-from posedesign.programs.fanuc_ls.listing import Group, Listing, read_listing
+from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
+from posedesign.programs.language import Line
 from posedesign.programs.reading import (
     at_rest,
     configuration_in,
@@ -34,6 +50,8 @@ RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
+_PIECE = re.compile(r"\S(?:[^\n]++|\n(?![ \t]*\[))*+")
+_HEADING = re.compile(r"\[\*(?:POSREG\*\][ \t]*(\$POSREG\b)|\w{1,12}\*\]).*\n?")
 _LISTING = "name a program saved in ASCII, .LS"
 
 
@@ -55,9 +73,6 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     name = _name(listing, path)
     for row, fault in listing.faults:
         refuse(fault, path, row)
-    for position in listing.positions:
-        for row, fault in position.faults:
-            refuse(f"{position.label} {fault}", path, row)
     if not listing.positions:
         refuse("holds no positions", path, hint="save the program that was touched up")
     positions = []
@@ -70,16 +85,14 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         if group is None:
             refuse(f"{position.label} has no motion group GP1", path, position.row)
         where = (position.label, position.number, position.name, position.row)
-        positions.append(recorded(*where, group, path))
-    check_other_axes({position.label: position.groups for position in listing.positions}, path)
-    comment = next((text for _, key, text in listing.attributes if key in _COMMENT), '""')
+        positions.append(_recorded(*where, group, path))
+    _check_other_axes({position.label: position.groups for position in listing.positions}, path)
+    named = ("COMMENT", "KOMMENTAR")
+    comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), PlanMark())
     return RecordedProgram(name, comment.split('"')[1].strip(), mark, tuple(positions), "fanuc")
-
-
-_COMMENT = ("COMMENT", "KOMMENTAR")
 
 
 def _name(listing: Listing, path: Path | str) -> str:
@@ -96,20 +109,17 @@ def _name(listing: Listing, path: Path | str) -> str:
     return names[0]
 
 
-def recorded(
+def _recorded(
     label: str, number: int, name: str, row: int, group: Group, path: Path | str
 ) -> RecordedPosition:
     """A position from its first group: six joint values, or a pose with its configuration.
 
-    Raises
-    ------
-    FileFormatError
-        A value is missing, is none, or is in another unit.
+    Raises FileFormatError: a value is missing, is none, or is in another unit.
     """
     known = {*JOINTS, *EXTENDED, *PLACE, *TURN}
     strange = sorted(set(group.fields) - known)
     if strange:
-        at = group.fields[strange[0]][2]
+        at = group.row_of(strange[0])
         if strange[0] in RELATIVE:
             refuse(f"{label} is a matrix or an increment", path, at, _ON_THE_PENDANT)
         refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, at)
@@ -120,7 +130,7 @@ def recorded(
         return RecordedPosition(number, name, row, values, None, None, user, tool)
     mixed = next((joint for joint in JOINTS if joint in group.fields), None)
     if mixed is not None:
-        refuse(f"{label} has {mixed} beside X, Y, Z, W, P, R", path, group.fields[mixed][2])
+        refuse(f"{label} has {mixed} beside X, Y, Z, W, P, R", path, group.row_of(mixed))
     place = [_number(label, axis, "mm", group, path) for axis in PLACE]
     turn = [_number(label, axis, "deg", group, path) for axis in TURN]
     configuration = None
@@ -137,7 +147,8 @@ def _number(label: str, name: str, unit: str, group: Group, path: Path | str) ->
         needed = "J1 to J6" if name in JOINTS else "X Y Z W P R"
         hint = f"a position of this kind has {needed}"
         refuse(f"{label}: {name} is missing", path, group.row, hint)
-    text, found, row = group.fields[name]
+    text, found = group.fields[name]
+    row = group.row_of(name)
     if text.startswith("*"):
         refuse(f"{label}: {name} has no value (***)", path, row, "touch the position up")
     if found != unit:
@@ -146,15 +157,12 @@ def _number(label: str, name: str, unit: str, group: Group, path: Path | str) ->
     return read(text, f"{label}: {name}", path, row)
 
 
-def check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str) -> None:
+def _check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str) -> None:
     """Refuse positions between which an extended axis or another motion group moves.
 
     A rail may be either, and a positioner carries the target. Axes without a value are passed over.
 
-    Raises
-    ------
-    FileFormatError
-        One moves, or is not there in all positions.
+    Raises FileFormatError: one moves, or is not there in all positions.
     """
     owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
     first = next(iter(owned), "")
@@ -164,11 +172,57 @@ def check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str
             refuse(f"{label}: {other[0]} is not there as in {first}", path, groups[label][1].row)
     at_rest(
         (
-            (label, axis if number == 1 else f"GP{number} {axis}", text, row)
+            (label, axis if number == 1 else f"GP{number} {axis}", text, group.row_of(axis))
             for label, of_position in groups.items()
             for number, group in of_position.items()
-            for axis, (text, _, row) in group.fields.items()
+            for axis, (text, _) in group.fields.items()
             if (axis in EXTENDED or number != 1) and not text.startswith("*")
         ),
         path,
     )
+
+
+def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
+    """Positions of all registers that have one, by their numbers.
+
+    Raises FileFormatError: the file is no such backup, holds no positions, or one that is damaged.
+    """
+    text = text_of(data, path)
+    inside = found = False
+    positions: list[RecordedPosition] = []
+    groups: dict[str, Group | None] = {}
+    row, last = 1, 0
+    for piece in _PIECE.finditer(text):
+        row += text.count("\n", last, piece.start())
+        last = piece.start()
+        heading, body = _HEADING.match(piece[0]), piece[0]
+        if heading:
+            inside = heading[1] is not None
+            found = found or inside
+            row += heading[0].count("\n")
+            last, body = last + heading.end(), body[heading.end() :]
+        if not inside or not body.strip():
+            continue
+        statement = LANGUAGE.statement(Line(row, body), "register")
+        if statement.fault:
+            reason = f"cannot make sense of {body.strip()[:30]!r}: {statement.fault}"
+            refuse(reason, path, statement.row)
+        arm, number = (int(text[:5]) for text in statement.words("INT")[:2])
+        label, tree = f"PR[{number}]", statement.one("registered")
+        if arm != 1:
+            continue
+        if label in groups:
+            refuse(f"{label} is there twice", path, row, "remove one of them")
+        groups[label] = group = Group.of(row, body, tree) if tree else None
+        if group is not None and group.twice:
+            refuse(f"{label} has {group.twice} twice", path, group.row_of(group.twice))
+        if group is not None:
+            name = statement.word("TEXT").strip("'").strip()
+            positions.append(_recorded(label, number, name, row, group, path))
+    if not found:
+        refuse("is no backup of position registers: there is no $POSREG", path, 1, "POSREG.VA")
+    if not positions:
+        refuse("holds no positions: all registers are empty", path, hint="save the backup again")
+    _check_other_axes({label: {1: group} for label, group in groups.items() if group}, path)
+    mark, found_at = PlanMark(), tuple(positions)
+    return RecordedProgram("POSREG", "", mark, found_at, "fanuc", in_registers=True)

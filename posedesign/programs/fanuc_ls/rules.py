@@ -47,7 +47,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from lark import Token, Tree
+from lark import Token
 
 from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
@@ -58,9 +58,9 @@ from posedesign.programs.fanuc_ls.listing import (
     read_listing,
 )
 from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
-from posedesign.programs.language import Block, block_faults
+from posedesign.programs.language import Block, block_faults, nodes, words
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
-from posedesign.programs.recorded import Problem
+from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
@@ -81,21 +81,6 @@ _ATTRIBUTE_NAMES = """
     ABORT_ANFRAGE HALT_ANFRAGE DEFAULT_GRUP KONTROLLCODE
 """
 _ATTRIBUTES = frozenset(_ATTRIBUTE_NAMES.split())
-_SIZES = ("PROG_SIZE", "VERSION", "LINE_COUNT", "MEMORY_SIZE", "PAUSE_REQUEST")
-_TASKS = ("STACK_SIZE", "TASK_PRIORITY", "TIME_SLICE", "BUSY_LAMP_OFF", "ABORT_REQUEST")
-_VALUES = {
-    **dict.fromkeys(_SIZES, r"\d{1,9};"),
-    **dict.fromkeys(_TASKS, r"\d{1,9},"),
-    **dict.fromkeys(("CREATE", "MODIFIED"), r"DATE [\d-]+\s+TIME [\d:]+;"),
-    "OWNER": r"[^,]+;",
-    "COMMENT": r'".*";',
-    "PROTECT": r"(?:READ|READ_WRITE);",
-    "DEFAULT_GROUP": r"[\d*](?:,[\d*]){4,7};",
-    "CONTROL_CODE": r"[\dA-F]{8} [\dA-F]{8};",
-}
-"""What the attributes of English controllers have for a value."""
-
-
 _LONE_CR: rules.Asked = ("text", *rules.LONE_CR[1:])
 
 
@@ -138,13 +123,10 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
             yield Problem(row, "sections", f"{text[:30]!a} stands behind /{section}")
     for row, fault in listing.unclear:
         yield Problem(row, "attribute", fault)
-    for row, name, text in listing.attributes:
+    for row, name, _ in listing.attributes:
         near = rules.near(name, _ATTRIBUTES, alike=0.75)
-        meant = _VALUES.get(name, "")
         if name not in _ATTRIBUTES and near and name.isascii():
             yield Problem(row, "attribute", f"{name} is no attribute: {near} is")
-        elif meant and not re.fullmatch(meant, text.partition("=")[2].strip()):
-            yield Problem(row, "attribute", f"{name} has another value: {text.strip()[-30:]!a}")
 
 
 def _check_lines(listing: Listing) -> Iterator[Problem]:
@@ -201,11 +183,10 @@ def _check_motion(line: Instruction) -> Iterator[Problem]:
         yield Problem(line.row, "line-format", reason, "measuring")
     for option in line.statement.all("other_option"):
         yield from _unknown(line, str(option.children[0]), "")
-    percent = re.search(r"\] ?(\d{1,9}(?:\.\d{0,9})?) ?%", line.code)
-    if percent and not 0 < float(percent[1]) <= 100:
-        yield Problem(line.row, "speed", f"a speed of {percent[1]}%: from 1% to 100%")
-    joint = line.code.lstrip().startswith("J")
-    unit = line.statement.word("UNIT")
+    joint, unit = line.code.lstrip().startswith("J"), line.statement.word("UNIT")
+    speed = next((words(tree, "INT", "DECIMAL") for tree in line.statement.all("speed")), [])
+    if unit == "%" and speed and not 0 < float(speed[0][:20]) <= 100:
+        yield Problem(line.row, "speed", f"a speed of {speed[0][:20]}%: from 1% to 100%")
     if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
         yield Problem(line.row, "speed", f"{unit} is no speed of this kind of motion")
 
@@ -243,8 +224,7 @@ def _check_labels(listing: Listing) -> Iterator[Problem]:
     jumps: list[tuple[int, str]] = []
     for line in listing.instructions:
         for label in line.statement.all("label"):
-            (index,) = label.children
-            number = next(iter(index.children), None) if isinstance(index, Tree) else None
+            number = next(nodes(label, "index")).children[0]
             if not isinstance(number, Token) or number.type != "INT":
                 continue  # a register chooses the label
             if line.kind != "label_":
@@ -264,8 +244,6 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
     seen: set[int] = set()
     for position in listing.positions:
         label = position.label
-        for row, fault in position.faults:
-            yield Problem(row, "position-format", f"{label} {fault}")
         if position.number in seen:
             yield Problem(position.row, "position-unique", f"{label} is defined twice")
         seen.add(position.number)
@@ -278,7 +256,7 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
             reason = f"{label} has no UF and UT in GP1"
             yield Problem(position.row, "position-format", reason)
         names = {*first.fields} - {*EXTENDED}
-        if names not in _KINDS and not position.faults:
+        if names not in _KINDS:
             found = " ".join(sorted(names)) or "nothing"
             other_arm = names == {f"J{j + 1}" for j in range(len(names))} and len(names) != 6
             reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
@@ -302,15 +280,18 @@ def _check_values(listing: Listing) -> Iterator[Problem]:
             unset = not group.config.translate(str.maketrans("", "", "*, "))
             reason = f"{label}: there is no CONFIG {group.config[:30]!a}"
             yield Problem(position.row, "configuration", reason, "measuring" if unset else "error")
-        for name, (text, unit, row) in group.fields.items():
+        for name, (text, unit) in group.fields.items():
             wanted = "mm" if name.lstrip("R") in PLACE else "deg"
+            level: Level = "error"
+            rule = reason = ""
             if text.startswith("*"):
-                yield Problem(row, "position-value", f"{label}: {name} has no value", "measuring")
+                rule, reason, level = "position-value", "has no value", "measuring"
             elif unit != wanted and not (name in EXTENDED and unit):
-                reason = f"{label}: {name} is in {unit or 'no unit'}, not in {wanted}"
-                yield Problem(row, "unit", reason)
+                rule, reason = "unit", f"is in {unit or 'no unit'}, not in {wanted}"
             elif len(text) > 20 or not _in_range(name, float(text)):
-                yield Problem(row, "range", f"{label}: {name} is {text[:20]}")
+                rule, reason = "range", f"is {text[:20]}"
+            if rule:
+                yield Problem(group.row_of(name), rule, f"{label}: {name} {reason}", level)
 
 
 def _in_range(name: str, value: float) -> bool:
@@ -321,7 +302,7 @@ def _in_range(name: str, value: float) -> bool:
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:
-    defined = {position.number for position in listing.positions}
+    defined = {position.number for position in listing.positions} | listing.broken
     used: set[int] = set()
     indirect = False
     for line in listing.instructions:
@@ -340,19 +321,13 @@ def _positions_of(line: Instruction) -> tuple[set[int], bool]:
     """Numbers of the positions that an instruction names, and whether a register chooses one."""
     numbers: set[int] = set()
     chosen = False
-    if line.kind in ("remark", "message", "fault"):
-        return numbers, chosen
     for tree in line.statement.all("target", "indexed"):
-        head = tree.children[0]
-        token = head if isinstance(head, Token) else head.children[0]
-        index = tree.children[1]
-        if not isinstance(token, Token) or token.type != "P" or not isinstance(index, Tree):
-            continue
-        first = index.children[0]
-        if isinstance(first, Token) and first.type == "INT":
-            numbers.add(int(first[:9]))
-        else:
-            chosen = True
+        if str(tree.children[0]) == "P":
+            first = next(nodes(tree, "index")).children[0]
+            if isinstance(first, Token) and first.type == "INT":
+                numbers.add(int(first[:9]))
+            else:
+                chosen = True
     return numbers, chosen
 
 

@@ -7,6 +7,7 @@ it: names of 8 characters, five entries in DEFAULT_GROUP.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.writing import (
     Limits,
     NameRule,
+    Phrases,
     check_call,
     rounded_deg,
     shown_deg,
@@ -45,22 +47,32 @@ LIMITS = Limits(
     registers=(100, "PR[{}]"),  # the number can be set higher
 )
 
+_PHRASES = Phrases(
+    note="  !{}",
+    # the three further spaces before the semicolon are those of controller exports
+    move=("J P[{number}] {percent}% FINE   ",),
+    wait="  WAIT {time:6.2f}(sec)",
+    # tenths of a second with a zero before the point, as controllers export it
+    pulse=("  DO[{output}]=PULSE,{time:.1f}sec",),
+    call=("  CALL {call}({argument})",),
+    bare=("  CALL {call}",),
+    keep="  PR[{register}]={here}",
+    least_s=0.01,
+)
+_NEGATIVE = re.compile(r"\((-\d+)\)$")
 _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
 
 
-def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
-    r"""Text of the program, its lines ended by ``\n``.
+def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of the program by its name, its lines ended by ``\n``.
 
     Positions are rounded to three decimals: joints by at most 0.0005 deg on the pendant and 0.001
     deg in the URDF's joint 3, which is the sum of two; poses by 0.0005 mm and deg. A pose's name
     becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
     left out.
 
-    Raises
-    ------
-    InputError
-        A text that the controller would refuse, a number out of its range, or a joint beyond
-        +-720 deg.
+    Raises InputError: a text that the controller would refuse, a number out of its range, or a
+    joint beyond +-720 deg.
     """
     options = program.options
     LIMITS.check(program)
@@ -73,23 +85,21 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
     stored = zip(program.numbers, program.poses, fields(program, arm), strict=True)
     for number, pose, values in sorted(stored, key=lambda entry: entry[0]):
         lines += [f"P[{_label(number, pose)}]{{", "   GP1:", *values, "};"]
-    lines.append("/END")
-    return "\n".join(lines) + "\n"
+    lines += ["/END", ""]
+    return {f"{program.name}.LS": "\n".join(lines)}
 
 
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Lines before the first pose, and most lines of one pose, remarks included."""
-    head = len(_head(program))
-    return head, max(1, len(_at_pose(program.options, program.poses[0], 1, measured=True)) + 1)
+    pose = replace(program.poses[0], comment="remark", via=False)
+    return len(_head(program)), len(_at_pose(program.options, pose, 1))
 
 
 def _instructions(program: PoseProgram) -> list[str]:
     """Lines of the program as they stand behind their number and colon."""
     lines = _head(program)
     for number, pose in zip(program.numbers, program.poses, strict=True):
-        if pose.comment:
-            lines.append(f"  !{pose.comment.strip()}")
-        lines += _at_pose(program.options, pose, number, measured=not pose.via)
+        lines += _at_pose(program.options, pose, number)
     return lines
 
 
@@ -100,33 +110,11 @@ def _head(program: PoseProgram) -> list[str]:
     return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
 
 
-def _at_pose(
-    options: ProgramOptions, pose: ProgramPose, number: int, *, measured: bool
-) -> list[str]:
-    # The three further spaces before the semicolon are those of controller exports.
-    lines = [f"J P[{number}] {options.speed_percent}% FINE   "]
-    if not measured:
-        return lines
-    if options.settle_s > 0:
-        lines.append(f"  WAIT {_seconds(options.settle_s):>6}(sec)")
-    if options.measure_output is not None:
-        # tenths of a second with a zero before the point, as controllers export it
-        pulse = max(options.measure_pulse_s, LIMITS.pulse_s[0])
-        lines.append(f"  DO[{options.measure_output}]=PULSE,{pulse:.1f}sec")
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        # a negative constant stands in parentheses of its own
-        shown = "" if argument is None else f"({argument})" if argument >= 0 else f"(({argument}))"
-        lines.append(f"  CALL {options.measure_call}{shown}")
-    if options.keep == "register":
-        here = "JPOS" if options.form == "joint" else "LPOS"
-        lines.append(f"  PR[{options.first_register + number - 1}]={here}")
-    return lines
-
-
-def _seconds(value: float) -> str:
-    """Hundredths of a second, at least one: a wait that is asked for must not round to none."""
-    return f"{max(value, 0.01):.2f}".removeprefix("0")
+def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> list[str]:
+    here = "JPOS" if options.form == "joint" else "LPOS"
+    steps = _PHRASES.steps(options, pose, number, percent=options.speed_percent, here=here)
+    # no zero stands before the point of a time, and a negative constant in parentheses of its own
+    return [_NEGATIVE.sub(r"((\1))", step.replace("WAIT   0.", "WAIT    .")) for step in steps]
 
 
 def _attributes(options: ProgramOptions, line_count: int) -> list[str]:

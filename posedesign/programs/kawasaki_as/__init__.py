@@ -1,47 +1,248 @@
-"""Kawasaki AS programs.
+"""Kawasaki AS programs, of joint positions.
 
 A file ``NAME.as`` as controllers save and load it: the program, then its positions ``#NAME.p[1]``,
 ``#NAME.p[2]``, ... ``BREAK`` behind every move has the arm stop there, also where it passes only.
 Touched-up positions are taught into ``#NAME.p[n]``; or, with ``keep = "register"``, ``HERE`` stores
 them in ``#NAME.m[n]`` behind the call. Nothing was loaded on a controller.
+
+A file that is read may hold programs, lists and settings of a whole controller. Positions are those
+of lists of joint values (``.JOINTS``) and, in a file that no plan has marked, of steps
+(``#[...]``). Transformations (``.TRANS``) are as often frames, tools or shifts, and are left out.
+Those of the program with the mark of a plan have their numbers in their names, ``#NAME.p[3]``;
+where it keeps touched-up ones, ``#NAME.m[3]`` takes their place. Controllers save names in small
+letters.
+
+Rules: ``syntax``: lines are as in the grammar; other instructions are noted. ``block``: sections,
+loops and branches are closed. ``position``, ``range``: as many plain values each, six at least,
+joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. ``target``: moves
+go to positions that are in the file, where it has lists. ``standstill``, ``wait-to-measure``: BREAK
+behind each move, and a wait. ``speed``: set for each move. ``unused``: all of an array is moved to.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lark import Tree
 
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JointDialect, Phrases
-from posedesign.programs.kawasaki_as.reader import parse_kawasaki_as
-from posedesign.programs.kawasaki_as.rules import check_kawasaki_as
+from posedesign.programs.joint_programs import (
+    JOINTS,
+    PLAIN,
+    JointDialect,
+    Notes,
+    Standing,
+    check_joints,
+    joints_of,
+    judged,
+    level_of,
+    refuse_lost,
+)
+from posedesign.programs.language import (
+    Block,
+    Language,
+    Line,
+    Statement,
+    block_faults,
+    lines_of,
+    nodes,
+    text_of,
+    without_remarks,
+)
+from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.reading import refuse
+from posedesign.programs.reading import text_of as text_of_file
+from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
+from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["KawasakiAs"]
+
+_LISTS = ("joints", "trans")
+_SECTION = re.compile(r"\.([a-z]\w*)(?=\s*$|\s+[^=\s])", re.I)
+_NOTE = re.compile(r"\s*(?:\.PROGRAM\s+([\w.]{1,99})|;\s*(.*)|HERE\s+#[\w.]+\[(\d{1,5})\])", re.I)
+
+_WORDS = """.program .joints .trans .end jmove lmove break twait delay stable pulse call here point
+speed if else for while case value do until end"""
+_OTHERS = """wait swait scall hmove xmove cmove c1move c2move home home2 base type print ret return
+any"""
+_MOTION = re.compile(r"home|t?draw\b|drive|align|[lj](appro|depart)|\w+move", re.I)
+_NOT_JUDGED = re.compile(r"[.$#\w]+(\[[^\]]*\])? *=(?!=)|[\w.]+ *:|(if\b.*)?\bgoto\b", re.I)
+_LITERAL = re.compile(r"#?[a-z_][\w.]*(\[[\d,]+\])?")
+_BLOCKS = {
+    "program": Block("finish"),
+    "list": Block("finish"),
+    "branch": Block("end", ("divide",)),
+    "repeat": Block("until"),
+}
+
+
+def _sections(lines: Iterator[Line]) -> Iterator[Line]:
+    """Lines of programs and lists, and the heads of all sections."""
+    inside = ""
+    for line in without_remarks(r";.*|^\.\*.*")(lines):
+        text = line.text
+        head = _SECTION.match(text)
+        if head:
+            was, inside = inside, head[1].lower()
+            if inside == "end" and was not in ("program", *_LISTS, "end", ""):
+                continue
+        elif inside in _LISTS:
+            text = ",".join(text.split())
+        elif inside not in ("program", "end", ""):
+            continue
+        yield Line(line.row, text)
+
+
+LANGUAGE = Language(__package__ or "", joined=_sections, signed=True, letters=r"\w.")
+
+
+@dataclass(eq=False)
+class _Stored(Named):
+    """A position as it stands in the file."""
+
+    values: list[str]
+
+
+def _planned(text: str, path: Path) -> tuple[str, Notes, tuple[int, int] | None]:
+    """Name and remarks of the program of a plan, and what its first HERE keeps of which pose."""
+    first: tuple[int, int] | None = None
+    name, notes, first = found = "", Notes(), first
+    for line in lines_of(text):
+        program, remark, element = ((m := _NOTE.match(line.text)) and m.groups()) or ("", "", "")
+        if program:
+            name, notes, first = program.lower(), Notes(), None
+        elif remark:
+            notes.take(line.row, remark)
+        elif element and not first and notes.rows:
+            first = int(element), [*notes.rows.values()][-1]
+        if notes.mark and found[1].mark and name != found[0]:
+            refuse("two programs are of a plan", path, line.row, "save them one by one")
+        if notes.mark:
+            found = name, notes, first
+    return found
+
+
+def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
+    """Program in the content of a file; FileFormatError where it holds no position."""
+    text = text_of_file(data, path)
+    name, notes, first = _planned(text, path)
+    stored: dict[str, _Stored] = {}
+    for s in LANGUAGE.statements(text):
+        if s.fault and s.text[:1] == "#":
+            refuse(f"a position cannot be read: {s.fault}", path, s.row)
+        if s.kind == "position" and s.text[0] == "#":
+            variable = s.word("ENTRY").lower()
+            if variable in stored:
+                refuse(f"{variable} is there twice", path, s.row)
+            stored[variable] = _Stored(variable, s.row, [str(v) for v in s.tree.children[1:]])
+        elif s.kind in ("move", "taught") and notes.mark is None:
+            for step in s.all("inline"):
+                values = [text_of(value) for value in nodes(step, "sum")]
+                stored[f"step {len(stored)}"] = _Stored("", s.row, values)
+    found = list(stored.values())
+    refuse_lost([(p.variable, p.line, p.values) for p in found], path)
+    numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
+    numbering = Numbering(numbered, element, notes.mark, notes.names, first)
+    positions = []
+    for n, p in numbering.of(found, path) if notes.mark else enumerate(found, start=1):
+        shown = joints_of(p.label, p.line, p.values, path)
+        own = p.name if notes.mark else p.variable
+        positions.append(RecordedPosition(n, own, p.line, shown))
+    untouched = bool(notes.mark) and numbering.is_untouched(found)
+    mark, name = notes.mark or PlanMark(), name if notes.mark else path.stem
+    return RecordedProgram(name, "", mark, tuple(positions), "kawasaki", empty_registers=untouched)
+
+
+def _check(statements: list[Statement]) -> Iterator[Problem]:
+    called = " ".join(s.word("NAME").lower() for s in statements if s.kind == "call")
+    for s in statements:
+        if (s.fault or s.kind in ("other", "section")) and not _NOT_JUDGED.match(s.text):
+            word = re.match(r"(?:\d+ +)?(\.?[a-z]\w*)", s.text, re.I)
+            level = level_of(word[1].lower() if word else "", f"{_WORDS} {called}", _OTHERS)
+            yield Problem(s.row, "syntax", s.fault or f"{s.text[:40]!a} is not known", level)
+    yield from block_faults(statements, _BLOCKS)
+    yield from _check_positions(statements)
+    yield from _check_steps(statements)
+
+
+def _places(s: Statement) -> list[str]:
+    return [text_of(place).lower() for place in nodes(s.tree, "place")]
+
+
+def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
+    entries = [s for s in statements if s.kind == "position"]
+    listed = [(s, s.word("ENTRY").lower(), s.words("NUMBER")) for s in entries]
+    counts = Counter(name for _, name, _ in listed)
+    size = max(JOINTS, min((len(v) for _, name, v in listed if name[0] == "#"), default=0))
+    moves = [s for s in statements if s.kind == "move"]
+    moved = {place for s in moves for place in _places(s)}
+    arrays = {place.partition("[")[0] for place in moved if place[0] == "#" and place[-1] == "]"}
+    for s, name, values in listed:
+        if counts[name] > 1 or (name[0] == "#" and len(values) != size):
+            yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
+        elif name[0] == "#":
+            yield from check_joints(s.row, values, most=size)
+        if name.partition("[")[0] in arrays and name not in moved:
+            yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
+    known = {*counts, *(_places(s)[0] for s in statements if s.kind in ("here", "point"))}
+    for s in moves if listed else ():
+        for place in set() if "(" in s.text else {*_places(s)} - known:
+            if _LITERAL.fullmatch(place):
+                yield Problem(s.row, "target", f"{place[:40]} is not in the file")
+
+
+def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
+    speed, standing = "", Standing(("BREAK", "TWAIT"))
+    for s in statements:
+        first = text_of(Tree("", s.tree.children[:1]))
+        if s.kind == "program":
+            speed, standing = "", Standing(("BREAK", "TWAIT"))
+        if s.kind == "move":
+            if not speed:
+                yield Problem(s.row, "speed", "no SPEED is set for this move", "measuring")
+            speed = speed if speed == "always" else ""
+        if s.kind == "speed":
+            speed = "always" if s.word("ALWAYS") else "once"
+        if PLAIN.fullmatch(first) and not s.word("UNIT"):
+            if s.kind == "speed" and not 0.01 <= float(first[:99]) <= 100:
+                yield Problem(s.row, "range", "a speed is from 0.01 to 100 percent")
+            if s.kind == "pulse" and not re.fullmatch(r"[1-9]\d{0,2}", first):
+                yield Problem(s.row, "range", f"{first[:20]} is no output")
+        moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
+        stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
+        yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
 
 
 class KawasakiAs(JointDialect):
     """Programs of Kawasaki arms with their joint positions."""
 
-    name: ClassVar[str] = "kawasaki-as"
-    title: ClassVar[str] = "Kawasaki AS program"
-    maker: ClassVar[str | None] = "kawasaki"
-    suffixes: ClassVar[tuple[str, ...]] = (".as", ".pg")
+    name = "kawasaki-as"
+    title = "Kawasaki AS program"
+    maker = "kawasaki"
+    suffixes = (".as", ".pg")
     # names of variables have at most 15 characters, two of which are ".p"; case does not matter
-    names: ClassVar[NameRule] = NameRule("a name of an AS program", 13, small=True)
-    newline: ClassVar[str] = "\r\n"
-    phrases: ClassVar[Phrases] = Phrases(
-        remark="  ; {}",
-        head=("  SPEED {percent} ALWAYS",),
+    names = NameRule("a name of an AS program", 13, small=True)
+    newline = "\r\n"
+    phrases = Phrases(
+        note="  ; {}",
         move=("  JMOVE #{name}.p[{number}]", "  BREAK"),
-        wait="  TWAIT {time}",
-        pulse=("  PULSE {output},{time}", "  TWAIT {time}"),  # a pulse does not hold the program up
-        call="  CALL {call}({argument})",
+        wait="  TWAIT {time:.3f}",
+        pulse=(
+            "  PULSE {output},{time:.3f}",
+            "  TWAIT {time:.3f}",
+        ),  # a pulse does not hold the program up
+        call=("  CALL {call}({argument})",),
         keep="  HERE #{name}.m[{register}]",
-        most_output=999,  # inputs are numbered from 1001
     )
+    head = ("  SPEED {percent} ALWAYS",)
+    most_output = 999  # inputs are numbered from 1001
     reader = parse_kawasaki_as
-    rules = check_kawasaki_as
+    rules = judged(LANGUAGE, ("program", "position"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The program, and its positions."""

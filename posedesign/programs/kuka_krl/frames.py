@@ -6,34 +6,28 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import FloatArray
 from posedesign.programs.kuka_krl import syntax as krl
-from posedesign.programs.kuka_krl.syntax import POSE, Node
+from posedesign.programs.kuka_krl.syntax import BLOCKS, POSE, Node
 from posedesign.programs.language import Statement
+from posedesign.programs.reading import poses_of
 
-_OPEN = ("if_", "for_", "while_", "loop", "repeat", "switch")
-_PARTS = ("else_", "case", "default")
-_CLOSE = ("endif", "endfor", "endwhile", "endloop", "until", "endswitch")
+_ENDS = {block.closes for block in BLOCKS.values()}
+_PARTS = {part for block in BLOCKS.values() for part in block.divides}
+_FIELDS = {"TOOL": "tool", "BASE": "base"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Frame:
-    """A tool or base: its number, its value ``(4, 4)`` [m], or neither where it is not known."""
+    """A tool or base: its number, its value X Y Z [mm] C B A [deg], or neither where not known."""
 
     number: int | None = None
-    value: FloatArray | None = None
+    value: tuple[float, ...] | None = None
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Frame) or self.number != other.number:
-            return False
-        if self.value is None or other.value is None:
-            return self.value is other.value
-        return np.array_equal(self.value, other.value)
-
-    def __hash__(self) -> int:
-        return hash(self.number)
+    @property
+    def transform(self) -> FloatArray | None:
+        """The value ``(4, 4)`` [m]."""
+        return None if self.value is None else poses_of(self.value)[0]
 
 
 UNKNOWN = Frame()
@@ -69,18 +63,25 @@ class ActiveFrames:
 
     def take(self, statement: Statement) -> bool:
         """Follow a statement; return whether it does nothing else than to set frames."""
-        kind = statement.kind
+        kind, frames = statement.kind, self.frames
         if kind == "call":
             command, number = krl.bas_of(statement)
-            if command in ("TOOL", "BASE"):
-                self._activate(command, _of_number(number))
-            elif command == "FRAMES":
-                self.frames = replace(self.frames, tool=UNKNOWN, base=UNKNOWN)
-            return command in ("TOOL", "BASE", "FRAMES")
+            self.frames = frames.having(command, _of_number(number))
+            if command == "FRAMES":
+                self.frames = replace(frames, tool=UNKNOWN, base=UNKNOWN)
+            return command in (*_FIELDS, "FRAMES")
         if kind == "assignment":
             variable, value = statement.tree.children
             return self._take_assignment(krl.key_of(variable), value)
-        self._follow_blocks(kind)
+        if kind in BLOCKS:
+            self._opened.append(frames)
+        elif kind in _PARTS or kind in _ENDS:  # what one branch sets is not known behind it
+            before = self._opened[-1] if self._opened else Frames()
+            if kind in _ENDS and self._opened:
+                self._opened.pop()
+            for name, own in _FIELDS.items():
+                if getattr(before, own) != getattr(frames, own):
+                    self.frames = self.frames.having(name, UNKNOWN)
         return False
 
     def of_motion(self, statement: Statement) -> Frames:
@@ -93,31 +94,13 @@ class ActiveFrames:
     def _take_assignment(self, name: str, value: Node) -> bool:
         whole, _, part = name.partition(".")
         if whole in ("$TOOL", "$BASE"):
-            self._activate(whole[1:], UNKNOWN if part else _frame(value))
+            self.frames = self.frames.having(whole[1:], UNKNOWN if part else _frame(value))
         elif whole == "FDAT_ACT":
             fdat = Frames.of_fdat(dict(krl.fields_of(value)))
             self.frames = replace(self.frames, tool=fdat.tool, base=fdat.base)
         elif whole == "$IPO_MODE":
             self.frames = replace(self.frames, external_tool=str(value).upper() == "#TCP")
-        else:
-            return False
-        return True
-
-    def _activate(self, name: str, frame: Frame) -> None:
-        self.frames = self.frames.having(name, frame)
-
-    def _follow_blocks(self, kind: str) -> None:
-        """What one branch sets is not known behind it."""
-        if kind in _OPEN:
-            self._opened.append(self.frames)
-        elif kind in _PARTS or kind in _CLOSE:
-            before = self._opened[-1] if self._opened else Frames()
-            if kind in _CLOSE and self._opened:
-                self._opened.pop()
-            if before.tool != self.frames.tool:
-                self._activate("TOOL", UNKNOWN)
-            if before.base != self.frames.base:
-                self._activate("BASE", UNKNOWN)
+        return whole in ("$TOOL", "$BASE", "FDAT_ACT", "$IPO_MODE")
 
 
 def _of_number(text: str) -> Frame:
@@ -130,11 +113,9 @@ def _frame(value: Node) -> Frame:
     if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
         return _of_number(name[10:-1])
     if name == "$NULLFRAME":
-        return Frame(value=np.eye(4))
+        return Frame(value=(0.0,) * 6)
     fields = krl.fields_of(value)
     values = {axis: krl.as_number(text) for axis, text in fields}
     if len(fields) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
         return UNKNOWN  # KRL leaves values that are not given as they are
-    angles = np.deg2rad([values[axis] for axis in "CBA"])
-    place = np.array([values[axis] for axis in "XYZ"])
-    return Frame(value=transform(rotation_from_wpr(angles), place / 1e3))
+    return Frame(value=tuple(values[axis] for axis in "XYZCBA"))

@@ -101,18 +101,18 @@ class StoredPosition(Stored):
             refuse(f"{self.label} has {given[0]} and no {other}", path, self.line)
         words = ",".join(f"{name} {self.fields[name]}" for name in given)
         meant = given and configuration_in(KukaConfiguration, words, self.label, path, self.line)
-        values = {"T_world_user": frames.base.value, "T_tip_tool": frames.tool.value}
+        values = {
+            "T_world_user": frames.base.transform,
+            "T_tip_tool": frames.tool.transform,
+        }
         return {"configuration": meant or None, **values, **numbers}
 
 
 def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Raises
-    ------
-    FileFormatError
-        The file is no KRL module, is cut off, or holds no positions, or one that is neither six
-        joint angles nor a pose.
+    Raises FileFormatError: the file is no KRL module, is cut off, or holds no positions, or one
+    that is neither six joint angles nor a pose.
     """
     return _Reader(text_of(data, path, _WHAT), path).program()
 
@@ -138,7 +138,7 @@ class _Reader:
         """All that is read."""
         self._take_remarks()
         faults = 0
-        for statement in krl.statements_of(self.text):
+        for statement in krl.LANGUAGE.statements(self.text):
             faults += bool(statement.fault)
             self._take(statement)
         if not self.kind or faults >= MOST_FAULTS:
@@ -191,17 +191,12 @@ class _Reader:
             if _MATTERS.search(text):
                 refuse(f"cannot make sense of it: {statement.fault}", self.path, row)
         elif self.is_data or not self.frames.take(statement):
-            self._take_instruction(statement)
-
-    def _take_instruction(self, statement: Statement) -> None:
-        if statement.kind == "motion":
-            self._take_motion(statement)
-        elif statement.kind == "declaration":
-            self._take_declaration(statement)
-        elif statement.kind == "assignment":
-            self._take_assignment(statement)
-        else:
-            self._check_no_position(statement)
+            taken = {
+                "motion": self._take_motion,
+                "declaration": self._take_declaration,
+                "assignment": self._take_assignment,
+            }
+            taken.get(kind, self._check_no_position)(statement)
 
     def _take_declaration(self, statement: Statement) -> None:
         row, items = statement.row, krl.items_of(statement)

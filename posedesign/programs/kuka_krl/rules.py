@@ -14,13 +14,13 @@ rule                       what it asks
                            the pendant writes: controllers differ
 ``module``                 a ``.dat`` is DEFDAT ... ENDDAT, a ``.src`` routines, DEF ... END
 ``module-name``            24 characters at most; m: the same as the name of the file
-``block``                  each IF, FOR, WHILE, LOOP, REPEAT, SWITCH closed by its own end
+``block``                  each routine, IF, FOR, WHILE, LOOP, REPEAT, SWITCH closed by its own end
 ``data``                   only declarations and values in a ``.dat``
 ``declarations-first``     no declaration behind the first instruction of a routine
 ``unique``                 nothing is declared twice in a file or routine, or has two values
 ``word``                   no name that is all but a word of the language, and declared nowhere
 ``call``                   BAS and PULSE are given what they take
-``constant``               truth values, texts and names of ENUMs are no times and no indices
+``constant``               an array is given its size, and no single value
 ``companion``           m  the other file is there, and is a module of the same name
 ``position-format``        A1 to A6, or X Y Z A B C and perhaps S T; E1 to E6 as well; each once;
                            m: all of them
@@ -49,9 +49,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 from lark import Token, Tree
@@ -78,15 +77,7 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-_BLOCKS = {
-    "if_": Block("endif", ("else_",)),
-    "for_": Block("endfor"),
-    "while_": Block("endwhile"),
-    "loop": Block("endloop"),
-    "repeat": Block("until"),
-    "switch": Block("endswitch", ("case", "default")),
-    "spline": Block("endspline"),
-}
+_BLOCKS = krl.BLOCKS | {begin: Block(end) for begin, end in BEGINS.items()}
 _DECLARE = ("declaration", "external", "structure", "enumeration", "signal", "import_")
 _COMMANDS = _words(
     """INITMOV ACC_CP ACC_PTP ACC_GLUE VEL_CP VEL_PTP TOOL BASE EX_BASE PTP_DAT CP_DAT PTP_PARAMS
@@ -134,106 +125,67 @@ _NOT_ASCII: rules.Asked = (
 
 def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    module = _Module.of(data)
+    module = _Module(data)
     other, missing = _companion(path, module)
     dat, src = (module, other) if module.is_data else (other, module)
-    checks = [
+    return rules.told(
         rules.syntax(module.statements),
         rules.check_bytes(module.text.encode("latin-1"), ("ascii", *rules.CONTROL[1:]), _NOT_ASCII),
         _check_length(module),
-        _check_modules(module, path),
-        _check_routines(module),
+        _check_module(module, path),
+        block_faults(module.statements, _BLOCKS),
+        _check_places(module),
         _check_words(module, other),
         _check_positions(module),
-        _check_forms(module),
         missing,
-    ]
-    if not module.is_data:
-        checks += [_check_motions(module, dat), _check_targets(module, dat)]
-    elif src is not None:
-        checks.append(_check_use(module, src))
-    if dat is not None and src is not None:
-        checks.append(_check_bounds(module, dat, src))
-    return rules.told(*checks)
+        () if module.is_data else _check_motions(module, dat),
+        () if dat is None or src is None else _check_names(module, dat, src),
+    )
 
 
-@dataclass
 class _Module:
     """A file: its text, statements, and what it declares.
 
-    ``declared`` are the names of its variables; ``aggregates`` its positions between braces: line,
+    ``names`` are all that it declares, in capitals; ``positions`` those between braces: line,
     variable, type, tree.
     """
 
-    text: str
-    statements: list[Statement]
-    declared: set[str] = field(default_factory=set)
-    aggregates: list[tuple[int, str, str, Tree[Token]]] = field(default_factory=list)
-    kinds: dict[str, list[Statement]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, data: bytes) -> _Module:
-        text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
-        module = cls(text, krl.statements_of(text))
-        for statement in module.statements:
-            module.kinds.setdefault(statement.kind, []).append(statement)
-            module._take(statement)
-        return module
+    def __init__(self, data: bytes) -> None:
+        self.text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
+        self.statements = krl.LANGUAGE.statements(self.text)
+        self.begins = [statement for statement in self.statements if statement.kind in BEGINS]
+        self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
+        self.name = krl.name_of_module(self.begins[0]) if self.begins else ""
+        self.names: set[str] = set()
+        self.positions: list[tuple[int, str, str, Tree[Token]]] = []
+        for statement in self.statements:
+            self._take(statement)
 
     def of_kind(self, *kinds: str) -> Iterator[Statement]:
-        """Statements of these kinds, one kind behind the other."""
-        for kind in kinds:
-            yield from self.kinds.get(kind, ())
-
-    @cached_property
-    def begins(self) -> list[Statement]:
-        return [statement for statement in self.statements if statement.kind in BEGINS]
-
-    @property
-    def is_data(self) -> bool:
-        return bool(self.begins) and self.begins[0].kind == "begin_data"
-
-    @property
-    def name(self) -> str:
-        return krl.name_of_module(self.begins[0]) if self.begins else ""
-
-    @cached_property
-    def routines(self) -> list[list[Statement]]:
-        """Statements of each routine, its begin and end included."""
-        found: list[list[Statement]] = [[]]
-        for statement in self.statements:
-            if statement.kind in BEGINS:
-                found.append([])
-            found[-1].append(statement)
-        return found
-
-    @cached_property
-    def names(self) -> set[str]:
-        """All that is declared here: variables, types, routines and their parameters."""
-        found = set(self.declared)
-        for statement in self.of_kind(*BEGINS, *_DECLARE[2:]):
-            found.update(map(str.upper, statement.words("NAME")))
-        found.update(_external(statement) for statement in self.of_kind("external"))
-        return found
+        """Statements of these kinds."""
+        return (statement for statement in self.statements if statement.kind in kinds)
 
     def _take(self, statement: Statement) -> None:
-        if statement.kind == "declaration":
+        kind, children = statement.kind, statement.tree.children
+        if kind == "declaration":
             of_type = krl.type_of(statement)
             for item in krl.items_of(statement):
-                name = str(item.children[0]).upper()
-                self.declared.add(name)
-                value = item.children[-1]
+                name, value = str(item.children[0]).upper(), item.children[-1]
+                self.names.add(name)
                 if of_type in krl.TYPES_OF_POSITIONS and krl.is_aggregate(value):
-                    self.aggregates.append((statement.row, name, of_type, value))
-        elif statement.kind in ("motion", "assignment"):
-            motion = statement.kind == "motion"
-            variable = "" if motion else krl.key_of(statement.tree.children[0])
-            for value in filter(krl.is_aggregate, statement.tree.children[1:]):
-                kind = krl.kind_of(value)
+                    self.positions.append((statement.row, name, of_type, value))
+        elif kind in ("motion", "assignment"):
+            variable = "" if kind == "motion" else krl.key_of(children[0])
+            for value in filter(krl.is_aggregate, children[1:]):
+                of_type = krl.kind_of(value)
                 names = {name for name, _ in krl.fields_of(value)}
-                known = kind in krl.TYPES_OF_POSITIONS or names & {"A1", "S", "T"}
-                if motion or (known and "$" not in variable):
-                    self.aggregates.append((statement.row, variable, kind, value))
+                known = of_type in krl.TYPES_OF_POSITIONS or names & {"A1", "S", "T"}
+                if kind == "motion" or (known and "$" not in variable):
+                    self.positions.append((statement.row, variable, of_type, value))
+        elif kind == "external":
+            self.names.add(_external(statement))
+        elif kind in BEGINS or kind in _DECLARE:
+            self.names.update(map(str.upper, statement.words("NAME")))
 
 
 def _external(statement: Statement) -> str:
@@ -244,25 +196,23 @@ def _external(statement: Statement) -> str:
 def _companion(path: Path, module: _Module) -> tuple[_Module | None, list[Problem]]:
     """The other file of the program, and what is wrong with it."""
     ending = ".src" if module.is_data else ".dat"
-    other, reason = None, f"{path.stem}{ending} is not beside it"
-    for name in (path.with_suffix(ending), path.with_suffix(ending.upper())):
-        if not name.is_file():
-            continue
+    files = (path.with_suffix(ending), path.with_suffix(ending.upper()))
+    found = next((file for file in files if file.is_file()), None)
+    reason = f"{path.stem}{ending} is not beside it"
+    if found is not None:
         try:
-            other = _Module.of(read_program_bytes(name))
+            other = _Module(read_program_bytes(found))
         except FileFormatError as error:
-            reason = f"{name.name}: {error.message}"
-            break
-        mine, its = module.name.upper(), other.name.upper()
-        if not mine or not its:
-            return None, []
-        if mine == its and module.is_data != other.is_data:
-            return other, []
-        reason = f"{name.name} is the module {its[:40]!a}, not the other file of {mine[:40]!a}"
-        break
-    else:
-        if not module.is_data and not any(map(_target, module.statements)):
-            return None, []  # all its positions stand in the motions
+            reason = f"{found.name}: {error.message}"
+        else:
+            mine, its = module.name.upper(), other.name.upper()
+            if not mine or not its:
+                return None, []
+            if mine == its and module.is_data != other.is_data:
+                return other, []
+            reason = f"{found.name} is the module {its[:40]!a}, not the other file of {mine[:40]!a}"
+    elif not module.is_data and not any(map(_target, module.statements)):
+        return None, []  # all its positions stand in the motions
     return None, [Problem(1, "companion", reason, "measuring")]
 
 
@@ -274,22 +224,19 @@ def _target(statement: Statement) -> str:
 
 def _check_length(module: _Module) -> Iterator[Problem]:
     most = MOST_LENGTH_OF_DATA if module.is_data else MOST_LENGTH
-    row, last = 1, 0
     for found in re.finditer(rf"[^\r\n]{{{most + 1},}}", module.text):
-        row += module.text.count("\n", last, found.start())
-        last = found.start()
         if not _OF_THE_PENDANT.match(found[0][:1000]):
+            row = module.text.count("\n", 0, found.start()) + 1
             reason = f"{len(found[0])} characters, more than {most}"
             yield Problem(row, "line-length", reason, "measuring")
 
 
-def _check_modules(module: _Module, path: Path) -> Iterator[Problem]:
+def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
+    """Rules ``module``, but for what stands in none, and ``module-name``."""
     if not module.begins:
         yield Problem(1, "module", "there is no DEFDAT and no DEF")
         return
-    yield from _check_ends(module)
-    first = module.begins[0]
-    suffix = path.suffix.lower()
+    first, suffix = module.begins[0], path.suffix.lower()
     if suffix in (".dat", ".src") and module.is_data != (suffix == ".dat"):
         yield Problem(first.row, "module", f"{first.text[:20]!a} in a {suffix}")
     for begin in module.begins:
@@ -307,50 +254,34 @@ def _check_modules(module: _Module, path: Path) -> Iterator[Problem]:
         yield Problem(first.row, "module-name", reason, "measuring")
 
 
-def _check_ends(module: _Module) -> Iterator[Problem]:
-    """Each module and routine has its own end, and nothing stands outside."""
-    words = {"begin": "END", "begin_function": "ENDFCT", "begin_data": "ENDDAT"}
-    opened: Statement | None = None
-    stray = False
+def _check_places(module: _Module) -> Iterator[Problem]:
+    """Statements where they can stand, and names once: ``module``, ``data``, ``unique``, ..."""
+    inside = begun = stray = False
+    seen: set[str] = set()
     for statement in module.statements:
-        kind, word = statement.kind, statement.text[:30].strip()
+        kind, row, word = statement.kind, statement.row, f"{statement.text[:30].strip()!a}"
         if kind in BEGINS:
-            if opened is not None:
-                yield Problem(statement.row, "module", f"{word!a} before {words[opened.kind]}")
-            opened = statement
+            if inside:
+                yield Problem(row, "module", f"{word} before the end of the one before it")
+            inside, begun, seen = True, False, set()
         elif kind in BEGINS.values():
-            if opened is None or BEGINS[opened.kind] != kind:
-                yield Problem(statement.row, "module", f"{word.upper()} closes nothing")
-            opened = None
-        elif opened is None and not stray:
+            inside = False
+        elif not inside and not stray:
             stray = True
-            yield Problem(statement.row, "module", "the line is in no routine and no data list")
-    if opened is not None:
-        row = module.text.count("\n") + 1
-        yield Problem(row, "module", f"there is no {words[opened.kind]}")
-
-
-def _check_routines(module: _Module) -> Iterator[Problem]:
-    """Rules ``block``, ``data``, ``declarations-first`` and ``unique``."""
-    for routine in module.routines:
-        yield from block_faults(routine, _BLOCKS)
-        begun = False
-        seen: set[str] = set()
-        for statement in routine:
-            kind, row = statement.kind, statement.row
-            if statement.fault or kind in BEGINS or kind in BEGINS.values():
-                continue
-            if module.is_data and kind not in (*_DECLARE, "assignment"):
-                yield Problem(row, "data", f"{statement.text[:30]!a} in a data list")
-            elif kind in _DECLARE and begun and not module.is_data:
-                yield Problem(row, "declarations-first", "a declaration behind an instruction")
-            begun = begun or kind not in _DECLARE
-            for name in _defined(statement, module.is_data):
-                if name in _TYPES:
-                    yield Problem(row, "word", f"{name} is a type, no name")
-                if name in seen:
-                    yield Problem(row, "unique", f"{name.split()[-1]} is defined twice")
-                seen.add(name)
+            yield Problem(row, "module", "the line is in no routine and no data list")
+        elif statement.fault:
+            continue
+        elif module.is_data and kind not in (*_DECLARE, "assignment"):
+            yield Problem(row, "data", f"{word} in a data list")
+        elif kind in _DECLARE and begun and not module.is_data:
+            yield Problem(row, "declarations-first", "a declaration behind an instruction")
+        begun = begun or kind not in (*_DECLARE, *BEGINS)
+        for name in _defined(statement, module.is_data):
+            if name in _TYPES:
+                yield Problem(row, "word", f"{name} is a type, no name")
+            if name in seen:
+                yield Problem(row, "unique", f"{name.split()[-1]} is defined twice")
+            seen.add(name)
 
 
 def _defined(statement: Statement, is_data: bool) -> list[str]:
@@ -364,29 +295,24 @@ def _defined(statement: Statement, is_data: bool) -> list[str]:
 
 
 def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
-    """Rules ``word``, ``call``, ``constant`` and ``routine``."""
-    declared = module.names | (other.names if other else set())
-    told: set[tuple[str, frozenset[str]]] = set()
+    """Rules ``word``, ``routine``, and those of single statements."""
+    told = module.names | (other.names if other else set())
     for statement in module.statements:
         row, kind = statement.row, statement.kind
-        for rule, reason in _constant_faults(statement, module.is_data):
-            yield Problem(row, rule, reason)
-        if kind == "call":
-            yield from _check_call(statement)
-        elif kind == "external" and _external(statement) != "BAS":
-            if "BAS_COMMAND" in statement.text.upper():
-                yield Problem(row, "word", "what takes a BAS_COMMAND is BAS")
-        elif kind == "declaration" and krl.type_of(statement).startswith("DECL"):
-            yield Problem(row, "word", "no blank behind DECL")
+        if kind in _CHECKS:
+            yield from _CHECKS[kind](statement, module.is_data)
+        if any(name.upper() in ("NAN", "INF", "INFINITY") for name in statement.words("NAME")):
+            yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
         for word, known in _spelt(statement):
-            if not word or word in declared or word in known or (word, known) in told:
+            if not word or word in told or word in known:
                 continue
-            told.add((word, known))
             near = rules.near(word, known)
             if near:
                 yield Problem(row, "word", f"{word} is no word that is known here: {near}?")
             elif known is _CALLED:
                 yield Problem(row, "routine", f"{word} stands in another file", "note")
+            if near or known is _CALLED:
+                told.add(word)
 
 
 def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
@@ -412,7 +338,7 @@ def _base_of(node: Node) -> str:
     return re.split(r"[\[.]", krl.key_of(node))[0]
 
 
-def _check_call(statement: Statement) -> Iterator[Problem]:
+def _check_call(statement: Statement, is_data: bool) -> Iterator[Problem]:
     row, name = statement.row, krl.key_of(statement.tree.children[0])
     given = krl.arguments_of(statement)
     texts = [krl.words_of(one).upper() for one in given]
@@ -435,44 +361,72 @@ def _is_constant(node: Node) -> bool:
     return isinstance(node, Token) and node.type in ("BOOLEAN", "STRING", "ENUM")
 
 
-def _constant_faults(statement: Statement, is_data: bool) -> Iterator[tuple[str, str]]:
-    kind = statement.kind
-    if any(name.upper() in ("NAN", "INF", "INFINITY") for name in statement.words("NAME")):
-        yield "number", "NaN and infinity are no numbers of KRL"
-    if kind == "wait_sec" and _is_constant(statement.tree.children[0]):
-        yield "constant", "the time is no number"
-    if any(_is_constant(child) for index in statement.all("index") for child in index.children):
-        yield "constant", "an index is no number"
-    if is_data and kind == "declaration" and krl.type_of(statement) != "CHAR":
-        sizes = [child for item in krl.items_of(statement) for child in item.children[1:2]]
-        if any(krl.is_a(size, "index") and not size.children for size in sizes):  # type: ignore[union-attr]
-            yield "constant", "the size of the array is missing"
-    if kind == "assignment":
-        variable, value = statement.tree.children
-        given = _is_constant(value) or krl.key_of(value).endswith("[]")
-        if krl.key_of(variable).endswith("[]") and not given:
-            yield "constant", "a whole array is given one value"
+def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
+    if _external(statement) != "BAS" and "BAS_COMMAND" in statement.text.upper():
+        yield Problem(statement.row, "word", "what takes a BAS_COMMAND is BAS")
+
+
+def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
+    variable, value = map(krl.key_of, statement.tree.children)
+    given = _is_constant(statement.tree.children[1]) or value.endswith("[]")
+    if variable.endswith("[]") and not given:
+        yield Problem(statement.row, "constant", "a whole array is given one value")
+
+
+def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]:
+    row, of_type = statement.row, krl.type_of(statement)
+    if of_type.startswith("DECL"):
+        yield Problem(row, "word", "no blank behind DECL")
+    for item in krl.items_of(statement):
+        size = next(filter(krl.is_index, item.children), None)
+        if is_data and of_type != "CHAR" and size is not None and not size.children:
+            yield Problem(row, "constant", "the size of the array is missing")
+        for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
+            fault = _form_fault(of_type, name, text)
+            if fault:
+                yield Problem(row, "form", f"{item.children[0]}: {name} {fault}")
+
+
+_CHECKS = {
+    "call": _check_call,
+    "external": _check_external,
+    "assignment": _check_assignment,
+    "declaration": _check_declaration,
+}
+
+
+def _form_fault(of_type: str, name: str, text: str) -> str:
+    known, said = _FORMS[of_type], f"is {text[:20]}, "
+    if name not in known:
+        return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
+    if name in _FORM_WORDS and text[:1] != "#":
+        return said + "no name with #"
+    if name == "IPO_FRAME" and text.upper() not in ("#BASE", "#TCP"):
+        return said + "not #BASE or #TCP"
+    if name == "TQ_STATE" and text.upper() not in _TRUTHS:
+        return said + "not TRUE or FALSE"
+    is_number = name not in {"POINT2[]", "TQ_STATE", *_FORM_WORDS}
+    return said + "no number" if is_number and math.isnan(krl.as_number(text)) else ""
 
 
 def _check_positions(module: _Module) -> Iterator[Problem]:
     """Rules ``position-format`` and ``number``."""
-    for row, variable, of_type, aggregate in module.aggregates:
+    for row, variable, of_type, aggregate in module.positions:
         label, fields = variable or "the position", krl.fields_of(aggregate)
-        names = [name for name, _ in fields]
-        found = {*names}
+        counts = Counter(name for name, _ in fields)
+        found = counts.keys()
         joints = bool(found & {*AXES})
-        allowed = {*AXES, *EXTERNAL} if joints else {*POSE, *CONFIGURATION, *EXTERNAL}
-        whole = {*AXES} <= found if joints else {*POSE} <= found
-        listed = " ".join(names)[:60]
-        if len(found) < len(names):
-            twice = min(name for name in names if names.count(name) > 1)
+        needed = {*AXES} if joints else {*POSE}
+        listed = " ".join(name for name, _ in fields)[:60]
+        twice = min((name for name, times in counts.items() if times > 1), default="")
+        if twice:
             yield Problem(row, "position-format", f"{label} has {twice} twice")
-        if not found <= allowed:
+        if not found <= {*needed, *EXTERNAL, *(() if joints else CONFIGURATION)}:
             reason = f"{label} has {listed}, not A1 to A6 or X Y Z A B C S T"
             yield Problem(row, "position-format", reason)
         elif of_type and joints != of_type.endswith("AXIS") and found - {*EXTERNAL}:
-            yield Problem(row, "position-format", f"{label}: {of_type} of {names[0]}")
-        elif not whole or len({"S", "T"} & found) == 1:
+            yield Problem(row, "position-format", f"{label}: {of_type} of {fields[0][0]}")
+        elif not needed <= found or len({*CONFIGURATION} & found) == 1:
             reason = f"{label} has {listed}: the others stay as they are"
             yield Problem(row, "position-format", reason, "measuring")
         for name, text in fields:
@@ -499,44 +453,29 @@ def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     return f"is beyond +-{MOST_JOINT_DEG:g} deg" if beyond else "", "error"
 
 
-def _check_forms(module: _Module) -> Iterator[Problem]:
-    for statement in module.of_kind("declaration"):
-        of_type = krl.type_of(statement)
-        for item in krl.items_of(statement) if of_type in _FORMS else ():
-            for name, text in krl.fields_of(item.children[-1]):
-                fault = _form_fault(of_type, name, text)
-                if fault:
-                    yield Problem(statement.row, "form", f"{item.children[0]}: {name} {fault}")
-
-
-def _form_fault(of_type: str, name: str, text: str) -> str:
-    known, said = _FORMS[of_type], f"is {text[:20]}, "
-    if name not in known:
-        return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
-    if name in _FORM_WORDS and text[:1] != "#":
-        return said + "no name with #"
-    if name == "IPO_FRAME" and text.upper() not in ("#BASE", "#TCP"):
-        return said + "not #BASE or #TCP"
-    if name == "TQ_STATE" and text.upper() not in _TRUTHS:
-        return said + "not TRUE or FALSE"
-    is_number = name not in {"POINT2[]", "TQ_STATE", *_FORM_WORDS}
-    return said + "no number" if is_number and math.isnan(krl.as_number(text)) else ""
-
-
-def _check_use(dat: _Module, src: _Module) -> Iterator[Problem]:
-    used = {name.upper() for s in src.statements for name in s.words("NAME")}
-    for row, variable, _, _ in dat.aggregates:
-        if re.fullmatch(r"X?P\d+", variable) and variable not in used:
-            yield Problem(row, "position-used", f"{variable} is never used", "measuring")
-
-
-def _check_targets(src: _Module, dat: _Module | None) -> Iterator[Problem]:
-    """Rule ``position-defined``: of all variables, where a program has its data beside it."""
-    if dat is None:
-        return
+def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Problem]:
+    """Rules of what one file declares and the other uses."""
+    if module is dat:
+        used = {name.upper() for s in src.statements for name in s.words("NAME")}
+        for row, variable, _, _ in dat.positions:
+            if re.fullmatch(r"X?P\d+", variable) and variable not in used:
+                yield Problem(row, "position-used", f"{variable} is never used", "measuring")
     known = {*src.names, *dat.names, *_GLOBALS}
-    for statement in src.of_kind("motion", "assignment", "call"):
-        for name in statement.words("NAME")[statement.kind == "call" :]:
+    sizes = {
+        str(item.children[0]).upper(): int(krl.words_of(size))
+        for declaring in (dat, src)
+        for statement in declaring.of_kind("declaration")
+        for item in krl.items_of(statement)
+        for size in filter(krl.is_index, item.children)
+        if re.fullmatch(r"[0-9]{1,7}", krl.words_of(size))
+    }
+    for statement in module.of_kind("motion", "assignment", "call"):
+        for node in statement.all("variable") if sizes else ():
+            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(node))
+            most = sizes.get(found[1]) if found else None
+            if found and most is not None and not 1 <= int(found[2]) <= most:
+                yield Problem(statement.row, "array-bounds", f"{found[1]}[{found[2]}] of {most}")
+        for name in statement.words("NAME")[statement.kind == "call" :] if module is src else ():
             if name[0] != "$" and name.upper() not in known:
                 # it may be global, of a file that is not here
                 known.add(name.upper())
@@ -549,7 +488,7 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
     names = {
         variable: {name for name, _ in krl.fields_of(aggregate)}
         for module in (src, dat)
-        for _, variable, _, aggregate in (module.aggregates if module else ())
+        for _, variable, _, aggregate in (module.positions if module else ())
         if variable
     }
     ready: set[str] = set()
@@ -625,19 +564,3 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
         if krl.is_aggregate(given) and {axis for axis, _ in krl.fields_of(given)} != {*POSE}:
             reason = f"${name} has not X Y Z A B C: the others stay as they are"
             yield Problem(row, "frame-value", reason, "measuring")
-
-
-def _check_bounds(module: _Module, dat: _Module, src: _Module) -> Iterator[Problem]:
-    sizes: dict[str, int] = {}
-    for statement in [*dat.of_kind("declaration"), *src.of_kind("declaration")]:
-        for item in krl.items_of(statement):
-            for size in item.children[1:2]:
-                text = krl.words_of(size) if krl.is_a(size, "index") else ""
-                if text.isdigit() and len(text) < 8:
-                    sizes[str(item.children[0]).upper()] = int(text)
-    for statement in module.of_kind("assignment", "call", "motion") if sizes else ():
-        for variable in statement.all("variable"):
-            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(variable))
-            most = sizes.get(found[1]) if found else None
-            if found and most is not None and not 1 <= int(found[2]) <= most:
-                yield Problem(statement.row, "array-bounds", f"{found[1]}[{found[2]}] of {most}")

@@ -9,7 +9,14 @@ from typing import TypeGuard
 
 from lark import Token, Tree
 
-from posedesign.programs.language import Language, Line, Statement, nodes, text_of
+from posedesign.programs.language import (
+    Block,
+    Language,
+    Statement,
+    nodes,
+    text_of,
+    without_remarks,
+)
 
 AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 POSE = ("X", "Y", "Z", "A", "B", "C")
@@ -26,37 +33,21 @@ BEGINS = {"begin": "end", "begin_function": "end_function", "begin_data": "end_d
 """Statements that begin a module or routine, with those that end it."""
 
 
-def code_of(lines: Iterator[Line]) -> Iterator[Line]:
-    """Lines without the comments behind them."""
-    for line in lines:
-        text = line.text
-        if ";" in text:
-            text = _without_comment(text).rstrip()
-        if text:
-            yield Line(line.row, text)
+BLOCKS = {
+    "if_": Block("endif", ("else_",)),
+    "for_": Block("endfor"),
+    "while_": Block("endwhile"),
+    "loop": Block("endloop"),
+    "repeat": Block("until"),
+    "switch": Block("endswitch", ("case", "default")),
+    "spline": Block("endspline"),
+}
+"""Blocks inside of routines."""
 
-
-def _without_comment(text: str) -> str:
-    if '"' not in text:
-        return text.partition(";")[0]
-    at = 0
-    for k, piece in enumerate(text.split('"')):
-        if k % 2 == 0 and ";" in piece:
-            return text[: at + piece.index(";")]
-        at += len(piece) + 1
-    return text
-
-
-LANGUAGE = Language("posedesign.programs.kuka_krl", joined=code_of, letters=r"\w$")
+LANGUAGE = Language(
+    "posedesign.programs.kuka_krl", joined=without_remarks("^&.*|;.*"), letters=r"\w$"
+)
 """The grammar; one for all files, so that it is made once."""
-
-_REMARKS = re.compile(r"^[ \t]*[;&][^\n]*", re.MULTILINE)
-
-
-def statements_of(text: str) -> list[Statement]:
-    """All statements of a file; lines that are remarks or of the header are passed over at once."""
-    return LANGUAGE.statements(_REMARKS.sub("", text))
-
 
 Node = Tree[Token] | Token
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?", re.IGNORECASE | re.ASCII)
@@ -90,6 +81,11 @@ def key_of(node: Node) -> str:
 def is_a(node: Node, kind: str) -> bool:
     """Whether a node is what the grammar calls so."""
     return isinstance(node, Tree) and node.data == kind
+
+
+def is_index(node: Node) -> TypeGuard[Tree[Token]]:
+    """Whether it is an index, or the size of an array."""
+    return is_a(node, "index")
 
 
 def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:

@@ -19,6 +19,7 @@ measuring program is not called while the arm still moves.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,12 +27,12 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl.syntax import AXES, MOST_BASE, MOST_TOOL
-from posedesign.programs.program import PoseProgram, ProgramOptions
+from posedesign.programs.program import PoseProgram
 from posedesign.programs.writing import (
     Limits,
     NameRule,
+    Phrases,
     check_call,
-    plain,
     plain_all,
     rounded_deg,
     shown_deg,
@@ -67,23 +68,43 @@ at 180 and at 2000 are 0.00002 and 0.0001."""
 
 _FOLD = re.compile(r"\s*(?:END)?FOLD", re.IGNORECASE)
 _POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
-_FORM = ";%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P"
+_PHRASES = Phrases(
+    note=";{}",
+    move=(
+        ";FOLD PTP P{number} Vel={percent} % PDAT1 Tool[{tool}] Base[{base}]"
+        ";%{{PE}}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P "
+        "1:PTP, 2:P{number}, 3:, 5:{percent}, 7:PDAT1",
+        "$BWDSTART=FALSE",
+        "PDAT_ACT=PPDAT1",
+        "FDAT_ACT=FP{number}",
+        "BAS(#PTP_PARAMS,{percent})",
+        "PTP XP{number}",
+        ";ENDFOLD",
+    ),
+    wait="WAIT SEC {time:.2f}",
+    pulse=("PULSE($OUT[{output}],TRUE,{time:.2f})",),
+    call=("{call}({argument})",),
+    bare=("{call}( )",),
+    keep="XM[{register}]=$AXIS_ACT",
+    least_s=0.01,
+    still="WAIT SEC 0",
+)
+"""Joint positions are moved to in an inline form."""
 
 
-def render_kuka_krl(program: PoseProgram, arm: Arm) -> tuple[str, str]:
-    r"""Texts of the ``.dat`` and the ``.src``, their lines ended by ``\n``.
+def render_kuka_krl(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Texts of the ``.dat`` and the ``.src`` by name, their lines ended by ``\n``.
 
     Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 0.000005
     deg. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or other
     ones are left out.
 
-    Raises
-    ------
-    InputError
-        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
+    beyond +-720 deg.
     """
     _check_options(program)
-    return _data(program, arm), _source(program, arm)
+    dat, src = _data(program, arm), _source(program, arm)
+    return {f"{program.name}.dat": dat, f"{program.name}.src": src}
 
 
 def _check_options(program: PoseProgram) -> None:
@@ -151,50 +172,17 @@ def _source(program: PoseProgram, arm: Arm) -> str:
         frames = np.stack([arm.T_tip_tool, arm.T_world_user])
         tool, base = ("{" + fields + "}" for fields in _frames(frames))
         lines += [f"$TOOL={tool}", f"$BASE={base}"]
+    given = {
+        "percent": options.speed_percent,
+        "tool": options.tool_frame,
+        "base": options.user_frame,
+    }
+    phrases = _PHRASES if options.form == "joint" else replace(_PHRASES, move=("PTP XP{number}",))
     for number, pose in zip(program.numbers, program.poses, strict=True):
         if pose.name and LIMITS.fits(pose.name):
             lines.append(f";P{number} {pose.name}")
-        if pose.comment:
-            lines.append(f";{pose.comment}")
-        lines += _move(options, number)
-        if not pose.via:
-            lines += _measuring(program, number)
+        lines += phrases.steps(options, pose, number, **given)
     return "\n".join([*lines, "END"]) + "\n"
-
-
-def _move(options: ProgramOptions, number: int) -> list[str]:
-    """The motion to a position; in an inline form where it has one."""
-    move = f"PTP XP{number}"
-    if options.form != "joint":
-        return [move]
-    speed = options.speed_percent
-    frames = f"Tool[{options.tool_frame}] Base[{options.user_frame}]"
-    return [
-        f";FOLD PTP P{number} Vel={speed} % PDAT1 {frames}{_FORM} "
-        f"1:PTP, 2:P{number}, 3:, 5:{speed}, 7:PDAT1",
-        "$BWDSTART=FALSE",
-        "PDAT_ACT=PPDAT1",
-        f"FDAT_ACT=FP{number}",
-        f"BAS(#PTP_PARAMS,{speed})",
-        move,
-        ";ENDFOLD",
-    ]
-
-
-def _measuring(program: PoseProgram, number: int) -> list[str]:
-    options = program.options
-    # at least one hundredth: a wait that is asked for must not round to none
-    settle = plain(max(options.settle_s, 0.01), 2) if options.settle_s else "0"
-    lines = [f"WAIT SEC {settle}"]
-    if options.measure_output is not None:
-        pulse = plain(options.measure_pulse_s, 2)
-        lines.append(f"PULSE($OUT[{options.measure_output}],TRUE,{pulse})")
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        lines.append(f"{options.measure_call}({' ' if argument is None else argument})")
-    if options.keep == "register":
-        lines.append(f"XM[{options.first_register + number - 1}]=$AXIS_ACT")
-    return lines
 
 
 def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:

@@ -3,21 +3,197 @@
 A file ``NAME.mb5`` of numbered steps, with the positions J1, J2, ... in a list behind them, as RT
 ToolBox saves them. Touched-up positions are taught into J1, J2, ... themselves. Nothing was loaded
 on a controller, and poses are not written: structure flags are not known well enough.
+
+Read is the list behind the steps: joints in degrees, poses in mm and degrees. ``J3`` of a program
+that carries the mark of a plan is the pose of number 3; other positions are numbered behind, in
+their order. Poses are taken without their structure flags, of which public sources do not say the
+signs for every arm: the plan settles which posture is meant. That A, B, C turn about fixed X, Y and
+Z is from RoboDK's post-processor alone. Positions that were defined, but never taught, have empty
+flags, ``(,)``, and are left out.
+
+Rules: ``syntax``: steps and positions are as in the grammar; another command is noted. ``step``:
+numbers of steps rise from 1 to 32767, with 127 characters at most. ``position``: six to eight plain
+numbers (joints: one to eight), each name once. ``range``: joints within +-720 deg, overrides from 1
+to 100 percent. ``target``: moves go to positions that are in the list, or defined.
+``wait-to-measure``: Dly between a move and CallP. ``unused``: all joint positions of the list are
+moved to.
 """
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from lark import Token, Tree
 
 from calib.errors import InputError
+from posedesign.programs import rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JointDialect, Phrases
-from posedesign.programs.mitsubishi_melfa.reader import parse_mitsubishi_melfa
-from posedesign.programs.mitsubishi_melfa.rules import check_mitsubishi_melfa
+from posedesign.programs.joint_programs import JOINTS, JointDialect
+from posedesign.programs.language import (
+    Language,
+    Statement,
+    lines_of,
+    text_of,
+    without_remarks,
+    words,
+)
+from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
+from posedesign.programs.reading import text_of as text_of_file
+from posedesign.programs.recorded import (
+    Level,
+    PlanMark,
+    Problem,
+    RecordedPosition,
+    RecordedProgram,
+)
+from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["MitsubishiMelfa"]
+
+_NOTE = re.compile(r"\d{1,5} ?' ?(.*)")
+_POSE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
+_PLANNED = re.compile(r"J([1-9]\d{0,4})", re.IGNORECASE | re.ASCII)
+_NEVER = re.compile(r"(?!)")
+
+_COMMANDS = "mov mvs dly m_out jovrd ovrd spd cnt servo callp end hlt return wait hopen hclose"
+_OTHERS = "open close print input if else elseif endif for next while wend select case on dim fine"
+_STEP = re.compile(r"\s*\d{1,5} +([A-Za-z]\w*)(?: .*)?")
+
+
+LANGUAGE = Language(
+    __package__ or "",
+    joined=without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
+    signed=True,
+    letters=r"\w",
+)
+
+
+def _trees(tree: Tree[Token]) -> list[Tree[Token]]:
+    return cast("list[Tree[Token]]", tree.children)
+
+
+def _entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
+    """Name, values and flags of an entry of the list, which has no number of a step; else empty."""
+    body = _trees(statement.tree)[-1:]
+    if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
+        return "", [], ""
+    place, value, *flags = _trees(body[0])
+    values = _trees(value) if value.data == "group" else []
+    return text_of(place), values, text_of(flags[0]) if flags else "none"
+
+
+def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
+    """Program in the content of a file; FileFormatError where it holds no position."""
+    text = text_of_file(data, path)
+    notes = [note[1].strip() for line in lines_of(text) if (note := _NOTE.fullmatch(line.text))]
+    mark = next((mark for note in notes if (mark := PlanMark.found_in(note))), None)
+    names = {int(pose[1]): pose[2] or "" for note in notes if (pose := _POSE.fullmatch(note))}
+    found: dict[str, RecordedPosition] = {}
+    for statement in LANGUAGE.statements(text):
+        if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
+            refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
+        name, values, flags = _entry_of(statement)
+        if name[:1].upper() not in ("J", "P") or flags == ",":
+            continue
+        if name.upper() in found:
+            refuse(f"{name} is there twice", path, statement.row)
+        if not all(value.data == "number" for value in values):
+            refuse(f"{name} is no list of numbers", path, statement.row)
+        at = RecordedPosition(0, name, statement.row)
+        found[name.upper()] = _with_values(at, name, [text_of(value) for value in values], path)
+    if not found:
+        refuse("holds no positions", path, None, "save the program with its positions")
+    numbering = Numbering(_PLANNED if mark else _NEVER, _NEVER, mark, names if mark else {})
+    numbered = numbering.of([Named(at.name, at.line) for at in found.values()], path)
+    pairs = zip(found.values(), numbered, strict=True)
+    positions = [replace(at, number=n, name=own.name) for at, (n, own) in pairs]
+    positions.sort(key=lambda position: position.number)
+    return RecordedProgram(path.stem, "", mark or PlanMark(), tuple(positions), None)
+
+
+def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) -> RecordedPosition:
+    """A position with its values; those behind six are of axes that carry the arm, or a part."""
+    joints = name[0] in "Jj"
+    if len(texts) > JOINTS + joints:
+        if any(number(text, name, path, at.line, 1e6) for text in texts[JOINTS:]):
+            refuse(f"{name} moves additional axes", path, at.line, "measure with them at rest")
+        texts = texts[:JOINTS]
+    if len(texts) < (1 if joints else JOINTS):
+        refuse(f"{name} has {len(texts)} values", path, at.line)
+    if joints:
+        return replace(at, shown_deg=np.array([joint_deg(t, name, path, at.line) for t in texts]))
+    return replace(at, T_user_tool=poses_of(pose_values(texts, "XYZABC", name, path, at.line))[0])
+
+
+def check_mitsubishi_melfa(data: bytes, path: Path) -> list[Problem]:
+    """Problems in a program, at most 1000. Never fails."""
+    statements = LANGUAGE.statements(data.decode("latin-1").replace("\r", ""))
+    if not any(statement.fault == "" for statement in statements):
+        return [Problem(1, "syntax", "there is no step in it")]
+    return rules.told(_check(statements))
+
+
+def _check(statements: list[Statement]) -> Iterator[Problem]:
+    names = [_entry_of(s)[0].upper() for s in statements]
+    counts = Counter(names)
+    defined = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
+    known = counts.keys() | defined
+    moved: set[str] = set()
+    step, stands = 0, True
+    for s, name in zip(statements, names, strict=True):
+        if s.fault:
+            yield Problem(s.row, "syntax", s.fault, _level(s.text))
+            continue
+        if name:
+            yield from _check_position(s, counts[name] > 1)
+            continue
+        first, body = str(s.tree.children[0]), _trees(s.tree)[-1]
+        own = int(first) if re.fullmatch(r"\d{1,5}", first) else 0
+        if not step < own <= 32767 or len(s.text) > 127:
+            yield Problem(s.row, "step", f"step {own} behind {step}, {len(s.text)} characters")
+        step = max(step, own)
+        if body.data == "move":
+            target = text_of(_trees(body)[0]).upper()
+            moved.add(target)
+            if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
+                yield Problem(s.row, "target", f"{target[:40]} is not in the list")
+        if body.data == "override" and not 1 <= float(words(body, "NUMBER")[0][:9]) <= 100:
+            yield Problem(s.row, "range", "an override is from 1 to 100 percent")
+        if body.data == "call" and not stands:
+            yield Problem(s.row, "wait-to-measure", "no Dly since the last move", "measuring")
+        stands = body.data == "dly" or (stands and body.data != "move")
+    for s, name in zip(statements, names, strict=True):
+        if name.startswith("J") and name not in moved:
+            yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
+
+
+def _level(text: str) -> Level:
+    """Error for a step that begins with a word of the grammar, or nearly; others may be options."""
+    found = _STEP.fullmatch(text)
+    word = found[1].lower() if found else ""
+    if word in _OTHERS.split():
+        return "error" if text.lower().endswith(" on") else "note"  # On says of what
+    near = word in _COMMANDS.split() or rules.near(word, _COMMANDS.split(), alike=0.7)
+    return "error" if near or not word or re.fullmatch(r"[jpm]\d*", word) else "note"
+
+
+def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:
+    name, values, _ = _entry_of(s)
+    joints = name[0] in "Jj"
+    plain = bool(values) and all(value.data == "number" for value in values)
+    if twice or not plain or not (1 if joints else JOINTS) <= len(values) <= 8:
+        yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
+    elif joints and not all(abs(float(text_of(value))) <= 720 for value in values):
+        yield Problem(s.row, "range", f"{name[:40]} has a joint beyond +-720 deg")
+
 
 SIGNS = "signs of the joints, which are those of the robot's description"
 
@@ -32,15 +208,14 @@ class MitsubishiMelfa(JointDialect):
     names = NameRule("a MELFA program name", 12)
     newline = "\r\n"
     phrases = Phrases(
-        remark="'{}",
-        head=("Servo On", "Cnt 0", "JOvrd {percent}"),
+        note="'{}",
         move=("Mov J{number}",),
-        wait="Dly {time}",
-        pulse=("M_Out({output})=1 Dly {time}",),
-        call='CallP "{call}",{argument}',
-        keep="",
-        most_output=4096,
+        wait="Dly {time:.3f}",
+        pulse=("M_Out({output})=1 Dly {time:.3f}",),
+        call=('CallP "{call}",{argument}',),
+        bare=('CallP "{call}"',),
     )
+    head = ("Servo On", "Cnt 0", "JOvrd {percent}")
     reader = parse_mitsubishi_melfa
     rules = check_mitsubishi_melfa
 
@@ -57,6 +232,4 @@ class MitsubishiMelfa(JointDialect):
         """Numbered steps, and the positions behind them."""
         rows = zip(program.numbers, shown_deg(arm, program.poses), strict=True)
         listed = [f"J{number}=({','.join(plain_all(row, 5))})" for number, row in rows]
-        # a call without an argument has no comma
-        said = [step.removesuffix(",") if step[0] == "C" else step for step in steps]
-        return [f"{k} {step}" for k, step in enumerate([*said, "End"], start=1)] + listed
+        return [f"{k} {step}" for k, step in enumerate([*steps, "End"], start=1)] + listed

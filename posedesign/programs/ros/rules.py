@@ -37,13 +37,12 @@ from typing import NamedTuple
 from posedesign.files.yaml_tree import Fault, Node, Plain, documents, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, number
 from posedesign.programs.recorded import Problem
-
-MOST_PROBLEMS = 1000
-"""Most problems told by one check: a file that is no list has one in each of its lines."""
+from posedesign.programs.rules import MOST_PROBLEMS
 
 _MOST_RAD = math.radians(MOST_JOINT_DEG)
 _BILLION = 1_000_000_000
 _TIME = {"sec": 2_147_483_647, "nanosec": _BILLION - 1}
+_NEEDED = ("joints", "positions")
 _AROUND = ("goal", "trajectory", "joint_trajectory")
 """Keys that a trajectory is found under in messages that hold one."""
 
@@ -177,7 +176,7 @@ class Walk:
                 found = self.fields(state, f"{what}: joint_states", (), ("name", "position"))
                 return {"joints": found["name"], "positions": found["position"]}
         keys = self.layout.entry_keys
-        return self.fields(entry, what, keys, {"joints", "positions"}.intersection(keys))
+        return self.fields(entry, what, keys, [key for key in keys if key in _NEEDED])
 
     def fields(
         self, node: Node, what: str, keys: Collection[str], few: Collection[str] = ()

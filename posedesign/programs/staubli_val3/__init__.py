@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.program import PoseProgram
-from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.staubli_val3.reader import parse_staubli_val3
 from posedesign.programs.staubli_val3.rules import check_staubli_val3
 from posedesign.programs.staubli_val3.writer import NAMES, render_staubli_val3
@@ -26,12 +21,6 @@ class StaubliVal3(Dialect):
     in_folder = True
     names = NAMES
     encoding = "utf-8"
-
-    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        return render_staubli_val3(program, arm)
-
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        return parse_staubli_val3(data, path)
-
-    def check(self, data: bytes, path: Path) -> list[Problem]:
-        return check_staubli_val3(data, path)
+    writer = render_staubli_val3
+    reader = parse_staubli_val3
+    rules = check_staubli_val3

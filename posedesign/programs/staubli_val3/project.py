@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from defusedxml import DefusedXmlException, ElementTree
 from lark import Token, Tree
 
-from posedesign.programs.language import Language, Line, Statement, text_of
+from posedesign.programs.language import Language, Statement, text_of, without_remarks
 
 MOST_NODES = 300_000
 """Elements of a file that are read: ten times those of 10,000 poses."""
@@ -103,19 +103,7 @@ class _Builder:
         """Take the end of the file."""
 
 
-_REMARK = re.compile(r'"[^"\n]*"|//.*')
-
-
-def _without_remarks(lines: Iterator[Line]) -> Iterator[Line]:
-    for line in lines:
-        text = line.text
-        if "//" in text:
-            text = _REMARK.sub(lambda found: "" if found[0].startswith("//") else found[0], text)
-        if text.strip():
-            yield Line(line.row, text)
-
-
-LANGUAGE = Language(__package__ or "", joined=_without_remarks, letters=r"\w")
+LANGUAGE = Language(__package__ or "", joined=without_remarks("//.*"), letters=r"\w")
 
 
 def statements_of(code: Node) -> list[Statement]:
@@ -131,21 +119,9 @@ MOVES = {"movej": 1, "movel": 1, "movec": 2}
 _INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
 
 
-def parts_of(statement: Statement) -> dict[str, list[Tree[Token]]]:
-    """Functions and routines that a statement calls, and places: variables that it names."""
-    found: dict[str, list[Tree[Token]]] = {"function": [], "routine": [], "place": []}
-    waiting = [statement.tree]
-    while waiting:
-        tree = waiting.pop()
-        if tree.data in found:
-            found[tree.data].append(tree)
-        waiting.extend(child for child in reversed(tree.children) if isinstance(child, Tree))
-    return found
-
-
-def targets_of(functions: list[Tree[Token]]) -> Iterator[tuple[str, str]]:
-    """Variables that calls move to: name, and index; see :func:`index_of`."""
-    for function in functions:
+def targets_of(statement: Statement) -> Iterator[tuple[str, str]]:
+    """Variables that a statement moves to: name, and index; see :func:`index_of`."""
+    for function in statement.all("function"):
         for target in arguments_of(function)[: MOVES.get(name_of(function).lower(), 0)]:
             if target.data == "place":
                 yield name_of(target), index_of(target)

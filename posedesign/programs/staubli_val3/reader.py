@@ -19,6 +19,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -40,6 +41,8 @@ _CONFIG = ("shoulder", "elbow", "wrist")
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames
+_SAVE = "save the application again"
+_NAME_DATA = "name the project's data file, NAME.dtx"
 _WHOLE = re.compile(r"\d{1,6}", re.ASCII)
 
 
@@ -68,8 +71,11 @@ class _Data(dict[str, _Array]):
         first = self.first(name)
         return first.get("value") if first else ""
 
+    def refuse(self, message: str, row: int | None, hint: str = _SAVE) -> NoReturn:
+        refuse(message, self.path, row, hint)
 
-def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
+
+def parse_staubli_val3(data: bytes, path: Path) -> RecordedProgram:
     """Project whose data are the content of a file; see the module.
 
     Raises
@@ -77,9 +83,8 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     FileFormatError
         The file holds no data of a VAL 3 project, or no position that can be read.
     """
-    path = Path(path)
     if path.suffix.lower() in (".pjx", ".pgx"):
-        refuse("holds no positions", path, None, "name the project's data file, NAME.dtx")
+        refuse("holds no positions", path, None, _NAME_DATA)
     arrays = _arrays(data, path)
     own = "sPlan" in arrays
     listed, empty = _own(arrays) if own else (_others(arrays), False)
@@ -97,8 +102,7 @@ def _arrays(data: bytes, path: Path) -> _Data:
     except project.XmlFault as fault:
         refuse(fault.reason, path, fault.line, fault.hint)
     if root.name != "Database":
-        hint = "name the project's data file, NAME.dtx"
-        refuse("is no data file of a VAL 3 project", path, root.line, hint)
+        refuse("is no data file of a VAL 3 project", path, root.line, _NAME_DATA)
     arrays = _Data()
     arrays.path = path
     for node in root.all("Data"):
@@ -132,18 +136,21 @@ def _own(arrays: _Data) -> tuple[_Listed, bool]:
     And whether it has a place of its own for touched-up ones, with none in it.
     """
     array, actual = arrays.get("jPose") or arrays.get("pPose"), arrays.get("jActual")
-    hint = "save the application again"
     if array is None or array.type not in _KINDS:
-        refuse("has sPlan, but no jPose and no pPose", arrays.path, None, hint)
+        arrays.refuse("has sPlan, but no jPose and no pPose", None)
     sources = {k: (array, k) for k in range(array.size)}
     stored = None
     if actual is not None:
         if _KINDS.get(actual.type) != "joint":
             reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
-            refuse(reason, arrays.path, actual.line, hint)
-        first = _first(arrays)
-        kept = range(min(actual.size - first, array.size))
-        stored = {k: (actual, first + k) for k in kept if not _is_empty(actual, first + k)}
+            arrays.refuse(reason, actual.line)
+        first, text = arrays.first("nFirst"), arrays.string("nFirst")
+        if not _WHOLE.fullmatch(text) or int(text) < 1:
+            reason = f"nFirst is {text[:20]!r}, not a number from 1 on"
+            refuse(reason, arrays.path, first.line if first else None)
+        before = int(text) - 1
+        kept = range(min(actual.size - before, array.size))
+        stored = {k: (actual, before + k) for k in kept if _is_touched(actual, before + k)}
         if stored:
             passed = {k: own for k, own in sources.items() if k not in kept}
             sources = dict(sorted((passed | stored).items()))
@@ -152,20 +159,11 @@ def _own(arrays: _Data) -> tuple[_Listed, bool]:
     return [(k + 1, named[k], *source) for k, source in sources.items()], stored == {}
 
 
-def _is_empty(array: _Array, key: int) -> bool:
-    """Whether an element has no joint value but zeros, or is not there."""
+def _is_touched(array: _Array, key: int) -> bool:
+    """Whether an element is there, and has another joint value than zero."""
     element = array.elements.get(key)
-    texts = [] if element is None else [element.attributes.get(j, "0") for j in _JOINTS]
-    return not any(re.search(r"[^-+.0]", text) for text in texts)
-
-
-def _first(arrays: _Data) -> int:
-    """Element of the first pose that is kept."""
-    element, text = arrays.first("nFirst"), arrays.string("nFirst")
-    if not _WHOLE.fullmatch(text) or int(text) < 1:
-        row = element.line if element else None
-        refuse(f"nFirst is {text[:20]!r}, not a number from 1 on", arrays.path, row)
-    return int(text) - 1
+    texts = [element.get(joint) for joint in _JOINTS] if element else []
+    return any(re.search(r"[^-+.0]", text) for text in texts)
 
 
 def _others(arrays: _Data) -> _Listed:
@@ -196,7 +194,7 @@ def _moved(path: Path) -> Iterator[tuple[str, str]]:
         root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
     for code in root.all("Code", "code"):
         for statement in project.statements_of(code):
-            yield from project.targets_of(project.parts_of(statement)["function"])
+            yield from project.targets_of(statement)
 
 
 def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[RecordedPosition, ...]:
@@ -204,42 +202,39 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
     out: list[RecordedPosition] = []
     points: list[list[float]] = []
     father = ""
+    path = arrays.path
     for number, name, array, key in listed:
         element = array.elements.get(key)
         label = f"{array.name}[{key}]"
         if element is None:
-            hint = "save the application again"
-            refuse(f"{label} is not there", arrays.path, array.line, hint)
+            arrays.refuse(f"{label} is not there", array.line)
         at = RecordedPosition(number, name, element.line)
         if _KINDS[array.type] == "joint":
-            texts = {joint: element.attributes.get(joint, "0") for joint in _JOINTS}
-            where = arrays.path, element.line
-            shown = [reading.joint_deg(t, f"{label}: {j}", *where) for j, t in texts.items()]
+            texts = [(element.attributes.get(j, "0"), f"{label}: {j}") for j in _JOINTS]
+            shown = [reading.joint_deg(t, what, path, element.line) for t, what in texts]
             out.append(replace(at, shown_deg=np.array(shown)))
             continue
         own = element.attributes.get("fatherId", "world[0]")
         if own != (father or own):
             reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
-            refuse(reason, arrays.path, element.line, "teach all points in one frame")
+            arrays.refuse(reason, element.line, "teach all points in one frame")
         father = own
-        points.append(_values(element, label, arrays.path))
-        out.append(replace(at, configuration=_configuration(element, label, arrays.path)))
-    if points:
-        _check_unit(arrays.path)
-        T_world_user, T_tip_tool = _frame(father, arrays), None
-        on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
-        if tool is not None and on_flange and arrays["tTool"].type == "tool":
-            T_tip_tool = _transforms([_values(tool, "tTool[0]", arrays.path)])[0]
-        poses = iter(_transforms(points))
-        for i, position in enumerate(out):
-            if position.shown_deg is None:
-                out[i] = replace(
-                    position,
-                    T_user_tool=next(poses),
-                    T_world_user=T_world_user,
-                    T_tip_tool=T_tip_tool,
-                )
-    return tuple(out)
+        points.append(_values(element, label, path))
+        out.append(replace(at, configuration=_configuration(element, label, path)))
+    if not points:
+        return tuple(out)
+    _check_unit(path)
+    T_world_user, T_tip_tool = _frame(father, arrays), None
+    on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
+    if tool is not None and on_flange and arrays["tTool"].type == "tool":
+        T_tip_tool = _transforms([_values(tool, "tTool[0]", path)])[0]
+    poses = iter(_transforms(points))
+    return tuple(
+        replace(p, T_user_tool=next(poses), T_world_user=T_world_user, T_tip_tool=T_tip_tool)
+        if p.shown_deg is None
+        else p
+        for p in out
+    )
 
 
 def _check_unit(path: Path) -> None:

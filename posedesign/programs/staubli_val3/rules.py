@@ -46,10 +46,10 @@ from lark import Token, Tree
 
 from calib.errors import FileFormatError
 from posedesign.programs import rules
-from posedesign.programs.language import Block, block_faults, text_of
+from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
-from posedesign.programs.staubli_val3 import project, words
+from posedesign.programs.staubli_val3 import project, spec
 from posedesign.programs.staubli_val3.project import Node, arguments_of, index_of, name_of
 
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
@@ -86,12 +86,12 @@ def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
 
 
 def _check(root: Node, path: Path) -> Iterator[Problem]:
-    suffix = path.suffix.lower() if path.suffix.lower() in words.ELEMENTS else ".dtx"
-    expected = next(iter(words.ELEMENTS[suffix]))
+    suffix = path.suffix.lower() if path.suffix.lower() in spec.ELEMENTS else ".dtx"
+    expected = next(iter(spec.ELEMENTS[suffix]))
     if root.tag == _OLD_PROGRAMS:
         yield from _check_code(root, path)
     elif root.name == expected and _SPACE.match(root.tag):
-        yield from _check_elements(root, words.ELEMENTS[suffix])
+        yield from _check_elements(root, spec.ELEMENTS[suffix])
         special = {".dtx": _check_data, ".pjx": _check_project, ".pgx": _check_programs}
         yield from special[suffix](root, path)
     elif root.tag not in _OLD_ROOTS:
@@ -145,25 +145,25 @@ def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
         said = f"{label[:40]}: {name[-40:]} is {text[:30]!a}"
         if name not in names:
             # of a position all are known
-            level = "error" if names.keys() & words.LIMITS.keys() else _level(name, names)
+            level = "error" if names.keys() & spec.LIMITS.keys() else _level(name, names)
             yield Problem(node.line, "attributes", f"{said}, of no meaning", level)
-        elif name in words.FORMS and not re.fullmatch(words.FORMS[name], text, re.ASCII):
+        elif name in spec.FORMS and not re.fullmatch(spec.FORMS[name], text, re.ASCII):
             yield Problem(node.line, "attributes", said)
-        elif name in words.LIMITS and not _NUMBER.fullmatch(text):
+        elif name in spec.LIMITS and not _NUMBER.fullmatch(text):
             yield Problem(node.line, "number", f"{said}, not a plain number")
-        elif name in words.LIMITS and not abs(float(text)) <= words.LIMITS[name]:
+        elif name in spec.LIMITS and not abs(float(text)) <= spec.LIMITS[name]:
             yield Problem(node.line, "range", said)
 
 
 def _check_array(array: Node) -> Iterator[Problem]:
     """Type, size and values of data, a field, a local or a parameter."""
     name, kind = array.get("name")[:40], array.get("type")
-    known = kind in words.VALUES or kind in ("joint", "point")
+    known = kind in spec.VALUES or kind in ("joint", "point")
     if not known and not any(value.children for value in array.children):
         reason = f"{name} is of type {kind[:30]!a}"
-        yield Problem(array.line, "data-type", reason, _level(kind, words.VALUES))
-    size = re.fullmatch(words.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
-    if array.get(words.XSI_TYPE) == "collection" or not size:
+        yield Problem(array.line, "data-type", reason, _level(kind, spec.VALUES))
+    size = re.fullmatch(spec.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
+    if array.get(spec.XSI_TYPE) == "collection" or not size:
         return
     bounds = [int(text) for text in size[0].split()]
     seen: set[str] = set()
@@ -176,13 +176,13 @@ def _check_array(array: Node) -> Iterator[Problem]:
             yield Problem(value.line, "keys", f"{label} is none of {size[0]}, or there twice")
         seen.add(key)
         if known:
-            yield from _check_attributes(value, "key! " + words.VALUES.get(kind, ""), label)
+            yield from _check_attributes(value, "key! " + spec.VALUES.get(kind, ""), label)
         if kind == "num" and "value" in value.attributes and not _NUMBER.fullmatch(text):
             yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
         if kind == "bool" and text not in ("", "true", "false"):
             yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")
     count = len(array.children)
-    if kind in words.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
+    if kind in spec.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
         reason = f"{name} has {count} positions, its size is {bounds[0]}"
         yield Problem(array.line, "keys", reason, "measuring")
 
@@ -242,15 +242,14 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
                 yield Problem(statement.row, "syntax", statement.fault)
                 whole = False
                 continue
-            parts = project.parts_of(statement)
-            for rule, reason, level in scope.faults(parts):
+            for rule, reason, level in scope.faults(statement):
                 yield Problem(statement.row, rule, reason, level)
-            called = {name_of(function).lower() for function in parts["function"]}
+            called = {name_of(function).lower() for function in statement.all("function")}
             if not stands and (statement.kind == "call" or "herej" in called):
                 reason = "no waitEndMove() since the last move"
                 yield Problem(statement.row, "wait-to-measure", reason, "measuring")
             stands = "waitendmove" in called or (stands and not called & project.MOVES.keys())
-            moved |= set(project.targets_of(parts["function"]))
+            moved |= set(project.targets_of(statement))
         own = next((name for name in ("jPose", "pPose") if name in scope.known), "")
         if path.stem == "start" and own and "sPlan" in scope.known and whole:
             size = scope.known[own][1] or 0
@@ -280,7 +279,7 @@ class _Scope:
 
     def __init__(self, path: Path, root: Node) -> None:
         listed, data = _files_beside(path)
-        files = [Path(f) for f in listed if re.fullmatch(words.FORMS["file"], f, re.ASCII)]
+        files = [Path(f) for f in listed if re.fullmatch(spec.FORMS["file"], f, re.ASCII)]
         self.whole = path.name in [file.name for file in files]
         self.programs = {f.stem: _parameters(path.parent / f) for f in files if self.whole}
         self.known: dict[str, tuple[str, int | None]] = {}
@@ -288,14 +287,14 @@ class _Scope:
             size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
             self.known[node.get("name")] = node.get("type") or node.name, size
 
-    def faults(self, parts: dict[str, list[Tree[Token]]]) -> Iterator[Fault]:
+    def faults(self, statement: Statement) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
         for kind, check in (
             ("function", self._of_function),
             ("routine", self._of_routine),
             ("place", self._of_place),
         ):
-            for tree in parts[kind]:
+            for tree in statement.all(kind):
                 if ":" not in name_of(tree):  # else of a library
                     yield from check(tree)
 
@@ -304,16 +303,16 @@ class _Scope:
         word = name.lower()
         if name.startswith("$"):
             return  # of an option
-        least, most = words.FUNCTIONS.get(word, (0, 99))
+        least, most = spec.FUNCTIONS.get(word, (0, 99))
         if name in self.programs:
             yield "function", f"{name[:40]} is a program, and needs a call", "error"
-        elif word not in words.FUNCTIONS:
-            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, words.FUNCTIONS)
+        elif word not in spec.FUNCTIONS:
+            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, spec.FUNCTIONS)
         elif not least <= len(given) <= most:
             takes = str(least) if least == most else f"{least} to {most}"
             yield "function", f"{name} takes {takes} arguments, not {len(given)}", "error"
         elif word in project.MOVES:
-            targets = words.JOINT_TARGETS if word == "movej" else words.TARGETS
+            targets = spec.JOINT_TARGETS if word == "movej" else spec.TARGETS
             kinds = [targets] * project.MOVES[word] + [("tool",), ("mdesc",)]
             for tree, types in zip(given, kinds, strict=True):
                 kind = self._type(tree)
@@ -332,9 +331,9 @@ class _Scope:
     def _of_place(self, place: Tree[Token]) -> Iterator[Fault]:
         name = name_of(place)
         word = name.lower()
-        if word in words.KEYWORDS or word in words.FUNCTIONS:
+        if word in spec.KEYWORDS or word in spec.FUNCTIONS:
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
-        elif name not in self.known and word not in words.PREDEFINED and self.whole:
+        elif name not in self.known and word not in spec.PREDEFINED and self.whole:
             yield "name", f"{name[:40]} is neither in the data file nor a local", "error"
         size = self.known.get(name, ("", None))[1]
         if size is not None and int(index_of(place) or 0) >= size:

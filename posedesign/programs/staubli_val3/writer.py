@@ -33,10 +33,11 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, moving_xyz_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.program import PoseProgram
 from posedesign.programs.writing import (
     Limits,
     NameRule,
+    Phrases,
     plain_all,
     rounded_deg,
     shown_deg,
@@ -66,18 +67,22 @@ _XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _VAL3 = "http://www.staubli.com/robotics/VAL3"
 _DECLARED = '<?xml version="1.0" encoding="utf-8" ?>'
 
+_PHRASES = Phrases(
+    note="// {}",
+    move=("nTraj=movej({element},tTool[0],mMeasure)", "waitEndMove()"),
+    wait="delay({time:.3f})",
+    pulse=("doMeasure=true", "delay({time:.3f})", "doMeasure=false"),
+    call=("call {call}({argument})",),
+    keep="jActual[{kept}]=herej()",
+)
+
 
 def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
     r"""Text of each file by its path, ``NAME/NAME.dtx`` first, lines ended by ``\n``.
 
     Joints and angles are rounded to 5e-6 deg, coordinates to 5e-5 mm. A pose's name is left out
-    where it is longer than 60 characters or not plain ASCII.
-
-    Parameters
-    ----------
-    program : PoseProgram
-    arm : Arm
-        Its tool frame becomes ``tTool``, its user frame ``fUser``.
+    where it is longer than 60 characters or not plain ASCII. The arm's tool frame becomes
+    ``tTool``, its user frame ``fUser``.
 
     Raises
     ------
@@ -136,35 +141,15 @@ def _fits(text: str) -> bool:
 
 def _start(program: PoseProgram) -> list[str]:
     options = program.options
+    array = "jPose" if options.form == "joint" else "pPose"
     notes = [f"// {text}" for text in (options.comment, program.mark) if text]
     notes += [f"// {line}" for line in warning_lines(program, TEXT_LENGTH, "[]<>&")]
     lines = [*notes, "resetMotion()"]
     for number, pose in zip(program.numbers, program.poses, strict=True):
-        lines += _at_pose(options, pose, number)
+        name = pose.name if _fits(pose.name) else ""
+        given = {"element": f"{array}[{number - 1}]", "kept": options.first_register + number - 2}
+        lines += _PHRASES.at_pose(options, pose, number, name, **given)
     return lines
-
-
-def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> Iterator[str]:
-    yield f"// POSE {number} {pose.name if _fits(pose.name) else ''}".rstrip()
-    if pose.comment.strip():
-        yield f"// {pose.comment.strip()}"
-    array = "jPose" if options.form == "joint" else "pPose"
-    yield f"nTraj=movej({array}[{number - 1}],tTool[0],mMeasure)"
-    yield "waitEndMove()"
-    if pose.via:
-        return
-    if options.settle_s > 0:
-        # at least a millisecond: a time that is asked for must not round to none
-        yield f"delay({max(options.settle_s, 0.001):.3f})"
-    if options.measure_output is not None:
-        yield "doMeasure=true"
-        yield f"delay({max(options.measure_pulse_s, 0.001):.3f})"
-        yield "doMeasure=false"
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        yield f"call {options.measure_call}({'' if argument is None else argument})"
-    if options.keep == "register":
-        yield f"jActual[{options.first_register + number - 2}]=herej()"
 
 
 def _data_file(program: PoseProgram, arm: Arm) -> str:
@@ -240,43 +225,36 @@ def _points(poses: FloatArray) -> Iterator[str]:
 
 
 def _project_file(name: str, programs: list[str]) -> str:
-    return "\n".join(
-        [
-            _DECLARED,
-            f'<Project xmlns="{_VAL3}/Project/3">',
-            '  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />',
-            "  <Programs>",
-            *(f'    <Program file="{program}.pgx" />' for program in programs),
-            "  </Programs>",
-            "  <Database>",
-            f'    <Data file="{name}.dtx" />',
-            "  </Database>",
-            "  <Libraries>",
-            "  </Libraries>",
-            "</Project>",
-            "",
-        ]
-    )
+    listed = "\n".join(f'    <Program file="{program}.pgx" />' for program in programs)
+    return f"""{_DECLARED}
+<Project xmlns="{_VAL3}/Project/3">
+  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />
+  <Programs>
+{listed}
+  </Programs>
+  <Database>
+    <Data file="{name}.dtx" />
+  </Database>
+  <Libraries>
+  </Libraries>
+</Project>
+"""
+
+
+_PARAMETERS = f"""
+    <Parameters xmlns="{_VAL3}/Param/1">
+      <Parameter name="x_nNumber" type="num" use="value" xsi:type="element" dimensions="1" />
+    </Parameters>"""
 
 
 def _program_file(name: str, lines: list[str], *, argument: bool) -> str:
-    parameters = [
-        f'    <Parameters xmlns="{_VAL3}/Param/1">',
-        '      <Parameter name="x_nNumber" type="num" use="value" xsi:type="element" '
-        'dimensions="1" />',
-        "    </Parameters>",
-    ]
-    return "\n".join(
-        [
-            _DECLARED,
-            f'<Programs {_XSI} xmlns="{_VAL3}/Program/2">',
-            f'  <Program name="{name}" access="{"private" if name == "stop" else "public"}">',
-            *(parameters if argument else []),
-            "    <Code><![CDATA[begin",
-            *(f"  {line}" for line in lines),
-            "end]]></Code>",
-            "  </Program>",
-            "</Programs>",
-            "",
-        ]
-    )
+    access = "private" if name == "stop" else "public"
+    code = "".join(f"\n  {line}" for line in lines)
+    return f"""{_DECLARED}
+<Programs {_XSI} xmlns="{_VAL3}/Program/2">
+  <Program name="{name}" access="{access}">{_PARAMETERS if argument else ""}
+    <Code><![CDATA[begin{code}
+end]]></Code>
+  </Program>
+</Programs>
+"""

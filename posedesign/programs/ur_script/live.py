@@ -29,7 +29,8 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.program import in_range
 from posedesign.programs.ur_script import rtde_process
-from posedesign.programs.ur_script.reader import JOINTS, MOST_JOINT_RAD
+from posedesign.programs.ur_script.reader import MOST_JOINT_RAD
+from posedesign.programs.ur_script.spec import JOINTS
 
 PORT = 30004
 """Of RTDE; ur_rtde knows no other."""

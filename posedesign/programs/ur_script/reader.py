@@ -1,4 +1,4 @@
-"""Universal Robots URScript programs (``.script``): the reader of what is written and generated.
+"""Universal Robots URScript programs (``.script``), and logs of what they report: the readers.
 
 Positions are the targets of ``movej``, ``movel`` and ``movep`` in their order: lists of joints and
 poses ``p[...]``, there or in variables (``q1=[...]``, ``global Waypoint_1_q=[...]``), also inside
@@ -19,7 +19,10 @@ set above the move, or that ``get_inverse_kin`` names. A TCP that cannot be know
 is set in a branch, a loop or a function in another way, leaves the tool frame open. A pose that is
 moved to with two TCPs is refused.
 
-What the robot did is in the log of a run, not in the script: see :mod:`.log`.
+What the robot did is in the log of a run. A line holds ``POSE 3 q=[0.1, -1.57, 1.57, 0, 1.57, 0]``
+[rad] behind anything (the time, the source), as ``textmsg`` of the written scripts makes it; other
+lines are ignored. A line with ``PROGRAM NAME PLAN 1a2b3c4d 27`` starts a run: what stands before
+the last one is of earlier runs and is left out.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -36,39 +39,25 @@ from lark import Token, Tree
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.programs.language import (
     MOST_FAULTS,
-    MOST_LENGTH,
-    Block,
     Language,
     Line,
     Statement,
+    lines_of,
+    open_lines,
     text_of,
     words,
 )
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number, refuse
 from posedesign.programs.reading import text_of as text_of_file
-from posedesign.programs.recorded import RecordedPosition, RecordedProgram
-from posedesign.programs.ur_script.functions import MOVES, PARAMETERS
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.ur_script.spec import BLOCKS, JOINTS, MOVES, PARAMETERS
 
 Node = Tree[Token] | Token
 
-JOINTS = 6
 MOST_JOINT_RAD = float(np.radians(MOST_JOINT_DEG))
 
-BLOCKS = {
-    "define": Block("end"),
-    "thread": Block("end"),
-    "secondary": Block("end"),
-    "if_": Block("end", ("elif_", "else_")),
-    "while_": Block("end"),
-}
-
-_MOST_LINES = 300
-"""Of one statement."""
-
-_QUOTED_OR_REMARK = re.compile(r'("[^"\n]*")|#([^\n]*)')
-_SAID = re.compile(r'"[^"\n]*"|#([ \t]*(?:POSE\s+\d|PLAN|Title:)[^\n]*)|#[^\n]*')
-_KEYWORD_FIRST = re.compile(r"\s*(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b")
+_SAID = re.compile(r'"[^"\n]*"|#([ \t]*(?:POSE\s+\d|PLAN|Title:).*)|#.*')
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
 _MATTERS = re.compile(r"\b(?:move[jlpc]|set_tcp)\b|[\[=]")
 """A statement that may hold a position or change a frame, where it cannot be read."""
@@ -77,55 +66,39 @@ _LONG = 100
 
 _DEGREES = re.compile(r"d2r\(([-+.\deE]{1,40})\)", re.ASCII)
 _TITLE = re.compile(r"\s*Title:\s*(.*)")
-_STEM = re.compile(r"(.+)_[qp]")
+
+_REPORT = re.compile(
+    r"\bPOSE\s{1,9}(\d{1,6})\s{0,9}q\s{0,9}=\s{0,9}(?:\[([^\[\]]{0,999})(\]?))?", re.ASCII
+)
+_START = re.compile(
+    r"\bPROGRAM\s{1,9}([A-Za-z]\w{0,63})(?!\w)(?:\s{1,9}(PLAN [0-9a-f]{4,16} \d{1,7})(?!\w))?",
+    re.ASCII,
+)
+_IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
+_IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
 
-def join_lines(lines: Iterator[Line]) -> Iterator[Line]:
-    """Leave remarks out, and make one statement of lines while a bracket is open."""
-    row, parts, opened, length = 0, [""], 0, 0
-    for line in lines:
-        code = line.text
-        if code[0] == "#":
-            continue
-        if "#" in code:
-            code = _QUOTED_OR_REMARK.sub(lambda found: found[1] or "", code)
-        bare = _QUOTED_OR_REMARK.sub("", code) if '"' in code else code
-        goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
-        if not goes_on or _KEYWORD_FIRST.match(code):
-            yield from _whole(row, parts)
-            row, parts, opened, length = line.row, [], 0, 0
-        parts.append(code)
-        length += len(code)
-        opened += bare.count("(") + bare.count("[") - bare.count(")") - bare.count("]")
-    yield from _whole(row, parts)
-
-
-def _whole(row: int, parts: list[str]) -> Iterator[Line]:
-    text = parts[0] if len(parts) == 1 else " ".join(parts)
-    if text and not text.isspace():
-        yield Line(row, text)
-
-
-LANGUAGE = Language(__package__, joined=join_lines, signed=True)
+LANGUAGE = Language(
+    __package__,
+    joined=open_lines(
+        "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
+    ),
+    signed=True,
+)
 
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
     """Keywords, empty for none, and expressions of the arguments of a call."""
-    given: list[tuple[str, Node]] = []
-    for argument in call.children:
-        if isinstance(argument, Tree) and argument.data == "argument":
-            *keyword, value = argument.children
-            given.append((str(keyword[0]) if keyword else "", value))
-    return given
+    listed = [a.children for a in call.children if isinstance(a, Tree) and a.data == "argument"]
+    return [(str(keyword[0]) if keyword else "", value) for *keyword, value in listed]
 
 
 def by_name(name: str, given: Sequence[tuple[str, Node]]) -> dict[str, Node]:
     """Arguments of a function by the names of its parameters; a move has its target as ``q``."""
     parameters = PARAMETERS[name][1]
-    out = {}
-    for k, (keyword, value) in enumerate(given):
-        if keyword or k < len(parameters):
-            out[keyword or parameters[k]] = value
+    named = [*parameters, *[""] * len(given)]
+    out = {keyword or named[k]: value for k, (keyword, value) in enumerate(given)}
+    out.pop("", None)
     if name in MOVES and "pose" in out:
         out.setdefault("q", out.pop("pose"))
     return out
@@ -141,7 +114,7 @@ def elements(node: Tree[Token]) -> list[Node]:
     return node.children[1:-1:2]
 
 
-def six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int) -> list[float]:
+def _six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int) -> list[float]:
     """Six numbers within ``+-most`` of the elements of a list or a pose [rad, m]."""
     if len(parts) != JOINTS:
         refuse(f"{what} has {len(parts)} values, not six", path, row, "is this another robot's?")
@@ -156,28 +129,32 @@ def six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int
     return values
 
 
+def is_log(data: bytes) -> bool:
+    """Whether a file is the log of a run, and no script."""
+    return _IS_LOG.search(data) is not None and _IS_SCRIPT.search(data) is None
+
+
 def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; see the module.
+    """Program, or log of its run, in the content of a file; see the module.
 
     Raises
     ------
     FileFormatError
-        The file is no script, is cut off, or holds a position that cannot be read.
+        The file is neither, is cut off, or holds a position that cannot be read.
     """
     text = text_of_file(data, path, "name a text file", strict=True)
+    if is_log(data):
+        return _logged(text.split("\n"), path)
     reader = _Reader(path)
-    remarks = _remarks(text)
-    remark = next(remarks, None)
     statements = LANGUAGE.statements(text)
     if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
         refuse("is no script: hardly a line of it can be read", path, statements[0].row)
-    for statement in statements:
-        while remark is not None and remark[0] <= statement.row:
-            reader.remark(*remark)
-            remark = next(remarks, None)
-        reader.take(statement)
-    for said in chain([remark] if remark else [], remarks):
-        reader.remark(*said)
+    said: list[Line | Statement] = [*_remarks(text), *statements]
+    for line in sorted(said, key=lambda line: line.row):
+        if isinstance(line, Line):
+            reader.remark(line)
+        else:
+            reader.take(line)
     if reader.depth > 0:
         row = text.count("\n") + 1
         refuse("is cut off: a def, if, while, ... has no end", path, row, "copy it again")
@@ -188,18 +165,44 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     return RecordedProgram(name, reader.title, reader.announced.mark, positions, "ur")
 
 
-def _remarks(text: str) -> Iterator[tuple[int, str]]:
-    """Lines and texts of the remarks that say something of poses, plan or title."""
-    row, last = 1, 0
-    for found in _SAID.finditer(text):
-        if found[1]:
-            row += text.count("\n", last, found.start())
-            last = found.start()
-            yield row, found[1]
+def _logged(lines: list[str], path: Path | str) -> RecordedProgram:
+    """Positions that the last run in a log reported."""
+    starts = [(row, m) for row, line in enumerate(lines, start=1) if (m := _START.search(line))]
+    first, start = starts[-1] if starts else (0, None)
+    found: dict[int, tuple[int, list[float]]] = {}
+    for row, line in enumerate(lines[first:], start=first + 1):
+        report = _REPORT.search(line)
+        if report is None:
+            continue
+        n = int(report[1])
+        if report[2] is None or not report[3]:
+            refuse(f"POSE {n} has no whole list of joints", path, row, "save the log again")
+        parts = [part.strip() for part in report[2].split(",")]
+        values = _six(parts, f"POSE {n}", MOST_JOINT_RAD, path, row)
+        if n < 1:
+            refuse("poses are counted from 1", path, row)
+        earlier, there = found.setdefault(n, (row, values))
+        if there != values:
+            reason = f"POSE {n} is reported twice in one run, with other joints"
+            refuse(reason, path, row, f"which is right? the other is on line {earlier}")
+    if not found:
+        refuse("the last run in it reports no POSE", path, first or None, "save the log of a run")
+    mark = PlanMark.found_in((start and start[2]) or "") or PlanMark()
+    positions = [RecordedPosition(n, "", row, np.degrees(q)) for n, (row, q) in found.items()]
+    name = start[1] if start else Path(path).stem
+    return RecordedProgram(name, "", mark, tuple(positions), "ur")
+
+
+def _remarks(text: str) -> Iterator[Line]:
+    """Remarks that say something of poses, plan or title."""
+    for line in lines_of(text) if "#" in text else ():
+        for found in _SAID.finditer(line.text) if "#" in line.text else ():
+            if found[1]:
+                yield Line(line.row, found[1])
 
 
 @dataclass(frozen=True)
-class Target:
+class _Target:
     """A list of joints, or a pose, or both: in a variable, where that has a name.
 
     ``frames`` are those that the pose is in, from the base frame on; ``tcp`` is the TCP that is
@@ -216,8 +219,7 @@ class Target:
     @property
     def name(self) -> str:
         """The variable's name without PolyScope's _q and _p."""
-        stem = _STEM.fullmatch(self.variable)
-        return stem[1] if stem else self.variable
+        return re.sub(r"(?<=.)_[qp]\Z", "", self.variable)
 
     @property
     def key(self) -> tuple[str, int]:
@@ -234,27 +236,26 @@ class _Reader:
         self.announced = Announced(path)
         self.depth = 0
         self._is_program = False
-        self._lists: dict[str, Target] = {}
+        self._lists: dict[str, _Target] = {}
         self._changed: tuple[str, int] | None = None
         self._tcp: Tree[Token] | None = None
-        self._found: dict[tuple[str, int], Target] = {}
+        self._found: dict[tuple[str, int], _Target] = {}
         self._unknown: tuple[str, int] | None = None
 
-    def remark(self, row: int, text: str) -> None:
+    def remark(self, remark: Line) -> None:
         """Take what stands behind a hash."""
-        title = _TITLE.fullmatch(text)
+        title = _TITLE.fullmatch(remark.text)
         if title:
             self.title = self.title or title[1].strip()
         else:
-            self.announced.take(text, row)
+            self.announced.take(remark.text, remark.row)
 
     def take(self, statement: Statement) -> None:
         """Take one more statement."""
         row, text = statement.row, statement.text
         if statement.fault and (len(text) >= _LONG or _MATTERS.search(text)):
             refuse(statement.fault, self.path, row)
-        opens = statement.kind in BLOCKS or (statement.fault and _OPENS.fullmatch(text))
-        if opens:
+        if statement.kind in BLOCKS or (statement.fault and _OPENS.fullmatch(text)):
             self.depth += 1
             self._is_program = True
         elif statement.kind == "end":
@@ -281,12 +282,11 @@ class _Reader:
             else:
                 self._lists.pop(place, None)
             return
-        names = words(place, "NAME", "POSE") if isinstance(place, Tree) else []
-        name = names[0].rstrip(" [") if names else ""
+        name = next(iter(words(place, "NAME", "POSE")), "").rstrip(" [")
         if self._lists.pop(name, None):
             self._changed = self._changed or (name, statement.row)
 
-    def _target(self, node: Node | None, row: int, *, planned: bool = False) -> Target | None:
+    def _target(self, node: Node | None, row: int, *, planned: bool = False) -> _Target | None:
         """What an expression is; None where its text does not tell.
 
         ``planned``: joints beside a pose in the move itself are those of the pose.
@@ -294,9 +294,9 @@ class _Reader:
         if not isinstance(node, Tree):
             return self._lists.get(str(node))
         if node.data == "list":
-            return Target(row, "", joints=node)
+            return _Target(row, "", joints=node)
         if node.data == "pose":
-            return Target(row, "", pose=node)
+            return _Target(row, "", pose=node)
         if node.data != "call" or node.children[0] not in ("pose_trans", "get_inverse_kin"):
             return None
         given = by_name(str(node.children[0]), arguments(node))
@@ -308,7 +308,7 @@ class _Reader:
             return None
         return replace(inner, frames=(*frame.frames, frame.pose, *inner.frames))
 
-    def _inverse(self, given: dict[str, Node], row: int, *, planned: bool) -> Target | None:
+    def _inverse(self, given: dict[str, Node], row: int, *, planned: bool) -> _Target | None:
         pose = self._target(given.get("x"), row)
         if pose is None or pose.pose is None:
             return None
@@ -320,8 +320,7 @@ class _Reader:
         near = self._target(given.get("qnear"), row)
         if near is None or near.joints is None:
             return pose
-        pair = (f"{pose.name}_p", f"{pose.name}_q")
-        in_pair = bool(pose.variable) and (pose.variable, near.variable) == pair
+        in_pair = (pose.variable, near.variable) == (f"{pose.name}_p", f"{pose.name}_q")
         in_move = planned and not pose.variable and not near.variable
         return replace(pose, joints=near.joints) if in_pair or in_move else pose
 
@@ -347,7 +346,7 @@ class _Reader:
         self.announced.move(target.key, target.variable or "the target")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
-        """All positions, numbered."""
+        """All positions, numbered: poses in one user frame."""
         self.announced.end()
         if self._unknown is not None and not self.announced.found:
             text, row = self._unknown
@@ -355,27 +354,41 @@ class _Reader:
             refuse(reason, self.path, row, "move to a list of joints, or read the log of a run")
         found = self._found or self._listed()
         numbers = self.announced.numbered([(key, t.name) for key, t in found.items()], {})
+        posed = [target for target in found.values() if target.pose is not None]
         out: list[RecordedPosition] = []
-        posed: list[tuple[int, Target]] = []
-        frames = next((target.frames for target in found.values() if target.pose is not None), ())
-        for (n, name), target in zip(numbers, found.values(), strict=True):
-            what = f"position {n}"
-            joints = None
-            if target.joints is not None:
-                values = [shown(node) for node in elements(target.joints)]
-                joints = np.degrees(six(values, what, MOST_JOINT_RAD, self.path, target.row))
-            if target.pose is not None:
-                posed.append((len(out), target))
-                if target.frames != frames:
-                    reason = f"{what} is in another frame than positions before"
-                    hint = "use one frame in pose_trans, or joints"
-                    refuse(reason, self.path, target.row, hint)
-            out.append(RecordedPosition(n, name, target.row, joints))
-        if posed:
-            self._add_poses(out, posed, frames)
-        return tuple(out)
+        for (n, name), t in zip(numbers, found.values(), strict=True):
+            most = MOST_JOINT_RAD
+            joints = self._values(t.joints, f"position {n}", most, t.row) if t.joints else None
+            if t.pose is not None and t.frames != posed[0].frames:
+                reason = f"position {n} is in another frame than positions before"
+                refuse(reason, self.path, t.row, "use one frame in pose_trans, or joints")
+            shown_deg = None if joints is None else np.degrees(joints)
+            out.append(RecordedPosition(n, name, t.row, shown_deg))
+        if not posed:
+            return tuple(out)
+        pairs = list(zip(out, found.values(), strict=True))
+        frames = self._transforms([(f, "the frame", posed[0].row) for f in posed[0].frames])
+        T_world_user = reduce(np.matmul, frames, np.eye(4))
+        rows = {target.tcp: target.row for target in reversed(posed) if target.tcp is not None}
+        tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
+        poses = iter(
+            self._transforms(
+                [(t.pose, f"position {p.number}", t.row) for p, t in pairs if t.pose is not None]
+            )
+        )
+        return tuple(
+            p
+            if t.pose is None
+            else replace(
+                p,
+                T_user_tool=next(poses),
+                T_world_user=T_world_user,
+                T_tip_tool=None if t.tcp is None else tools[t.tcp],
+            )
+            for p, t in pairs
+        )
 
-    def _listed(self) -> dict[tuple[str, int], Target]:
+    def _listed(self) -> dict[tuple[str, int], _Target]:
         """Lists of joints of a file without moves, each with the pose that PolyScope stores."""
         if self._changed is not None:
             name, row = self._changed
@@ -391,37 +404,12 @@ class _Reader:
                 out[target.key] = replace(target, pose=beside.pose if beside else None)
         return out
 
-    def _add_poses(
-        self,
-        out: list[RecordedPosition],
-        posed: list[tuple[int, Target]],
-        frames: tuple[Tree[Token], ...],
-    ) -> None:
-        """Give positions their poses and frames, all in the same user frame."""
-        T_world_user = np.eye(4)
-        for frame in frames:
-            (T,) = self._transforms([(frame, "the frame", posed[0][1].row)])
-            T_world_user = T_world_user @ T
-        rows = {target.tcp: target.row for _, target in reversed(posed) if target.tcp is not None}
-        tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
-        poses = self._transforms(
-            [(t.pose, f"position {out[i].number}", t.row) for i, t in posed if t.pose is not None]
-        )
-        for (i, target), pose in zip(posed, poses, strict=True):
-            out[i] = replace(
-                out[i],
-                T_user_tool=pose,
-                T_world_user=T_world_user,
-                T_tip_tool=None if target.tcp is None else tools[target.tcp],
-            )
+    def _values(self, tree: Tree[Token], what: str, most: float, row: int) -> list[float]:
+        return _six([shown(node) for node in elements(tree)], what, most, self.path, row)
 
     def _transforms(self, poses: Sequence[tuple[Tree[Token], str, int]]) -> FloatArray:
-        """Poses ``(N, 4, 4)`` with what they are and their lines."""
+        """Poses ``(N, 4, 4)`` [m], with what they are and their lines."""
         most = MOST_POSITION_MM / 1e3
-        values = np.array(
-            [
-                six([shown(node) for node in elements(pose)], what, most, self.path, row)
-                for pose, what, row in poses
-            ]
-        )
-        return transform(rotation_exp(values[:, 3:]), values[:, :3])
+        values = [self._values(pose, what, most, row) for pose, what, row in poses]
+        rows = np.reshape(values, (-1, 6))
+        return transform(rotation_exp(rows[:, 3:]), rows[:, :3])

@@ -33,10 +33,11 @@ rule                   what it asks
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from itertools import pairwise
+from math import radians
+from pathlib import Path
 
 from lark import Token, Tree
 
@@ -44,19 +45,26 @@ from posedesign.programs import rules
 from posedesign.programs.language import Statement, block_faults
 from posedesign.programs.recorded import Problem
 from posedesign.programs.ur_script import reader
-from posedesign.programs.ur_script.functions import FUNCTIONS, MOVES, PARAMETERS, POSES
-from posedesign.programs.ur_script.log import is_log
-from posedesign.programs.ur_script.reader import BLOCKS, JOINTS, Node, shown
+from posedesign.programs.ur_script.reader import Node, shown
+from posedesign.programs.ur_script.spec import (
+    BLOCKS,
+    FUNCTIONS,
+    JOINTS,
+    MOST_JOINT_DEG,
+    MOST_OUTPUT,
+    MOVES,
+    PARAMETERS,
+    POSES,
+)
 
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
 
-_MOST_JOINT_RAD = math.radians(363.0) + 1e-6
+_MOST_JOINT_RAD = radians(MOST_JOINT_DEG) + 1e-6
 _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
-_MOST_OUTPUT = 7
 
 _NUMBERS = {*"avtrnm"}
 """Parameters that are numbers."""
@@ -69,14 +77,18 @@ _SHORTEST = 3
 _MOST_NAMES = 2000
 """Of a script in which misspelt ones are looked for."""
 
+_CALLS = ("call", "run")
+_DEFINES = ("define", "thread", "secondary")
 
-def check_ur_script(data: bytes) -> list[Problem]:
+Call = tuple[str, list[tuple[str, Node]], int]
+"""Name of a function, its arguments with their keywords, and the line."""
+
+
+def check_ur_script(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good script. Never fails."""
-    if is_log(data):
+    if reader.is_log(data):
         return [Problem(1, "log", "this is the log of a run, for which there are no rules")]
-    found = reader.LANGUAGE.statements(
-        data.decode("latin-1")
-    )  # any byte is a character: none is lost
+    found = reader.LANGUAGE.statements(data.decode("latin-1"))  # of which any byte is a character
     return rules.told(
         rules.check_bytes(data, rules.CONTROL, ("text", *rules.LONE_CR[1:])),
         [] if found else [Problem(1, "program", "there is nothing in it")],
@@ -86,38 +98,19 @@ def check_ur_script(data: bytes) -> list[Problem]:
     )
 
 
-@dataclass
-class _Uses:
-    """What a statement uses: functions, poses, texts, and variables."""
-
-    calls: list[tuple[str, list[tuple[str, Node]]]] = field(default_factory=list)
-    poses: list[Tree[Token]] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
-
-    def collect(self, tree: Tree[Token]) -> None:
-        """Take what is in a tree."""
-        children: Sequence[Node] = tree.children
-        kind, first = tree.data, children[0] if children else None
-        if kind == "call" and isinstance(first, Token):
-            self.calls.append((str(first), reader.arguments(tree)))
-            children = children[1:]
-        elif kind == "run":
-            self.calls.append((str(children[1]), reader.arguments(tree)))
-            children = children[2:]
-        elif kind == "member":
-            children = children[:1]
-        elif kind == "argument" and len(children) > 1:
-            children = children[2:]
-        elif kind == "pose":
-            self.poses.append(tree)
-        for child in children:
-            if isinstance(child, Tree):
-                self.collect(child)
-            elif child.type == "NAME":
-                self.names.append(str(child))
-            elif child.type == "STRING":
-                self.texts.append(str(child))
+def _collect(tree: Tree[Token], trees: list[Tree[Token]], tokens: list[Token]) -> None:
+    """Take a tree with all in it, but for the names of functions, of parameters and of members."""
+    trees.append(tree)
+    children: Sequence[Node] = tree.children
+    if tree.data == "run" or (tree.data == "argument" and len(children) > 1):
+        children = children[2:]
+    elif tree.data == "call" and isinstance(children[0], Token):
+        children = children[1:]
+    for child in children:
+        if isinstance(child, Tree):
+            _collect(child, trees, tokens)
+        else:
+            tokens.append(child)
 
 
 class _Script:
@@ -128,48 +121,54 @@ class _Script:
         self.functions: dict[str, tuple[int, tuple[str, ...]] | None] = {}
         self.variables = {"True", "False"}
         for statement in found:
-            children = statement.tree.children
-            if statement.kind in ("define", "thread", "secondary"):
-                self._define(str(children[0]), [p.children for p in children[1:]])  # type: ignore[union-attr]
-            elif statement.kind == "assign" and isinstance(children[0], Token):
-                self.variables.add(str(children[0]))
+            first = next(iter(statement.tree.children), None)
+            if statement.kind in _DEFINES:
+                others = statement.tree.children[1:]
+                parameters = [p.children for p in others if isinstance(p, Tree)]
+                names = tuple(str(children[0]) for children in parameters)
+                least = sum(len(children) == 1 for children in parameters)
+                twice = str(first) in self.functions
+                self.functions[str(first)] = None if twice else (least, names)
+                self.variables.update(names)
+            elif statement.kind == "assign" and isinstance(first, Token):
+                self.variables.add(str(first))
         self.known = self.functions.keys() | FUNCTIONS
         self._told: set[str] = set()
         self._measures = any(_REPORT.search(statement.text) for statement in found)
-        self._has_tcp = self._is_blended = self._moved = False
+        self._has_tcp = self._is_blended = False
         self._moves = 0
         self._reported: set[str] = set()
-
-    def _define(self, name: str, parameters: Sequence[Sequence[Node]]) -> None:
-        names = tuple(str(children[0]) for children in parameters)
-        least = sum(len(children) == 1 for children in parameters)
-        self.functions[name] = None if name in self.functions else (least, names)
-        self.variables.update(names)
 
     def check(self) -> Iterator[Problem]:
         """Problems of all statements that the grammar takes."""
         called: dict[str, int] = {}
+        moved = False
         for statement in self.found:
-            uses = _Uses()
-            uses.collect(statement.tree)
-            yield from self._check_names(statement, uses)
-            for name, given in uses.calls:
-                called.setdefault(name, statement.row)
-                yield from self._check_call(name, given, statement.row)
-            for pose in uses.poses:
-                yield from _check_pose(pose, statement.row)
-            yield from self._check_measuring(uses, statement.row)
-        if "freedrive_mode" in called and "end_freedrive_mode" not in called and self._moved:
+            row = statement.row
+            trees: list[Tree[Token]] = []
+            tokens: list[Token] = []
+            _collect(statement.tree, trees, tokens)
+            poses = [tree for tree in trees if tree.data == "pose"]
+            calls: list[Call] = []
+            for tree in trees:
+                called_by = tree.children[tree.data == "run"] if tree.data in _CALLS else None
+                if isinstance(called_by, Token):
+                    calls.append((str(called_by), reader.arguments(tree), row))
+            moves = any(name in MOVES for name, *_ in calls)
+            moved |= moves
+            for name in [str(t) for t in tokens if t.type == "NAME"]:
+                if name not in self.variables and statement.kind not in _DEFINES:
+                    yield from self._unknown(name, row, "variable", matters=moves)
+            for call in calls:
+                called.setdefault(call[0], row)
+                yield from self._check_call(*call)
+            for pose in poses:
+                yield from _check_pose(pose, row)
+            texts = [str(token) for token in tokens if token.type == "STRING"]
+            yield from self._check_measuring(calls, texts, row, posed=bool(poses))
+        if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:
             reason = "freedrive is never ended: the arm does not move then"
             yield Problem(called["freedrive_mode"], "freedrive", reason, "measuring")
-
-    def _check_names(self, statement: Statement, uses: _Uses) -> Iterator[Problem]:
-        if statement.kind in ("define", "thread", "secondary"):
-            return
-        moves = any(name in MOVES for name, _ in uses.calls)
-        for name in uses.names:
-            if name not in self.variables:
-                yield from self._unknown(name, statement.row, "variable", matters=moves)
 
     def _unknown(self, name: str, row: int, rule: str, *, matters: bool) -> Iterator[Problem]:
         if name in self._told and not matters:
@@ -193,37 +192,40 @@ class _Script:
         if signature is None:
             return
         least, parameters = signature
-        known = {*parameters, "q", "pose"} if name in MOVES else {*parameters}
         keywords = [keyword for keyword, _ in given if keyword]
-        odd = sorted({*keywords} - known)
+        odd = sorted({*keywords} - {*parameters, *(("q", "pose") if name in MOVES else ())})
+        reason = ""
         if odd:
-            yield Problem(row, "arguments", f"{name} has no {odd[0][:30]}")
+            reason = f"{name} has no {odd[0][:30]}"
         elif len({*keywords}) < len(keywords):
-            yield Problem(row, "arguments", f"{name}: an argument is given twice")
-        elif any(given[k][0] and not given[k + 1][0] for k in range(len(given) - 1)):
-            yield Problem(row, "arguments", f"{name}: an argument without a name behind one with")
+            reason = f"{name}: an argument is given twice"
+        elif any(a[0] and not b[0] for a, b in pairwise(given)):
+            reason = f"{name}: an argument without a name behind one with"
         elif not least <= len(given) <= len(parameters):
             reason = f"{name} has {len(given)} arguments, not {least} to {len(parameters)}"
-            yield Problem(row, "arguments", reason)
         elif not own:
             yield from _check_values(name, reader.by_name(name, given), row)
+        if reason:
+            yield Problem(row, "arguments", reason)
 
-    def _check_measuring(self, uses: _Uses, row: int) -> Iterator[Problem]:
+    def _check_measuring(
+        self, calls: list[Call], texts: list[str], row: int, *, posed: bool
+    ) -> Iterator[Problem]:
         """Whether the arm is, and stands still, where it is measured."""
-        names = {name for name, _ in uses.calls}
+        names = {name for name, *_ in calls}
         self._has_tcp = self._has_tcp or "set_tcp" in names
-        for name, given in uses.calls:
+        for name, given, _ in calls:
             if name in MOVES:
                 radius = reader.by_name(name, given).get("r")
                 self._is_blended = radius is not None and not _ZERO.fullmatch(shown(radius))
                 self._moves += 1
-                self._moved = True
-                if uses.poses and not self._has_tcp:
+                if posed and not self._has_tcp:
                     reason = "no set_tcp above: whose pose is it?"
                     yield Problem(row, "tcp", reason, "measuring")
-        report = next((m for m in map(_REPORT.fullmatch, uses.texts) if m), None)
-        asks = names & {"popup", "request_boolean_from_primary_client"}
-        if self._is_blended and (report or asks):
+        report = next((m for m in map(_REPORT.fullmatch, texts) if m), None)
+        if self._is_blended and (
+            report or names & {"popup", "request_boolean_from_primary_client"}
+        ):
             reason = "the move before has a blend radius: the arm does not stop"
             yield Problem(row, "stop-to-measure", reason, "measuring")
         if report is None:
@@ -280,8 +282,8 @@ def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Probl
     if name == "get_inverse_kin" and "qnear" not in given:
         yield Problem(row, "arm-position", "get_inverse_kin without qnear", "measuring")
     n = _number(given.get("n")) if name == "set_standard_digital_out" else None
-    if n is not None and not 0 <= n <= _MOST_OUTPUT:
-        yield Problem(row, "output", f"output {n:g}, not 0 to {_MOST_OUTPUT}")
+    if n is not None and not 0 <= n <= MOST_OUTPUT:
+        yield Problem(row, "output", f"output {n:g}, not 0 to {MOST_OUTPUT}")
     if name == "movej":
         yield from _check_movej(given, row)
 

@@ -9,8 +9,8 @@ a pose differ from those of the description by what a calibration is after.
 
 A script cannot be touched up where it stands. It therefore reports: after the measuring call of
 pose 3 it writes ``POSE 3 q=[...]`` with the actual joint positions [rad] into the log, and at its
-start ``PROGRAM NAME PLAN 1a2b3c4d 27``; the saved log is read back (:mod:`.log`). This is so with
-either value of ``keep``. How many digits the log shows is the controller's choice. It also holds
+start ``PROGRAM NAME PLAN 1a2b3c4d 27``; the saved log is read back. This is so with either value of
+``keep``. How many digits the log shows is the controller's choice. It also holds
 the number of the pose in an output integer register for half a second, where :mod:`.live` sees it.
 
 URScript refuses functions that it does not know: the measuring call is defined in the script. As
@@ -34,10 +34,11 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_log
 from posedesign.programs.arm import Arm, Load
-from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.program import PoseProgram, in_range
+from posedesign.programs.ur_script.spec import MOST_JOINT_DEG, MOST_OUTPUT, NAMES
 from posedesign.programs.writing import (
     Limits,
-    NameRule,
+    Phrases,
     check_call,
     plain,
     plain_all,
@@ -45,29 +46,11 @@ from posedesign.programs.writing import (
     warning_lines,
 )
 
-_WORDS = (
-    "AND BREAK CONTINUE DEF ELIF ELSE END ENTER_CRITICAL EXIT_CRITICAL FALSE FOR GLOBAL HALT IF "
-    "JOIN KILL LOCAL MOD NOT OR PASS RETURN RUN SEC STRUCT SWITCH THREAD TRUE WHILE XOR P "
-    "MOVEJ MOVEL MOVEP MOVEC SERVOJ SPEEDJ SPEEDL STOPJ STOPL SLEEP SYNC POPUP TEXTMSG SET_TCP "
-    "SET_PAYLOAD GET_INVERSE_KIN GET_FORWARD_KIN POSE_TRANS POSE_INV POSE_ADD FREEDRIVE_MODE "
-    "END_FREEDRIVE_MODE GET_ACTUAL_JOINT_POSITIONS GET_ACTUAL_TCP_POSE "
-    "SET_STANDARD_DIGITAL_OUT WRITE_OUTPUT_INTEGER_REGISTER"
-)
-
-RESERVED = frozenset(_WORDS.split())
-"""Words of the language, and the functions that the script calls."""
-
-NAMES = NameRule("a URScript name", 32, small=True, reserved=RESERVED)
-"""Letters, digits and underscores; the length is that of other makers, no limit is known."""
-
 USUAL_SPEED_RAD_S = np.pi
 """Joint speed of 100 percent where the robot is not known: that of UR3e and UR5e, 180 deg/s."""
 
 ACCELERATION_RAD_S2 = 1.4
 """What ``movej`` has by default."""
-
-MOST_JOINT_DEG = 363.0
-"""Joint limits of the arms are no wider."""
 
 REGISTER = 36
 """Output integer register that the number of a pose is written into: see :mod:`.live`."""
@@ -84,7 +67,27 @@ LIMITS = Limits(
     forbidden='"\\',  # quotes and backslashes end or change a text
     begins=("POSE ", "PLAN ", "PROGRAM ", "Title:"),
     settle_s=1e4,
-    outputs=(0, 7),  # of the standard digital ones
+    outputs=(0, MOST_OUTPUT),
+)
+
+_PHRASES = Phrases(
+    note="# {}",
+    remark='textmsg("{}")',
+    move=(f"movej({{target}}, a={ACCELERATION_RAD_S2}, v={{speed}})",),
+    wait="sleep({time:.3f})",
+    pulse=(
+        "set_standard_digital_out({output}, True)",
+        "sleep({time:.3f})",
+        "set_standard_digital_out({output}, False)",
+    ),
+    call=("{call}({argument})",),
+)
+
+_REPORT = (
+    'textmsg("POSE {number} q=", get_actual_joint_positions())',
+    f"write_output_integer_register({REGISTER}, {{number}})",
+    f"sleep({HELD_S})",
+    f"write_output_integer_register({REGISTER}, 0)",
 )
 
 MOST_MASS_KG = 1000.0
@@ -94,18 +97,12 @@ MOST_CENTRE_M = 5.0
 """Nor so far from its flange."""
 
 
-def render_ur_script(program: PoseProgram, arm: Arm) -> str:
+def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
     r"""Text of the script, its lines ended by ``\n``.
 
     Joint values, rotation vectors and coordinates are rounded to seven decimals: 3e-6 deg, 0.05
-    micrometres.
-
-    Parameters
-    ----------
-    program : PoseProgram
-    arm : Arm
-        Its tool frame becomes the TCP; its user frame is written where it is not the base frame.
-        Its load becomes the payload; where it is not known, that of the installation stays.
+    micrometres. The arm's tool frame becomes the TCP; its user frame is written where it is not the
+    base frame. Its load becomes the payload; where it is not known, that of the installation stays.
 
     Raises
     ------
@@ -115,18 +112,22 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> str:
     """
     LIMITS.check(program)
     check_call(NAMES, program.options, program.name)
-    values = np.radians(_joints_deg(program, arm))
-    targets = (
-        _poses(program, arm, values) if program.options.form == "cartesian" else _lists(values)
-    )
     lines = [*_head(program, arm)]
-    for number, pose, target in zip(program.numbers, program.poses, targets, strict=True):
-        lines += _at_pose(program, arm, pose, number, target)
+    speed = _speed(arm, program.options.speed_percent)
+    for number, pose, target in zip(
+        program.numbers, program.poses, _targets(program, arm), strict=True
+    ):
+        name = pose.name if LIMITS.fits(pose.name) else ""
+        given = {"target": target, "speed": speed}
+        lines += _PHRASES.at_pose(program.options, pose, number, name, **given)
+        lines += [] if pose.via else [line.format(number=number) for line in _REPORT]
     body = "\n".join("  " + line for line in lines)
-    return f"def {program.name}():\n{body}\nend\n{program.name}()\n"
+    text = f"def {program.name}():\n{body}\nend\n{program.name}()\n"
+    return {f"{program.name}.script": text}
 
 
-def _joints_deg(program: PoseProgram, arm: Arm) -> FloatArray:
+def _targets(program: PoseProgram, arm: Arm) -> Iterator[str]:
+    """What is moved to: joints, or poses with the joints that are near."""
     shown = shown_deg(arm, program.poses)
     beyond = np.argwhere(np.abs(shown) > MOST_JOINT_DEG)
     if len(beyond):
@@ -139,23 +140,20 @@ def _joints_deg(program: PoseProgram, arm: Arm) -> FloatArray:
             value=float(shown[i, j]),
             bound=MOST_JOINT_DEG,
         )
-    return shown
+    joints = (f"[{', '.join(plain_all(row, 7))}]" for row in np.radians(shown))
+    if program.options.form == "joint":
+        yield from joints
+        return
+    given = "{}" if _in_base(arm) else "pose_trans(user_frame, {})"
+    for pose, near in zip(_poses(arm.tool_poses(program.postures_rad)), joints, strict=True):
+        yield f"get_inverse_kin({given.format(pose)}, qnear={near})"
 
 
-def _lists(values: FloatArray) -> Iterator[str]:
-    for row in values:
-        yield f"[{', '.join(plain_all(row, 7))}]"
+def _in_base(arm: Arm) -> bool:
+    return np.array_equal(arm.T_world_user, np.eye(4))
 
 
-def _poses(program: PoseProgram, arm: Arm, values: FloatArray) -> Iterator[str]:
-    poses = arm.tool_poses(program.postures_rad)
-    in_frame = not np.array_equal(arm.T_world_user, np.eye(4))
-    for pose, near in zip(_pose_lists(poses), _lists(values), strict=True):
-        target = f"pose_trans(user_frame, {pose})" if in_frame else pose
-        yield f"get_inverse_kin({target}, qnear={near})"
-
-
-def _pose_lists(poses: FloatArray) -> Iterator[str]:
+def _poses(poses: FloatArray) -> Iterator[str]:
     turns = rotation_log(poses[:, :3, :3])
     for xyz, turn in zip(poses[:, :3, 3], turns, strict=True):
         yield f"p[{', '.join(plain_all(xyz, 7) + plain_all(turn, 7))}]"
@@ -171,12 +169,11 @@ def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
         yield f"# {line}"
     if options.measure_call is not None:
         yield from _measuring(program)
-    frames = np.stack([arm.T_tip_tool, arm.T_world_user])
-    tool, user = _pose_lists(frames)
+    tool, user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
     yield f"set_tcp({tool})"
     if arm.load is not None:
         yield _payload(arm.load)
-    if options.form == "cartesian" and not np.array_equal(arm.T_world_user, np.eye(4)):
+    if options.form == "cartesian" and not _in_base(arm):
         yield f"user_frame = {user}"
     yield f'textmsg("PROGRAM {program.name} {program.mark}")'.replace(' ")', '")')
     yield f"write_output_integer_register({REGISTER}, 0)"
@@ -205,33 +202,8 @@ def _measuring(program: PoseProgram) -> Iterator[str]:
     if options.guided:
         yield "  end_freedrive_mode()"
     if options.settle_s > 0:
-        yield f"  sleep({_seconds(options.settle_s)})"
+        yield f"  sleep({max(options.settle_s, _PHRASES.least_s):.3f})"
     yield "end"
-
-
-def _at_pose(
-    program: PoseProgram, arm: Arm, pose: ProgramPose, number: int, target: str
-) -> Iterator[str]:
-    options = program.options
-    yield f"# POSE {number} {pose.name if LIMITS.fits(pose.name) else ''}".rstrip()
-    if pose.comment.strip():
-        yield f'textmsg("{pose.comment.strip()}")'
-    yield f"movej({target}, a={ACCELERATION_RAD_S2}, v={_speed(arm, options.speed_percent)})"
-    if pose.via:
-        return
-    if options.settle_s > 0:
-        yield f"sleep({_seconds(options.settle_s)})"
-    if options.measure_output is not None:
-        yield f"set_standard_digital_out({options.measure_output}, True)"
-        yield f"sleep({_seconds(options.measure_pulse_s)})"
-        yield f"set_standard_digital_out({options.measure_output}, False)"
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        yield f"{options.measure_call}({'' if argument is None else argument})"
-    yield f'textmsg("POSE {number} q=", get_actual_joint_positions())'
-    yield f"write_output_integer_register({REGISTER}, {number})"
-    yield f"sleep({HELD_S})"
-    yield f"write_output_integer_register({REGISTER}, 0)"
 
 
 def _speed(arm: Arm, percent: int) -> str:
@@ -239,8 +211,3 @@ def _speed(arm: Arm, percent: int) -> str:
     known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
     most = min(known, default=USUAL_SPEED_RAD_S)
     return plain(max(most * percent / 100, 1e-4), 4)
-
-
-def _seconds(value: float) -> str:
-    # At least a millisecond: a time that is asked for must not round to none.
-    return plain(max(value, 0.001), 3)

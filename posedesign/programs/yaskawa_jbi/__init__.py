@@ -8,11 +8,11 @@ from pathlib import Path
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.recorded import RecordedProgram
 from posedesign.programs.yaskawa_jbi import writer
-from posedesign.programs.yaskawa_jbi.pulses import checked
 from posedesign.programs.yaskawa_jbi.reader import parse_yaskawa_jbi
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
+from posedesign.programs.yaskawa_jbi.spec import NAMES, checked
 
 __all__ = ["YaskawaJbi"]
 
@@ -25,23 +25,19 @@ class YaskawaJbi(Dialect):
     pulses_per_deg : sequence of float, optional
         Encoder pulses in one degree of S, L, U, R, B, T, signed. They are needed to read jobs that
         do not carry them in comments, and to write joint positions where the options of the
-        program have none.
-
-    Raises
-    ------
-    InputError
-        They are not six numbers of a size that arms have.
+        program have none. InputError where they are not six numbers of a size that arms have.
     """
 
     name = "yaskawa-jbi"
     title = "Yaskawa INFORM job"
     maker = "yaskawa"
     suffixes = (".jbi",)
-    names = writer.NAMES
+    names = NAMES
     newline = "\r\n"
     numbered_frames = True
     joint_step_deg = 1e-3
     """About a pulse: arms have some hundreds to thousands in a degree."""
+    rules = check_yaskawa_jbi
 
     def __init__(self, pulses_per_deg: Sequence[float] = ()) -> None:
         self.pulses_per_deg = checked(pulses_per_deg) if len(pulses_per_deg) else ()
@@ -59,6 +55,3 @@ class YaskawaJbi(Dialect):
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         return parse_yaskawa_jbi(data, path, self.pulses_per_deg)
-
-    def check(self, data: bytes, path: Path) -> list[Problem]:
-        return check_yaskawa_jbi(data)

@@ -18,27 +18,46 @@ positions in a frame that moves, lost lines, steps that are no INFORM and name a
 from __future__ import annotations
 
 import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
+from lark import Token, Tree
 
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
-from posedesign.programs.language import Statement, nodes
+from posedesign.programs.language import Language, Line, Statement
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
-from posedesign.programs.recorded import RecordedPosition, RecordedProgram
+from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import near
-from posedesign.programs.yaskawa_jbi import inform
-from posedesign.programs.yaskawa_jbi.inform import INSTRUCTIONS, Job, Name, Stored, label_of
-from posedesign.programs.yaskawa_jbi.pulses import AXES, checked, found_in
+from posedesign.programs.yaskawa_jbi.spec import (
+    AXES,
+    HEADINGS,
+    INSTRUCTIONS,
+    KINDS,
+    checked,
+    found_in,
+)
+
+_OF_POS = ("npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "heading")
+_MOST_NUMBER = 99_999
+_MOST_LINES = 100_000
+"""Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
+END then."""
+
+_JOB_MARKS = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
 
 _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
+_POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
 are then in BC variables."""
@@ -47,18 +66,156 @@ _configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
 """A job has few different ones."""
 
 
+class Name(NamedTuple):
+    """Kind and number of a position: ("C", 7) for C00007."""
+
+    kind: str
+    number: int
+
+    @property
+    def label(self) -> str:
+        """As it stands in a job."""
+        return f"{self.kind}{self.number:05d}"
+
+    @classmethod
+    def of(cls, text: str) -> Name:
+        """Of C00007; far too large numbers are cut off."""
+        kind = text.rstrip("0123456789")
+        return cls(kind, int(text[len(kind) :][:9]))
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A position with the pseudo-instructions in force above it, as texts; empty for none."""
+
+    row: int
+    name: Name
+    values: tuple[str, ...]
+    form: str
+    frame: str
+    tool: str
+    user: str
+    rconf: str
+
+    @property
+    def label(self) -> str:
+        """Its name, as it stands in a job."""
+        return self.name.label
+
+
+@dataclass
+class Job:
+    """A job: the statements that begin a section, those in each, and the positions.
+
+    ``kinds`` has those of //INST by their kind.
+    """
+
+    marks: list[Statement] = field(default_factory=list)
+    head: list[Statement] = field(default_factory=list)
+    pos: list[Statement] = field(default_factory=list)
+    inst: list[Statement] = field(default_factory=list)
+    after: list[Statement] = field(default_factory=list)
+    stored: list[Stored] = field(default_factory=list)
+    kinds: dict[str, list[Statement]] = field(default_factory=lambda: defaultdict(list))
+
+
+def read_job(text: str) -> Job:
+    """Sort the lines of a job; never fails."""
+    job = Job()
+    part = job.head
+    parts = {"job": job.head, "pos": job.pos, "arginfo": [], "inst": job.inst, "end": job.after}
+    above = dict.fromkeys(("form", "frame", "tool", "user", "rconf"), "")
+    for statement in INFORM.statements(text):
+        kind, values = statement.kind, statement.tree.children
+        if kind in parts:
+            job.marks.append(statement)
+            part = parts[kind]
+            continue
+        part.append(statement)
+        if part is job.inst:
+            job.kinds[kind].append(statement)
+        if part is not job.pos:
+            continue
+        if kind == "stored":
+            name, *numbers = map(str, values)
+            job.stored.append(Stored(statement.row, Name.of(name), tuple(numbers), **above))
+        elif kind in ("pulse", "rectan"):
+            above["form"] = kind.upper()
+        elif kind in ("tool", "user", "rconf", "postype"):
+            above["frame" if kind == "postype" else kind] = ",".join(map(str, values))
+    return job
+
+
+def faults_of(job: Job) -> Iterator[Problem]:
+    """What makes positions of a job doubtful: sections, lines or positions are lost or doubled."""
+    marks = [mark for mark in job.marks if mark.kind in _JOB_MARKS]
+    if [mark.kind for mark in marks] != [*_JOB_MARKS]:
+        found = ", ".join(_JOB_MARKS[mark.kind] for mark in marks[:8]) or "nothing of it"
+        reason = f"is no whole job: /JOB, //POS, //INST, END are due, there is {found}"
+        yield Problem(marks[-1].row if marks else 1, "sections", reason)
+    for statement in job.pos:
+        if statement.fault:
+            yield Problem(statement.row, "syntax", statement.fault)
+        elif statement.kind not in _OF_POS:
+            yield Problem(statement.row, "sections", f"{statement.text[:30]!a} is not of //POS")
+    for statement in (*job.pos, *job.kinds["heading"]):
+        word = statement.word("HEADING") if statement.kind == "heading" else ""
+        if word and word not in HEADINGS:
+            meant = near(word, HEADINGS)
+            reason = f"{word[:30]!a} is no heading" + f"; did you mean {meant}?" * bool(meant)
+            yield Problem(statement.row, "header", reason, "error" if meant else "note")
+    seen: set[Name] = set()
+    for stored in job.stored:
+        if stored.name in seen or stored.name.number > _MOST_NUMBER:
+            what = "is there twice" if stored.name in seen else "has too large a number"
+            yield Problem(stored.row, "position-unique", f"{stored.label} {what}")
+        seen.add(stored.name)
+        if not stored.form or (stored.form == "PULSE") != (stored.frame == "PULSE"):
+            reason = f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and ///PULSE "
+            yield Problem(stored.row, "position-format", reason + "or ///RECTAN are due above")
+    yield from _count_faults(job)
+
+
+def _count_faults(job: Job) -> Iterator[Problem]:
+    counts = [statement for statement in job.pos if statement.kind == "npos"]
+    if len(counts) != 1:
+        row = counts[1].row if counts else next((m.row for m in job.marks if m.kind == "pos"), 1)
+        yield Problem(row, "npos", f"//POS has {'a second' if counts else 'no'} ///NPOS")
+        return
+    there = Counter(stored.name.kind for stored in job.stored)
+    for kind, number in zip(KINDS, counts[0].words("NUMBER"), strict=True):
+        if number != str(there[kind]):
+            reason = f"///NPOS says {number[:9]} {kind} positions, there are {there[kind]}"
+            yield Problem(counts[0].row, "npos", reason)
+
+
+def names_in(move: Tree[Token]) -> list[Name]:
+    """Positions of the job and variables that a move has, without those of other robots."""
+    targets = [part for part in move.children if isinstance(part, Tree) and part.data == "target"]
+    points = [target.children[0] for target in targets]
+    return [Name.of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
+
+
+def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
+    """What people call the arguments of a job, behind ///COMMENT of //ARGINFO, is any text."""
+    inside = told = False
+    for line in islice(lines, _MOST_LINES):
+        if not (inside and told) or line.text.startswith("//"):
+            yield line
+            told = line.text == "///COMMENT"
+            if line.text[2:3] != "/":
+                inside = line.text == "//ARGINFO"
+
+
+INFORM = Language(__package__, joined=_without_argument_names, signed=True, letters=r"\w$-")
+
+
 def parse_yaskawa_jbi(
     data: bytes, path: Path | str, pulses_per_deg: tuple[float, ...] = ()
 ) -> RecordedProgram:
     """Job in the content of a file; see the module.
 
-    Parameters
-    ----------
-    data : bytes
-    path : Path or str
-        For messages.
-    pulses_per_deg : tuple of float
-        For jobs that do not say it; refused where the job says otherwise.
+    ``pulses_per_deg`` are for jobs that do not say them; refused where the job says otherwise.
 
     Raises
     ------
@@ -67,8 +224,8 @@ def parse_yaskawa_jbi(
     """
     hint = "name a job saved by the controller, .JBI"
     # comments may be in any language: positions and instructions are in ASCII
-    job = inform.read_job(text_of(data, path, hint, strict=True))
-    for problem in inform.faults_of(job):
+    job = read_job(text_of(data, path, hint, strict=True))
+    for problem in faults_of(job):
         if problem.level == "error":
             refuse(problem.message, path, problem.line, hint)
     reader = _Reader(job, path, pulses_per_deg)
@@ -117,11 +274,11 @@ class _Reader:
         elif kind == "move":
             self._move(statement)
         elif kind == "also":
-            self.other_robot.update(inform.names_in(statement.tree))
+            self.other_robot.update(names_in(statement.tree))
         elif kind == "gets" and self._at is not None and statement.word("SYSTEM") == "$PX000":
             place = statement.word("VARIABLE")
             if place.startswith("PX"):
-                self.kept[self._at] = ("P", int(place[2:7]))
+                self.kept[self._at] = Name("P", int(place[2:7]))
         elif kind in ("fault", "other") and _NAMED.search(statement.text):
             fault = statement.fault
             if kind == "other" and near(statement.word("WORD"), INSTRUCTIONS):
@@ -139,19 +296,19 @@ class _Reader:
             self.announced.take(text, row)
 
     def _move(self, statement: Statement) -> None:
-        names = inform.names_in(statement.tree)
-        others = [n for also in nodes(statement.tree, "also") for n in inform.names_in(also)]
-        self.other_robot.update(name for name in others if name[0] in "CP")
+        names, *also = map(names_in, statement.all("move", "also"))
+        others = [name for them in also for name in them]
+        self.other_robot.update(name for name in others if name.kind in "CP")
         for name in names:
-            if "C" in name[0] and name not in self.stored:
-                self.refuse(f"{label_of(name)} is moved to, but not there", statement.row)
-        at = self._at = next((name for name in names if name[0] in "CP"), None)
+            if "C" in name.kind and name not in self.stored:
+                self.refuse(f"{name.label} is moved to, but not there", statement.row)
+        at = self._at = next((name for name in names if name.kind in "CP"), None)
         if at is None:
             self.announced.end()
             return
         self.used.add(at)
-        self.axes[at] = (statement.row, [name for name in names + others if name[0] not in "CP"])
-        self.announced.move(at, label_of(at))
+        self.axes[at] = (statement.row, [name for name in names + others if name.kind not in "CP"])
+        self.announced.move(at, at.label)
 
     def positions(self) -> tuple[RecordedPosition, ...]:
         """All that the robot moves to, with its own C variables."""
@@ -161,11 +318,15 @@ class _Reader:
             name
             for name in self.stored
             if source[name] in self.stored
-            and (name in self.used or (name[0] == "C" and name not in self.other_robot))
+            and (name in self.used or (name.kind == "C" and name not in self.other_robot))
         ]
         self._check_carriers(wanted)
         taken = [self.stored[source[name]] for name in wanted]
-        values = [self._values(stored) for stored in taken if stored.form != "PULSE"]
+        values = [
+            pose_values(self._six(stored), _POSE, stored.label, self.path, stored.row)
+            for stored in taken
+            if stored.form != "PULSE"
+        ]
         poses = iter(poses_of(values))
         # without any comment, that of the variable
         usual = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
@@ -212,11 +373,6 @@ class _Reader:
             reason = f"{stored.label} has {len(stored.values)} values, a six-axis arm six"
             self.refuse(reason, stored.row, "is this the job of another robot?")
         return stored.values
-
-    def _values(self, stored: Stored) -> list[float]:
-        """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-        names = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-        return pose_values(self._six(stored), names, stored.label, self.path, stored.row)
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
         values = []
@@ -265,7 +421,7 @@ class _Reader:
                 continue
             row, axes = self.axes[name]
             values: list[tuple[str, object]] = [
-                (axis[0], self.stored[axis].values if axis in self.stored else axis)
+                (axis.kind, self.stored[axis].values if axis in self.stored else axis)
                 for axis in axes
             ]
             first = values if first is None else first

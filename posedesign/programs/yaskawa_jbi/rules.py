@@ -45,6 +45,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from functools import lru_cache
 from itertools import chain
+from pathlib import Path
 
 from lark import Token, Tree
 
@@ -52,10 +53,10 @@ from posedesign.programs import rules
 from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
-from posedesign.programs.yaskawa_jbi import inform
-from posedesign.programs.yaskawa_jbi.inform import INSTRUCTIONS, Job, Name, Stored
+from posedesign.programs.yaskawa_jbi import reader
+from posedesign.programs.yaskawa_jbi.reader import Job, Name, Stored
+from posedesign.programs.yaskawa_jbi.spec import INSTRUCTIONS, MOST_COMMENT, MOST_FRAME
 
-_MOST_FRAME = 63
 _MOST_STEPS = 9999
 _WIDTHS = (6, 7, 8)
 """Values of a position of an arm: those of seven axes have more than six."""
@@ -90,13 +91,13 @@ _BLOCKS = {
 }
 
 
-def check_yaskawa_jbi(data: bytes) -> list[Problem]:
+def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good job. Never fails."""
-    job = inform.read_job(data.decode("latin-1"))  # any byte is a character: none is lost
+    job = reader.read_job(data.decode("latin-1"))  # any byte is a character: none is lost
     foreign, control = (("ascii", *asked[1:]) for asked in (rules.FOREIGN, rules.CONTROL))
     return rules.told(
         rules.syntax((*job.head, *job.inst, *job.after)),
-        inform.faults_of(job),
+        reader.faults_of(job),
         rules.check_line_ends(data),
         rules.check_bytes(data, rules.LONE_CR, control, foreign),
         _check_sections(job),
@@ -153,19 +154,19 @@ def _check_header(job: Job) -> Iterator[Problem]:
             reason = "///ATTR is SC, one of RW, RO, WO, and RJ where the job is relative"
             yield Problem(statement.row, "header", reason)
     for statement in of["comm"]:
-        if len(statement.word("TEXT")) > 32:
+        if len(statement.word("TEXT")) > MOST_COMMENT:
             yield Problem(statement.row, "header", "the job's comment is longer than 32 characters")
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
-    width = next((len(s.values) for s in job.stored if s.name[0] in "CP"), 0)
+    width = next((len(s.values) for s in job.stored if s.name.kind in "CP"), 0)
     relative = any("RJ" in s.words("ATTRIBUTE") for s in job.kinds["attr"])
     frame = " ".join(str(word) for s in job.kinds["frame"] for word in s.tree.children)
     for stored in job.stored:
         for fault in _frame_faults(stored.frame, stored.tool, stored.user):
             yield Problem(stored.row, "position-format", f"{stored.label} {fault}")
         yield from _number_faults(stored)
-        if stored.name[0] not in "CP":
+        if stored.name.kind not in "CP":
             continue
         if len(stored.values) not in _WIDTHS or len(stored.values) != width:
             reason = f"{stored.label} has {len(stored.values)} values, not six"
@@ -176,7 +177,7 @@ def _check_positions(job: Job) -> Iterator[Problem]:
         if fault:
             yield Problem(stored.row, "rconf", f"{stored.label}: {fault}", level)
         own = f"USER {stored.user}" if stored.frame == "USER" else stored.frame
-        if stored.name[0] == "C" and not (relative and frame == own):
+        if stored.name.kind == "C" and not (relative and frame == own):
             reason = f"{stored.label} is in {own}, the job is{' ' if relative else ' not '}relative"
             reason += f" and has {'////FRAME ' + frame if frame else 'no ////FRAME'}"
             yield Problem(stored.row, "relative-job", reason, "measuring")
@@ -189,8 +190,8 @@ def _frame_faults(frame: str, tool: str, user: str) -> list[str]:
         faults.append("is in a user frame, and no ///USER says which")
     for word, text in (("TOOL", tool), ("USER", user)):
         numbers = [number for number in text.split(",") if number]
-        if any(not n.isdecimal() or len(n) > 3 or int(n) > _MOST_FRAME for n in numbers):
-            faults.append(f"has ///{word} {text[:20]}, not 0 to {_MOST_FRAME}")
+        if any(not n.isdecimal() or len(n) > 3 or int(n) > MOST_FRAME for n in numbers):
+            faults.append(f"has ///{word} {text[:20]}, not 0 to {MOST_FRAME}")
     return faults
 
 
@@ -215,7 +216,7 @@ def _number_faults(stored: Stored) -> Iterator[Problem]:
             fault = "is not a number of at most 3 decimals of a mm, 4 of a degree"
         elif text[0] == "-" and not text.strip("-0."):
             fault = "is minus zero"
-        elif 3 <= k < 6 and stored.name[0] in "CP" and not -180.0 <= float(text) <= 180.0:
+        elif 3 <= k < 6 and stored.name.kind in "CP" and not -180.0 <= float(text) <= 180.0:
             fault = "is not in [-180, 180] deg"
         if fault:
             reason = f"{stored.label}: {text[:30]!a} {fault}"
@@ -227,18 +228,16 @@ def _check_use(job: Job) -> Iterator[Problem]:
     there = {stored.name for stored in job.stored}
     used: set[Name] = set()
     for statement in (*job.kinds["move"], *job.kinds["also"]):
-        moves = [part for part in statement.tree.children if isinstance(part, Tree)]
-        for move in (statement.tree, *(part for part in moves if part.data == "also")):
-            names = {name for name in inform.names_in(move) if "C" in name[0]}
+        for move in statement.all("move", "also"):
+            names = {name for name in reader.names_in(move) if "C" in name.kind}
             for name in sorted(names - there):
-                yield Problem(
-                    statement.row, "position-defined", f"{inform.label_of(name)} is not there"
-                )
+                reason = f"{name.label} is not there"
+                yield Problem(statement.row, "position-defined", reason)
             used |= names
     for statement in job.kinds["other"]:
-        used |= {inform.name_of(word) for word in statement.words("POINT")}
+        used |= {Name.of(word) for word in statement.words("POINT")}
     for stored in job.stored:
-        if "C" in stored.name[0] and stored.name not in used:
+        if "C" in stored.name.kind and stored.name not in used:
             reason = f"{stored.label} is never moved to"
             yield Problem(stored.row, "position-used", reason, "measuring")
     for statement in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
@@ -253,7 +252,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
     for statement in job.inst:
         row, kind = statement.row, statement.kind
         found: list[Found] = []
-        if kind == "comment" and len(statement.text) > 33:
+        if kind == "comment" and len(statement.text) > 1 + MOST_COMMENT:
             found.append(("comment", "the comment is longer than 32 characters", "measuring"))
         elif kind in ("move", "also"):
             parts = [child for child in statement.tree.children if isinstance(child, Tree)]
@@ -261,7 +260,7 @@ def _check_steps(job: Job) -> Iterator[Problem]:
                 stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
                 if not has_speed and not any(p.data.endswith("speed") for p in parts):
                     found.append(("move", "no speed, and no SPEED above", "measuring"))
-            for move in (statement.tree, *(p for p in parts if p.data == "also")):
+            for move in statement.all("move", "also"):
                 found += _move_faults(move)
         elif kind == "call" and not stands:
             reason = "no move with PL=0 before the CALL: the arm may not have arrived"
@@ -270,8 +269,8 @@ def _check_steps(job: Job) -> Iterator[Problem]:
             has_speed |= statement.word("WORD") == "SPEED"
             stands &= statement.word("WORD") != "IMOV"
             found += _word_faults(statement)
-        if kind in _ARGUMENTS:
-            found += [("argument", fault, "error") for fault in _ARGUMENTS[kind](statement)]
+        fault = _argument_fault(statement)
+        found += [("argument", fault, "error")] if fault else []
         for rule, reason, level in found:
             yield Problem(row, rule, reason, level)
 
@@ -316,41 +315,29 @@ def _word_faults(statement: Statement) -> Iterator[Found]:
     yield "instruction", reason, "error" if meant or not other else "note"
 
 
-def _time_faults(statement: Statement) -> Iterator[str]:
-    time = statement.one("time")
-    text = text_of(time) if time is not None else ""
-    if _NUMBER.fullmatch(text):
-        decimals = len(text.partition(".")[2])
-        if decimals > 2 or not 0.01 <= float(text) <= 655.35:
-            yield f"T= is {text[:20]!a}, not 0.01 to 655.35"
-
-
-def _set_faults(statement: Statement) -> Iterator[str]:
-    value = statement.tree.children[-1]
-    if isinstance(value, Token) and value.type == "NUMBER":
-        variable = text_of(statement.tree)[: -len(value)]
-        least, most = _LIMITS.get(variable.lstrip("L")[:1], (-(2**31), 2**31 - 1))
-        if not least <= float(value) <= most:
-            yield f"{variable[:20]} is set to {value[:20]!a}, not {least} to {most}"
-
-
-def _gets_faults(statement: Statement) -> Iterator[str]:
-    system, place = statement.word("SYSTEM"), statement.one("place")
-    variable = text_of(place) if place is not None else ""
-    if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
-        yield f"{system[:20]} is stored in {variable[:20]}"
-
-
-def _call_faults(statement: Statement) -> Iterator[str]:
-    called = statement.word("JOB")[4:]
-    if called and not _NAME.fullmatch(called):
-        yield f"{called[:40]!a} is no name of a job"
-
-
-_ARGUMENTS = {
-    "timer": _time_faults,
-    "pulse_output": _time_faults,
-    "set": _set_faults,
-    "gets": _gets_faults,
-    "call": _call_faults,
-}
+def _argument_fault(statement: Statement) -> str:
+    """What is wrong with a time, a value, a variable, or the name of a job; empty for nothing."""
+    match statement.kind:
+        case "timer" | "pulse_output":
+            time = statement.one("time")
+            text = text_of(time) if time is not None else ""
+            fine = len(text.partition(".")[2]) <= 2
+            if _NUMBER.fullmatch(text) and not (fine and 0.01 <= float(text) <= 655.35):
+                return f"T= is {text[:20]!a}, not 0.01 to 655.35"
+        case "set":
+            value = statement.tree.children[-1]
+            if isinstance(value, Token) and value.type == "NUMBER":
+                variable = text_of(statement.tree)[: -len(value)]
+                least, most = _LIMITS.get(variable.lstrip("L")[:1], (-(2**31), 2**31 - 1))
+                if not least <= float(value) <= most:
+                    return f"{variable[:20]} is set to {value[:20]!a}, not {least} to {most}"
+        case "gets":
+            system, place = statement.word("SYSTEM"), statement.one("place")
+            variable = text_of(place) if place is not None else ""
+            if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
+                return f"{system[:20]} is stored in {variable[:20]}"
+        case "call":
+            called = statement.word("JOB")[4:]
+            if called and not _NAME.fullmatch(called):
+                return f"{called[:40]!a} is no name of a job"
+    return ""

@@ -26,6 +26,7 @@ The layout is that of these manuals and of exports. Nothing was loaded on a cont
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -35,20 +36,20 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.writing import (
     Limits,
-    NameRule,
+    Phrases,
     check_call,
     plain_all,
     rounded_deg,
     shown_deg,
     warning_lines,
 )
-from posedesign.programs.yaskawa_jbi.pulses import checked, comments
-
-NAMES = NameRule("a Yaskawa job name", 8)
-"""What every controller takes, NX100 too."""
-
-COMMENT_LENGTH = 32
-"""Characters of a job's comment and of a comment line."""
+from posedesign.programs.yaskawa_jbi.spec import (
+    MOST_COMMENT,
+    MOST_FRAME,
+    NAMES,
+    checked,
+    comments,
+)
 
 MOST_LINES = 2000
 """Instructions of one job: where public post-processors split."""
@@ -57,13 +58,25 @@ MOST_INTEGER = 32767
 """Largest value of an I variable."""
 
 LIMITS = Limits(
-    text=COMMENT_LENGTH,
-    remark=COMMENT_LENGTH,
+    text=MOST_COMMENT,
+    remark=MOST_COMMENT,
     begins=("POSE ", "PLAN ", "PULSES "),
     settle_s=655.35,  # hundredths of a second in 16 bits
     pulse_s=(0.01, 655.35),
-    frames=(63, 63),  # NX100 has fewer
+    frames=(MOST_FRAME, MOST_FRAME),
     registers=(127, "variable P{}"),
+)
+
+_PHRASES = Phrases(
+    note="'{}",
+    # PL=0: the step is over when the arm has arrived, not when it is near
+    move=("MOVJ C{k:05d} VJ={percent:.2f} PL=0",),
+    wait="TIMER T={time:.2f}",
+    pulse=("PULSE OT#({output}) T={time:.2f}",),
+    call=("SET I000 {argument}", "CALL JOB:{call}"),
+    bare=("CALL JOB:{call}",),
+    keep="GETS PX{register:03d} $PX000",
+    least_s=0.01,
 )
 
 
@@ -74,12 +87,7 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
     most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
     comment.
 
-    Parameters
-    ----------
-    program : PoseProgram
-    arm : Arm
-    pulses_per_deg : sequence of float
-        Of S, L, U, R, B, T, signed; not used for poses of the tool.
+    ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool.
 
     Raises
     ------
@@ -95,6 +103,8 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
     pulses = checked(pulses_per_deg) if options.form == "joint" else ()
     positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
+    frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
+    relative = ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
     return "\n".join(
         [
             "/JOB",
@@ -105,9 +115,14 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
             "//INST",
             f"///DATE {options.written:%Y/%m/%d %H:%M}",
             *([f"///COMM {options.comment}"] if options.comment else []),
-            *_attributes(options),
+            *(["///ATTR SC,RW"] if pulses else relative),
             "///GROUP1 RB1",
-            *_instructions(program, pulses),
+            *_head(program, pulses),
+            *chain.from_iterable(
+                _at_pose(options, pose, k, number)
+                for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True))
+            ),
+            "END",
             "",
         ]
     )
@@ -116,7 +131,7 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
-    return len(_head(program, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
+    return len(_head(program, (1.0,) * 6)) + 1, len([*_at_pose(program.options, pose, 0, 1)])
 
 
 def _pulses(program: PoseProgram, arm: Arm, pulses_per_deg: tuple[float, ...]) -> Iterator[str]:
@@ -155,47 +170,15 @@ def _millimetres(poses: FloatArray) -> Iterator[str]:
         yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
 
 
-def _attributes(options: ProgramOptions) -> list[str]:
-    if options.form == "joint":
-        return ["///ATTR SC,RW"]
-    frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
-    return ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
-
-
-def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
-    lines = _head(program, pulses_per_deg)
-    for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
-        lines += _at_pose(program.options, pose, k, number)
-    return [*lines, "END"]
-
-
 def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
     notes = [program.mark] if program.mark else []
     notes += comments(pulses_per_deg) if pulses_per_deg else []
-    notes += warning_lines(program, COMMENT_LENGTH)
+    notes += warning_lines(program, MOST_COMMENT)
     return ["NOP", *(f"'{note}" for note in notes)]
 
 
-def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> list[str]:
+def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> Iterator[str]:
     """Instructions of one pose, with position C ``k``."""
-    note = f"POSE {number} {pose.name}".rstrip()
-    if not LIMITS.fits(note):
-        note = f"POSE {number}"
-    lines = [f"'{note}"]
-    if pose.comment.strip():
-        lines.append(f"'{pose.comment.strip()}")
-    # PL=0: the step is over when the arm has arrived, not when it is near
-    lines.append(f"MOVJ C{k:05d} VJ={options.speed_percent:.2f} PL=0")
-    if pose.via:
-        return lines
-    if options.settle_s > 0:
-        lines.append(f"TIMER T={max(options.settle_s, 0.01):.2f}")
-    if options.measure_output is not None:
-        lines.append(f"PULSE OT#({options.measure_output}) T={options.measure_pulse_s:.2f}")
-    if options.measure_call is not None:
-        argument = options.argument(number)
-        lines += [f"SET I000 {argument}"] if argument is not None else []
-        lines.append(f"CALL JOB:{options.measure_call}")
-    if options.keep == "register":
-        lines.append(f"GETS PX{options.first_register + number - 1:03d} $PX000")
-    return lines
+    name = pose.name if LIMITS.fits(f"POSE {number} {pose.name}".rstrip()) else ""
+    given = {"k": k, "percent": options.speed_percent}
+    return _PHRASES.at_pose(options, pose, number, name, **given)

@@ -11,9 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from calib.robot_world import solve
+from calib.se3 import inverse, rotation_angle
 from calib.vision.touch_up import SimulatedArms
 from posedesign.autonomous import FolderRobot, calibrate_robot
 from posedesign.cell import Cell
+from posedesign.cell.schema_sections import BoardSection
+from posedesign.pairs import read_pairs
 from posedesign.simulation import true_cell, true_observer
 
 ONLY = np.zeros(1, dtype=np.intp)
@@ -63,16 +67,29 @@ class ServedCell:
 @pytest.fixture
 def small_cell(make_demo_cell) -> Iterator[Cell]:
     return make_demo_cell(
-        camera={"image_px": [480, 384], "focal_px": 675.0},
+        camera={"image_px": [640, 512], "focal_px": 900.0, "largest_tilt_deg": 50.0},
         parameters={"models": [["zero_offsets"], ["zero_offsets", "compliance"]]},
         touch_up={"repeats": 2},
         variations={"start_deg": [40.0, 40.0, 40.0]},
     )
 
 
+BOARD = {
+    "kind": "charuco",
+    "columns": 8,
+    "rows": 6,
+    "square_mm": 11.0,
+    "marker_mm": 8.0,
+    "dictionary": "DICT_5X5_100",
+}
+
+
 @pytest.mark.slow
-def test_programs_out_and_pictures_in(small_cell, tmp_path):
-    cell = small_cell
+@pytest.mark.parametrize("board", [None, BOARD], ids=["circle", "board"])
+def test_programs_out_and_pictures_in(small_cell, tmp_path, board):
+    section = None if board is None else BoardSection.model_validate(board)
+    changed = small_cell.config.model_copy(update={"board": section})
+    cell = Cell.from_config(changed, Path("cell.toml"))
     folder, out = tmp_path / "share", tmp_path / "run"
     folder.mkdir()
     rng = np.random.default_rng(3)
@@ -85,7 +102,15 @@ def test_programs_out_and_pictures_in(small_cell, tmp_path):
     found = {r.model: r for r in done.identified.comparison.results}
     assert found["offsets + compliance"].leave_one_out_rms_m < 1e-4
     assert found["frames only"].leave_one_out_rms_m > 4e-4
-    assert (out / "pairs.csv").exists()
+    pairs = read_pairs(out / "pairs.csv")
+    found_again = solve(pairs.A, pairs.B)
+    off = inverse(true_cell(cell).T_tip_camera) @ found_again.X
+    assert np.linalg.norm(off[:3, 3]) < 2e-3
+    assert rotation_angle(off[:3, :3]) < np.deg2rad(0.2)
+    with (out / "log.csv").open(newline="") as log:
+        rows = list(csv.DictReader(line for line in log if not line.startswith("#")))
+    kept = {row["picture"] for row in rows}
+    assert {path.name for path in (out / "pictures").iterdir()} <= kept
     # every move was a program that the controller can run, and no other was made
     assert len(list((folder / "out").glob("MOVE*.LS"))) == served.moves
     again = calibrate_robot(cell, robot, out)

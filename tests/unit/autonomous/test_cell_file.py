@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from calib.robots import preset_names
 from posedesign.cell import Cell, CellConfig, cell_template
-from posedesign.cell.data import cell_text
-from posedesign.cell.schema import parse_config, parse_text
+from posedesign.cell.file import cell_text, parse_config, parse_text
 
 WHERE = Path("cell.toml")
 

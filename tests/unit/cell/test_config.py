@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from calib.errors import CalibError, FileFormatError
 from posedesign.cell import Cell, CellConfig, cell_template
-from posedesign.cell import schema as config
-from posedesign.cell.schema import _section_in, parse_config, parse_text, read_config
+from posedesign.cell import file as config
+from posedesign.cell.file import _section_in, parse_config, parse_text, read_config
 
 WHERE = Path("some/cell.toml")
 EXAMPLE = tomllib.loads(cell_template())

@@ -10,7 +10,10 @@ from calib.errors import CalibError, RobotModelError
 from calib.robots import Robot, preset_names
 from posedesign.cell import Cell, cell_template, template
 from posedesign.cell.template import REFERENCE
+from posedesign.planning import plan
 from posedesign.planning.loop import check_base_pose
+from tests.board_cells import check_constraints
+from tests.marks import rest_in_slow
 
 ARM = """<robot name="arm">
   <link name="base"/>{links}
@@ -48,6 +51,22 @@ def write_arm(path: Path, suffix: str = "", kind: str = "revolute") -> Path:
     text = "".join(f"<link name={link}/>" for link in links)
     path.write_text(ARM.format(links=text, joints=joints).replace('<link name="base"/>', ""))
     return path
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+@pytest.mark.parametrize(
+    "name", rest_in_slow(preset_names(), ["ur5e", "r2000ic165f", "lrmate200id", "panda"])
+)
+def test_a_cell_with_camera_and_board_is_planned_as_it_is(name, mount):
+    """And keeps all that it asks for, by a check that is not ours to plan by."""
+    text = cell_template(name, camera=mount)
+    cell = Cell.from_text(text)
+    assert cell.sees_board
+    assert cell.config.camera.mount == mount
+    found = plan(cell)
+    assert found.reached
+    assert len(found.postures) > 20
+    check_constraints(cell, found.postures)
 
 
 def test_reference_is_the_default():

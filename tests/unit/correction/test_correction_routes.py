@@ -222,8 +222,8 @@ class Arm:
         self.x = self.truth.nominal + spread * rng.standard_normal(self.truth.p)
         found = identify(self.truth, simulate(self.truth, self.x, q, rng))
         parameters = [
-            {"name": name, "value": value, "unit": unit, "sigma": sigma}
-            for name, unit, value, _, sigma in found.displayed()
+            {"name": row.name, "value": row.value, "unit": row.unit, "sigma": row.sigma}
+            for row in found.displayed()
         ]
         model = {"name": "all", "parameters": parameters}
         model["covariance_si"] = found.covariance.tolist()

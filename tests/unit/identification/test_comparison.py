@@ -9,10 +9,9 @@ from scipy.stats import t
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import NotIdentifiableError
-from calib.identification import Comparison, compare, minimise
-from calib.identification.choice import CHANCE
-from calib.identification.comparison import Candidate
-from calib.identification.left_out import targets_left_out
+from calib.identification import Candidate, Comparison, compare
+from calib.identification.comparison import CHANCE
+from calib.identification.cross_validation import targets_left_out
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose, TouchUp, touch_ups
 from calib.model.parameters import (
@@ -214,20 +213,6 @@ def test_targets_left_out_are_the_criterion_where_there_are_enough(touching, mak
     assert found.trials[1].target_out_rms_m == pytest.approx(np.sqrt(np.mean(out**2)))
     two, fewer = touched(touching, make_model, targets=2)
     assert np.isnan(targets_left_out(two, fewer, identify(two, fewer))).all()
-
-
-def test_leave_one_out_is_that_of_refits():
-    truth = model(offsets())
-    data = points(truth, truth.nominal + 1e-3, seed=8)
-    result = identify(truth, data)
-    weights = np.array([(data.pose != k).astype(float) for k in range(20)])
-    start = np.tile(result.values, (20, 1))
-    fits = minimise(truth, data.repeated(20), start, weights=weights)
-    for k in range(20):
-        own = data[np.flatnonzero(data.pose == k)]
-        rows = truth.linearise(own.postures, fits.x[k], own.setup, own.observed).rows
-        found = result.leave_one_out[data.pose == k]
-        np.testing.assert_allclose(found, rows, atol=1e-3 * NOISE_M)
 
 
 def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error():

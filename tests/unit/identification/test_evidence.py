@@ -10,9 +10,8 @@ from scipy.stats import t as student
 from calib import CalibrationModel, Robot, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
-from calib.identification.marginal import linear_evidence
-from calib.identification.noise import STUDENT_FREEDOM, log_weights
-from calib.identification.robust import WEIGHTS, distances2
+from calib.identification.evidence import linear_evidence
+from calib.identification.noise import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose
 from calib.model.parameters import (
@@ -52,10 +51,17 @@ def draw(seed: int, count: int = 40, kind: Measurement | None = None) -> Measure
     return simulate(truth, x, q, rng)
 
 
-def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None):
+def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None, x=None):
     members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
     w = np.ones(data.count) if weights is None else weights
-    return linear_evidence(model, data, model.nominal, members, w)
+    return linear_evidence(model, data, model.nominal if x is None else x, members, w)
+
+
+def solved(model: CalibrationModel, data: Measurements, found: TunedPriors, groups=GROUPS):
+    """The problem linearised where it was solved, and the logarithms found."""
+    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
+    problem = problem_of(model, data, groups, found.weights, found.x)
+    return problem, np.log([*found.sigma, scale])
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -169,10 +175,7 @@ def test_sizes_of_simulated_errors_are_found_within_what_chance_allows():
         data = draw(seed)
         found = tune_priors(model, data, GROUPS)
         noise = found.model.measurement.sigma[0]
-        members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-        problem = linear_evidence(model, data, found.x, members, found.weights)
-        scale = noise / model.measurement.sigma[0]
-        information = curvature(problem, np.append(np.log(found.sigma), np.log(scale)))
+        information = curvature(*solved(model, data, found))
         off = np.append(np.log(found.sigma / TRUE_SIZES), np.log(noise / NOISE_M))
         total += off @ information @ off
         freedom += len(off)
@@ -186,10 +189,7 @@ def test_the_maximum_is_one():
     """No small change of a size or of the noise makes the measurements likelier."""
     model, data = model_of(Point(None)), draw(3)
     found = tune_priors(model, data, GROUPS)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    theta = np.log([*found.sigma, scale])
+    problem, theta = solved(model, data, found)
     best, gradient = problem.log_evidence(theta)
     np.testing.assert_allclose(gradient, 0.0, atol=0.05)
     assert best == pytest.approx(found.log_evidence, abs=1e-3)
@@ -331,10 +331,7 @@ def test_uncertain_sizes_widen_what_rests_on_them():
     usual = [replace(group, usual=8e-4) for group in GROUPS]
     model, data = model_of(Point(None)), draw(6, 12)
     found = tune_priors(model, data, usual)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    best = np.log([*found.sigma, scale])
+    problem, best = solved(model, data, found)
     grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 13)] * 3), axis=-1).reshape(-1, 3) + best
 
     def log_density(theta: np.ndarray) -> float:
@@ -359,10 +356,7 @@ def test_the_likelihood_over_all_sizes_is_its_integral() -> None:
     groups = [replace(GROUPS[0], usual=8e-4), GROUPS[1]]
     model, data = model_of(Point(None)), draw(8)
     found = tune_priors(model, data, groups)
-    members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
-    problem = linear_evidence(model, data, found.x, members, found.weights)
-    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
-    best = np.log([*found.sigma, scale])
+    problem, best = solved(model, data, found, groups)
     step = 0.1
     grid = [m + step * np.arange(-16, 17) for m in best[:2]]
     grid.append(best[2] + 0.5 * step * np.arange(-12, 13))

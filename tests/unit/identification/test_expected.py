@@ -101,6 +101,14 @@ def measured(
     return truth, x, simulate(truth, x, q, rng, setup=Setup.of(len(q), target=which))
 
 
+def everything(model: CalibrationModel) -> Candidate:
+    return Candidate("all", model, (), groups_of(model))
+
+
+def there(data: Measurements) -> Workplace:
+    return Workplace(data.postures, Setup.of(data.count), "there")
+
+
 def aligned_rms(a: FloatArray, b: FloatArray) -> float:
     """Distance of points after the best rigid motion (Kabsch, by another library)."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
@@ -110,7 +118,7 @@ def aligned_rms(a: FloatArray, b: FloatArray) -> float:
 
 def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
     truth, _, data = measured(arm, 3)
-    fitted = fit(Candidate("all", truth, (), groups_of(truth)), data)
+    fitted = fit(everything(truth), data)
     rng = np.random.default_rng(0)
     q = data.postures[::2] + rng.uniform(-0.2, 0.2, (21, 6))
     at = Workplace(q, Setup.of(len(q)), "near")
@@ -132,8 +140,7 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
 
 def test_where_the_base_stands_does_not_count(arm):
     truth, x, data = measured(arm, 4)
-    at = Workplace(data.postures, Setup.of(data.count), "there")
-    arms = DrawnArms([Posterior(truth, x, np.zeros((truth.p, truth.p)))], at)
+    arms = DrawnArms([Posterior(truth, x, np.zeros((truth.p, truth.p)))], there(data))
     turned = x.copy()
     turned[truth.names.index(f"zero_offset.{arm.joint_names[0]}")] += 1e-5
     assert arms.error_of(truth, turned).rms_m < 1e-9
@@ -151,7 +158,7 @@ def test_expected_errors_are_those_that_come(arm):
         rng = np.random.default_rng(seed)
         q = data.postures[rng.integers(42, size=30)] + rng.uniform(-0.15, 0.15, (30, 6))
         at = Workplace(q, Setup.of(30), "near")
-        found = fit_reference(Candidate("all", truth, (), groups_of(truth)), data, at)
+        found = fit_reference(everything(truth), data, at)
         came = aligned_rms(
             truth.view(q, x).tool_points,
             found.fitted.model.view(q, found.fitted.result.values).tool_points,
@@ -165,8 +172,7 @@ def test_expected_errors_are_those_that_come(arm):
 def test_noise_that_does_not_explain_the_residuals_is_found(arm):
     truth, _, data = measured(arm, 5, sigma=12 * NOISE_M)
     given = replace_noise(truth, NOISE_M)
-    at = Workplace(data.postures, Setup.of(data.count), "there")
-    found = fit_reference(Candidate("all", given, (), groups_of(given)), data, at)
+    found = fit_reference(everything(given), data, there(data))
     kind = found.fitted.model.measurements[0]
     assert kind.found
     assert not kind.estimated
@@ -178,8 +184,7 @@ def test_noise_that_does_not_explain_the_residuals_is_found(arm):
 
 def test_noise_that_explains_the_residuals_is_left_as_given(arm):
     truth, _, data = measured(arm, 6)
-    at = Workplace(data.postures, Setup.of(data.count), "there")
-    found = fit_reference(Candidate("all", truth, (), groups_of(truth)), data, at)
+    found = fit_reference(everything(truth), data, there(data))
     np.testing.assert_array_equal(found.fitted.model.measurements[0].sigma, NOISE_M)
     assert not found.fitted.result.noise[0].estimated
     assert found.loss == "least-squares"
@@ -196,12 +201,11 @@ def test_touches_by_hand_with_heavy_tails_are_weighed_by_students_loss(arm):
     slipped = data.postures.copy()
     for row in (3, 11, 18, 25, 33):
         slipped[row] += rng.standard_normal(6) * 2e-4
-    at = Workplace(data.postures, Setup.of(data.count), "there")
     dirty = replace(data, postures=slipped)
-    candidate = Candidate("all", truth, (), groups_of(truth))
-    found = fit_reference(candidate, dirty, at)
+    candidate = everything(truth)
+    found = fit_reference(candidate, dirty, there(data))
     assert found.loss == "student-t"
-    asked = fit_reference(candidate, dirty, at, loss="least-squares")
+    asked = fit_reference(candidate, dirty, there(data), loss="least-squares")
     assert asked.loss == "least-squares"
     points = truth.view(data.postures, x).tool_points
 
@@ -255,14 +259,13 @@ def test_the_gain_of_students_noise_is_that_of_the_densities(heavy):
 
 def test_arms_of_several_kinds_are_drawn_as_they_are_probable(arm: Robot) -> None:
     truth, x, data = measured(arm, 4)
-    at = Workplace(data.postures, Setup.of(data.count), "there")
     none = np.zeros((truth.p, truth.p))
     elbow = x.copy()
     elbow[truth.names.index(f"zero_offset.{arm.joint_names[2]}")] += 1e-4
     kinds = [Posterior(truth, x, none, 0.75), Posterior(truth, elbow, none, 0.25)]
-    off = DrawnArms([Posterior(truth, elbow, none)], at).error_of(truth, x).rms_m
+    off = DrawnArms([Posterior(truth, elbow, none)], there(data)).error_of(truth, x).rms_m
     assert off > 1e-6
-    found = DrawnArms(kinds, at).error_of(truth, x)
+    found = DrawnArms(kinds, there(data)).error_of(truth, x)
     assert found.rms_m == pytest.approx(0.5 * off, rel=1e-6)
     assert (found.low_m, found.high_m) == pytest.approx((0.0, off), rel=1e-6, abs=1e-12)
 
@@ -288,13 +291,8 @@ def test_errors_that_the_arm_has_not_are_improbable(arm: Robot) -> None:
         true = whole if uneven else plain
         q = rng.uniform(-1.5, 1.5, (42, 6))
         data = simulate(true, drawn(true, rng), q, rng)
-        at = Workplace(data.postures, Setup.of(42), "there")
-        found = fit_reference(
-            Candidate("all", whole, (), groups_of(whole)),
-            data,
-            at,
-            [Candidate("even", plain, (), groups_of(plain))],
-        )
+        even = Candidate("even", plain, (), groups_of(plain))
+        found = fit_reference(everything(whole), data, there(data), [even])
         assert sum(found.probabilities.values()) == pytest.approx(1.0)
         right.append(found.probabilities["all" if uneven else "even"])
     # the mean logarithm of what was given to the truth, of a coin -.69

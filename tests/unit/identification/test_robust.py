@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, identify
-from calib.errors import CalibError, InputError
-from calib.identification.robust import OUTLIER_CHANCE
+from calib.errors import InputError
+from calib.identification.noise import OUTLIER_CHANCE
 from calib.model import Setup, simulate
-from calib.model.measurements import Measurements, Pose, TouchUp
+from calib.model.measurements import Pose, TouchUp, touch_ups
 from calib.model.parameters import TargetFrame, ToolFrame, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 
@@ -192,18 +192,16 @@ def test_one_kind_does_not_hide_the_errors_of_another(make_model, reference_robo
     assert np.flatnonzero(result.outliers).tolist() == [4]
 
 
-def test_unweighted_rows_have_no_robust_loss(make_model, touching):
-    with pytest.raises(InputError, match="the loss huber needs rows that are weighted"):
-        identify(make_model(), Measurements(touching(8), Setup.of(8)), weighted=False, loss="huber")
-
-
-def test_a_loss_that_is_not_known(make_model, touching):
-    with pytest.raises(CalibError, match=r"unknown loss 'tukey' \(one of least-squares, huber"):
-        identify(make_model(), Measurements(touching(8), Setup.of(8)), loss="tukey")
-
-
-@pytest.mark.parametrize("options", [{"loss": "cauchy"}, {}])
-def test_the_papers_method_knows_neither_loss_nor_unknown_noise(make_model, touching, options):
-    model = make_model(measurement=TouchUp(1e-5 if options else None))
-    with pytest.raises(InputError, match="newton-raphson knows no robust loss and no unknown"):
-        identify(model, Measurements(touching(8), Setup.of(8)), method="newton-raphson", **options)
+@pytest.mark.parametrize(
+    ("options", "sigma", "message"),
+    [
+        ({"method": "newton"}, 1e-5, r"unknown method 'newton' \(one of gauss-newton, newton-r"),
+        ({"loss": "tukey"}, 1e-5, r"unknown loss 'tukey' \(one of least-squares, huber"),
+        ({"loss": "huber", "weighted": False}, 1e-5, "the loss huber needs rows that are weighted"),
+        ({"method": "newton-raphson", "loss": "cauchy"}, 1e-5, "knows no robust loss and no unkn"),
+        ({"method": "newton-raphson"}, None, "knows no robust loss and no unknown"),
+    ],
+)
+def test_options_that_exclude_each_other(make_model, touching, options, sigma, message):
+    with pytest.raises(InputError, match=message):
+        identify(make_model(measurement=TouchUp(sigma)), touch_ups(touching(8)), **options)

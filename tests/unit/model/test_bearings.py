@@ -126,32 +126,6 @@ def test_all_that_displaces_a_frame_adds_up(arm):
         np.testing.assert_allclose(one[posture], alone[0], atol=1e-13)
 
 
-@pytest.mark.parametrize("scale", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
-def test_jacobian_against_central_differences(arm, scale):
-    rng = np.random.default_rng(4)
-    q = rng.uniform(-2.0, 2.0, (5, arm.n))
-    setup = Setup.of(5, payload=[0, 1, 1, 0, 1])
-    joints = arm.joint_names
-    blocks: list[ParameterBlock] = [
-        BearingCompliance(arm, joints[1:], PAYLOADS),
-        LinkGeometry(arm),
-        JointCompliance(arm, joints, PAYLOADS),
-        LostMotion(arm, joints[1:], np.arange(2.0, arm.n + 1.0), PAYLOADS),
-    ]
-    model = model_of(arm, blocks)
-    sizes = np.array([TYPICAL[unit] for unit in model.units])
-    x = scale * rng.normal(size=model.p) * sizes
-    here = model.predict(q, x, setup)
-    found = model.linearise(q, x, setup, here).jacobian
-    for k in range(model.p):
-        step = np.zeros(model.p)
-        step[k] = 0.03 * sizes[k]
-        ahead, back = (model.linearise(q, x + s * step, setup, here).rows for s in (1, -1))
-        expected = (ahead - back) / (2 * step[k])
-        tolerance = 1e-6 * max(np.abs(expected).max(), 1e-3)
-        np.testing.assert_allclose(found[..., k], expected, atol=tolerance, err_msg=model.names[k])
-
-
 def test_bearings_are_named_by_the_axes_across():
     robot = Robot.preset("r2000ic165f")
     along = [int(np.argmax(np.abs(axis))) for axis in robot.chain.axes]

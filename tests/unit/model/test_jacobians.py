@@ -7,15 +7,18 @@ from calib import CalibrationModel, Robot
 from calib.model import Setup
 from calib.model.measurements import KINDS
 from calib.model.parameters import (
+    BearingCompliance,
     JointCompliance,
     JointHarmonics,
     JointScale,
     LengthOffsets,
     LinkGeometry,
+    LostMotion,
     Payload,
     TargetFrame,
     TargetPlane,
     TargetPoints,
+    ToolBody,
     ToolFrame,
     ToolPoint,
     ToolPoints,
@@ -39,12 +42,15 @@ OF_THE_ARM = {
     "scale": lambda r: JointScale(r, r.joint_names),
     "harmonics": lambda r: JointHarmonics(r, r.joint_names[1:3], [1, 2, 100]),
     "compliance": lambda r: JointCompliance(r, r.joint_names[::2], LOADS),
+    "bearings": lambda r: BearingCompliance(r, r.joint_names[1:], LOADS),
+    "lost motion": lambda r: LostMotion(r, r.joint_names[1:], np.arange(2.0, r.n + 1.0), LOADS),
     "links": lambda r: LinkGeometry(r),
     "some links": lambda r: LinkGeometry(
         r, [f"link.{r.joint_names[1]}.ry", f"link.{r.joint_names[3]}.x"]
     ),
 }
 ALL = ("all", "tool", "target", *OF_THE_ARM)
+GIVING_WAY = ("all", "compliance", "bearings", "lost motion")
 
 
 def blocks(robot: Robot, freed: str, setting: str, rng: np.random.Generator) -> list:
@@ -63,8 +69,10 @@ def blocks(robot: Robot, freed: str, setting: str, rng: np.random.Generator) -> 
     def pose() -> np.ndarray:
         return transform(rotation_exp(rng.normal(size=3)), rng.normal(size=3))
 
+    body = [ToolBody([[0.1, 0, 0], [0, 0.12, 0.02]], "PQ", pose())] if tool else []
     return [
         *arm,
+        *body,
         ToolFrame(pose(), free=SIX if tool else ()),
         ToolPoints([[0.1, 0.2, 0.3]], ["reflector"], free="xyz" if tool else ""),
         TargetFrame(pose(), "tracker", free=SIX if target else ()),
@@ -96,7 +104,7 @@ def test_jacobian_is_the_derivative_of_the_rows(
         kind=np.arange(POSES) % len(model.measurements) if measurement == "mixed" else 0,
         tool=rng.integers(0, len(model.tools), POSES),
         target=rng.integers(0, 2, POSES),
-        payload=np.arange(POSES) % 2 if freed in ("compliance", "all") else 0,
+        payload=np.arange(POSES) % 2 if freed in GIVING_WAY else 0,
     )
     step = np.array([STEP[unit] for unit in model.units])
     is_read = np.array([kind.reads for kind in model.measurements])[setup.kind]

@@ -16,7 +16,6 @@ from calib.model.parameters import (
     ToolBody,
     ToolFrame,
     ToolPoint,
-    ToolPoints,
     ZeroOffsets,
     gravity_torque,
 )
@@ -182,28 +181,6 @@ def test_distances_stay_and_the_pose_is_that_of_a_frame():
     turned = np.moveaxis(view.tool, -1, 0).swapaxes(1, 2)  # R_base_body of each posture
     expected = view.tool_points + np.einsum("nij,nj->ni", turned, PLACES)
     np.testing.assert_allclose(body.view(q, x, setup).tool_points, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", [Point(1e-4), Pose(1e-4), TouchUp([1e-4, 2e-4, 3e-4])])
-@pytest.mark.parametrize("trials", [0, 2])
-def test_jacobian_is_the_derivative_of_the_rows(kind, trials):
-    rng = np.random.default_rng(1)
-    other = ToolPoints([[0.3, 0.1, 0.2]], ["other"])
-    blocks = [ToolBody(PLACES, LABELS, T_BODY), other, TargetFrame(T_TARGET)]
-    model = CalibrationModel(ROBOT, blocks, kind)
-    setup = Setup.of(6, tool=[0, 1, 2, 3, 1, 0])
-    batch = (trials,) if trials else ()
-    q = rng.uniform(-2, 2, (*batch, 6, ROBOT.n))
-    x = model.nominal + rng.uniform(-0.3, 0.3, (*batch, model.p))
-    read = model.predict(q, x, setup) + rng.uniform(-0.1, 0.1, (*batch, 6, model.rows))
-    read = read if kind.reads else np.zeros_like(read)
-    found = model.linearise(q, x, setup, read)
-    for k, step in enumerate(1e-6 * np.eye(model.p)):
-        ahead, behind = (model.linearise(q, x + s, setup, read) for s in (step, -step))
-        numeric = (ahead.rows - behind.rows) / 2e-6
-        np.testing.assert_allclose(found.jacobian[..., k], numeric, atol=1e-8)
-        white = (ahead.white_rows - behind.white_rows) / 2e-6
-        np.testing.assert_allclose(found.white_jacobian[..., k], white, atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", [Point(1e-5), Pose(1e-5)])

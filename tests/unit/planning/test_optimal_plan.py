@@ -14,7 +14,7 @@ from calib.model import simulate, touch
 from calib.se3 import rotation_angle
 from posedesign.candidates import box_of_cell, candidates_of, cone_candidates, functions_over_box
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
 from posedesign.motion import Router
 from posedesign.planning import off_target

@@ -20,7 +20,7 @@ from calib.se3 import FloatArray, rotation_angle
 from calib.vision.touch_up import follow
 from posedesign.candidates import candidates_of
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.schema import parse_config
+from posedesign.cell.file import parse_config
 from posedesign.cell.surroundings import NOT_TOUCHING_M
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 from posedesign.motion.route import Passing, Route

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.errors import FileFormatError
 from calib.se3 import transform
-from posedesign.programs import RecordedProgram, read
+from posedesign.programs import RecordedProgram
 from posedesign.programs.abb_rapid import AbbRapid
 from tests.unit.programs.dialects import changed, export, refused
 
@@ -57,13 +56,6 @@ def test_a_controller_export_is_read(newline: str) -> None:
     np.testing.assert_allclose(np.asarray(found[10].T_user_tool), up, atol=1e-8)
     flat = transform(np.diag([1, -1, -1]), [0.001, 0.002, 0.003])
     np.testing.assert_allclose(np.asarray(found[16].T_user_tool), flat, atol=1e-15)
-
-
-def test_a_modx_in_utf8_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "CAL.modx"
-    for encoding in ("utf-8", "utf-8-sig", "latin-1"):
-        path.write_bytes(SMALL.replace("! PLAN", '! für "Übung\n! PLAN').encode(encoding))
-        assert [p.number for p in read(path).positions] == [1, 2]
 
 
 J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
@@ -186,25 +178,6 @@ def test_frames_are_known_as_far_as_the_module_says(motion: str, tool: bool, bas
 )
 def test_what_moves_a_pose_in_silence_is_refused(code: str, line: int, message: str) -> None:
     refused("abb-rapid", "X.mod", FRAMED.replace("    # 1", code), line, message)
-
-
-def test_a_position_of_the_operator_is_none_of_the_plan() -> None:
-    mark = "! PLAN abcdef12 3\n  ! P1 T1\n  ! P2 T2\n  ! P3 T3\n  ! P4 via"
-    extra = f"  CONST jointtarget {J1};\nENDMODULE".replace("jp1", "jLeft")
-    program = parse(SMALL.replace("! PLAN abcdef12 2", mark).replace("ENDMODULE", extra))
-    # and jp3 was deleted
-    assert [(p.number, p.name) for p in program.positions] == [(1, "T1"), (2, "T2"), (5, "jLeft")]
-    assert [p.number for p in program.measured] == [1, 2]
-
-
-def test_an_external_axis_may_not_carry_the_arm() -> None:
-    both = SMALL.replace("6],[9E9", "6],[100.0").replace("3],[9E9", "3],[100.009")
-    assert len(parse(both).positions) == 2  # what is shown of an axis at rest flickers
-    with pytest.raises(FileFormatError, match="p2: eax_a differs from that of jp1") as caught:
-        parse(both.replace("100.009", "100.02"))
-    assert caught.value.row == 4
-    home = f"CONST jointtarget {J1};\n".replace("jp1", "home").replace("6],[9E9", "6],[0")
-    assert len(parse(both.replace("ENDMODULE", home + "ENDMODULE")).positions) == 3
 
 
 def test_a_list_is_read_however_it_is_divided_and_however_long() -> None:

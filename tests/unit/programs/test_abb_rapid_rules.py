@@ -12,7 +12,7 @@ from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.programs import Arm, Load, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.abb_rapid import AbbRapid
-from posedesign.programs.abb_rapid.writer import render_module
+from posedesign.programs.abb_rapid.writer import render_abb_rapid
 from tests.unit.programs.dialects import breaks, changed
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 10, 20, 4, 30, 6]), via=i == 1) for i in range(3))
@@ -23,14 +23,14 @@ ARM = Arm.of(
     Load(1.0, np.array([0, 0, 0.05])),
 )
 JOINT, POSE = (
-    render_module(
+    render_abb_rapid(
         PoseProgram(
             "CAL",
             POSES,
             ProgramOptions(form=form, fingerprint="abcdef12", measure_output=3, keep="register"),
         ),
         ARM,
-    ).replace("  ENDPROC", "    VelSet 100,5000;\n  ENDPROC")
+    )["CAL.mod"].replace("  ENDPROC", "    VelSet 100,5000;\n  ENDPROC")
     for form in ("joint", "cartesian")
 )
 JP1 = re.search(r"LOCAL CONST jointtarget jp1:=(.*);", JOINT)
@@ -58,6 +58,7 @@ def check(text: str, name: str = "CAL.mod") -> list[Problem]:
         ("  PROC CAL_run()", "PROC go()\nMoveAbsJ jp1,v5,z1,tool0;\nENDPROC\nPROC f()\nMEASURE 1;\n"
          "ENDPROC\n  PROC CAL_run()"),
         ("MoveAbsJ jp1", "MoveAbsJ \\Conc, jp1"),
+        ("jp1\\NoEOffs,vCalib", "jp1,\\NoEOffs,vCalib"),
         ("MEASURE 1;", 'TPWrite "a;b" \\Num:=3;'),
         ("MEASURE 1;", "a{1}.x:=-(3-0);"),
         ("MEASURE 1;", "again:\n MEASURE 1;"),
@@ -102,7 +103,7 @@ ONE_RULE = [
     ("syntax", JOINT, "MODULE CAL", "MODULE 1CAL", "cannot stand"),
     ("string", JOINT, "MEASURE 1", f'TPWrite "{"x" * 81}"', "81 characters"),
     ("syntax", JOINT, "MEASURE 1;", 'TPWrite "x;\n;', "cannot stand behind"),
-    ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1\n", "cannot stand behind 'MEASURE 1 '"),
+    ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1\n", "cannot stand behind"),
     ("syntax", JOINT, "MEASURE 1;\n", "MEASURE 1;;\n", "';' cannot stand"),
     ("syntax", JOINT, "PROC CAL_run", "VAR num a:=1\nVAR num b;\nPROC CAL_run", "not complete"),
     ("syntax", JOINT, "MEASURE 1", "1 MEASURE", "cannot stand"),
@@ -121,6 +122,7 @@ ONE_RULE = [
     ("place", JOINT, "PROC CAL_run()", "PROC CAL_run()\nLOCAL VAR num a;", "data of the module"),
     ("position", JOINT, JP1[1], "[[1,2,3,4,5],[9E9,9E9,9E9,9E9,9E9,9E9]]", "jp1 has not"),
     ("position", JOINT, JP1[1], "[1,2,3,4,5,6]", "jp1 has not"),
+    ("position", JOINT, JP1[1], "5", "jp1: '5' is no jointtarget"),
     ("position", JOINT, "{2}:=[", "{3}:=[", "jMeasured{3} has 2 elements"),
     ("name", JOINT, "PROC CAL_run", f"CONST jointtarget JP1:={JP1[1]};\nPROC CAL_run", "too"),
     ("position-used", JOINT, "PROC CAL_run", f"CONST jointtarget jp9:={JP1[1]};\nPROC CAL_run",

@@ -56,25 +56,7 @@ def written(name: str, form: str) -> tuple[str, str]:
 
 def damaged(text: str, rng: np.random.Generator) -> str:
     """One to three changes: characters, lines, or the end of the file."""
-    pieces = [
-        "",
-        " ",
-        "-",
-        ".",
-        ",",
-        "9",
-        "e5",
-        "}",
-        "{",
-        "[",
-        "]",
-        "=",
-        ";",
-        '"',
-        "\n",
-        "NaN",
-        "\0",
-    ]
+    pieces = ["", "e5", "NaN", *' -.,9}{[]=;\n\0"']
     for _ in range(rng.integers(1, 4)):
         lines = text.split("\n")
         i, j = rng.integers(len(lines), size=2)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from calib.errors import FileFormatError
-from posedesign.programs import Arm, RecordedProgram
-from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
-from tests.unit.programs.dialects import changed, export, refused
+from calib.errors import FileFormatError, InputError, UnreachableError
+from posedesign.programs import DIALECTS, Arm, ProgramPose, RecordedProgram, postures_of, read
+from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
+from tests.unit.programs.dialects import arm_of, changed, export, program_of, refused
 
 # In the manner of a controller with a positioner as second group and a rail: program lines in
 # another language, wrapped and nested lines, numbers without leading zero, comments of all kinds.
@@ -18,7 +21,7 @@ EXPORT = export("fanuc.LS")
 
 
 def parse(text: str) -> RecordedProgram:
-    return parse_fanuc_ls(text.encode("ascii"), "X.LS")
+    return parse_fanuc_ls(text.encode("ascii"), Path("X.LS"))
 
 
 def test_a_controller_export_is_read() -> None:
@@ -76,12 +79,12 @@ CARTESIAN = """\
         ("/PROG", "ALARM HISTORY\n/PROG", 1, "does not start with /PROG"),
         ("/END\n", "", 12, "is cut off: there is no /END"),
         ("};\n/END\n", "", 11, "is cut off"),
-        ("};\n", "", 6, r"P\[1\] is not closed"),
-        ("};\n", "};\n" + SECOND.replace("};\n", ""), 12, r"P\[2\] is not closed"),
-        ("};\n", SECOND, 11, r"P\[1\] is not closed"),
+        ("};\n", "", 10, r"P\[1\] .* is not complete"),
+        ("};\n", "};\n" + SECOND.replace("};\n", ""), 16, r"P\[2\] .* is not complete"),
+        ("};\n", SECOND, 10, r"P\[1\] .* is not complete"),
         ("};\n", "};\n" + SECOND.replace("P[2:", "P[1:"), 12, r"P\[1\] is there twice"),
-        ("};\n", "};\nJ1=1 deg\n", 12, "'J1=1 deg' is outside a position"),
-        ("   GP1:\n", "", 7, r"P\[1\] has a value outside a group"),
+        ("};\n", "};\nJ1=1 deg\n", 12, "'J1=1 deg' cannot stand"),
+        ("   GP1:\n", "", 7, r"P\[1\] .* cannot stand"),
         ("   GP1:", "   GP2:", 6, r"P\[1\] has no motion group GP1"),
         ("   GP1:", "   GP1:\nGP1:", 8, r"P\[1\] has GP1 twice"),
         ("\tJ2=     2.000 deg,", "", 7, r"P\[1\]: J2 is missing"),
@@ -136,16 +139,13 @@ def test_what_is_wrong_with_a_pose_is_named_with_its_line(old, new, line, messag
     refused("fanuc-ls", "X.LS", changed(text, old, new), line, message)
 
 
-def test_an_extended_axis_may_not_carry_the_arm() -> None:
-    rail = ("6.000 deg\n", "6.000 deg,\n\tE1=   100.000  mm\n")
-    both = SMALL.replace("/END", SECOND + "/END").replace(*rail)
-    assert len(parse(both).positions) == 2
-    assert len(parse(both[::-1].replace("100.000"[::-1], "100.001"[::-1], 1)[::-1]).positions) == 2
-    with pytest.raises(FileFormatError, match=r"P\[2\]: E1 differs from that of P\[1\]") as caught:
-        parse(both[::-1].replace("100.000"[::-1], "100.100"[::-1], 1)[::-1])
-    assert caught.value.row == 18
+RAIL = ("6.000 deg\n", "6.000 deg,\n\tE1=   100.000  mm\n")
+
+
+def test_an_extended_axis_is_there_in_all_positions() -> None:
     with pytest.raises(FileFormatError, match=r"P\[2\]: E1 is not there as in P\[1\]"):
-        parse(SMALL.replace(*rail).replace("/END", SECOND + "/END"))
+        parse(SMALL.replace(*RAIL).replace("/END", SECOND + "/END"))
+    both = SMALL.replace("/END", SECOND + "/END").replace(*RAIL)
     zeros = both[::-1].replace("100.000"[::-1], "-.000"[::-1], 1)[::-1].replace("100.000", "0.000")
     assert len(parse(zeros).positions) == 2
 
@@ -172,3 +172,74 @@ def test_a_remark_of_a_person_is_no_mark_of_a_plan() -> None:
         assert parse(text).fingerprint == ""
     text = SMALL.replace("   1:J", "   1:  !PLAN 1a2b3c4d 27 ;\n   2:J")
     assert (parse(text).mark.fingerprint, parse(text).mark.measured) == ("1a2b3c4d", 27)
+
+
+BACKUP = export("fanuc_registers.VA")
+
+
+def test_a_backup_is_read_by_register(tmp_path: Path) -> None:
+    path = tmp_path / "POSREG.VA"
+    path.write_bytes(BACKUP.replace("\n", "\r\n").encode())
+    program = read(path)
+    assert [(p.number, p.name, p.line) for p in program.positions] == [
+        (1, "HOME", 2),
+        (3, "pin", 8),
+    ]
+    joints, pose = program.positions
+    np.testing.assert_allclose(joints.shown_deg, [60, -50, 10, -10, -95, -0.5])
+    assert pose.T_user_tool is not None
+    np.testing.assert_allclose(pose.T_user_tool[:3, 3], [-0.820507, 2.309503, 0.945836])
+    assert pose.configuration is not None
+    assert pose.configuration.words == "N U T, 0, 0, 1"
+    assert not program.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("[*POSREG*]$POSREG", "[*NUMREG*]$NUMREG", 1, r"there is no \$POSREG"),
+        ("J3 =    10.000", "J3 =   *******", 3, r"PR\[1\]: J3 has no value"),
+        ("J3 =    10.000 deg", "", 2, r"PR\[1\]: J3 is missing"),
+        ("J3 =    10.000", "J3 =    1e.000", 3, "cannot stand behind"),
+        ("J3 =", "J2 =", 3, r"PR\[1\] has J2 twice"),
+        ("W:    90.594", "", 8, r"PR\[3\]: W is missing"),
+        ("Config: N U T", "Config: N Q T", 8, r"PR\[3\]"),
+        ("EXT1:     0.000 mm\n    [1,8]", "EXT1:     1.000 mm\n    [1,8]", 12, "E1 differs"),
+        ("    [1,1] =   'HOME'   Group: 1\n", "", 2, "cannot make sense of"),
+        ("J3 =", "?3 =", 3, "cannot make sense of"),
+        ("    [1,8] = '' Uni", "    [1,1] = '' Uni", 13, r"PR\[1\] is there twice"),
+    ],
+)
+def test_what_is_wrong_in_a_backup_is_named_with_its_line(
+    old: str, new: str, line: int, message: str
+) -> None:
+    refused("fanuc-ls", "POSREG.VA", changed(BACKUP, old, new), line, message)
+
+
+def test_empty_registers_are_no_positions() -> None:
+    text = BACKUP.splitlines()[0] + "\n    [1,1] = '' Uninitialized\n"
+    with pytest.raises(FileFormatError, match="all registers are empty"):
+        parse_registers(text.encode(), "POSREG.VA")
+
+
+POSTURES = np.deg2rad([[0.0, 10, -20, 0, -60, 0], [5.0, 10, -20, 0, -60, 0]])
+ARM = arm_of("fanuc-ls")
+MEANT = [ProgramPose(f"P{i}", q) for i, q in enumerate(POSTURES)]
+(POSED,) = DIALECTS["fanuc-ls"].files(program_of("fanuc-ls", MEANT, form="cartesian")).values()
+
+
+def test_a_pose_in_an_arm_position_that_cannot_take_it_is_named() -> None:
+    head, tail = POSED.split('P[2:"P1"]')
+    with pytest.raises(UnreachableError, match=r"position 2 \(P1\): .* N U B, 0, 0, 0"):
+        parse(f'{head}P[2:"P1"]{tail.replace("N U T", "N U B")}').postures(ARM)
+    with pytest.raises(UnreachableError, match=r"position 1 \(P0\): no posture"):
+        parse(re.sub(r"Z = +", "Z = 99", POSED, count=1)).postures(ARM)
+
+
+def test_without_a_configuration_the_plan_settles_which_posture_is_meant() -> None:
+    positions = parse("\n".join(row.split("\t\tCONFIG")[0] for row in POSED.split("\n"))).positions
+    assert all(p.configuration is None for p in positions)
+    with pytest.raises(InputError, match=r"position 1 \(P0\): \d+ postures take it"):
+        postures_of(positions, ARM)
+    found = postures_of(positions, ARM, POSTURES + np.deg2rad(0.5))
+    np.testing.assert_allclose(found, POSTURES, atol=2e-3)

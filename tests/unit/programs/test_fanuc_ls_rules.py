@@ -71,6 +71,7 @@ def test_what_controllers_write_too_is_accepted(old: str, new: str) -> None:
     assert check(changed(GOOD, old, new)) == []
 
 
+TWICE = "LBL[7] ;\n   2:  LBL[7]"
 ERRORS = [
     ("text", "!PLAN", "!PL\0N", "0x00"),
     ("sections", "/END\n", "", "/PROG /ATTR /MN /POS"),
@@ -83,7 +84,7 @@ ERRORS = [
     ("program-name", "/PROG  CALPOSE", "/PROG  calpose", "a letter"),
     ("program-name", "/PROG  CALPOSE", "/PROG  7CAL", "a letter"),
     ("attribute", "PROTECT", "PROTCT", "PROTECT is"),
-    ("attribute", "READ_WRITE", "READ_WRIT", "another value"),
+    ("attribute", "READ_WRITE", "READ_WRIT", "cannot stand"),
     ("attribute", "VERSION\t\t= 0;", "VERSION\t\t= 0", "not complete"),
     ("line-format", "   5:  WAIT", "   X:  WAIT", "its number"),
     ("line-number", "   5:  WAIT", "   4:  WAIT", "line number 4 where 5 is due"),
@@ -106,14 +107,17 @@ ERRORS = [
     ("block", "!PLAN abcdef12 2", "IF (R[1]=1) THEN", "never closed"),
     ("block", "!PLAN abcdef12 2", "ENDFOR", "closes nothing"),
     ("label", "!PLAN abcdef12 2", "JMP LBL[7]", "LBL[7] is not there"),
+    ("label", "!PLAN abcdef12 2 ;\n   2:  UFRAME_NUM=0", TWICE, "LBL[7] is there twice"),
+    ("instruction", "!PLAN abcdef12 2", "STRANGE]", "a bracket is not closed"),
+    ("position-format", "\tUF : 0, UT : 1,\t\n", "", "P[1] has no UF and UT"),
     ("speed", "P[1] 10% FINE", "P[1] 0% FINE", "from 1% to 100%"),
     ("speed", "P[1] 10% FINE", "P[1] 150% FINE", "from 1% to 100%"),
     ("speed", "P[1] 10% FINE", "P[1] 10mm/sec FINE", "no speed of this kind"),
-    ("position-format", "};\nP[2", "P[2", r"P[1] is not closed"),
-    ("position-format", "};\n/END", "/END", r"P[2] is not closed"),
+    ("position-format", "};\nP[2", "P[2", "is not complete"),
+    ("position-format", "};\n/END", "/END", "is not complete"),
     ("position-format", "J1=     1.000 deg,\t", "", "J2 J3 J4 J5 J6, not J1 to J6"),
-    ("position-format", "J3=     1.000 deg,\n", "J3=     1.000 deg\n", "no comma before"),
-    ("position-format", "J6=     6.000 deg", "J6=     6.000 deg,", "comma behind its last"),
+    ("position-format", "J3=     1.000 deg,\n", "J3=     1.000 deg\n", "cannot stand"),
+    ("position-format", "J6=     6.000 deg", "J6=     6.000 deg,", "cannot stand"),
     ("position-format", "J6=     6.000 deg", "J6=     6.000 deg; rubbish", "cannot stand"),
     ("position-format", "1.000 deg,\tJ2=    -2", "1e0 deg,\tJ2=    -2", "cannot stand"),
     ("position-format", "1.000 deg,\tJ2=     2", "NaN deg,\tJ2=     2", "cannot stand"),
@@ -132,6 +136,8 @@ MEASURING = [
     ("line-count", "LINE_COUNT\t= 9;\n", "", "no LINE_COUNT"),
     ("line-format", "   5:  WAIT", "5:  WAIT", "right-aligned"),
     ("line-format", "   5:  WAIT", "   5: WAIT", "two spaces"),
+    ("line-format", ":J P[1]", ": J P[1]", "right behind the colon"),
+    ("position-format", "   GP1:", "   GP2:", "P[1] has no GP1"),
     ("position-used", "/END", P2.replace("P[2", "P[3") + "/END", "P[3] is never used"),
     ("position-value", "J1=     1.000", "J1=  ********", "J1 has no value"),
     ("elsewhere", "P[1] 10% FINE", "P[1] 10% FINE INC", "moves to another place"),

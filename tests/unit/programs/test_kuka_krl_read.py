@@ -98,13 +98,6 @@ def test_positions_in_motions_are_read(tmp_path: Path) -> None:
     assert last.configuration is None
 
 
-def test_remarks_in_other_letters_are_passed_over() -> None:
-    text = SMALL.replace(";PLAN", "; für die Übung\n;PLAN")
-    assert len(parse(text).positions) == 2
-    for encoding in ("utf-8", "utf-8-sig", "latin-1"):
-        assert len(KukaKrl().parse(text.encode(encoding), Path("X.dat")).positions) == 2
-
-
 def test_a_source_that_assigns_its_positions() -> None:
     text = (
         "DEF CAL( )\nDECL E6AXIS P1, P2\nP1={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n"
@@ -260,21 +253,3 @@ def test_a_tool_that_stands_in_the_cell_is_refused() -> None:
     data = "DECL FDAT FP2={TOOL_NO 3,BASE_NO 4,IPO_FRAME #TCP}\nENDDAT"
     with pytest.raises(FileFormatError, match="stands in the cell"):
         parse(SMALL.replace("ENDDAT", data))
-
-
-def test_a_position_of_the_operator_is_none_of_the_plan() -> None:
-    text = SMALL.replace(";PLAN abcdef12 2", ";PLAN abcdef12 3\n;P1 T1\n;P2 T2\n;P3 T3\n;P4 via")
-    extra = f"DECL E6AXIS {P1}\nENDDAT".replace("XP1", "XLEFT")
-    program = parse(text.replace("ENDDAT", extra))  # and XP3 was deleted
-    assert [(p.number, p.name) for p in program.positions] == [(1, "T1"), (2, "T2"), (5, "XLEFT")]
-    assert [p.number for p in program.measured] == [1, 2]
-
-
-def test_an_external_axis_may_not_carry_the_arm() -> None:
-    both = SMALL.replace("6.0}", "6.0,E1 100.0}").replace("T 35}", "T 35,E1 100.009}")
-    assert len(parse(both).positions) == 2  # what is shown of an axis at rest flickers
-    with pytest.raises(FileFormatError, match="XP2: E1 differs from that of XP1") as caught:
-        parse(both.replace("100.009", "100.02"))
-    assert caught.value.row == 4
-    home = f"DECL E6AXIS {P1}\n".replace("XP1", "XHOME").replace("6.0}", "6.0,E1 0.0}")
-    assert len(parse(both.replace("ENDDAT", home + "ENDDAT")).positions) == 3

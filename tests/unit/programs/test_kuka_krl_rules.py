@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose, validate
-from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPose, validate
+from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.reading import MOST_BYTES
 from tests.unit.programs.dialects import breaks
 
@@ -17,7 +17,7 @@ POSES = tuple(
     ProgramPose(f"T{i}", np.radians([i + 1, -90, 90, 4, 5, 6]), via=i == 1) for i in range(3)
 )
 OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=3, keep="register")
-DAT, SRC = render_kuka_krl(PoseProgram("CAL", POSES, OPTIONS), Arm.usual("kuka"))
+DAT, SRC = KukaKrl().files(PoseProgram("CAL", POSES, OPTIONS)).values()
 P1 = "XP1={A1 1.00000,A2 -90.00000,A3 90.00000,A4 4.00000,A5 5.00000,A6 6.00000}"
 POSE = "E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}"
 
@@ -85,20 +85,20 @@ ONE_RULE = [
     ("ascii", ".src", ";P1 T0", ";P1 T\0", "0x00"),
     ("line-length", ".dat", ";P1 T0", ";" + "x" * 255, "256 characters"),
     ("line-length", ".src", "MEASURE(1)", "MEASURE(1)" + " " * 110, "120 characters"),
-    ("module", ".dat", "ENDDAT\n", "", "there is no ENDDAT"),
-    ("module", ".src", "END\n", "", "there is no END"),
-    ("module", ".src", "END\n", "END\nEND\n", "END closes nothing"),
+    ("block", ".dat", "ENDDAT\n", "", "'DEFDAT CAL' is never closed"),
+    ("block", ".src", "END\n", "", "'DEF CAL( )' is never closed"),
+    ("block", ".src", "END\n", "END\nEND\n", "'END' closes nothing"),
     ("module", ".src", "END\n", "END\nHALT\n", "in no routine"),
     ("module", ".src", "DEF CAL", "HALT\nDEF CAL", "in no routine"),
     ("module", ".src", "DEF CAL( )", "DEF CAL", "no brackets behind the name"),
-    ("module", ".src", "END\n", "DEF B( )\nEND\n", "'DEF B( )' before END"),
+    ("module", ".src", "END\n", "DEF B( )\nEND\nEND\n", "before the end of the one before"),
     ("module-name", ".src", "END\n", f"END\nDEF {'B' * 25}( )\nEND\n", "24"),
     ("syntax", ".src", "MEASURE(1)", "MEASURE(1", "is not complete"),
     ("syntax", ".src", "MEASURE(1)", "MEASURE(1))", "cannot stand"),
     ("syntax", ".src", "MEASURE(1)", "MEASURE([1)]", "cannot stand"),
     ("syntax", ".src", "MEASURE(1)", 'MEASURE("1)', "cannot stand"),
-    ("block", ".src", "END\n", "LOOP\nEND\n", "'LOOP' is never closed"),
-    ("block", ".src", "END\n", "ENDIF\nEND\n", "'ENDIF' closes nothing"),
+    ("block", ".src", "END\n", "LOOP\nEND\n", "does not close what line"),
+    ("block", ".src", "END\n", "ENDIF\nEND\n", "'ENDIF' does not close"),
     ("block", ".src", "END\n", "IF A==1 THEN\nLOOP\nENDIF\nENDLOOP\nEND\n", "does not close"),
     ("syntax", ".src", "MEASURE(1)", "WAITSEC 1", "behind 'WAITSEC '"),
     ("syntax", ".src", "MEASURE(1)", "MEASURE 1", "behind 'MEASURE '"),
@@ -130,8 +130,8 @@ ONE_RULE = [
     ("call", ".src", "BAS(#VEL_PTP,10)", "BAS(#VELPTP,10)", "BAS takes"),
     ("call", ".src", "BAS(#VEL_PTP,10)", "BAS(#VEL_PTP,TRUE)", "TRUE is no number"),
     ("call", ".src", "OUT[3]", "OUT[]", "PULSE takes"),
-    ("constant", ".src", "WAIT SEC 1.00", "WAIT SEC TRUE", "the time is no number"),
-    ("constant", ".src", "OUT[3]", "OUT[TRUE]", "an index is no number"),
+    ("syntax", ".src", "WAIT SEC 1.00", "WAIT SEC TRUE", "is not complete"),
+    ("syntax", ".src", "OUT[3]", "OUT[TRUE]", "cannot stand behind"),
     ("constant", ".src", "XM[2]=", "XM[]=", "a whole array is given one value"),
     ("constant", ".dat", "XM[2]", "XM[]", "the size of the array is missing"),
     ("word", ".src", "PULSE(", "PULS(", "PULSE?"),
@@ -141,6 +141,9 @@ ONE_RULE = [
     ("word", ".dat", "REAL", "RAEL", "REAL?"),
     ("word", ".dat", "EXT BAS", "EXT AS", "what takes a BAS_COMMAND is BAS"),
     ("form", ".dat", "TOOL_NO 1", "TOL_NO 1", "FP1: TOL_NO is no name of FDAT"),
+    ("word", ".src", "BAS(#INITMOV,0)", "DECL INT REAL\nBAS(#INITMOV,0)", "REAL is a type"),
+    ("form", ".dat", "TQ_STATE FALSE", "TQ_STATE 1", "not TRUE or FALSE"),
+    ("form", ".dat", "IPO_FRAME #BASE", "IPO_FRAME #BASIS", "not #BASE or #TCP"),
     ("form", ".dat", "TOOL_NO 1", "TOOL_NO TRUE", "TOOL_NO is TRUE, no number"),
     ("form", ".dat", "IPO_FRAME #BASE", "IPO_FRAME BASE", "no name with #"),
     ("form", ".dat", "APO_DIST", "APODIST", "PPDAT1: APODIST is no name of PDAT"),

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 
 from posedesign.programs.abb_rapid.module import LANGUAGE as RAPID
-from posedesign.programs.denso_pac.reader import LANGUAGE as PAC
-from posedesign.programs.doosan_drl.reader import LANGUAGE as DRL
+from posedesign.programs.denso_pac import LANGUAGE as PAC
+from posedesign.programs.doosan_drl import LANGUAGE as DRL
 from posedesign.programs.fanuc_ls.listing import LANGUAGE as TP
-from posedesign.programs.kawasaki_as.reader import LANGUAGE as AS
+from posedesign.programs.kawasaki_as import LANGUAGE as AS
 from posedesign.programs.kuka_krl.syntax import LANGUAGE as KRL
 from posedesign.programs.language import Language
-from posedesign.programs.mitsubishi_melfa.reader import LANGUAGE as MELFA
+from posedesign.programs.mitsubishi_melfa import LANGUAGE as MELFA
 from posedesign.programs.staubli_val3.project import LANGUAGE as VAL3
 from posedesign.programs.ur_script.reader import LANGUAGE as UR
-from posedesign.programs.yaskawa_jbi.inform import INFORM
+from posedesign.programs.yaskawa_jbi.reader import INFORM
 from tests.unit.programs.dialects import CASES
 from tests.unit.programs.test_all_dialects import written
 

@@ -13,22 +13,16 @@ from posedesign.files import Results, write_text_atomic
 from posedesign.files.origin import checksum
 from posedesign.planning.poses_file import ALL_CHECKED, PoseList, read_poses
 from posedesign.pose_programs import program_options, write_program
-from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS
-from tests.arms import PULSES, robot_of
+from tests.unit.programs.dialects import PULSES, arm_of, dialect_of, middle, program_of
 
 HOSTILE = "collisions with \"gun\" ; 'table' é ]]> \n END <a>& \\ and " + "x" * 400
 
 
 def program(name: str, **warnings: tuple[str, ...]) -> PoseProgram:
-    robot = robot_of(DIALECTS[name].maker)
-    rng = np.random.default_rng(3)
-    middle, half = (robot.lower + robot.upper) / 2.0, (robot.upper - robot.lower) / 4.0
-    poses = tuple(
-        ProgramPose(f"P{k:02d}", middle + half * rng.uniform(-1, 1, robot.n)) for k in range(1, 4)
-    )
-    options = ProgramOptions(fingerprint="0123abcd", pulses_per_deg=PULSES)
-    return PoseProgram("CALIB01", poses, options, Arm.of(robot), **warnings)
+    plain = program_of(name, [ProgramPose(f"P0{k}", middle(name) + 0.01 * k) for k in (1, 2, 3)])
+    return replace(plain, arm=arm_of(name, frames=False), **warnings)  # type: ignore[arg-type]
 
 
 def words_of(text: str) -> str:
@@ -56,7 +50,7 @@ def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
     assert f"WRITTEN IN SPITE OF: and {41 - MOST_WARNINGS} more" in said
     # nothing that is read back, or that the controller checks, is another for it
     plain = dialect.write(program(name), tmp_path / "plain")
-    reader = dialect.reading(PULSES)
+    reader = dialect_of(name)
     for path in files:
         if path.suffix.lower() in dialect.suffixes:
             assert not dialect.validate(path)
@@ -72,7 +66,7 @@ def test_a_warning_is_no_title(name: str, tmp_path: Path) -> None:
     unmarked = replace(
         program(name, not_checked=("anything",)), options=ProgramOptions(pulses_per_deg=PULSES)
     )
-    read = DIALECTS[name].reading(PULSES).read(DIALECTS[name].write(unmarked, tmp_path)[0])
+    read = dialect_of(name).read(DIALECTS[name].write(unmarked, tmp_path)[0])
     assert read.comment == ""
 
 

@@ -8,10 +8,11 @@ from types import ModuleType
 
 import pytest
 
-from posedesign.programs import DIALECTS, validate
+from posedesign.programs import DIALECTS, robodk_csv, validate
 from posedesign.programs.abb_rapid import rules as abb
 from posedesign.programs.fanuc_ls import rules as fanuc
 from posedesign.programs.kuka_krl import rules as kuka
+from posedesign.programs.ros import rules as ros
 from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.staubli_val3 import rules as staubli
 from posedesign.programs.ur_script import rules as ur
@@ -20,6 +21,8 @@ from tests.unit.programs import (
     test_abb_rapid_rules,
     test_fanuc_ls_rules,
     test_kuka_krl_rules,
+    test_robodk_csv_read,
+    test_ros_rules,
     test_staubli_val3_rules,
     test_ur_script_rules,
     test_yaskawa_jbi_rules,
@@ -31,6 +34,8 @@ TABLES = {
     fanuc: test_fanuc_ls_rules.ERRORS + test_fanuc_ls_rules.MEASURING,
     kuka: [*test_kuka_krl_rules.ONE_RULE, ("companion",), ("frame",), ("routine",)],
     staubli: test_staubli_val3_rules.ONE_RULE,
+    robodk_csv: [*test_robodk_csv_read.BREAKS, ("beside",)],
+    ros: [*test_ros_rules.BREAKS, ("ending",)],
     ur: test_ur_script_rules.ONE_RULE,
     yaskawa: test_yaskawa_jbi_rules.ONE_RULE,
 }
@@ -44,8 +49,10 @@ def test_every_rule_of_the_table_is_broken_by_a_file(module: ModuleType) -> None
 
 RUBBISH = {
     "abb-rapid": "MODULE CAL\n" + "\xe4 nan (;\n" * 5000,
-    "fanuc-ls": "/PROG  A\n/MN\n" + "rubbish\n" * 5000,
+    "fanuc-ls": "".join(f"/{s}  A\n" + "P[1]{ rubbish}\n" * 2000 for s in ("PROG", "MN", "POS")),
     "kuka-krl": "DEF CAL( )\n" + "\xe4 nan (\n" * 5000,
+    "moveit-joints": "joint_names: [a, b]\njoint_values:\n" + "- [1e5, 1e5]\n" * 3000,
+    "robodk-csv": "x\n" * 5000,
     "staubli-val3": test_staubli_val3_rules.JOINT["Calpose.dtx"].replace(
         "<Datas>", "<Datas>" + '<Data name="" />' * 5000
     ),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
-from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
 from tests.unit.programs.dialects import breaks, changed
 
 OPTIONS = ProgramOptions(
@@ -34,7 +35,7 @@ POSED = GOOD[: GOOD.index("///POSTYPE")] + RECTAN + GOOD[GOOD.index("///GROUP1")
 
 
 def check(text: str) -> list[Problem]:
-    return check_yaskawa_jbi(text.replace("\n", "\r\n").encode("latin-1"))
+    return YaskawaJbi().check(text.replace("\n", "\r\n").encode("latin-1"), Path("X.JBI"))
 
 
 def with_steps(steps: str) -> str:

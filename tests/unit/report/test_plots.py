@@ -10,12 +10,12 @@ from calib.errors import InputError
 from calib.robot_world import solve
 from calib.se3 import rotation_exp, transform
 from posedesign.cell.task_box import BoxAccuracy, TaskBox, predict_box
+from posedesign.identification.file import IdentificationFile
 from posedesign.report import figures
-from posedesign.report.identification_json import IdentificationFile
+from posedesign.report.pairs import figure_of_pairs
 from posedesign.report.plots import (
     errors_of_fewer,
     figure_of_identification,
-    figure_of_pairs,
     figure_of_plan,
     plot,
 )

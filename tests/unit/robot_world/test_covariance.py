@@ -137,11 +137,14 @@ def test_pairs_without_noise_have_next_to_no_covariance(method):
     assert 0.0 <= result.sigma_X.max() < 1e-8
 
 
+@pytest.mark.parametrize(
+    ("sigma", "name"), [((0.0, 1e-3), "rotation_rad"), ((1e-3, 0.0), "translation_m")]
+)
 @pytest.mark.parametrize("method", ["ml", "ml-robust"])
-def test_noise_of_zero_has_no_likelihood(method):
+def test_noise_of_zero_has_no_likelihood(method, sigma, name):
     problems = random_problems(np.random.default_rng(5), 1, 5)
-    with pytest.raises(InputError, match="rotation_rad of the noise is 0"):
-        solve(problems.A[0], problems.B[0], method, noise=PairNoise(0.0, 1e-3))
+    with pytest.raises(InputError, match=f"{name} of the noise is 0"):
+        solve(problems.A[0], problems.B[0], method, noise=PairNoise(*sigma))
 
 
 def test_noise_of_zero_is_carried_through_other_methods():

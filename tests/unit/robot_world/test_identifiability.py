@@ -25,33 +25,6 @@ def about(axis, angles, start=(0.2, 0.1, -0.4)):
 
 ANGLES = [0.0, 0.4, -0.7, 1.9, 2.8, 0.1]
 PURE_TRANSLATION = about([0, 0, 1], np.zeros(6))
-IDENTICAL = np.repeat(PURE_TRANSLATION[:1], 4, axis=0)
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("A", "parameter", "reason"),
-    [
-        (
-            about([0, 0, 1], ANGLES),
-            "translation of X along the common axis (0, 0, 1)",
-            "all rotations between the poses are about the axis (0, 0, 1) of the flange",
-        ),
-        (
-            about([0.6, -0.8, 0], ANGLES),
-            "translation of X along the common axis (-0.6, 0.8, 0)",
-            "Z takes up the one, and the rotations do not show the other",
-        ),
-        (PURE_TRANSLATION, "translation of X", "the poses differ by translations only"),
-        (IDENTICAL, "translation of X", "all poses are the same"),
-    ],
-    ids=["one axis", "oblique axis", "translations", "identical"],
-)
-def test_degenerate_motion_is_named(method, A, parameter, reason):
-    with pytest.raises(NotIdentifiableError) as caught:
-        solve(A, camera_of(A), method)
-    assert parameter in caught.value.parameters
-    assert reason in str(caught.value)
 
 
 @pytest.mark.parametrize("on", ["A", "B", "both"])

@@ -7,7 +7,6 @@ from scipy.stats import chi2, kstest
 
 from calib import se3
 from calib.batch_last import columns_of, matrices_of, rotation_exp, rotation_log
-from calib.errors import InputError
 from calib.robot_world import (
     PairCovariances,
     PairNoise,
@@ -306,12 +305,6 @@ def test_exact_without_noise_in_the_pairs():
         found = solve_batch(problems.A, problems.B, "ml", noise)
         assert found.ok.all()
         np.testing.assert_allclose(found.X, problems.X, atol=1e-9)
-
-
-def test_noise_of_zero_has_no_likelihood():
-    problems = random_problems(np.random.default_rng(13), 1, 5)
-    with pytest.raises(InputError, match="translation_m of the noise is 0"):
-        solve(problems.A[0], problems.B[0], "ml", PairNoise(1e-3, 0.0))
 
 
 def test_rotations_with_the_posture_last_are_those_of_se3():

@@ -5,7 +5,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.se3 import inverse
-from calib.vision.camera import Imaging, render
+from calib.vision.camera import CircleTarget, Imaging, render
 from calib.vision.touch_up import Drive, Loop, RobotAdapter, Station, touch_up
 from calib.vision.touch_up.arms import OneArm
 from calib.vision.touch_up.jacobian import measure_jacobian
@@ -105,7 +105,8 @@ def test_every_stop_is_come_to_from_below(bench, robot):
 
 
 def test_light_target_on_a_dark_plate_needs_to_be_said(bench, robot):
-    assert OneArm(robot, dark=False).look(ONE).reasons[0]
+    light = CircleTarget(circle=0.85, face=0.08)
+    assert OneArm(robot, light).look(ONE).reasons[0]
 
 
 def test_picture_from_before_a_move_is_told(bench, robot):

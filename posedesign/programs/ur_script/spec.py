@@ -1,6 +1,17 @@
-"""Functions of URScript, and the parameters of those that move, wait and measure."""
+"""URScript as reader, writer and validator know it: functions, parameters, blocks, limits."""
 
 from __future__ import annotations
+
+from posedesign.programs.language import Block
+from posedesign.programs.writing import NameRule
+
+JOINTS = 6
+
+MOST_JOINT_DEG = 363.0
+"""Joint limits of the arms are no wider."""
+
+MOST_OUTPUT = 7
+"""Of the standard digital ones, which begin with 0."""
 
 _NAMES = """
 abs acos add_frame asin assert atan atan2 attach_frame binary_list_to_integer ceil convert_pose
@@ -103,3 +114,18 @@ POSES = {
     ("set_tcp", "pose"),
 }
 """Parameters that are poses, never joints."""
+
+BLOCKS = {
+    "define": Block("end"),
+    "thread": Block("end"),
+    "secondary": Block("end"),
+    "if_": Block("end", ("elif_", "else_")),
+    "while_": Block("end"),
+}
+
+_WORDS = """and break continue def elif else end enter_critical exit_critical false for global halt
+    if join kill local mod not or p pass return run sec switch thread true while xor"""
+RESERVED = frozenset(word.upper() for word in (*_WORDS.split(), *FUNCTIONS))
+
+NAMES = NameRule("a URScript name", 32, small=True, reserved=RESERVED)
+"""Letters, digits and underscores; the length is that of other makers, no limit is known."""

@@ -1,21 +1,76 @@
-"""Targets left out: what an arm identified from the others says of them."""
+"""Poses and targets left out: what is said of them by what was identified from the others."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from calib.identification.least_squares import equal_sigma, minimise, white_rows
+from calib.identification.least_squares import column_lengths, minimise, orthonormal
 from calib.identification.result import IdentificationResult
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
-from calib.model.parameters import Frames
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_TARGETS = 3
 """Targets from which one can be left out: the others still stand apart."""
 
 _NOTHING_LEFT = 1e-9
-"""Share of the information on a place that is left without a pose, below which nothing is left."""
+"""Singular value of I - H of a pose left out, or share of the information on a place that is left
+without it, below which nothing but the pose holds some parameter."""
+
+
+def leave_one_out(
+    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
+) -> FloatArray:
+    """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
+
+    In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
+    group. Exact where the model is linear, and calibrations are nearly so at their solution. A
+    group without which the parameters cannot be identified gives NaN.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        Of one set, at its solution.
+    x : array (p,)
+        The solution.
+    groups : array (N,)
+        Index of the group that each measurement belongs to: those of one pose are left out
+        together.
+    weighted : bool
+        As in the fit.
+    """
+    rows, J = linear.stacked(x, weighted=weighted)
+    (count, m), p = linear.rows.shape, J.shape[1]
+    rows = rows[: count * m].reshape(count, m)
+    Q = (orthonormal(J) if p else J)[: count * m].reshape(count, m, p)
+    out = np.full((count, m), np.nan)
+    sizes = np.bincount(groups)
+    for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
+        members = np.argsort(groups, kind="stable")
+        members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
+        own = Q[members].reshape(len(members), size * m, p)
+        out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
+            len(members), size, m
+        )
+    return linear.coloured(out, weighted=weighted)
+
+
+def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
+    """``(I - Q Qᵀ)⁻¹ r`` of groups ``(G, k, p)`` with rows ``(G, k, 1)``; NaN where singular.
+
+    Of groups with more rows than parameters as ``r + Q (I - Qᵀ Q)⁻¹ Qᵀ r``, whose matrix does not
+    grow with the group: a pose that is measured thousands of times is one.
+    """
+    many = own.shape[1] > own.shape[2]
+    turned = np.swapaxes(own, 1, 2)
+    left = np.eye(min(own.shape[1:])) - (turned @ own if many else own @ turned)
+    alone = np.linalg.svd(left, compute_uv=False).min(axis=-1, initial=1.0) < _NOTHING_LEFT
+    left[alone] = np.eye(left.shape[-1])
+    found = (
+        rows + own @ np.linalg.solve(left, turned @ rows) if many else np.linalg.solve(left, rows)
+    )
+    found[alone] = np.nan
+    return np.asarray(found)
 
 
 def targets_left_out(
@@ -39,14 +94,16 @@ def targets_left_out(
         Of all of them: where the fits start, which measurements count and with what noise.
     """
     out = np.full((data.count, model.rows), np.nan)
-    places = free_points(model, data)
+    places = measured_points(model, data)
     if len(places) < FEWEST_TARGETS:
         return out
     noisy = with_noise_of(model, result)
     weights = np.stack([result.weights * (data.setup.target != k) for k in places])
     start = np.tile(result.values, (len(places), 1))
     others = minimise(noisy, data.repeated(len(places)), start, weights=weights, weighted=weighted)
-    for row, (k, columns) in enumerate(places.items()):
+    for row, (k, part) in enumerate(places.items()):
+        columns = np.zeros(model.p, dtype=bool)
+        columns[part] = True
         own: IntArray = np.flatnonzero(data.setup.target == k)
         x, root = others.x[row], np.sqrt(result.weights[own])
         if others.converged[row] and _is_held(noisy, data, x, weights[row], columns):
@@ -64,20 +121,11 @@ def with_noise_of(model: CalibrationModel, result: IdentificationResult) -> Cali
     )
 
 
-def free_points(model: CalibrationModel, data: Measurements) -> dict[int, BoolArray]:
-    """For each target measured that is a free point, which parameters ``(p,)`` are its place."""
-    found = {}
-    for block, part in zip(model.parameters, model.slices, strict=True):
-        if not isinstance(block, Frames) or not block.targets or set(block.units) != {"m"}:
-            continue
-        each = block.size // len(block.labels)
-        for k, label in enumerate(block.labels):
-            columns = np.zeros(model.p, dtype=bool)
-            columns[part.start + k * each : part.start + (k + 1) * each] = True
-            index = model.targets.index(label)
-            if each == 3 and (data.setup.target == index).any():
-                found[index] = columns
-    return found
+def measured_points(model: CalibrationModel, data: Measurements) -> dict[int, slice]:
+    """Columns of the places of targets measured that are free points, by index of the target."""
+    measured = set(data.setup.target.tolist())
+    points = {model.targets.index(label): part for label, part in model.free_points.items()}
+    return {k: part for k, part in points.items() if k in measured}
 
 
 def _is_held(
@@ -88,13 +136,12 @@ def _is_held(
     place: BoolArray,
 ) -> bool:
     """Whether measurements of the other targets hold all parameters but that target's place."""
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
-    J = linear.white_jacobian * np.sqrt(weights)[:, None, None]
-    stacked = np.concatenate([J.reshape(-1, model.p), model.known(x[None])[1][0]])[:, ~place]
-    length = np.linalg.norm(stacked, axis=0)
-    if not (length > 0).all():
+    linear = model.linearise_at(data, x)
+    held = linear.weighed(weights).stacked(x)[1][:, ~place]
+    if not held.any(axis=0).all():
         return False
-    return bool(np.linalg.matrix_rank(stacked / length, tol=1e-9) == stacked.shape[1])
+    rank = np.linalg.matrix_rank(held / column_lengths(held), tol=1e-9)
+    return bool(rank == held.shape[1])
 
 
 def _placed_by_others(
@@ -119,9 +166,9 @@ def _placed_by_others(
     ).x[0]
     if not np.isfinite(placed).all():
         return np.full((len(own), model.rows), np.nan)
-    linear = model.linearise(some.postures, placed, some.setup, some.observed)
-    rows_last, J_last = white_rows(linear, weighted)
-    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last[place])
+    linear = model.linearise_at(some, placed)
+    rows, J = map(linear.view.posture_first, linear.over_noise_last(weighted))
+    J = J[..., place]
     known = model.known(placed[None])[1][0][:, place]
     group = np.unique(data.groups[own], return_inverse=True)[1]
     information = np.zeros((group.max() + 1, 3, 3))
@@ -135,6 +182,4 @@ def _placed_by_others(
     step = np.linalg.solve(left, gradient[..., None])[..., 0]
     step[~held] = np.nan
     predicted = rows + np.einsum("kmi,ki->km", J, step[group])
-    if weighted:
-        return linear.coloured(predicted)
-    return np.asarray(predicted * equal_sigma(model))
+    return linear.coloured(predicted, weighted=weighted)

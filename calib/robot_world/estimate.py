@@ -1,0 +1,179 @@
+"""What a method finds for T problems A X = Z B, and what that leaves of the pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from calib.batch_last import columns_of, product, rotation_log, transposed, turn
+from calib.robot_world.algebra import unit_diagonal
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+_LARGEST_INVERSE = 1e14
+"""Element of the inverse of an information of unit diagonal beyond which that is singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSets:
+    """Arrays of T sets, which stand along the first axis but for those named."""
+
+    _sets_axis: ClassVar[Mapping[str, int]] = {}
+
+    def of(self, trials: IntArray) -> Self:
+        """The same of some of the sets."""
+        values: dict[str, Any] = {}
+        for name, axis, value in self._arrays():
+            if isinstance(value, _OfSets):
+                values[name] = value.of(trials)
+            else:
+                values[name] = None if value is None else np.take(value, trials, axis=axis)
+        return type(self)(**values)
+
+    def with_others(self, trials: IntArray, others: Self) -> Self:
+        """The same with what others have, in the place of some of the sets."""
+        values = {}
+        for name, axis, value in self._arrays():
+            other = getattr(others, name)
+            if isinstance(value, _OfSets) and other is not None:
+                value = value.with_others(trials, other)
+            elif value is not None and other is not None:
+                value = np.moveaxis(value.copy(), axis, 0)
+                value[trials] = np.moveaxis(other, axis, 0)
+                value = np.moveaxis(value, 0, axis)
+            values[name] = value
+        return type(self)(**values)
+
+    def _arrays(self) -> list[tuple[str, int, Any]]:
+        return [
+            (part.name, self._sets_axis.get(part.name, 0), getattr(self, part.name))
+            for part in fields(self)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(_OfSets):
+    """Where the adjustment of T sets of N pairs ended.
+
+    Attributes
+    ----------
+    X, Z : ndarray (T, 4, 4)
+    cost : ndarray (T,)
+        Sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom.
+    white : ndarray (6, T, N)
+        White rows of each pair.
+    jacobian : ndarray (12, 6, T, N)
+        Their derivatives by the errors of X (rotation, translation) and Z.
+    information : ndarray (T, 12, 12)
+        Inverse of the covariance of X and Z.
+    iterations : ndarray of int (T,)
+    converged : ndarray of bool (T,)
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    cost: FloatArray
+    white: FloatArray
+    jacobian: FloatArray
+    information: FloatArray
+    iterations: IntArray
+    converged: BoolArray
+
+    _sets_axis: ClassVar = {"white": 1, "jacobian": 2}
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
+        scaled, size = unit_diagonal(self.information)
+        seen = np.asarray(np.isfinite(scaled).all(axis=(1, 2)))
+        scaled = np.where(seen[:, None, None], scaled, 0.0)
+        try:
+            inverse = np.linalg.inv(scaled)
+            poor = ~(np.abs(inverse).max(axis=(1, 2)) < _LARGEST_INVERSE)
+        except np.linalg.LinAlgError:
+            inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
+        if poor.any():
+            inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
+        return np.asarray(inverse / (size[:, :, None] * size[:, None, :]))
+
+    def rows(self, trial: int, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """White rows ``(n, 6)`` of the pairs used ``(N,)`` of one set, derivatives ``(n, 6, 12)``.
+
+        Derivatives are ``(n, 6, 13)`` where the scale is one of the unknowns.
+        """
+        white = self.white[:, trial, used].T
+        return white, self.jacobian[:, :, trial, used].transpose(2, 1, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate(_OfSets):
+    """What one method returns for T problems.
+
+    Attributes
+    ----------
+    X, Z : ndarray (T, 4, 4)
+        The transforms.
+    iterations : ndarray of int (T,) or None
+        Where the method iterates, the cycles it took.
+    converged : ndarray of bool (T,) or None
+        Where the method iterates, whether it arrived within its limit.
+    fit : Fit or None
+        Where the method is an adjustment, its rows and information.
+    sigma : ndarray (2, T) or None
+        Where the method estimates the noise, the standard deviations of rotation and translation.
+    weights : ndarray (T, N) or None
+        Where the method leaves pairs out, 0 for these and 1 for the others.
+    scale : ndarray (T,) or None
+        Where it was estimated, the factor of B's translations.
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    iterations: IntArray | None = None
+    converged: BoolArray | None = None
+    fit: Fit | None = None
+    sigma: FloatArray | None = None
+    weights: FloatArray | None = None
+    scale: FloatArray | None = None
+
+    _sets_axis: ClassVar = {"sigma": 1}
+
+    def used(self, count: int) -> BoolArray:
+        """Pairs ``(T, N)`` that it is made from, of N."""
+        if self.weights is None:
+            return np.ones((len(self.X), count), dtype=bool)
+        return np.asarray(self.weights > 0)
+
+
+def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
+    """What A X differs from Z B by ``(..., N, 6)``: rotation vector [rad], then translation [m].
+
+    Both in the axes of the frame that A maps to (eye in hand: the base): the rotation vector is
+    ``log(R_A R_X (R_Z R_B)ᵀ)``, the translation that of A X less that of Z B.
+
+    Parameters
+    ----------
+    A, B : ndarray (..., N, 4, 4)
+        Measured transforms.
+    X, Z : ndarray (..., 4, 4)
+        The solution.
+    """
+    shape = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
+    R_A, p_A, R_B, p_B, R_X, p_X, R_Z, p_Z = (
+        part
+        for T in (A, B, X[..., None, :, :], Z[..., None, :, :])
+        for part in _columns(np.broadcast_to(T, (*shape, 4, 4)))
+    )
+    difference = product(product(R_A, R_X), transposed(product(R_Z, R_B)))
+    translation = turn(R_A, p_X) + p_A - turn(R_Z, p_B) - p_Z
+    error = np.concatenate([rotation_log(difference), translation])
+    return np.ascontiguousarray(error.T).reshape(*shape, 6)
+
+
+def _columns(T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Columns ``(3, 3, S)`` and origins ``(3, S)`` of transforms ``(..., 4, 4)``."""
+    flat = T.reshape(-1, 4, 4)
+    return columns_of(flat[:, :3, :3]), np.ascontiguousarray(flat[:, :3, 3].T)

@@ -1,0 +1,190 @@
+"""What a cell measures, and the models of it: what is identified, and the simulated robot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.model import CalibrationModel
+from calib.model.measurements import (
+    KINDS,
+    BoardShape,
+    BoardView,
+    CameraPose,
+    Measurement,
+    TouchUp,
+    ViewLine,
+)
+from calib.model.parameters import (
+    JointCompliance,
+    LensParameters,
+    LinkGeometry,
+    ParameterBlock,
+    TargetFrame,
+    TargetPoints,
+    ToolFrame,
+    ToolPoint,
+    ZeroOffsets,
+)
+from calib.se3 import FloatArray
+from posedesign.cell.board_set_up import BoardSetUp
+from posedesign.cell.data import CellData
+from posedesign.cell.schema import CellConfig
+from posedesign.cell.schema_sections import NoiseSection
+
+
+def free_tool_axes(cell: CellData, measurement: Measurement) -> str:
+    """Axes of the tool point that another measurement identifies in this cell.
+
+    Those that the cell asks for; z only by touch-up, which does show it.
+    """
+    given = cell.config.parameters.tool_axes
+    asked = "xyz" if given is None else given
+    across = asked.replace("z", "")
+    if isinstance(measurement, ViewLine):
+        return across
+    own = cell.config.measurement.kind
+    return across + "z" if "z" in asked or (own == "view-line" and across) else across
+
+
+def hand_eye_model(
+    cell: CellData,
+    measurement: CameraPose | BoardView,
+    set_up: BoardSetUp | None,
+    offsets: tuple[str, ...],
+) -> CalibrationModel:
+    """Model of camera on the tip (X of A X = Z B) and target in the base (Z), six numbers each.
+
+    Parameters
+    ----------
+    set_up : BoardSetUp, optional
+        Camera and board where pictures of a board are measured; their lens is free where the cell
+        estimates it.
+    offsets : tuple of str
+        Joints with an unknown zero offset.
+    """
+    X, Z = cell.T_tip_camera, cell.T_base_target
+    lens = []
+    if set_up is not None:
+        X, Z = set_up.X, set_up.Z
+        lens = [LensParameters.usual(set_up.lens)] if cell.estimates_lens else []
+    frames = [ToolFrame(X), TargetFrame(Z, cell.config.target.name)]
+    freed = [ZeroOffsets(cell.robot, offsets)] if offsets else []
+    return CalibrationModel(cell.robot, [*freed, *frames, *lens], measurement)
+
+
+def touching_model(
+    cell: CellData,
+    measurement: Measurement,
+    axes: str,
+    offsets: tuple[str, ...],
+    targets: TargetPoints | None,
+) -> CalibrationModel:
+    """Model of zero offsets, tool point along some of its axes, and targets."""
+    return CalibrationModel(
+        cell.robot,
+        [
+            ZeroOffsets(cell.robot, offsets),
+            ToolPoint(cell.tool_m, axes),
+            targets or TargetPoints([cell.target_m], [cell.config.target.name]),
+        ],
+        measurement,
+    )
+
+
+def truth_of(cell: CellData, measurement: Measurement) -> tuple[CalibrationModel, FloatArray]:
+    """Model of the simulated robot, all joints with offsets and deflection, and its values."""
+    truth = cell.config.truth
+    given = truth.zero_offsets_deg
+    offsets = usual_offsets(cell.robot.n) if given is None else np.deg2rad(given)
+    tool = ToolPoint(cell.tool_m)
+    target = TargetPoints([cell.target_m], [cell.config.target.name])
+    blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, cell.robot.joint_names)]
+    values = [offsets]
+    if cell.deflects:
+        blocks.append(JointCompliance(cell.robot, cell.robot.joint_names, cell.payload))
+        values.append(1.0 / cell.stiffness)
+    if truth.link_error_mm > 0.0 or truth.link_error_deg > 0.0:
+        links = LinkGeometry(cell.robot)
+        blocks.append(links)
+        values.append(_link_errors(links, truth.link_error_mm, truth.link_error_deg, truth.seed))
+    values += [
+        tool.nominal + np.array(truth.tool_error_mm) / 1e3,
+        target.nominal + np.array(truth.target_error_mm) / 1e3,
+    ]
+    model = CalibrationModel(
+        cell.robot,
+        [*blocks, tool, target],
+        measurement,
+    )
+    return model, np.concatenate(values)
+
+
+def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> FloatArray:
+    """Errors of links by chance ``(p,)`` [m, rad], the same for the same seed."""
+    sigma = np.where([unit == "m" for unit in links.units], mm / 1e3, np.deg2rad(deg))
+    return np.asarray(sigma * np.random.default_rng([seed, 1]).standard_normal(links.size))
+
+
+def usual_offsets(n: int) -> FloatArray:
+    """Zero offsets ``(n,)`` [rad] as on arms mastered by eye: up to a tenth of a degree."""
+    if n < 1:
+        raise InputError("a robot needs joints")
+    pattern = np.deg2rad([0.03, 0.08, -0.06, 0.05, 0.10, -0.04])
+    return np.resize(pattern, n)
+
+
+def make_measurement(config: CellConfig, R_tip_camera: FloatArray) -> Measurement:
+    """The measurement that the file describes.
+
+    The noise of a camera is that of ``[[noise]]`` where one is given for its kind: that may differ
+    from axis to axis. ``R_tip_camera`` ``(3, 3)`` is how the camera is turned on the tip.
+    """
+    section = config.measurement
+    if section.kind == "camera-pose":
+        given = next((noise for noise in config.noise if noise.kind == section.kind), None)
+        return CameraPose(
+            noise_sigma(
+                given
+                or NoiseSection(
+                    kind=section.kind,
+                    three_sigma_mm=section.camera_three_sigma_mm,
+                    three_sigma_deg=section.camera_three_sigma_deg,
+                )
+            )
+        )
+    if section.kind == "view-line":
+        return ViewLine(np.array(section.three_sigma_mm[:2]) / 3e3)
+    return make_touch_up(config, R_tip_camera)
+
+
+def make_touch_up(config: CellConfig, R_tip_camera: FloatArray) -> TouchUp:
+    """Touch-ups with the noise that the file gives them, along the axes that it gives."""
+    section = config.measurement
+    axes = R_tip_camera if section.noise_axes == "camera" else None
+    return TouchUp(np.array(section.three_sigma_mm) / 3e3, axes)
+
+
+def noise_sigma(noise: NoiseSection) -> FloatArray:
+    """Standard deviations ``(m,)`` [m, rad] of a kind."""
+    kind = KINDS[noise.kind]
+    lengths = np.array(noise.three_sigma_mm) / 3e3
+    count = kind.rows - kind.turns
+    parts = [np.broadcast_to(lengths, (3,))[:count] if lengths.ndim else np.full(count, lengths)]
+    if noise.three_sigma_deg is not None:
+        parts.append(np.broadcast_to(np.deg2rad(noise.three_sigma_deg) / 3.0, (3,)))
+    return np.concatenate(parts)
+
+
+def board_view(cell: CellData, found: BoardSetUp) -> BoardView:
+    """The measurement: pixels of the board's points, those out of the image left out."""
+    section = cell.config.measurement
+    arm = section.arm_three_sigma_mm / 3e3, float(np.deg2rad(section.arm_three_sigma_deg)) / 3.0
+    return BoardView(
+        section.board_three_sigma_px / 3.0,
+        BoardShape(found.board.points),
+        found.lens,
+        found.carried,
+        arm if any(arm) else None,
+        border_px=found.border_px,
+    )

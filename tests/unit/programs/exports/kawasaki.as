@@ -1,0 +1,29 @@
+.*=== AS GROUP ===         : ASE_010100X3Q
+.NETCONF     192.168.0.2,"timesys-",255.255.255.0
+.PROGRAM a.home() #9744
+  HOME
+.END
+.PROGRAM main (.n) ; steps
+  SPEED 40MM/S ALWAYS
+10 JMOVE #start_pos
+  BREAK
+  IF .n == 1 THEN
+    .spd = 2 ; local
+    LMOVE SHIFT(p BY 0, 0, 100)
+  ELSE
+    IF SIG(1001) GOTO 20
+    JOINT SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) OX= WX= #[1.5,0,90,0,-90,0] ;
+  END
+  TWAIT(1)
+  PRINT "END ; of it"
+  SIGNAL 5,-6
+.END
+.TRANS
+p 506.2 -83.4 192.6 -35.9 112.2 -179.9
+.END
+.JOINTS
+#start_pos -91.265190 26.640381 -121.421951 0.640723 -31.712723 2.059593
+.END
+.REALS
+speed = 20
+.END

@@ -23,6 +23,9 @@ BOARDS = {
         "aruco-grid", columns=5, rows=4, spacing_m=0.035, marker_m=0.026, dictionary="4x4_50"
     ),
     "apriltag-grid": make_board("apriltag-grid", columns=5, rows=4, spacing_m=0.03, marker_m=0.024),
+    "kalibr-aprilgrid": make_board(
+        "kalibr-aprilgrid", columns=6, rows=4, spacing_m=0.026, marker_m=0.02
+    ),
     "chessboard": make_board("chessboard", columns=10, rows=7, square_m=0.025),
     "circles": make_board("circles", columns=7, rows=6, spacing_m=0.03),
     "asymmetric-circles": make_board("asymmetric-circles", columns=4, rows=11, spacing_m=0.02),

@@ -247,10 +247,17 @@ class BoardSection(Section):
     """
 
     kind: Literal[
-        "charuco", "aruco-grid", "apriltag-grid", "chessboard", "circles", "asymmetric-circles"
+        "charuco",
+        "aruco-grid",
+        "apriltag-grid",
+        "kalibr-aprilgrid",
+        "chessboard",
+        "circles",
+        "asymmetric-circles",
     ]
     """``charuco``: a chessboard with markers in its white squares. ``aruco-grid`` and
-    ``apriltag-grid``: rows and columns of markers. ``chessboard``; ``circles``: rows and columns of
+    ``apriltag-grid``: rows and columns of markers; ``kalibr-aprilgrid``: as Kalibr prints them,
+    with black squares at the corners of tags. ``chessboard``; ``circles``: rows and columns of
     circles; ``asymmetric-circles``: every second row moved by half a step."""
     columns: Across
     """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across."""
@@ -267,9 +274,10 @@ class BoardSection(Section):
     """Of circles; half the distance of neighbours by default."""
     dictionary: Name | None = None
     """Dictionary of the markers as OpenCV names it, DICT_5X5_100 or 5x5_100; that of
-    ``apriltag-grid`` is 36h11 by default."""
+    ``apriltag-grid`` and ``kalibr-aprilgrid`` is 36h11 by default."""
     first_id: Annotated[int, Field(strict=True, ge=0, le=10_000)] | None = None
-    """Number of the left upper marker, 0 by default; the others count on, row by row."""
+    """Number of the left upper marker, 0 by default; the others count on, row by row. Of a
+    ``kalibr-aprilgrid`` that of the left lower one, and rows count up."""
     legacy: StrictBool = False
     """A ``charuco`` of OpenCV before 4.6: with an even number of rows its left upper square is
     white."""

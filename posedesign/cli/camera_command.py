@@ -64,6 +64,10 @@ ArmMm = Annotated[
     ),
 ]
 ArmDeg = Annotated[float | None, typer.Option("--arm-deg", help="The same of its turn [deg].")]
+TargetOption = Annotated[
+    Path | None,
+    typer.Option(help="A target of Kalibr (YAML) in place of the board of the cell."),
+]
 OrderOption = Annotated[
     Literal["name", "time"],
     typer.Option(help="Order of the pictures: by name, or by the time that they were taken at."),
@@ -90,6 +94,7 @@ def camera(
     camera: CameraOption = "on-flange",
     lens: LensOption = "pinhole",
     free: FreeOption = "",
+    target: TargetOption = None,
     board_errors: BoardErrorsOption = "",
     pixel_sigma: PixelSigma = None,
     arm_mm: ArmMm = None,
@@ -110,12 +115,13 @@ def camera(
     from posedesign.cell import Cell
     from posedesign.hand_eye import Asked
     from posedesign.hand_eye.calibration import board_of, result_as_dict
+    from posedesign.hand_eye.lens_files import kalibr_board
     from posedesign.hand_eye.pictures import cameras_in, read_picture_set
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
     loaded = Cell.load(cell)
-    board_of(loaded)  # said before anything is read
+    board = board_of(loaded) if target is None else kalibr_board(target)  # said before all else
     asked = Asked(
         camera,
         lens_of(lens),
@@ -123,6 +129,7 @@ def camera(
         tuple(listed(board_errors)),
         pixel_sigma,
         arm_sigma_of(arm_mm, arm_deg),
+        board,
     )
     results = results_in(out, "camera", cell, joints, overwrite=overwrite)
     shown = {

@@ -63,6 +63,8 @@ class Asked:
         Noise of a coordinate of a point [px]; from the pictures by default.
     arm_sigma : tuple of two floats or None
         How far the arm stops from where it says [m, rad]; likewise.
+    board : Board or None
+        In place of the one that the cell describes.
     """
 
     camera: Camera = "on-flange"
@@ -71,6 +73,7 @@ class Asked:
     board_errors: tuple[str, ...] = ()
     pixel_sigma: float | None = None
     arm_sigma: tuple[float, float] | None = None
+    board: Board | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +134,7 @@ def calibrate_camera(
     NotIdentifiableError
         The motion, or the views, do not tell what is asked for.
     """
-    board = board_of(cell)
+    board = asked.board or board_of(cell)
     claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
     sets, reasons = [], list[str]()
     count = sum(len(one.paths) for one in pictures.values())
@@ -143,7 +146,7 @@ def calibrate_camera(
             raise InputError(
                 f"none of {len(shown.paths)} pictures shows the board: {shown.names[0]}: "
                 f"{found.reasons[0]}",
-                hint=f"the cell describes: {board.words}",
+                hint=f"it is described as: {board.words}",
                 name="pictures",
             )
         sets.append(_seen(cell, shown, board, found.pixels, asked, camera))

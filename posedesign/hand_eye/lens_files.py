@@ -29,6 +29,7 @@ import yaml
 from calib.errors import FileFormatError, InputError
 from calib.lens import DISTORTION, Lens, LensName
 from calib.se3 import FloatArray
+from calib.vision.boards import Board, make_board
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.pairs.transforms import opencv_matrix
 
@@ -267,3 +268,36 @@ def read_kalibr_target(path: Path) -> dict[str, Any]:
     if kind == "circlegrid":
         board["asymmetricGrid"] = str(tree.get("asymmetricGrid")).casefold() in ("true", "yes", "1")
     return board
+
+
+def kalibr_board(path: Path) -> Board:
+    """The board that a target of Kalibr describes.
+
+    Raises
+    ------
+    FileFormatError
+        It describes none that can be found here.
+    """
+    found = read_kalibr_target(path)
+    if found["target_type"] == "aprilgrid":
+        side = found["tagSize"]
+        kind, columns, rows = "kalibr-aprilgrid", found["tagCols"], found["tagRows"]
+        lengths = {"marker_m": side, "spacing_m": side * (1.0 + found["tagSpacing"])}
+    elif found["target_type"] == "checkerboard":
+        if found["rowSpacingMeters"] != found["colSpacingMeters"]:
+            raise FileFormatError(
+                "has oblong fields",
+                path=path,
+                key="rowSpacingMeters",
+                hint="boards of squares are found: both spacings are the same",
+            )
+        kind, lengths = "chessboard", {"square_m": found["rowSpacingMeters"]}
+        columns, rows = found["targetCols"] + 1, found["targetRows"] + 1  # it counts inner corners
+    else:
+        kind = "asymmetric-circles" if found["asymmetricGrid"] else "circles"
+        columns, rows = found["targetCols"], found["targetRows"]
+        lengths = {"spacing_m": found["spacingMeters"]}
+    try:
+        return make_board(kind, columns=columns, rows=rows, **lengths)
+    except InputError as error:
+        raise FileFormatError(error.message, path=path, hint=error.hint) from error

@@ -120,6 +120,21 @@ def test_a_camera_is_calibrated(there, glance):
     assert "camera.json: is no file that the command camera wrote" in said.err
 
 
+def test_a_target_of_kalibr_takes_the_place_of_the_board(there, glance):
+    """It describes another board than the one in the pictures, and that is said."""
+    (there / "april.yaml").write_text(
+        "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 4\ntagSize: 0.02\ntagSpacing: 0.3\n"
+    )
+    command = ("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--target")
+    said = glance(*command, "april.yaml")
+    assert said.code == 2
+    assert "AprilGrid of Kalibr of 6 x 4 every 26 mm" in said.err
+    (there / "none.yaml").write_text("target_type: 'sphere'\n")
+    said = glance(*command, "none.yaml")
+    assert said.code == 2
+    assert "has the target_type 'sphere'" in said.err
+
+
 def test_poses_of_the_flange_do_as_well(there, glance):
     said = glance("camera", "cell.toml", "pictures", "--joints", "flange.csv", "--json")
     assert said.code == 0, said.err

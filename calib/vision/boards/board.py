@@ -147,6 +147,9 @@ class MarkerBoard(Board):
         Number of the left upper marker; the others count on, row by row.
     """
 
+    border_bits: ClassVar[int] = 1
+    """Width of the black border of a marker, in its cells."""
+
     marker_m: float
     dictionary: str
     first_id: int = 0
@@ -195,11 +198,11 @@ class MarkerBoard(Board):
 
     def _printed_markers(self) -> FloatArray:
         """Rectangles ``(M, 4)`` that are black in the markers."""
-        cells = self.markers.markerSize + 2
+        cells = self.markers.markerSize + 2 * self.border_bits
         side = self.marker_m / cells
         found = []
         for place, number in zip(self.marker_places, self.ids, strict=True):
-            bits = self.markers.generateImageMarker(number, cells) == 0
+            bits = self.markers.generateImageMarker(number, cells, None, self.border_bits) == 0
             found.append(side * _runs(bits) + np.tile(place, 2))
         return np.vstack(found)
 
@@ -308,6 +311,7 @@ class MarkerGrid(MarkerBoard):
         From the left side of a marker to that of the next.
     """
 
+    title: ClassVar[str]
     spacing_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -352,15 +356,14 @@ class MarkerGrid(MarkerBoard):
     @property
     def clear_m(self) -> tuple[float, float]:
         """Half a side, and the black border of a marker or the white between two."""
-        border = self.marker_m / (self.markers.markerSize + 2)
+        border = self.border_bits * self.marker_m / (self.markers.markerSize + 2 * self.border_bits)
         return 0.45 * self.marker_m, 0.9 * min(border, self.spacing_m - self.marker_m)
 
     @property
     def words(self) -> str:
         """The board in words."""
-        title = "AprilTag grid" if self.name == AprilTagGrid.name else "ArUco grid"
         return (
-            f"{title} of {self.columns} x {self.rows} every {1e3 * self.spacing_m:g} mm, "
+            f"{self.title} of {self.columns} x {self.rows} every {1e3 * self.spacing_m:g} mm, "
             f"{self._marker_words}"
         )
 
@@ -369,12 +372,54 @@ class ArucoGrid(MarkerGrid):
     """Rows and columns of ArUco markers."""
 
     name: ClassVar[str] = "aruco-grid"
+    title: ClassVar[str] = "ArUco grid"
 
 
 class AprilTagGrid(MarkerGrid):
     """Rows and columns of AprilTags."""
 
     name: ClassVar[str] = "apriltag-grid"
+    title: ClassVar[str] = "AprilTag grid"
+
+
+class KalibrAprilGrid(AprilTagGrid):
+    """The AprilGrid of Kalibr: borders of two cells, and black squares between the corners of tags.
+
+    Its first tag is the left lower one. Kalibr's frame has the origin at the left lower corner of
+    that tag and y up; ours is that of all grids. Source: the wiki of Kalibr, "calibration targets".
+    """
+
+    name: ClassVar[str] = "kalibr-aprilgrid"
+    title: ClassVar[str] = "AprilGrid of Kalibr"
+    border_bits: ClassVar[int] = 2
+
+    @cached_property
+    def marker_places(self) -> FloatArray:
+        """Left upper corners of the tags ``(M, 2)`` [m], rows from below."""
+        rows = _lattice(self.columns, self.rows, self.spacing_m)[:, :2]
+        return rows.reshape(self.rows, self.columns, 2)[::-1].reshape(-1, 2)
+
+    @cached_property
+    def printed(self) -> Print:
+        """What is black of the tags, and the squares at their corners."""
+        gap = self.spacing_m - self.marker_m
+        squares = _lattice(self.columns + 1, self.rows + 1, self.spacing_m)[:, :2] - gap
+        return np.vstack([self._printed_markers(), np.hstack([squares, squares + gap])]), np.empty(
+            (0, 3)
+        )
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of the squares ``(4,)`` [m]."""
+        gap = self.spacing_m - self.marker_m
+        return np.asarray(super().box + gap * np.array([-1.0, -1.0, 1.0, 1.0]))
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """The side of a square, which an edge ends with, and what is clear beside it."""
+        gap = self.spacing_m - self.marker_m
+        along, across = super().clear_m
+        return min(along, 0.9 * gap), across
 
 
 @dataclass(frozen=True, eq=False)
@@ -562,7 +607,8 @@ class AsymmetricCircleGrid(CircleGrid):
 BOARDS: dict[str, type[Board]] = {
     kind.name: kind
     for kind in (
-        CharucoBoard, ArucoGrid, AprilTagGrid, Chessboard, CircleGrid, AsymmetricCircleGrid
+        CharucoBoard, ArucoGrid, AprilTagGrid, KalibrAprilGrid, Chessboard, CircleGrid,
+        AsymmetricCircleGrid,
     )
 }  # fmt: skip
 """Kinds of boards by their names."""
@@ -571,13 +617,14 @@ _LENGTHS = {
     "charuco": ("square_m", "marker_m"),
     "aruco-grid": ("spacing_m", "marker_m"),
     "apriltag-grid": ("spacing_m", "marker_m"),
+    "kalibr-aprilgrid": ("spacing_m", "marker_m"),
     "chessboard": ("square_m",),
     "circles": ("spacing_m",),
     "asymmetric-circles": ("spacing_m",),
 }
 """Lengths that a kind has to be given."""
 
-_MARKED = ("charuco", "aruco-grid", "apriltag-grid")
+_MARKED = ("charuco", "aruco-grid", "apriltag-grid", "kalibr-aprilgrid")
 
 
 def make_board(
@@ -661,7 +708,7 @@ def dictionary_of(name: str) -> cv2.aruco.Dictionary:
 
 def _dictionary_name(kind: str, given: object) -> str:
     if given is None:
-        if kind == AprilTagGrid.name:
+        if issubclass(BOARDS[kind], AprilTagGrid):
             return APRILTAG
         raise InputError(
             f"a {kind} needs the dictionary of its markers",

@@ -108,7 +108,7 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """
     check_type(board, Board, "board")
     check_picture(picture)
-    sighting = sight(picture, board)
+    sighting = sight(picture, board, thoroughly=True)
     if sighting is not None:
         return sighting
     from calib.vision.boards.reasons import why_not
@@ -143,11 +143,11 @@ def check_picture(picture: object) -> None:
         )
 
 
-def sight(picture: GreyImage, board: Board) -> BoardSighting | None:
+def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> BoardSighting | None:
     """The sighting of a board that is found; None where it is not."""
     found: Found | None = None
     if isinstance(board, MarkerBoard):
-        markers = find_markers(picture, board.markers)
+        markers = find_markers(picture, board.markers, border_bits=board.border_bits)
         twice, many = np.unique(markers.ids, return_counts=True)
         twice = twice[(many > 1) & np.isin(twice, board.ids)]
         if len(twice) > 1:
@@ -158,7 +158,7 @@ def sight(picture: GreyImage, board: Board) -> BoardSighting | None:
             )
         found = match_markers(board, markers.those(~np.isin(markers.ids, twice)))
     elif isinstance(board, Chessboard):
-        found = find_chessboard(picture, board)
+        found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
         found = find_circles(picture, board)
     return None if found is None else _measure(picture, board, found)

@@ -5,8 +5,9 @@ Coordinates are OpenCV's here, counted from the middle of the first pixel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from calib.vision.boards.board import (
     CharucoBoard,
     Chessboard,
     CircleGrid,
+    KalibrAprilGrid,
     MarkerBoard,
 )
 from calib.vision.boards.board_map import BoardMap, fit_map
@@ -86,10 +88,15 @@ class Markers:
 
 
 def find_markers(
-    picture: GreyImage, dictionary: cv2.aruco.Dictionary, *, exactly: bool = False
+    picture: GreyImage,
+    dictionary: cv2.aruco.Dictionary,
+    *,
+    border_bits: int = 1,
+    exactly: bool = False,
 ) -> Markers:
     """Markers of a dictionary; with all bits right if asked for ``exactly``."""
     parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border_bits
     parameters.minMarkerPerimeterRate = 4 * SMALLEST_MARKER_PX / max(picture.shape)
     if exactly:
         parameters.errorCorrectionRate = 0.0
@@ -109,11 +116,18 @@ def match_markers(board: MarkerBoard, markers: Markers) -> Found | None:
     if len(known) < LEAST_MARKERS:
         return None
     index = known.ids - board.first_id
-    xy, px = board.marker_corners[index].reshape(-1, 2), known.corners.reshape(-1, 2)
-    fitted = fit_map(xy, px, known.side_px)
-    if fitted is None or not is_face_up(board, fitted[0], xy):
+    xy, best = board.marker_corners[index].reshape(-1, 2), None
+    # Kalibr's tags may be turned against those of OpenCV's dictionary
+    for turn in range(4 if isinstance(board, KalibrAprilGrid) else 1):
+        px = np.roll(known.corners, turn, axis=1).reshape(-1, 2)
+        fitted = fit_map(xy, px, known.side_px)
+        if fitted is not None and (best is None or fitted[1].sum() > best[1].sum()):
+            best = fitted
+            if best[1].mean() > 0.5:
+                break
+    if best is None or not is_face_up(board, best[0], xy):
         return None
-    board_map, inside = fitted
+    board_map, inside = best
     seen = np.unique(index[inside.reshape(-1, 4).all(axis=1)])
     if len(seen) < LEAST_MARKERS:
         return None
@@ -122,6 +136,8 @@ def match_markers(board: MarkerBoard, markers: Markers) -> Found | None:
 
 def _points_of(board: MarkerBoard, seen: NDArray[np.intp]) -> NDArray[np.intp]:
     """Points of the board that are at corners of markers ``seen``."""
+    if isinstance(board, KalibrAprilGrid):  # its squares hide the outlines of some tags
+        return np.arange(len(board.points))
     if not isinstance(board, CharucoBoard):
         return np.asarray((4 * seen[:, None] + np.arange(4)).ravel())
     middle = board.marker_corners[seen].mean(axis=1)
@@ -129,68 +145,142 @@ def _points_of(board: MarkerBoard, seen: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.nonzero((apart < 0.6 * board.square_m).any(axis=1))[0]
 
 
-def find_chessboard(picture: GreyImage, board: Chessboard) -> Found | None:
-    """The whole chessboard, and which of its corners is the first."""
+def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) -> Found | None:
+    """The whole chessboard, and which of its corners is the first.
+
+    Looked for ``thoroughly`` where it is not found quickly: that takes some tenths of a second.
+    """
     size = (board.columns - 1, board.rows - 1)
     scales = (2, 1) if picture.size > HALVED_FROM_PX else (1,)
-    for scale in scales:
+    usual = cv2.CALIB_CB_NORMALIZE_IMAGE
+    tries = [(scale, usual) for scale in scales]
+    if thoroughly:
+        tries.append((scales[0], usual + cv2.CALIB_CB_EXHAUSTIVE))
+    for scale, flags in tries:
         shown = picture if scale == 1 else halved(picture)
-        found, corners = cv2.findChessboardCornersSB(
-            shown, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE
-        )
+        found, corners = cv2.findChessboardCornersSB(shown, size, flags=flags)
         if found:
             at = np.asarray(corners, dtype=float).reshape(-1, 2)
-            px = scale * (at + 0.5) - 0.5
-            return _in_order(picture, board, px, size)
+            grid: FloatArray = (scale * (at + 0.5) - 0.5).reshape(*size[::-1], 2)
+            turns = [grid, grid[::-1, ::-1], grid[::-1], grid[:, ::-1]]
+            if size[0] == size[1]:
+                turns += [turn.transpose(1, 0, 2) for turn in turns]
+            every = np.arange(len(at))
+            return _in_order(picture, board, [(every, turn.reshape(-1, 2)) for turn in turns])
     return None
 
 
 def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
     """The whole grid of circles."""
-    kind = (
-        cv2.CALIB_CB_ASYMMETRIC_GRID
-        if isinstance(board, AsymmetricCircleGrid)
-        else cv2.CALIB_CB_SYMMETRIC_GRID
-    )
-    size = (board.columns, board.rows)
     for blobs in _blobs(picture):
-        if not board.columns * board.rows <= len(blobs) <= _MOST_BLOBS:
-            continue
-        dots, scale, detector = _dotted(picture.shape, blobs)
-        for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):
-            found, centers = cv2.findCirclesGrid(dots, size, flags=flags, blobDetector=detector)
-            if found:
-                at = np.asarray(centers, dtype=float).reshape(-1, 2)
-                _, nearest = cKDTree(blobs).query((at + 0.5) / scale - 0.5)
-                ordered = _in_order(picture, board, blobs[nearest], size)
-                if ordered is not None:
-                    return ordered
+        if len(board.points) <= len(blobs) <= _MOST_BLOBS:
+            for cells in _lattices(blobs):
+                layouts = _layouts(board, cells)
+                found = _in_order(picture, board, [(which, blobs[b]) for which, b in layouts])
+                if found is not None:
+                    return found
     return None
 
 
-def _dotted(
-    shape: tuple[int, ...], blobs: FloatArray
-) -> tuple[GreyImage, float, cv2.SimpleBlobDetector]:
-    """A picture of nothing but dots, its scale, and what finds them: OpenCV takes no points."""
-    distances, _ = cKDTree(blobs).query(blobs, k=2)
-    apart = float(np.percentile(np.atleast_2d(distances)[:, 1], 10))
-    scale = max(1.0, _DOTS_APART_PX / max(apart, 1.0))
-    scale = min(scale, _LARGEST_DOTTED_PX / max(shape))
-    dots = np.full([int(np.ceil(scale * side)) + 1 for side in shape], 255, dtype=np.uint8)
-    for x, y in np.rint((blobs + 0.5) * scale - 0.5).astype(int):
-        cv2.circle(dots, (int(x), int(y)), 3, 0, -1)
-    parameters = cv2.SimpleBlobDetector.Params()
-    parameters.minThreshold, parameters.maxThreshold = 100.0, 200.0
-    parameters.thresholdStep, parameters.minRepeatability = 60.0, 1
-    parameters.minDistBetweenBlobs = 4.0
-    parameters.minArea, parameters.maxArea = 9.0, 200.0
-    parameters.filterByCircularity = parameters.filterByInertia = False
-    parameters.filterByConvexity = False
-    return dots, scale, cv2.SimpleBlobDetector.create(parameters)
-
-
-_DOTS_APART_PX, _LARGEST_DOTTED_PX = 12.0, 4000.0
 _MOST_BLOBS = 3000
+_SEEDS, _NEIGHBOURS = 12, 8
+"""Blobs that a grid is grown from, and neighbours of each that its first step may go to: in a
+tilted grid the next but one in a row may be nearer than the next row."""
+
+_MISS, _FLAT, _LIKE = 0.3, 0.25, 2.5
+"""Distance of a blob from where the grid goes on, in steps; sine of the least angle between two
+steps; and the most that one may be longer than the other."""
+
+_FAR = 2 * _MOST_BLOBS
+"""Beyond any step between two cells: two coordinates are one number then."""
+
+Cells = dict[tuple[int, int], int]
+"""Blobs of a lattice by its two coordinates."""
+
+
+def _lattices(blobs: FloatArray) -> Iterator[Cells]:
+    """Lattices that blobs ``(B, 2)`` lie on, each grown from a blob and two of its neighbours."""
+    tree = cKDTree(blobs)
+    far = np.linalg.norm(blobs - np.median(blobs, axis=0), axis=1)
+    middle = [int(k) for k in np.argsort(far, kind="stable")]
+    for seed in middle[:: max(1, len(middle) // _SEEDS)][:_SEEDS]:
+        near = np.asarray(tree.query(blobs[seed], k=min(_NEIGHBOURS + 1, len(blobs)))[1])
+        steps = blobs[near[1:]] - blobs[seed]
+        length = np.linalg.norm(steps, axis=1)
+        tried: list[tuple[float, int, int]] = []
+        for i in range(len(steps)):
+            for j in range(i + 1, len(steps)):
+                sine = abs(np.linalg.det(steps[[i, j]])) / max(length[i] * length[j], 1e-9)
+                if sine > _FLAT and length[j] < _LIKE * length[i]:
+                    tried.append((float(length[i] + length[j]), i, j))
+        for _, i, j in sorted(tried)[:_NEIGHBOURS]:
+            yield _grown(blobs, tree, seed, steps[[i, j]])
+
+
+def _grown(blobs: FloatArray, tree: cKDTree, seed: int, basis: FloatArray) -> Cells:
+    """The lattice from a blob on, its steps following perspective and lens."""
+    cells: Cells = {(0, 0): seed}
+    used, queue = {seed}, [(0, 0)]
+    short = float(np.linalg.norm(basis, axis=1).min())
+    sides = [(1, 0), (0, 1), (-1, 0), (0, -1)]
+    while queue:
+        u, v = queue.pop(0)
+        here = blobs[cells[u, v]]
+        for k, (a, b) in enumerate(sides):
+            there = (u + a, v + b)
+            if there in cells:
+                continue
+            # the step before it, or beside it, or the first one
+            step = basis[k % 2] * (1.0 if k < 2 else -1.0)
+            if (u - a, v - b) in cells:
+                step = here - blobs[cells[u - a, v - b]]
+            else:
+                for c, d in ((b, a), (-b, -a)):
+                    if {(u + c, v + d), (u + a + c, v + b + d)} <= cells.keys():
+                        step = blobs[cells[u + a + c, v + b + d]] - blobs[cells[u + c, v + d]]
+            far, found = tree.query(here + step)
+            if far < _MISS * min(float(np.linalg.norm(step)), short) and int(found) not in used:
+                cells[there] = int(found)
+                used.add(int(found))
+                queue.append(there)
+    return cells
+
+
+def _layouts(board: CircleGrid, cells: Cells) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Points of the board and the blobs that they may be, one way round and another.
+
+    None where it does not fill the board, or fits at two places: with a row hidden, something
+    beside the board would be taken for another.
+    """
+    wanted = np.rint(board.points[:, :2] / board.spacing_m).astype(int)
+    if isinstance(board, AsymmetricCircleGrid):  # neighbours are diagonal: both sums are even
+        wanted = np.stack([wanted.sum(axis=1), wanted[:, 0] - wanted[:, 1]], axis=1) // 2
+    there, blobs = np.array(list(cells)), np.array(list(cells.values()))
+    if len(there) < len(wanted):
+        return []
+    index = {tuple(cell): k for k, cell in enumerate(wanted.tolist())}
+    found = []
+    for turn in _TURNS:
+        turned = there @ turn
+        apart = (wanted[:, None] - turned) @ [_FAR, 1]
+        shifts, counts = np.unique(apart, return_counts=True)
+        if counts.max() < len(wanted):
+            continue
+        if (counts == len(wanted)).sum() > 1:
+            return []
+        shift = int(shifts[int(np.argmax(counts))]) + _FAR // 2
+        at = turned + np.array([shift // _FAR, shift % _FAR - _FAR // 2])
+        which = np.array([index.get(tuple(cell), -1) for cell in at.tolist()], dtype=np.intp)
+        found.append((which[which >= 0], blobs[which >= 0]))
+    return found
+
+
+_TURNS = [
+    np.array([[a, b], [c, d]])
+    for a, b, c, d in product((-1, 0, 1), repeat=4)
+    if abs(a * d - b * c) == 1
+]
+"""Ways to lay two steps on the axes of the board: the nearest in a tilted one may be diagonal."""
 
 
 def halved(picture: GreyImage) -> GreyImage:
@@ -208,21 +298,15 @@ def is_face_up(board: Board, board_map: BoardMap, xy: FloatArray) -> bool:
 
 
 def _in_order(
-    picture: GreyImage, board: Board, px: FloatArray, size: tuple[int, int]
+    picture: GreyImage, board: Board, layouts: Sequence[tuple[NDArray[np.intp], FloatArray]]
 ) -> Found | None:
     """Which way round the grid was found: by colours, and upright where that leaves two ways."""
-    columns, rows = size
-    grid = px.reshape(rows, columns, 2)
-    turns = [grid, grid[::-1, ::-1], grid[::-1], grid[:, ::-1]]
-    if rows == columns:
-        turns += [turn.transpose(1, 0, 2) for turn in turns]
-    xy = board.points[:, :2]
     best, best_score = None, 0.0
-    for turn in turns:
-        at = turn.reshape(-1, 2)
-        near = float(np.median(np.linalg.norm(np.diff(turn, axis=1), axis=2)))
+    for which, at in layouts:
+        xy = board.points[which, :2]
+        near = float(np.median(np.asarray(cKDTree(at).query(at, k=[2])[0])))
         fitted = fit_map(xy, at, near)
-        if fitted is None or not is_face_up(board, fitted[0], xy):
+        if fitted is None or not is_face_up(board, fitted[0], board.points[:, :2]):
             continue
         if np.count_nonzero(fitted[1]) < 0.8 * len(xy):
             continue
@@ -231,7 +315,7 @@ def _in_order(
         score += 1e-3 * float(upright[0, 0] / np.linalg.norm(upright[:, 0]))
         if score > best_score:
             best, best_score = fitted[0], score
-    return None if best is None else Found(np.arange(len(xy)), best)
+    return None if best is None else Found(np.arange(len(board.points)), best)
 
 
 def _colours(picture: GreyImage, board: Board, board_map: BoardMap) -> float:
@@ -278,4 +362,7 @@ def _blobs(picture: GreyImage) -> Iterator[FloatArray]:
                 continue
             if abs(area - whole) < _ROUNDNESS * whole + 0.05 * len(contour):
                 centers.append((x, y))
-        yield np.array(centers).reshape(-1, 2)
+        found = np.array(centers).reshape(-1, 2)
+        if len(found):  # both sides of a ring are one
+            double = cKDTree(found).query_pairs(2.0, output_type="ndarray")[:, 1]
+            yield np.delete(found, double, axis=0)

@@ -51,7 +51,7 @@ def why_not(picture: GreyImage, board: Board) -> tuple[Status, str]:
 
 def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
     """Markers that are not of the board, or lie otherwise, in words."""
-    own = find_markers(picture, board.markers, exactly=True)
+    own = find_markers(picture, board.markers, border_bits=board.border_bits, exactly=True)
     of_board = np.isin(own.ids, board.ids)
     if np.count_nonzero(~of_board) >= LEAST_NAMED:
         return (
@@ -76,7 +76,7 @@ def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
             f"not of {board.dictionary}: correct the dictionary"
         )
     mirrored = np.ascontiguousarray(picture[:, ::-1])
-    seen = find_markers(mirrored, board.markers, exactly=True)
+    seen = find_markers(mirrored, board.markers, border_bits=board.border_bits, exactly=True)
     if np.count_nonzero(np.isin(seen.ids, board.ids)) >= LEAST_NAMED:
         return "the picture is mirrored: give it as the camera took it"
     return ""

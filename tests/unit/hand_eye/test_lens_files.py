@@ -16,6 +16,7 @@ from calib.vision.camera import Camera
 from posedesign.files import write_json_atomic
 from posedesign.hand_eye.lens_files import (
     camera_info,
+    kalibr_board,
     opencv_lens,
     read_camchain,
     read_kalibr_target,
@@ -201,6 +202,29 @@ def test_boards_of_kalibr(tmp_path, kind):
     found = read_kalibr_target(path)
     assert found == board
     assert all(type(found[key]) is type(value) for key, value in board.items())
+
+
+def test_boards_of_kalibr_as_boards(tmp_path):
+    path = tmp_path / "target.yaml"
+    said = {
+        "aprilgrid": "AprilGrid of Kalibr of 6 x 5 every 114.4 mm, markers 0 to 29 of "
+        "DICT_APRILTAG_36H11, 88 mm",
+        "checkerboard": "chessboard of 9 x 7 squares of 30 mm",
+        "circlegrid": "asymmetric grid of 11 rows of 4 circles",
+    }
+    for kind, words in said.items():
+        board = {"target_type": kind, **TARGETS[kind]}
+        if kind == "checkerboard":
+            path.write_text(yaml.safe_dump(board))
+            with pytest.raises(FileFormatError, match="has oblong fields"):
+                kalibr_board(path)
+            board["colSpacingMeters"] = board["rowSpacingMeters"]
+        path.write_text(yaml.safe_dump(board))
+        assert kalibr_board(path).words.startswith(words)
+    many = {"target_type": "aprilgrid", **TARGETS["aprilgrid"], "tagCols": 99, "tagRows": 9}
+    path.write_text(yaml.safe_dump(many))
+    with pytest.raises(FileFormatError, match="the board has markers 0 to 890"):
+        kalibr_board(path)
 
 
 def test_files_of_kalibr_that_are_others(tmp_path):

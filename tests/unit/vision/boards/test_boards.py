@@ -83,6 +83,70 @@ def test_points_are_found_where_they_are(kind, tilt_deg):
     assert sighting.sharpness_px == pytest.approx(2.563 * np.sqrt(1 + 1 / 12), rel=0.2)
 
 
+@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize("clutter", [False, True])
+def test_boards_are_found_at_60_deg_out_of_focus_and_among_dots(kind, clutter):
+    board = BOARDS[kind]
+    picture, truth = picture_of(board, tilt_deg=60.0, blur_px=2.0)
+    if clutter:
+        corners = truth.min(axis=0), truth.max(axis=0)
+        (left, top), (right, bottom) = np.rint([corners[0] - 70, corners[1] + 70]).astype(int)
+        junk = np.full_like(picture, 150)
+        rng = np.random.default_rng(3)
+        for x, y, radius, grey in rng.integers([0, 0, 4, 20], [960, 720, 26, 240], (150, 4)):
+            cv2.circle(junk, (int(x), int(y)), int(radius), int(grey), -1)
+        junk[top:bottom, left:right] = picture[top:bottom, left:right]
+        picture = junk
+    sighting = detect_board(picture, board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert np.sqrt(np.mean((sighting.pixels - truth)[sighting.seen] ** 2)) < 0.3
+
+
+@pytest.mark.parametrize("kind", ["circles", "asymmetric-circles"])
+def test_circles_of_which_a_row_is_hidden_are_no_whole_board(kind):
+    """Among dots one of these would be taken for a circle, and all others for their neighbours."""
+    board = BOARDS[kind]
+    picture, truth = picture_of(board)
+    first = board.points[:, 1] == 0.0
+    bottom = int(truth[first, 1].max() + 0.35 * np.ptp(truth[:, 1]) / 6)
+    picture[:bottom] = 90
+    assert not detect_board(picture, board).is_ok
+
+
+@pytest.mark.parametrize(("kind", "columns", "rows"), [("chessboard", 6, 8), ("circles", 8, 5)])
+@pytest.mark.parametrize("more", [(1, 0), (0, 1), (-1, -1), (1, 1)])
+def test_a_board_of_another_size_is_named_by_it(kind, columns, rows, more):
+    """In the picture it is of one size, and described of one near to it."""
+    sizes = {"square_m": 0.025} if kind == "chessboard" else {"spacing_m": 0.03}
+    picture, _ = picture_of(make_board(kind, columns=columns, rows=rows, **sizes))
+    said = make_board(kind, columns=columns + more[0], rows=rows + more[1], **sizes)
+    sighting = detect_board(picture, said)
+    assert sighting.status == "another board"
+    assert f"{columns} x {rows}" in sighting.message or "larger" in sighting.message
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_an_aprilgrid_of_kalibr_is_found_whichever_way_its_tags_are_turned(turn):
+    """Drawn by OpenCV, tag by tag; the first is the left lower one."""
+    board = BOARDS["kalibr-aprilgrid"]
+    px, side, step = 20, 200, 260  # of a cell, a tag, and from tag to tag
+    picture = np.full((4 * step + 160, 6 * step + 160), 255, np.uint8)
+    for number in range(24):
+        tag = board.markers.generateImageMarker(number, side // px, None, 2)
+        tag = np.kron(np.rot90(tag, turn), np.ones((px, px), np.uint8))
+        row, column = 3 - number // 6, number % 6
+        picture[110 + row * step :, 110 + column * step :][:side, :side] = tag
+    for row in range(5):
+        for column in range(7):
+            picture[50 + row * step :, 50 + column * step :][:60, :60] = 0
+    picture = cv2.GaussianBlur(picture, (0, 0), 1.5)
+    sighting = detect_board(picture, board)
+    assert sighting.is_ok
+    assert sighting.seen.mean() > 0.95
+    wanted = 110 + 1e4 * board.points[:, :2]
+    np.testing.assert_allclose(sighting.pixels[sighting.seen], wanted[sighting.seen], atol=0.03)
+
+
 def test_a_part_of_a_board_with_markers_is_enough():
     board = BOARDS["charuco"]
     picture, truth = picture_of(board)

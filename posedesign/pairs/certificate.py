@@ -48,7 +48,7 @@ FRAMES: Mapping[Camera, Frames] = MappingProxyType(
             X="T_flange_camera: the camera in the flange frame",
             Z="T_base_target: the target in the base frame",
             other_way="if B is T_camera_target, the target as the camera sees it (solvePnP, "
-            "target2cam, tag detectors), pass --invert b",
+            "target2cam, tag detectors), pass `invert` b",
         ),
         "fixed": Frames(
             A="T_base_flange: the flange in the base frame, as the controller shows it",
@@ -56,7 +56,7 @@ FRAMES: Mapping[Camera, Frames] = MappingProxyType(
             X="T_flange_target: the target in the flange frame",
             Z="T_base_camera: the camera in the base frame",
             other_way="if B is T_target_camera, the camera in the frame of the target, pass "
-            "--invert b",
+            "`invert` b",
         ),
     }
 )
@@ -126,27 +126,27 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
     """
     if not any(METHODS[method].likelihood for method in methods):
         raise InputError(
-            "--certify: only a maximum of the likelihood can be proven to be one",
+            "`certify`: only a maximum of the likelihood can be proven to be one",
             hint="add the method ml",
             name="method",
         )
     if on in _UNPROVABLE and not (on == "seen" and camera == "fixed"):
         what, hint = _UNPROVABLE[on]
         raise InputError(
-            f"--noise-on {on} {what}, of which there is no certificate", hint=hint, name="noise"
+            f"`noise_on` {on} {what}, of which there is no certificate", hint=hint, name="noise"
         )
 
 
 _UNPROVABLE: Mapping[str, tuple[str, str]] = {
     "shown": (
         "may find noise on both sides",
-        "certify without it, by noise of B, or with --noise-on a or b and its sizes",
+        "certify without it, by noise of B, or with `noise_on` a or b and its sizes",
     ),
     "both": (
         "has noise on A and B at once",
-        "certify with --noise-on a or b, the side that has more of it",
+        "certify with `noise_on` a or b, the side that has more of it",
     ),
-    "seen": ("has another size in each direction", "certify with --noise-on b"),
+    "seen": ("has another size in each direction", "certify with `noise_on` b"),
 }
 """Why noise has no certificate, and what to do."""
 

@@ -128,7 +128,7 @@ def read_side(
         named = [name for name in named if name.startswith(f"{letter}_")]
         if not named:
             raise InputError(
-                f"--columns names none of {letter.upper()}",
+                f"`columns` names none of {letter.upper()}",
                 hint="names without a_ and b_ count for both files",
                 name="columns",
             )
@@ -193,14 +193,14 @@ def _table(path: Path, columns: Sequence[str]) -> Table:
             "the file has a header line of its own",
             path=path,
             row=rows[0].line,
-            hint="leave --columns out",
+            hint="leave `columns` out",
         )
     if not columns and all(is_number(name) for name in found):
         raise FileFormatError(
             "the first line has numbers in place of the names of columns",
             path=path,
             row=1,
-            hint="name them, say --columns qw,qx,qy,qz,x_m,y_m,z_m",
+            hint="name them, say `columns` qw,qx,qy,qz,x_m,y_m,z_m",
         )
     found, rows = _in_small_letters(path, found, rows)
     return replace(table, columns=found, rows=rows)

@@ -93,7 +93,7 @@ def check_angles(path: Path, columns: tuple[str, ...], angles: FloatArray, unit:
             f"the angles look like {long[other]} (the largest is {largest:.4g})",
             path=path,
             column=f"{columns[0]} to {columns[-1]}",
-            hint=f"call the columns {names}, or pass --trust-units if they are {long[unit]}",
+            hint=f"call the columns {names}, or pass `trust_units` if they are {long[unit]}",
             value=largest,
             bound=2.0 * math.pi,
         )
@@ -118,7 +118,7 @@ def check_lengths(
             column=column,
             key=place.variable or None,
             hint=(f"if these are {other}, {remedy}; " if known else "")
-            + "pass --trust-units if it is so",
+            + "pass `trust_units` if it is so",
             value=longest,
             bound=NEAREST_M if short else FARTHEST_M,
         )

@@ -75,7 +75,7 @@ def methods_of(names: str) -> tuple[str, ...]:
     for name in map(str.strip, names.split(",")):
         if not name:
             raise InputError(
-                f"--method {names!r} lacks a name",
+                f"`method` {names!r} lacks a name",
                 hint="put one comma between two names, say ml,shah; known: "
                 + ", ".join((PAPERS, ALL, *METHODS)),
                 name="method",

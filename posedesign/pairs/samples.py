@@ -60,14 +60,14 @@ def samples_of(tree: Any, path: Path, camera: Camera, *, trust_units: bool) -> S
     if said not in (None, camera):
         raise InputError(
             f"{path} says that the camera is {'fixed' if said == 'fixed' else 'on the flange'}",
-            hint=f"say --camera {said}",
+            hint=f"say `camera` {said}",
             name="camera",
         )
     a = _poses(robot, Place(path, variable=names[0], marks=("[", "]"), first=0), trust_units)
     b = _poses(seen, Place(path, variable=names[1], marks=("[", "]"), first=0), trust_units)
     if said is None:  # a wrong guess may fit, too, with X and Z in each other's place
         taken = "fixed" if camera == "fixed" else "on the flange"
-        note = f"{path} does not say where the camera is: taken as {taken}, by --camera"
+        note = f"{path} does not say where the camera is: taken as {taken}, by `camera`"
         a = replace(a, notes=(note, *a.notes))
     if camera == "fixed":
         return Samples(replace(a, T=inverse(a.T)) if inverted else a, b)

@@ -124,7 +124,7 @@ def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
         np.stack([a.T, *(T for _, T, _ in others)]), np.stack([b.T, *(T for _, _, T in others)])
     )
     # which side it is cannot be told: with the other one, X and Z change places
-    said = [what for what, _, _ in others] + ["with one side the other way round: see --invert"]
+    said = [what for what, _, _ in others] + ["with one side the other way round: see `invert`"]
     A, B = np.concatenate([A, A[:1]]), np.concatenate([B, se3.inverse(B[:1])])
     turn, shift = _median_residuals(A, B)
     if not turn[0] > DOUBTFUL_RAD:
@@ -240,14 +240,14 @@ class PairSource:
         if self.camera == "fixed" and self.convention == "opencv":
             # its function has no fixed camera: its world would be the flange
             raise InputError(
-                "--convention opencv is for a camera on the flange",
+                "`convention` opencv is for a camera on the flange",
                 hint="for a fixed one give gripper2base as A and target2cam as B, without it",
                 name="convention",
             )
         given = (self.pairs is not None, self.a is not None, self.b is not None)
         if given not in ((True, False, False), (False, True, True)):
             raise InputError(
-                "give one file of pairs, or one with --a and one with --b", name="pairs"
+                "give one file of pairs, or one with `a` and one with `b`", name="pairs"
             )
         for name, value, known in (
             ("invert", self.invert, get_args(Invert)),
@@ -267,12 +267,12 @@ class PairSource:
         """Refuse options that would be of no effect, and the lack of those that are needed."""
         stacks = [path for path in self._paths if path.suffix.casefold() in _STACKS]
         if self.columns and len(stacks) == len(self._paths):
-            raise InputError("--columns is for tables, not for files of matrices", name="columns")
+            raise InputError("`columns` is for tables, not for files of matrices", name="columns")
         for path in stacks:
             self._unit_of(path)
         if self.variables and len(self.variables) != 2:
             raise InputError(
-                f"--variables has {len(self.variables)} names",
+                f"`variables` has {len(self.variables)} names",
                 hint="name A, then B, with a comma between them",
                 name="variables",
             )
@@ -281,7 +281,7 @@ class PairSource:
         if self.unit is None:
             raise InputError(
                 f"{path} does not say its unit of length",
-                hint="say it with --unit mm or --unit m",
+                hint="say it with `unit` mm or `unit` m",
                 name="unit",
             )
         return self.unit
@@ -323,7 +323,7 @@ class PairSource:
         files = [self._opened(path) for path in self._paths]
         if (self.unit or self.variables) and not any(isinstance(f, StackFile) for f in files):
             raise InputError(
-                "--unit and --variables are for files of matrices: MATLAB's, NumPy's, OpenCV's",
+                "`unit` and `variables` are for files of matrices: MATLAB's, NumPy's, OpenCV's",
                 hint="the unit of a table stands in the names of its columns, samples are in m",
                 name="unit" if self.unit else "variables",
             )
@@ -335,7 +335,7 @@ class PairSource:
             if self.convention == "opencv" or self.columns:
                 raise InputError(
                     f"{self.pairs} says itself what A and B are",
-                    hint="leave --convention and --columns out",
+                    hint="leave `convention` and `columns` out",
                     name="convention",
                 )
             return file.a, file.b
@@ -345,7 +345,7 @@ class PairSource:
             raise FileFormatError(
                 "holds the poses of one side",
                 path=self.pairs,
-                hint="give it with --a or --b, and the other side likewise",
+                hint="give it with `a` or `b`, and the other side likewise",
             )
         unit, trust = self._unit_of(self.pairs), self.trust_units
         a, b = (file.poses(n, unit, trust_units=trust) for n in pick_two(file, self.variables))
@@ -354,7 +354,7 @@ class PairSource:
     def _side(self, k: int, path: Path, file: StackFile | Samples | None) -> Poses:
         if isinstance(file, Samples):
             raise FileFormatError(
-                "holds both sides", path=path, hint="give it alone, without --a and --b"
+                "holds both sides", path=path, hint="give it alone, without `a` and `b`"
             )
         if file is None:
             return read_side(path, "ab"[k], self.columns, trust_units=self.trust_units)

@@ -91,7 +91,7 @@ class StackFile:
         refuse_endless(place, T[:, :3, 3])
         if not trust_units:
             other = "m" if unit == "mm" else "mm"
-            check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
+            check_lengths(place, T[:, :3, 3], unit, f"say `unit` {other}")
         notes = (f"{self.path}, {name}: {note}",) if note else ()
         return Poses(T, place, (), self.notes + notes, "matrix", T[:, :3, :3].reshape(-1, 9))
 
@@ -273,7 +273,7 @@ def pick_two(file: StackFile, variables: Sequence[str]) -> tuple[str, str]:
     raise FileFormatError(
         f"does not say which of its variables are A and B ({_listed(file)})",
         path=file.path,
-        hint=f"name A, then B, with --variables {two}",
+        hint=f"name A, then B, with `variables` {two}",
     )
 
 
@@ -287,7 +287,7 @@ def pick_one(file: StackFile, variable: str) -> str:
     raise FileFormatError(
         f"does not say which of its variables to take ({_listed(file)})",
         path=file.path,
-        hint="name that of A, then that of B, with --variables NAME,NAME",
+        hint="name that of A, then that of B, with `variables` NAME,NAME",
     )
 
 

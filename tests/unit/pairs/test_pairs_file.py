@@ -398,9 +398,9 @@ def test_columns_that_do_not_fit(tmp_path):
         with pytest.raises(FileFormatError, match=words):
             read_side(path, "a", columns)
     with_header = table(tmp_path, names, form.numbers(some_pairs().A), "h.csv")
-    with pytest.raises(FileFormatError, match=r"line 1: .*header line of its own.*--columns out"):
+    with pytest.raises(FileFormatError, match=r"line 1: .*header line of its own.*`columns` out"):
         read_side(with_header, "a", names)
-    with pytest.raises(InputError, match="--columns names none of B"):
+    with pytest.raises(InputError, match="`columns` names none of B"):
         read_side(path, "b", [f"a_{name}" for name in names])
 
 

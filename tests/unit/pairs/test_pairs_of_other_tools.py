@@ -84,7 +84,7 @@ def test_arrays_of_numpy_that_do_not_fit(tmp_path):
     assert "4x4x6 complex" in refusal(path, unit="m", variables=["A", "turning"]).message
     assert "there is no variable 'C'" in refusal(path, unit="m", variables=["A", "C"]).message
     assert "does not say its unit" in refusal(path).message
-    with pytest.raises(InputError, match="--columns is for tables, not for files of matrices"):
+    with pytest.raises(InputError, match="`columns` is for tables, not for files of matrices"):
         PairSource(path, unit="m", columns=["qw"])
 
 
@@ -258,7 +258,7 @@ def test_blocks_that_do_not_fit(tmp_path):
     assert "does not say its unit" in said(blocks(A), unit=None)
     found = refusal(path, unit="m")
     assert "holds the poses of one side" in found.message
-    assert "--a or --b" in found.hint
+    assert "`a` or `b`" in found.hint
 
 
 @pytest.mark.parametrize("mark", [";", "\t", " "])
@@ -390,7 +390,7 @@ def test_where_the_camera_is_by_the_file(tmp_path):
         found = refusal(path, camera=other)
         assert isinstance(found, InputError)
         assert "says that the camera is" in found.message
-        assert found.hint == f"say --camera {camera}"
+        assert found.hint == f"say `camera` {camera}"
 
 
 def test_samples_that_are_broken(tmp_path):
@@ -431,7 +431,7 @@ def test_options_that_samples_do_not_need(tmp_path):
         PairSource(path, unit="m").read()
     with pytest.raises(FileFormatError, match="holds both sides") as caught:
         PairSource(a=path, b=path).read()
-    assert "without --a and --b" in caught.value.hint
+    assert "without `a` and `b`" in caught.value.hint
 
 
 # whatever calls itself one of these

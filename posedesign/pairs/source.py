@@ -256,7 +256,7 @@ class PairSource:
         ):
             if value not in known:
                 raise InputError(
-                    f"--{name} cannot be {value!r}",
+                    f"`{name}` cannot be {value!r}",
                     hint=near_names(str(value), known),
                     name=name,
                     value=value,

@@ -263,7 +263,7 @@ def test_degrees_that_are_radians_and_the_other_way_round(tmp_path, turn):
             f"column {first}_{unit} to",
             f"look like {looks}",
             f"{first}_{other}",
-            "--trust-units",
+            "`trust_units`",
         )
         assert read_pairs(path, trust_units=True).names == pairs.names
 
@@ -279,7 +279,7 @@ def test_metres_that_are_millimetres_and_the_other_way_round(tmp_path):
         for axis in "xyz":
             text = text.replace(f"a_{axis}_{other},", f"a_{axis}_{unit},")
         path.write_text(text)
-        refused(path, f"column a_x_{unit} to a_z_{unit}", *words, "--trust-units")
+        refused(path, f"column a_x_{unit} to a_z_{unit}", *words, "`trust_units`")
         read_pairs(path, trust_units=True)
 
 
@@ -300,7 +300,7 @@ HEADERS = {
         "a_x_m,a_y_m,a_z_m,a_r11,a_r12,a_r13,a_r21,a_r22,a_r23,a_r31,a_r32,a_r33,a_r41",
         "there is no column a_r42",
     ),
-    "numbers": ("1,2,3,1.5,1e3,-1,7", "numbers in place of the names", "--columns"),
+    "numbers": ("1,2,3,1.5,1e3,-1,7", "numbers in place of the names", "`columns`"),
 }
 
 

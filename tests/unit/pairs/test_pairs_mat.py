@@ -138,7 +138,7 @@ def test_variables_that_do_not_fit(save):
         struct={"T": A},
         turning=A + 1j * A,
     )
-    refused(path, "which of its variables are A and B", "hand: 4x4x6 double", "--variables")
+    refused(path, "which of its variables are A and B", "hand: 4x4x6 double", "`variables`")
     refused(path, "no variable 'camm'", "did you mean cam?", variables=["hand", "camm"])
     for name, what in (
         ("flat", "4x4 double"),
@@ -153,7 +153,7 @@ def test_variables_that_do_not_fit(save):
     turning = "key turning: is 4x4x6 complex double, and transforms are real"
     refused(path, turning, "save real() of it", variables=["hand", "turning"])
     two = save("two.mat", hand=A, cam=A)
-    refused(two, "--variables hand,cam")
+    refused(two, "`variables` hand,cam")
     with pytest.raises(FileFormatError, match=r"two\.mat: does not say which .*cam"):
         PairSource(a=two, b=two, unit="m").read()
     refused(save("none.mat"), "it is empty")
@@ -197,23 +197,23 @@ def test_unit_that_cannot_be(save):
     pairs = some_pairs()
     for unit, other, words in (("mm", "m", "is longer than"), ("m", "mm", "m long")):
         path = save(A=as_matlab(pairs.A, other), B=as_matlab(pairs.B, unit))
-        refused(path, "key A", words, f"if these are {other}, say --unit {other}", unit=unit)
+        refused(path, "key A", words, f"if these are {other}, say `unit` {other}", unit=unit)
         PairSource(path, unit=unit, trust_units=True).read()
 
 
 OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "no unit": ({"pairs": Path("p.mat")}, "p.mat does not say its unit.*--unit mm or --unit m"),
-    "inches": ({"pairs": Path("p.mat"), "unit": "inch"}, "--unit cannot be 'inch'"),
+    "no unit": ({"pairs": Path("p.mat")}, "p.mat does not say its unit.*`unit` mm or `unit` m"),
+    "inches": ({"pairs": Path("p.mat"), "unit": "inch"}, "`unit` cannot be 'inch'"),
     "one name": ({"pairs": Path("p.mat"), "unit": "m", "variables": ["A"]}, "has 1 names"),
     "columns": (
         {"pairs": Path("p.mat"), "unit": "m", "columns": ["qw"]},
-        "--columns is for tables",
+        "`columns` is for tables",
     ),
-    "nothing": ({}, "one file of pairs, or one with --a and one with --b"),
-    "one side": ({"a": Path("a.csv")}, "one with --a and one with --b"),
+    "nothing": ({}, "one file of pairs, or one with `a` and one with `b`"),
+    "one side": ({"a": Path("a.csv")}, "one with `a` and one with `b`"),
     "everything": ({k: Path("p.csv") for k in ("pairs", "a", "b")}, "one file of pairs, or"),
-    "invert": ({"pairs": Path("p.csv"), "invert": "c"}, "--invert cannot be 'c'"),
-    "convention": ({"pairs": Path("p.csv"), "convention": "halcon"}, "--convention cannot be"),
+    "invert": ({"pairs": Path("p.csv"), "invert": "c"}, "`invert` cannot be 'c'"),
+    "convention": ({"pairs": Path("p.csv"), "convention": "halcon"}, "`convention` cannot be"),
 }
 
 

@@ -355,7 +355,7 @@ def write(path: Path, content: Any) -> Path:
 
 def assumed(path: Path, camera: Camera) -> str:
     words = {"fixed": "fixed", "on-flange": "on the flange"}[camera]
-    return f"{path} does not say where the camera is: taken as {words}, by --camera"
+    return f"{path} does not say where the camera is: taken as {words}, by `camera`"
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".json", ".samples"])

@@ -61,8 +61,13 @@ DESCRIPTIONS: dict[str, list[Joint]] = {
 
 def urdf_of(maker: str) -> str:
     """A description without shapes."""
+    return urdf_from(DESCRIPTIONS[maker])
+
+
+def urdf_from(joints: list[Joint]) -> str:
+    """A description without shapes of these joints."""
     parts = ['<robot name="arm"><link name="l0"/>']
-    for k, (xyz, rpy, axis, limit) in enumerate(DESCRIPTIONS[maker], start=1):
+    for k, (xyz, rpy, axis, limit) in enumerate(joints, start=1):
         turn, most = (" ".join(map(str, np.radians(values))) for values in (rpy, [limit]))
         parts.append(
             f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeGuard
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
 from lark.lexer import PatternStr, TerminalDef
@@ -137,9 +137,17 @@ def words(tree: Tree[Token], *types: str) -> list[str]:
     return found
 
 
-def text_of(tree: Tree[Token]) -> str:
+Node = Tree[Token] | Token
+
+
+def is_a(node: Node | None, kind: str) -> TypeGuard[Tree[Token]]:
+    """Whether a node is a tree of this name."""
+    return isinstance(node, Tree) and node.data == kind
+
+
+def text_of(node: Node) -> str:
     """All tokens of a tree as one text without blanks, for messages and comparisons."""
-    return "".join(text_of(c) if isinstance(c, Tree) else str(c) for c in tree.children)
+    return str(node) if isinstance(node, Token) else "".join(map(text_of, node.children))
 
 
 Build = Callable[[Sequence[str]], Any]
@@ -354,8 +362,7 @@ def open_lines(
             parts.append(text)
             length += len(text)
             bare = in_quotes.sub("", text) if "'" in text or '"' in text else text
-            for opening, closing in pairs:
-                opened += bare.count(opening) - bare.count(closing)
+            opened += sum(bare.count(pair[0]) - bare.count(pair[1]) for pair in pairs)
         if parts:
             yield Line(row, " ".join(parts))
 

@@ -8,9 +8,16 @@ from dataclasses import dataclass
 
 from lark import Token, Tree
 
-from posedesign.programs.language import MOST_LENGTH, Language, Line, Statement, text_of
+from posedesign.programs.language import (
+    MOST_LENGTH,
+    Language,
+    Line,
+    Node,
+    Statement,
+    is_a,
+    text_of,
+)
 
-Node = Tree[Token] | Token
 Nested = list["Nested | str"]
 Argument = tuple[Node | None, dict[str, Node | None]]
 """A value and its switches."""
@@ -180,12 +187,7 @@ def calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
 
 def name_of(node: Node | None) -> str:
     """The name in capitals that a value is, without index and component; empty for another."""
-    return str(node.children[0]).upper() if is_a(node, "variable") else ""  # type: ignore[union-attr]
-
-
-def is_a(node: Node | None, kind: str) -> bool:
-    """Whether a value is a list, a variable, ..."""
-    return isinstance(node, Tree) and node.data == kind
+    return str(node.children[0]).upper() if is_a(node, "variable") else ""
 
 
 def inside(node: Tree[Token] | None) -> str:

@@ -25,9 +25,9 @@ from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
 from posedesign.programs.abb_rapid import module
-from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, Node, is_a, nested
+from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, nested
 from posedesign.programs.configurations import AbbConfiguration
-from posedesign.programs.language import Statement
+from posedesign.programs.language import Node, Statement, is_a
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     configuration_in,
@@ -228,7 +228,7 @@ class _Reader:
         name = ""
         if is_a(target, "variable"):
             name = str(nested(target)).upper()
-        elif isinstance(target, Tree) and target.data == "list":
+        elif is_a(target, "list"):
             name = f"[{row}"
             # a list that has a name in the place of a part is calculated: no position of the file
             if all(isinstance(c, Token) or c.data == "list" for c in target.children):

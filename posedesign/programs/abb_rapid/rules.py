@@ -42,9 +42,9 @@ from lark import Token, Tree
 from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.abb_rapid import module, words
-from posedesign.programs.abb_rapid.module import FRAMES, ROUTINES, SHAPES, Data, Nested, Node
+from posedesign.programs.abb_rapid.module import FRAMES, ROUTINES, SHAPES, Data, Nested
 from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
-from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
 from posedesign.programs.language import words as token_texts
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.sets import set_mark
@@ -205,7 +205,7 @@ class _Checker:
             if data.kind in (*SHAPES, "speeddata"):
                 for label, value in data.values:
                     yield from check(data.row, label, data.kind, value)
-            elif data.kind in FRAMES and module.is_a(data.value, "list") and not data.size:
+            elif data.kind in FRAMES and is_a(data.value, "list") and not data.size:
                 yield from self._check_frame(data)
 
     def _check_speed(self, row: int, name: str, kind: str, value: Node) -> Iterator[Problem]:
@@ -367,21 +367,14 @@ class _Checker:
 
     def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
         """The type of an argument, as far as it is known."""
-        if module.is_a(value, "list") and kind in SHAPES:
+        if is_a(value, "list") and kind in SHAPES:
             yield from self._check_position(row, "the position", kind, value)
         if kind == "speeddata":
             yield from self._check_speed(row, "the speed", kind, value)
-        number = module.is_a(value, "operation") or (
-            isinstance(value, Token) and value.type == "NUMBER"
-        )
+        number = is_a(value, "operation") or (isinstance(value, Token) and value.type == "NUMBER")
         plain = isinstance(value, Token) or value.data in ("operation", "list")
-        if (
-            plain
-            and number != (kind == "num")
-            and not (module.is_a(value, "list") and kind != "num")
-        ):
-            said = str(value) if isinstance(value, Token) else text_of(value)
-            yield Problem(row, "argument", f"{said[:40]!a} is no {kind}")
+        if plain and number != (kind == "num") and not (is_a(value, "list") and kind != "num"):
+            yield Problem(row, "argument", f"{text_of(value)[:40]!a} is no {kind}")
         name = module.name_of(value)
         if not name or any(map(_is_name, value.children[1:])):  # type: ignore[union-attr]
             return
@@ -394,7 +387,7 @@ class _Checker:
         elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
             yield Problem(row, "argument", f"{name} is {'a' if data.size else 'no'} list")
         elif data and kind in FRAMES:
-            load = module.nested(data.value)[2:] if module.is_a(data.value, "list") else []  # type: ignore[arg-type]
+            load = module.nested(data.value)[2:] if is_a(data.value, "list") else []
             mass = load[0][0] if kind == "tooldata" and load and isinstance(load[0], list) else "1"
             if data.storage != "PERS":
                 yield Problem(row, "argument", f"{name}: the {kind} of a motion is PERS")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 from calib.se3 import FloatArray
 from posedesign.programs.kuka_krl import syntax as krl
-from posedesign.programs.kuka_krl.syntax import BLOCKS, POSE, Node
-from posedesign.programs.language import Statement
+from posedesign.programs.kuka_krl.syntax import BLOCKS, POSE
+from posedesign.programs.language import Node, Statement
 from posedesign.programs.reading import poses_of
 
 _ENDS = {block.closes for block in BLOCKS.values()}

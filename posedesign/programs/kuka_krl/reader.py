@@ -24,8 +24,8 @@ from lark import Token, Tree
 from posedesign.programs.configurations import KukaConfiguration
 from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.frames import UNKNOWN, ActiveFrames, Frame, Frames
-from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE, Node
-from posedesign.programs.language import MOST_FAULTS, Statement
+from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
+from posedesign.programs.language import MOST_FAULTS, Node, Statement, is_a, text_of
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     configuration_in,
@@ -33,8 +33,8 @@ from posedesign.programs.reading import (
     pose_values,
     poses_of,
     refuse,
-    text_of,
 )
+from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
 
 _REMARK = re.compile(r"^[ \t]*;[ \t]*((?:PLAN|P\d|TOOL|XM\[).*)", re.MULTILINE | re.ASCII)
@@ -114,7 +114,7 @@ def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
     Raises FileFormatError: the file is no KRL module, is cut off, or holds no positions, or one
     that is neither six joint angles nor a pose.
     """
-    return _Reader(text_of(data, path, _WHAT), path).program()
+    return _Reader(text_of_file(data, path, _WHAT), path).program()
 
 
 @dataclass
@@ -213,8 +213,8 @@ class _Reader:
             elif len(item.children) == 1 == len(items) and self.is_data:
                 if _NUMBERED.fullmatch(name):
                     refuse(f"{name} has no value", self.path, row, "touch the position up")
-            elif len(item.children) > 1 and not krl.is_a(value, "index"):
-                refuse(f"{name}: cannot make sense of {krl.words_of(value)[:30]!r}", self.path, row)
+            elif len(item.children) > 1 and not is_a(value, "index"):
+                refuse(f"{name}: cannot make sense of {text_of(value)[:30]!r}", self.path, row)
 
     def _take_assignment(self, statement: Statement) -> None:
         """Add a position that is given its values; refuse what changes one in another way."""
@@ -254,7 +254,7 @@ class _Reader:
         if position is not None and position.line > changed:
             self._use(position, statement)
         elif self.elsewhere is None:
-            self.elsewhere = key.partition("[")[0] or krl.words_of(target)[:30], row
+            self.elsewhere = key.partition("[")[0] or text_of(target)[:30], row
 
     def _use(self, position: StoredPosition, statement: Statement) -> None:
         """A motion goes to a position: in the frames that are active there."""

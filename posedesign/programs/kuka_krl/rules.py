@@ -58,8 +58,8 @@ from lark import Token, Tree
 from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.kuka_krl import syntax as krl
-from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE, Node
-from posedesign.programs.language import Block, Statement, block_faults
+from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
+from posedesign.programs.language import Block, Node, Statement, block_faults, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 
@@ -322,7 +322,7 @@ def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
         plain = statement.words("DECL", "GLOBAL", "CONST")
         yield krl.type_of(statement), _TYPES if plain else _TYPES_OR_WORDS
     elif kind == "external":
-        yield from ((krl.words_of(t.children[0]).upper(), _TYPES) for t in statement.all("type"))
+        yield from ((text_of(t.children[0]).upper(), _TYPES) for t in statement.all("type"))
     elif kind == "assignment":
         variable, value = statement.tree.children
         yield _base_of(variable), _STATES
@@ -341,7 +341,7 @@ def _base_of(node: Node) -> str:
 def _check_call(statement: Statement, is_data: bool) -> Iterator[Problem]:
     row, name = statement.row, krl.key_of(statement.tree.children[0])
     given = krl.arguments_of(statement)
-    texts = [krl.words_of(one).upper() for one in given]
+    texts = [text_of(one).upper() for one in given]
     if name == "BAS":
         command, value = krl.bas_of(statement)
         whole = len(given) in (1, 2) and "" not in texts
@@ -462,12 +462,12 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
                 yield Problem(row, "position-used", f"{variable} is never used", "measuring")
     known = {*src.names, *dat.names, *_GLOBALS}
     sizes = {
-        str(item.children[0]).upper(): int(krl.words_of(size))
+        str(item.children[0]).upper(): int(text_of(size))
         for declaring in (dat, src)
         for statement in declaring.of_kind("declaration")
         for item in krl.items_of(statement)
         for size in filter(krl.is_index, item.children)
-        if re.fullmatch(r"[0-9]{1,7}", krl.words_of(size))
+        if re.fullmatch(r"[0-9]{1,7}", text_of(size))
     }
     for statement in module.of_kind("motion", "assignment", "call"):
         for node in statement.all("variable") if sizes else ():

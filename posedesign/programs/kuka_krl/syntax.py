@@ -12,7 +12,9 @@ from lark import Token, Tree
 from posedesign.programs.language import (
     Block,
     Language,
+    Node,
     Statement,
+    is_a,
     nodes,
     text_of,
     without_remarks,
@@ -49,7 +51,6 @@ LANGUAGE = Language(
 )
 """The grammar; one for all files, so that it is made once."""
 
-Node = Tree[Token] | Token
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?", re.IGNORECASE | re.ASCII)
 
 
@@ -78,11 +79,6 @@ def key_of(node: Node) -> str:
     return name_of(node).upper()
 
 
-def is_a(node: Node, kind: str) -> bool:
-    """Whether a node is what the grammar calls so."""
-    return isinstance(node, Tree) and node.data == kind
-
-
 def is_index(node: Node) -> TypeGuard[Tree[Token]]:
     """Whether it is an index, or the size of an array."""
     return is_a(node, "index")
@@ -99,7 +95,7 @@ def fields_of(node: Node) -> list[tuple[str, str]]:
         return []
     every, other = node.children[::2], node.children[1::2]
     if len(every) == len(other) and all(isinstance(c, Token) and c.type == "FIELD" for c in every):
-        return [(str(c).upper(), words_of(v)) for c, v in zip(every, other, strict=True)]
+        return [(str(c).upper(), text_of(v)) for c, v in zip(every, other, strict=True)]
     names: list[str] = []
     values: list[str] = []
     for child in node.children:
@@ -109,13 +105,8 @@ def fields_of(node: Node) -> list[tuple[str, str]]:
         elif isinstance(child, Tree) and child.data == "index":
             names[-1] += "[]"
         elif names:
-            values[-1] += words_of(child)
+            values[-1] += text_of(child)
     return list(zip(names, values, strict=True))
-
-
-def words_of(node: Node) -> str:
-    """What stands there, without blanks."""
-    return text_of(node) if isinstance(node, Tree) else str(node)
 
 
 def as_number(text: str) -> float:
@@ -127,14 +118,14 @@ def arguments_of(statement: Statement) -> list[Node]:
     """What a call is given; empty brackets are none."""
     brackets = statement.tree.children[1]
     found = list(brackets.children) if isinstance(brackets, Tree) else []
-    return [] if len(found) == 1 and words_of(found[0]) == "" else found
+    return [] if len(found) == 1 and text_of(found[0]) == "" else found
 
 
 def bas_of(statement: Statement) -> tuple[str, str]:
     """Command and value of a call of BAS, in capitals: ``TOOL``, ``1``; empty for another call."""
     if key_of(statement.tree.children[0]) != "BAS":
         return "", ""
-    command, value = [*map(words_of, arguments_of(statement)), "", ""][:2]
+    command, value = [*map(text_of, arguments_of(statement)), "", ""][:2]
     return command.upper().lstrip("# "), value.upper()
 
 
@@ -160,7 +151,7 @@ def items_of(declaration: Statement) -> list[Tree[Token]]:
 def kind_of(node: Node) -> str:
     """Type that braces name for themselves, in capitals: ``FRAME`` of ``{FRAME: X 1}``."""
     kinds = nodes(node, "kind") if isinstance(node, Tree) else iter(())
-    return next((words_of(kind).upper() for kind in kinds), "")
+    return next((text_of(kind).upper() for kind in kinds), "")
 
 
 def name_of_module(begin: Statement) -> str:
@@ -170,4 +161,4 @@ def name_of_module(begin: Statement) -> str:
 
 def word_of(motion: Statement) -> str:
     """The word of a motion, in capitals: ``PTP``, ``LIN_REL``."""
-    return words_of(motion.tree.children[0]).upper()
+    return text_of(motion.tree.children[0]).upper()

@@ -41,6 +41,7 @@ from posedesign.programs.language import (
     MOST_FAULTS,
     Language,
     Line,
+    Node,
     Statement,
     lines_of,
     open_lines,
@@ -53,8 +54,6 @@ from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.ur_script.spec import BLOCKS, JOINTS, MOVES, PARAMETERS
-
-Node = Tree[Token] | Token
 
 MOST_JOINT_RAD = float(np.radians(MOST_JOINT_DEG))
 
@@ -107,7 +106,7 @@ def by_name(name: str, given: Sequence[tuple[str, Node]]) -> dict[str, Node]:
 
 def shown(node: Node | None) -> str:
     """An expression as it stands, for messages."""
-    return text_of(node) if isinstance(node, Tree) else str(node or "")
+    return text_of(node) if node else ""
 
 
 def elements(node: Tree[Token]) -> list[Node]:

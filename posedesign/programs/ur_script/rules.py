@@ -42,10 +42,10 @@ from pathlib import Path
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Statement, block_faults, subtrees
+from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.ur_script import reader
-from posedesign.programs.ur_script.reader import Node, shown
+from posedesign.programs.ur_script.reader import shown
 from posedesign.programs.ur_script.spec import (
     BLOCKS,
     FUNCTIONS,

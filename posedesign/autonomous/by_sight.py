@@ -217,7 +217,7 @@ def run_by_sight(
     if folder is not None:
         live = None if camera is None else _opened(cell, camera)
         robot = FolderRobot(cell, folder, dialect, camera=live, timeout_s=wait_s)
-        with held(folder, _DOING, "name another folder with --robot-folder"):
+        with held(folder, _DOING, "name another folder with `robot_folder`"):
             found = calibrate_robot(
                 cell,
                 robot,
@@ -321,7 +321,7 @@ def _calibrate(
             files = session.files(results, check=True)
             if len(journal):
                 count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
-                warn(f"going on from {count} in {journal.path}; anew: --restart")
+                warn(f"going on from {count} in {journal.path}; anew: `restart`")
             for notice in cell.notices:
                 warn(notice)
             for said in cell.not_checked:
@@ -361,21 +361,21 @@ def _check_options(
     if folder is None and camera is not None:
         raise InputError(
             "a simulated robot has its own camera",
-            hint="name the folder of the real one with --robot-folder",
+            hint="name the folder of the real one with `robot_folder`",
             name="camera",
             value=camera,
         )
     if folder is None and dialect is not None:
         raise InputError(
             "a simulated robot reads no programs: there is no dialect to choose",
-            hint="name the folder of the real one with --robot-folder",
+            hint="name the folder of the real one with `robot_folder`",
             name="dialect",
             value=dialect,
         )
     if folder is not None and (kind != "image" or seed is not None):
         raise InputError(
             "the pictures of a real robot are its own: neither their noise nor a seed is chosen",
-            hint="leave out --no-images and --seed, or --robot-folder",
+            hint="leave out `no_images` and `seed`, or `robot_folder`",
             name="kind" if kind != "image" else "seed",
         )
 
@@ -396,7 +396,7 @@ def _check_results(out: Path) -> None:
             raise InputError(
                 f"{out / name} is there, and no {JOURNAL} that it comes from: it would be "
                 "overwritten",
-                hint="choose another --out, or --restart to put it aside",
+                hint="choose another `out`, or `restart` to put it aside",
                 name=str(out / name),
             )
 
@@ -463,7 +463,7 @@ def _put_aside(out: Path, files: SessionFiles, warn: Callable[[str], None]) -> N
     except OSError as error:
         raise OutputError(
             f"{aside}: what was measured before cannot be put aside: {error.strerror}",
-            hint="choose another --out",
+            hint="choose another `out`",
             name=str(aside),
         ) from error
     warn(f"what was measured before is in {aside}")

@@ -77,7 +77,7 @@ class Journal:
             self._stream = open(path, "ab", buffering=0, opener=open_no_link)  # noqa: SIM115 -- closed by __exit__
             self._stream.truncate(length)  # a line was cut off when the machine went down
         except OSError as error:
-            raise not_written(path, error, "choose another --out") from error
+            raise not_written(path, error, "choose another `out`") from error
         self._length = length
         self._folder = identity_of(path.parent)
         if not lines:
@@ -141,11 +141,11 @@ class Journal:
             raise FileFormatError(
                 f"the measurement {name} cannot be read",
                 path=self.path,
-                hint="remove its line and all after it to measure from there on, or --restart",
+                hint="remove its line and all after it to measure from there on, or `restart`",
             ) from error
         raise InputError(
             f"{self.path}: {name} was measured at another posture than it is asked for now",
-            hint="go on with the cell and the options that it was begun with, or --restart",
+            hint="go on with the cell and the options that it was begun with, or `restart`",
             name=name,
         )
 
@@ -212,7 +212,7 @@ class Journal:
             "is damaged",
             path=self.path,
             row=number,
-            hint="remove this line and all after it to measure from there on, or --restart",
+            hint="remove this line and all after it to measure from there on, or `restart`",
         )
 
     def _check_head(self, head: dict[str, Any], about: Mapping[str, str]) -> None:
@@ -222,7 +222,7 @@ class Journal:
             raise FileFormatError(
                 f"is a journal of version {head.get('version')!r:.20}, this program has {_VERSION}",
                 path=self.path,
-                hint="go on with the program that it was begun with, or choose another --out",
+                hint="go on with the program that it was begun with, or choose another `out`",
             )
         begun = head.get("about")
         for what, own in about.items():
@@ -232,14 +232,14 @@ class Journal:
                 raise FileFormatError(
                     f"was begun with another {what}{shown}, not with {_told(what, own)}",
                     path=self.path,
-                    hint="choose another --out, or --restart",
+                    hint="choose another `out`, or `restart`",
                     value=other,
                     bound=own,
                 )
 
     def _no_journal(self) -> FileFormatError:
         return FileFormatError(
-            "is no journal of a calibration", path=self.path, hint="choose another --out"
+            "is no journal of a calibration", path=self.path, hint="choose another `out`"
         )
 
 

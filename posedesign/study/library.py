@@ -128,14 +128,14 @@ class Study:
         if options.trials is not None and self._owns(options.out):
             raise InputError(
                 f"{options.out} has the results of the study's own number of trials",
-                hint="name another folder with --out",
+                hint="name another folder with `out`",
                 name="trials",
                 value=options.trials,
             )
         if options.workers != Workers() and not getattr(self.load(), "WORKERS", False):
             raise InputError(
                 f"{self.name} runs in one process",
-                hint="leave --jobs and --scheduler out",
+                hint="leave `jobs` and `scheduler` out",
                 name="jobs",
                 value=options.workers.jobs,
             )

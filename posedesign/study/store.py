@@ -149,7 +149,7 @@ class Store:
                 raise FileFormatError(
                     f"is there already, and no {_ABOUT} that says what of",
                     path=path,
-                    hint="name another folder with --out",
+                    hint="name another folder with `out`",
                 )
 
     def _clear(self) -> None:
@@ -161,7 +161,7 @@ class Store:
         except OSError as error:
             raise OutputError(
                 f"{error.filename}: cannot be removed: {error.strerror}",
-                hint="name another folder with --out",
+                hint="name another folder with `out`",
                 name=str(self.folder),
             ) from error
 
@@ -174,7 +174,7 @@ class Store:
             raise FileFormatError(
                 f"the folder has results of {self._difference(found)}",
                 path=about,
-                hint="name another folder with --out, or begin anew with --restart",
+                hint="name another folder with `out`, or begin anew with `restart`",
             )
 
     def _difference(self, found: object) -> str:
@@ -215,7 +215,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 def _damaged(path: Path, error: Exception) -> FileFormatError:
     first = str(error).partition("\n")[0]
-    return FileFormatError(f"cannot be read: {first}", path=path, hint="begin anew with --restart")
+    return FileFormatError(f"cannot be read: {first}", path=path, hint="begin anew with `restart`")
 
 
 def _encoded(columns: Columns, ending: str) -> bytes:

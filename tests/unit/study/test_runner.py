@@ -206,7 +206,7 @@ def test_damaged_results_are_told(repeated, tmp_path, ending):
         (tmp_path / "parts" / f"000000001{ending}").write_bytes(b"PAR1")
         with pytest.raises(FileFormatError, match="cannot be read") as caught:
             run_grid(repeated.simulate, repeated.grid(), store)
-        assert "--restart" in caught.value.hint
+        assert "`restart`" in caught.value.hint
     table = run_grid(repeated.simulate, repeated.grid(), store, restart=True)
     table.write_bytes(b"")
     with pytest.raises(FileFormatError, match="cannot be read"):

@@ -189,7 +189,7 @@ def correct(
         raise InputError(
             f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
             "arm to correct",
-            hint="choose another one with --model",
+            hint="choose another one with `model`",
             name="model",
         )
     known = identified if name is None else _judge(identification, cell, identified)
@@ -377,7 +377,7 @@ def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
     if text is None and section is None:
         raise InputError(
             "there is no task box",
-            hint='give --box "x1,y1,z1,x2,y2,z2" in mm, or a section [task_box] in the cell',
+            hint='give `box` "x1,y1,z1,x2,y2,z2" in mm, or a section [task_box] in the cell',
             name="box",
         )
     counts = (3, 3, 3) if section is None else section.steps

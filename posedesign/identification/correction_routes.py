@@ -204,7 +204,7 @@ def corrected_tool(
         why = f"the tool{shown} as identified is not the cell's: {fit[listed[0]]}"
     else:
         shown = ", ".join(map(repr, listed[:5])) + (", ..." if len(listed) > 5 else "")
-        why = f"tool points were identified as {shown}: if the cell's is one, name it with --tool"
+        why = f"tool points were identified as {shown}: if the cell's is one, name it with `tool`"
     return CorrectedTool(
         len(model.tools),
         (),
@@ -270,7 +270,7 @@ def postures_of_box(
     if not found.any():
         raise UnreachableError(
             "no point of the task box can be reached",
-            hint="give a box in mm, in the base frame, in front of the arm: --box",
+            hint="give a box in mm, in the base frame, in front of the arm: `box`",
             name="task_box",
         )
     part = "" if found.all() else f", of which {found.sum()} are in reach"

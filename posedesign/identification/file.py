@@ -276,7 +276,7 @@ def _picked(
             "recommends no model",
             path=path,
             key="recommended",
-            hint="name one with --model: " + ", ".join(map(_shown, entries)),
+            hint="name one with `model`: " + ", ".join(map(_shown, entries)),
         )
     recommended = (content.reference if reference else None) or content.recommended or ""
     wanted = recommended if name is None else name
@@ -292,7 +292,7 @@ def _picked(
             f"model {_shown(wanted)} has no parameters",
             path=path,
             key="parameters",
-            hint="it was refused, or nothing was identified: choose another one with --model",
+            hint="it was refused, or nothing was identified: choose another one with `model`",
         )
     return entries[wanted]
 

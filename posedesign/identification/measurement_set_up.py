@@ -206,7 +206,7 @@ def _check_places(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
             f"{moved * 1e3:.3g} mm",
             path=table.path,
             column="x_mm to z_mm",
-            hint=f"if these are {unit}, multiply them by {factor:g}; else pass --trust-units",
+            hint=f"if these are {unit}, multiply them by {factor:g}; else pass `trust_units`",
             value=read,
             bound=moved,
         )
@@ -222,7 +222,7 @@ def _check_lengths(cell: Cell, table: MeasurementTable, rows: IntArray, column: 
             f"nothing that was read is farther than {longest * 1e3:.3g} mm from the instrument",
             path=table.path,
             column=column,
-            hint="if these are metres, multiply them by 1000; else pass --trust-units",
+            hint="if these are metres, multiply them by 1000; else pass `trust_units`",
             value=longest,
             bound=NEAREST_M,
         )
@@ -235,7 +235,7 @@ def _check_not_far(table: MeasurementTable, length: float, column: str) -> None:
             f"what was read spans {length:.3g} m",
             path=table.path,
             column=column,
-            hint="if these are micrometres, divide them by 1000; else pass --trust-units",
+            hint="if these are micrometres, divide them by 1000; else pass `trust_units`",
             value=length,
             bound=FARTHEST_M,
         )
@@ -259,7 +259,7 @@ def _check_turns(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
         f"arm, which turns by up to {np.rad2deg(arm.max()):.3g} deg",
         path=table.path,
         column=_TURN,
-        hint=f"{looks}; else pass --trust-units",
+        hint=f"{looks}; else pass `trust_units`",
         value=float(read.max()),
         bound=float(arm.max()),
     )

@@ -225,7 +225,7 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
         if cell is None and maker and wanted not in (None, maker):
             raise InputError(
                 f"{robot} has a controller of {maker}, {name} is for one of {wanted}",
-                hint="leave --format out, or name a format for any robot",
+                hint="leave `format` out, or name a format for any robot",
                 name="format",
                 value=name,
             )
@@ -234,13 +234,13 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
     if own is None:
         # programs of a maker need a controller of theirs, which a cell says and a list may not
         open_to = [d.name for d in DIALECTS.values() if d.maker is None or not (cell or maker)]
-        way = "pass --cell, or " if cell is None else ""
+        way = "pass `cell`, or " if cell is None else ""
         if cell is not None and not maker:
             fitting = " or ".join(f'"{name}"' for name in makers_like(cell.robot))
             way = f"set robot.controller = {fitting} in the cell, or " if fitting else ""
         raise InputError(
             f"{robot} has a controller of {maker or 'an unknown maker'}",
-            hint=f"{way}choose with --format: {', '.join(open_to)}",
+            hint=f"{way}choose with `format`: {', '.join(open_to)}",
             name="robot.controller",
         )
     return own
@@ -258,18 +258,18 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     in_range("approach_deg", approach_deg, 0.01, 30.0)
     if cell is None:
         raise InputError(
-            "which side is free is a matter of the cell", hint="pass --cell", name="approach"
+            "which side is free is a matter of the cell", hint="pass `cell`", name="approach"
         )
     if cell.retreat is not None:
         raise InputError(
             "the tool comes to the poses along its own axis: not all joints from one side",
-            hint="leave --approach-deg out, or set plan.retreat_mm = 0",
+            hint="leave `approach_deg` out, or set plan.retreat_mm = 0",
             name="approach",
         )
     if Passing.APPROACH in poses.reasons:
         raise InputError(
             "the poses are approached from one side already",
-            hint="leave --approach-deg out, or plan without plan.approach",
+            hint="leave `approach_deg` out, or plan without plan.approach",
             name="approach",
         )
     # only whether the short motions are clear is asked, so speeds do not matter
@@ -347,7 +347,7 @@ def write_program(
         raise InputError(
             f"programs are to stop {poses.header[STOPS_SHORT]} mm short of these poses: where that "
             "is follows from the cell",
-            hint="pass --cell",
+            hint="pass `cell`",
             name="cell",
         )
     note = ""

@@ -105,7 +105,7 @@ def check_near_plan(
         raise InputError(
             f"{path}: position {worst + 1} is {1e3 * moved[worst]:.0f} mm from where the plan has "
             f"{names[worst]}, and the file does not say which plan it is of",
-            hint="is it the program of another plan? Without --poses it is read as it is",
+            hint="is it the program of another plan? Without `poses` it is read as it is",
             name=str(path),
         )
 
@@ -309,7 +309,7 @@ def _positions(
         raise InputError(
             f"{path} was written from the plan {program.fingerprint}: without it nobody can say "
             "what was touched up",
-            hint="pass its poses.csv with --poses, or --keep-untouched to take all as they are",
+            hint="pass its poses.csv with `poses`, or `keep_untouched` to take all as they are",
             name=str(path),
         )
     _check_plan(path, program.fingerprint, plan, warnings)

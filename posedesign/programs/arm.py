@@ -231,7 +231,7 @@ class Arm:
         if self.robot is None:
             raise InputError(
                 "poses of the tool need the robot",
-                hint="pass --cell, or write joint positions",
+                hint="pass `cell`, or write joint positions",
                 name="robot",
             )
         return self.robot

@@ -187,7 +187,7 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
         raise FileFormatError(
             "is none of " + ", ".join(f"{d.name} ({d.title})" for d in fitting),
             path=path,
-            hint="name the dialect with --format",
+            hint="name the dialect with `format`",
         )
     known = ", ".join(f"{' '.join(d.suffixes)} ({d.name})" for d in DIALECTS.values())
     raise InputError(

@@ -143,7 +143,7 @@ def test_of_several_tool_points_one_is_to_be_named(cell):
     assert tool.index == 2
     assert tool.parameters == ()
     assert "'p1', 'p2'" in tool.said
-    assert "name it with --tool" in tool.said
+    assert "name it with `tool`" in tool.said
     assert corrected_tool(cell, found, "p1").parameters == tuple(labelled("p1"))
     with pytest.raises(InputError, match=r"100 mm off tool.point_mm .* tool.point_mm = \[300.00"):
         corrected_tool(cell, found, "p2")
@@ -184,7 +184,7 @@ def test_poses_fill_the_box_and_turn_the_tool(cell):
 
 
 def test_a_box_out_of_reach_is_refused(cell):
-    with pytest.raises(UnreachableError, match=r"no point of the task box can be reached.*--box"):
+    with pytest.raises(UnreachableError, match=r"no point of the task box can be reached.*`box`"):
         postures_of_box(cell, TaskBox(np.full(3, 8.0), np.full(3, 9.0)))
 
 

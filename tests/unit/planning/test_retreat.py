@@ -312,7 +312,7 @@ def test_a_program_may_stop_short(pin_cell, tmp_path):
     options = program_options(cell, listed)
     with pytest.raises(InputError, match="stop 10 mm short of these poses") as caught:
         write_program(listed, tmp_path, "fanuc-ls", options, "PIN")
-    assert "--cell" in str(caught.value)
+    assert "`cell`" in str(caught.value)
     written = write_program(listed, tmp_path, "fanuc-ls", options, "PIN", cell)
     assert written.problems == ()
     text = (tmp_path / "PIN.LS").read_text()

@@ -215,7 +215,7 @@ def test_each_pose_is_approached_from_one_side(reference_cell, planned):
     np.testing.assert_allclose(np.abs(steps), 1.0)
     assert (steps == steps[0]).all() or np.allclose(steps, steps[0])
     assert listed.measured.names == planned.measured.names
-    with pytest.raises(InputError, match="pass --cell"):
+    with pytest.raises(InputError, match="pass `cell`"):
         with_approaches(None, planned, 1.0)
     with pytest.raises(InputError, match="approach_deg is 0"):
         with_approaches(reference_cell, planned, 0.0)
@@ -234,7 +234,7 @@ def test_the_dialect_is_that_of_the_controller(reference_cell, planned, tmp_path
     with pytest.raises(InputError, match="has a controller of franka"):
         chosen_dialect(panda, planned, None)
     with pytest.raises(
-        InputError, match=r"an unknown maker \(pass --cell, or choose with --format"
+        InputError, match=r"an unknown maker \(pass `cell`, or choose with `format`"
     ):
         chosen_dialect(None, planned, None)
     assert chosen_dialect(None, planned, "kuka-krl") == "kuka-krl"

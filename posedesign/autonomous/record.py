@@ -81,7 +81,8 @@ class Record:
                 raise OutputError(
                     f"{place} is a link", hint="choose another output folder", name=str(place)
                 )
-        if not self.path.exists():
+        self._is_empty = not self.path.exists()
+        if self._is_empty:
             log.write(self._line(self._columns))
         self._rounds: dict[str, int] = self._rounds_before()
         try:
@@ -99,6 +100,10 @@ class Record:
 
     def __exit__(self, *error: object) -> None:
         self._stream.close()
+        if self._is_empty:  # refused before the arm did anything: there is nothing to tell
+            self.path.unlink(missing_ok=True)
+            with suppress(OSError):
+                self.folder.rmdir()
 
     def begin(self, pose: str) -> None:
         """What follows is of a pose; its rounds count on from those of before."""
@@ -148,6 +153,7 @@ class Record:
         try:
             if os.fstat(self._stream.fileno()).st_size + len(line) <= MOST_LOG_BYTES:
                 self._stream.write(line)
+                self._is_empty = False
         except OSError as error:
             raise not_written(self.path, error, _MAKE_ROOM) from error
 

@@ -13,7 +13,7 @@ import warnings
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -22,9 +22,7 @@ from calib import Robot
 from calib.robots.urdf_anew import urdf_of
 from calib.se3 import FloatArray
 
-if TYPE_CHECKING:
-    from .peer_fits import TouchUps
-
+from .peer_touch_ups import TouchUps
 
 BASE = ("base_px", "base_py", "base_pz")
 TIP = ("pEEx_1", "pEEy_1", "pEEz_1")

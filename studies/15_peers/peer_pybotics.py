@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 from functools import cache
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,9 +18,7 @@ from scipy.spatial.transform import Rotation
 from calib import Robot, se3
 from calib.se3 import FloatArray
 
-if TYPE_CHECKING:
-    from .peer_fits import TouchUps
-
+from .peer_touch_ups import TouchUps
 
 PARALLEL = 1e-9
 """Sine of the angle of two axes below which they are parallel."""

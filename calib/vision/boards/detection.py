@@ -1,92 +1,35 @@
-"""Boards in pictures: their corners or centres to a fraction of a pixel, or why there are none."""
+"""A board found in a picture, or why it is not."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.errors import InputError, check_type
-from calib.se3 import FloatArray
-from calib.vision.boards.board import (
-    AsymmetricCircleGrid,
-    Board,
-    Chessboard,
-    CircleGrid,
-    MarkerBoard,
-)
-from calib.vision.boards.board_map import BoardMap, fit_map
-from calib.vision.boards.edges import Refined, read_grey, refine
-from calib.vision.boards.finding import (
-    Found,
-    find_chessboard,
-    find_circles,
-    find_markers,
-    is_face_up,
-    match_markers,
-)
+from calib.vision.boards.board import Board, Chessboard, CircleGrid, MarkerBoard, dictionary_of
+from calib.vision.boards.finding import find_markers, halved
+from calib.vision.boards.sighting import BoardSighting, Status, sight
 from calib.vision.camera.rendering import GreyImage
 
-Status = Literal[
-    "ok", "no board", "another board", "too few points", "blurred", "overexposed", "ambiguous"
-]
+LEAST_NAMED = 4
+"""Markers from which on a dictionary is named: fewer may be clutter."""
 
-LEAST_POINTS = 6
-"""Points of a sighting: with four the camera's pose fits always, right or wrong."""
+CLIPPED, CLIPPED_SHARE = 253, 0.5
+"""Grey level of clipped white, and the share of such pixels in a picture that hides a board."""
 
-LEAST_SHARE = 0.7
-"""Of the points of boards without markers: they are only found as a whole."""
-
-LARGEST_SIGMA_PX = 3.5
-"""Blur beyond which edges are not measured: it comes from a lens out of focus or from a moving
-camera, and then moves the points, too."""
-
-OVEREXPOSED_BLACK = 110.0
-"""Grey level of black beside clipped white: three times the light that would have been enough."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoardSighting:
-    """What one picture shows of a board.
-
-    Attributes
-    ----------
-    pixels : ndarray (K, 2)
-        Points of the board, x right and y down from the left upper corner of the image: OpenCV's
-        plus one half. NaN for points that are not seen; all of them unless the status is ``"ok"``.
-    status : {"ok", "no board", "another board", "too few points", "blurred", "overexposed", \
-"ambiguous"}
-        ``"ambiguous"`` where the picture shows the board twice.
-    message : str
-        What is wrong and what to do, in one line; empty for ``"ok"``.
-    sharpness_px : float
-        Width of the edges at the points, from a tenth to nine tenths of the step; NaN where none
-        was measured.
-    """
-
-    pixels: FloatArray
-    status: Status
-    message: str
-    sharpness_px: float
-
-    @property
-    def is_ok(self) -> bool:
-        """Whether the points can be used."""
-        return self.status == "ok"
-
-    @property
-    def seen(self) -> NDArray[np.bool_]:
-        """Which points of the board are seen ``(K,)``."""
-        return np.asarray(np.isfinite(self.pixels).all(axis=1))
-
-    @classmethod
-    def failed(
-        cls, board: Board, status: Status, message: str, sharpness_px: float = np.nan
-    ) -> BoardSighting:
-        """A sighting without points."""
-        return cls(np.full((len(board.points), 2), np.nan), status, message, sharpness_px)
+_FAMILIES = (
+    ("DICT_4X4_50", "DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"),
+    ("DICT_5X5_50", "DICT_5X5_100", "DICT_5X5_250", "DICT_5X5_1000"),
+    ("DICT_6X6_50", "DICT_6X6_100", "DICT_6X6_250", "DICT_6X6_1000"),
+    ("DICT_7X7_50", "DICT_7X7_100", "DICT_7X7_250", "DICT_7X7_1000"),
+    ("DICT_APRILTAG_36H11",),
+    ("DICT_ARUCO_MIP_36H12",),
+    ("DICT_ARUCO_ORIGINAL",),
+    ("DICT_APRILTAG_25H9",),
+)
+"""Dictionaries that begin with the same markers. That of 16 bits finds its tags in anything."""
 
 
 def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
@@ -111,8 +54,6 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     sighting = sight(picture, board, thoroughly=True)
     if sighting is not None:
         return sighting
-    from calib.vision.boards.reasons import why_not
-
     status, message = why_not(picture, board)
     return BoardSighting.failed(board, status, message)
 
@@ -143,148 +84,82 @@ def check_picture(picture: object) -> None:
         )
 
 
-def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> BoardSighting | None:
-    """The sighting of a board that is found; None where it is not."""
-    found: Found | None = None
-    if isinstance(board, MarkerBoard):
-        markers = find_markers(picture, board.markers, border_bits=board.border_bits)
-        twice, many = np.unique(markers.ids, return_counts=True)
-        twice = twice[(many > 1) & np.isin(twice, board.ids)]
-        if len(twice) > 1:
-            return BoardSighting.failed(
-                board,
-                "ambiguous",
-                f"markers {twice[0]} and {twice[1]} are seen twice: leave one board in the picture",
-            )
-        found = match_markers(board, markers.those(~np.isin(markers.ids, twice)))
-    elif isinstance(board, Chessboard):
-        found = find_chessboard(picture, board, thoroughly=thoroughly)
-    elif isinstance(board, CircleGrid):
-        found = find_circles(picture, board)
-    return None if found is None else _measure(picture, board, found)
-
-
-def _measure(picture: GreyImage, board: Board, found: Found) -> BoardSighting | None:
-    grey = picture.astype(np.float32)
-    which, board_map = found.which, found.board_map
-    xy = board.points[which, :2]
-    near_px = _near_px(board, board_map, xy)
-    measured = refine(grey, board, which, board_map, board_map(xy))
-    for _ in range(2):
-        fitted = (
-            fit_map(xy[measured.good], measured.px[measured.good], near_px, refined=True)
-            if np.count_nonzero(measured.good) >= LEAST_POINTS
-            else None
-        )
-        if fitted is None:
-            return _too_few(board, measured)
-        board_map = fitted[0]
-        measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
-    good = measured.good.copy()
-    fitted = fit_map(xy[good], measured.px[good], near_px, refined=True)
-    if fitted is None:
-        return _too_few(board, measured)
-    good[good] = fitted[1]
-    return _judged(grey, board, which, replace(measured, good=good), fitted[0])
-
-
-def _judged(
-    grey: NDArray[np.float32],
-    board: Board,
-    which: NDArray[np.intp],
-    measured: Refined,
-    board_map: BoardMap,
-) -> BoardSighting | None:
-    good, xy = measured.good, board.points[which, :2]
-    width = 2.563 * measured.sigma_px
-    least = LEAST_POINTS
-    if not isinstance(board, MarkerBoard):
-        least = max(least, int(np.ceil(LEAST_SHARE * len(xy))))
-    if np.count_nonzero(good) < least or not _are_spread(board, xy[good]):
-        return _too_few(board, measured)
-    if not is_face_up(board, board_map, xy[good]):
-        return None
-    if not isinstance(board, MarkerBoard) and _goes_on(grey, board, board_map):
-        return BoardSighting.failed(
-            board,
-            "another board",
-            f"the board in the picture is larger than the {board.words}",
-            width,
-        )
-    if measured.sigma_px > LARGEST_SIGMA_PX:
-        return BoardSighting.failed(
-            board,
+def why_not(picture: GreyImage, board: Board) -> tuple[Status, str]:
+    """Status and message for a picture in which the board is not found."""
+    wrong = _other_markers(picture, board) if isinstance(board, MarkerBoard) else ""
+    wrong = wrong or _other_size(picture, board)
+    if wrong:
+        return "another board", wrong
+    if _is_found_smaller(picture, board):
+        return (
             "blurred",
-            f"edges are {width:.0f} px wide: focus the camera, let it come to rest",
-            width,
+            "the board is found in a smaller picture only: focus, let the camera come to rest",
         )
-    dark, light = np.median(measured.dark[good]), np.median(measured.light[good])
-    if light > 252.0 and dark > OVEREXPOSED_BLACK:
-        return BoardSighting.failed(
-            board,
-            "overexposed",
-            f"white is clipped and black has grey level {dark:.0f}: expose less",
-            width,
+    clipped = float(np.mean(picture >= CLIPPED))
+    if clipped > CLIPPED_SHARE:
+        return "overexposed", f"{clipped:.0%} of the picture is clipped white: expose less"
+    return "no board", f"the {board.words} is not in the picture, or not enough of it"
+
+
+def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
+    """Markers that are not of the board, or lie otherwise, in words."""
+    own = find_markers(picture, board.markers, border_bits=board.border_bits, exactly=True)
+    of_board = np.isin(own.ids, board.ids)
+    if np.count_nonzero(~of_board) >= LEAST_NAMED:
+        return (
+            f"the picture shows markers {own.ids.min()} to {own.ids.max()} of {board.dictionary}, "
+            f"the board has {board.ids.start} to {board.ids.stop - 1}: correct first_id, columns "
+            "or rows"
         )
-    pixels = np.full((len(board.points), 2), np.nan)
-    pixels[which[good]] = measured.px[good] + 0.5
-    return BoardSighting(pixels, "ok", "", width)
-
-
-def _too_few(board: Board, measured: Refined) -> BoardSighting | None:
-    """Where markers say that the board is there; without them, clutter was found."""
-    if not isinstance(board, MarkerBoard):
-        return None
-    count = np.count_nonzero(measured.good)
-    return BoardSighting.failed(
-        board,
-        "too few points",
-        f"{count} points of {len(board.points)} are seen well enough: "
-        "show more of the board, nearer, in even light",
-        2.563 * measured.sigma_px,
-    )
-
-
-def _are_spread(board: Board, xy: FloatArray) -> bool:
-    """Whether points do not lie on a line."""
-    return bool(np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)[1] > 0.4 * board.cell_m)
-
-
-def _near_px(board: Board, board_map: BoardMap, xy: FloatArray) -> float:
-    area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
-    return float(board.cell_m * np.sqrt(np.median(area)))
-
-
-def _goes_on(grey: NDArray[np.float32], board: Board, board_map: BoardMap) -> bool:
-    """Whether the pattern goes on beyond the board, where it should end."""
-    # two rows of an asymmetric grid are one step
-    more = 4 if isinstance(board, AsymmetricCircleGrid) else 2
-    larger = replace(board, columns=board.columns + 2, rows=board.rows + more)
-    by = larger.points[:, :2].max(axis=0) / 2 - board.points[:, :2].max(axis=0) / 2
-    step = board.cell_m / 4
-    left, top, right, bottom = board.box
-    x, y = (
-        np.arange(left - by[0], right + by[0], step),
-        np.arange(top - by[1], bottom + by[1], step),
-    )
-    across = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    x, y = across.T
-    tall, wide = (y > top) & (y < bottom), (x > left) & (x < right)
-    for side in (
-        (x < left - step) & tall,
-        (x > right + step) & tall,
-        (y < top - step) & wide,
-        (y > bottom + step) & wide,
-    ):
-        at, seen = read_grey(grey, board_map(across[side]))
-        black = larger.is_black(across[side] + by)
-        at, black = at[seen], black[seen]
-        if len(at) < 8 or at.std() == 0.0 or black.std() == 0.0:
+    if np.count_nonzero(of_board) >= LEAST_NAMED:
+        return (
+            "markers of the board are seen, but not as they lie on it: correct kind, columns, "
+            "marker size, legacy, or the picture is mirrored"
+        )
+    for family in _FAMILIES:
+        if board.dictionary in family:
             continue
-        if np.corrcoef(at, black)[0, 1] < -_GOES_ON:
+        found = find_markers(picture, dictionary_of(family[-1]), exactly=True)
+        if len(np.unique(found.ids)) < LEAST_NAMED:
+            continue
+        name = next(name for name in family if found.ids.max() < len(dictionary_of(name).bytesList))
+        return (
+            f"the picture shows markers {found.ids.min()} to {found.ids.max()} of {name}, "
+            f"not of {board.dictionary}: correct the dictionary"
+        )
+    mirrored = np.ascontiguousarray(picture[:, ::-1])
+    seen = find_markers(mirrored, board.markers, border_bits=board.border_bits, exactly=True)
+    if np.count_nonzero(np.isin(seen.ids, board.ids)) >= LEAST_NAMED:
+        return "the picture is mirrored: give it as the camera took it"
+    return ""
+
+
+def _other_size(picture: GreyImage, board: Board) -> str:
+    """A board of a size near to it that the picture shows, in words."""
+    if not isinstance(board, (Chessboard, CircleGrid)):
+        return ""
+    columns, rows = board.columns, board.rows
+    near = [(columns - i, rows - j) for i in range(2) for j in range(2) if i or j]
+    for size in [*near, (columns + 1, rows + 1), (rows, columns)]:
+        try:
+            other = replace(board, columns=size[0], rows=size[1])
+        except InputError:
+            continue
+        found = None if size == (columns, rows) else sight(picture, other)
+        if found is not None and found.is_ok:
+            return f"the picture shows a {other.words}, not of {columns} x {rows}: correct them"
+    return ""
+
+
+def _is_found_smaller(picture: GreyImage, board: Board) -> bool:
+    """Whether the board is there, with edges too wide to be found."""
+    small = picture
+    for _ in range(2):
+        # finders overlook edges of many pixels, which are sharp in a picture of a quarter
+        small = halved(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8))
+        if min(small.shape) < 120:
+            return False
+        found = sight(small, board)
+        if found is not None and found.is_ok:
             return True
     return False
-
-
-_GOES_ON = 0.5
-"""Correlation with the pattern that would go on beyond the board."""

@@ -75,8 +75,14 @@ def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = Fal
     return data.decode("latin-1")
 
 
+MOST_LINES = 1_000_000
+"""Of a file that is read line by line: 10,000 poses take a hundredth of them."""
+
+
 def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
     """Lines of a file, without their ends; see `text_of`."""
+    if data.count(b"\n") > MOST_LINES:
+        refuse(f"has more than {MOST_LINES} lines", path, hint="is it the right file?")
     # one list of lines, not two: a file may be nothing but line ends
     return _ENDS.sub("", text_of(data, path, hint)).split("\n")
 

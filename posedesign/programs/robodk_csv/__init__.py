@@ -209,6 +209,9 @@ def _beside(path: Path) -> tuple[dict[str, str], dict[int, tuple[str, int, str]]
     return words, poses, mark or PlanMark()
 
 
+_LINE = re.compile(r"^[^\n]*$", re.MULTILINE)
+
+
 def check_robodk_csv(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a list, or of the text file beside one; none for a good one."""
     if not _is_beside(data):
@@ -222,12 +225,13 @@ def check_robodk_csv(data: bytes, path: Path) -> list[Problem]:
 
 
 def _problems(text: str) -> Iterator[Problem]:
-    lines = text.replace("\r\n", "\n").removesuffix("\n").split("\n")
-    if not any(lines):
+    text, width = text.replace("\r\n", "\n").removesuffix("\n"), None
+    if not text.strip("\n"):
         yield Problem(1, "rows", "there are no rows")
         return
-    width = None
-    for row, line in enumerate(lines, start=1):
+    # one line after the other: a file may be nothing but line ends
+    for row, found in enumerate(_LINE.finditer(text), start=1):
+        line = found[0]
         bad = re.search(r"[^ -~]", line)
         fields = [field.strip() for field in line.split(",")]
         if bad:

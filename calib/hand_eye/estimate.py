@@ -222,7 +222,7 @@ def _noise_of(
         scale = {camera: pixel_scale(parts, cameras == camera) for camera in pixel}
         pixel = {camera: scale[camera] * sigma for camera, sigma in pixel.items()}
         parts = _with_pixels(parts, np.array([scale[camera] for camera in cameras]))
-    return pixel, arm_deviation(parts) if found[1] else arm
+    return pixel, arm_deviation(parts, arm) if found[1] else arm
 
 
 def _within_noise(

@@ -202,23 +202,35 @@ def restricted(parts: Deviations) -> Callable[[FloatArray], tuple[float, FloatAr
     return unlikely
 
 
-def arm_deviation(parts: Deviations) -> tuple[float, float]:
+AS_LIKELY = 0.2
+"""Twice the logarithm of a likelihood by which another deviation has to be likelier than the one
+at hand: of two that are as likely, each would follow from the fit with the other, without end."""
+
+
+def arm_deviation(parts: Deviations, now: tuple[float, float] | None = None) -> tuple[float, float]:
     """Standard deviations of where the tip stops: along each axis [m], about each axis [rad].
 
     Zero where the pixels' noise explains all of it.
+
+    Parameters
+    ----------
+    now : tuple of float, optional
+        The deviation at hand; that near it is kept where no other is likelier.
     """
     from scipy.optimize import minimize
 
     y, unlikely = parts.off, restricted(parts)
     low, high = np.log(LEAST_ARM), np.log(_MOST_ARM)
     start = np.log(np.clip([y[:, :3].std() / 2, y[:, 3:].std() / 2], LEAST_ARM, _MOST_ARM))
-    best = min(
-        (
-            minimize(unlikely, at, jac=True, bounds=list(zip(low, high, strict=True)))
-            for at in (start, np.array([start[0], low[1]]), np.array([low[0], start[1]]))
-        ),
-        key=lambda found: float(found.fun),
-    )
+    starts = [start, np.array([start[0], low[1]]), np.array([low[0], start[1]])]
+    if now is not None:
+        starts.insert(0, np.log(np.clip(now, LEAST_ARM, _MOST_ARM)))
+    ends = [
+        minimize(unlikely, at, jac=True, bounds=list(zip(low, high, strict=True))) for at in starts
+    ]
+    best = min(ends, key=lambda found: float(found.fun))
+    if now is not None and ends[0].fun <= best.fun + AS_LIKELY:
+        best = ends[0]
     sigma = np.exp(best.x)
     m, rad = (
         0.0 if value < 2.0 * least else float(value)

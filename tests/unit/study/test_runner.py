@@ -10,8 +10,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -117,17 +117,24 @@ def test_going_on_does_only_what_is_left(repeated, tmp_path, ending):
     assert len(done) == 25
 
 
-def kill_and_go_on(out: Path, moments: list[float], jobs: int) -> Counter[int]:
-    """Run a study as a process that is killed at each moment [s]; how often each task was done."""
+def kill_and_go_on(
+    out: Path, moments: list[float], jobs: int, tasks: Sequence[int] = ()
+) -> Counter[int]:
+    """Run a study as a process that is killed again and again; how often each task was done.
+
+    At moments [s], then when so many tasks have been done in all.
+    """
     diary = out.with_name(f"{out.name}.diary")
     diary.mkdir()
     environment = os.environ | {"STUDY_DIARY": str(diary)}
     command = [sys.executable, str(SCRIPT), str(out), str(jobs)]
-    for moment in moments:
+    for moment, count in [*((moment, 0) for moment in moments), *((0.0, n) for n in tasks)]:
         process = subprocess.Popen(command, env=environment, start_new_session=True)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(moment)
-        except subprocess.TimeoutExpired:
+        while process.poll() is None and len(os.listdir(diary)) < count:
+            time.sleep(0.002)
+        if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)  # its workers, too: the machine goes down
             process.wait()
     subprocess.run(command, env=environment, check=True)
@@ -156,10 +163,8 @@ def test_killed_at_any_moment(repeated, tmp_path, count):
 @pytest.mark.slow
 def test_killed_again_and_again_with_two_workers(repeated, tmp_path):
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
-    start = time.monotonic()
-    kill_and_go_on(tmp_path / "once", [], 2)
-    took = time.monotonic() - start  # a run that has ended would begin anew
-    times = kill_and_go_on(tmp_path / "out", [0.6 * took, 0.7 * took, 0.65 * took, 0.6 * took], 2)
+    # by what was done, not by the clock: a run that has ended would begin anew
+    times = kill_and_go_on(tmp_path / "out", [], 2, tasks=[3, 7, 11, 15])
     assert (tmp_path / "out" / whole.name).read_bytes() == whole.read_bytes()
     assert sorted(times) == list(range(24))
     # handed out ahead and lost with the workers: two a worker and those in hand, each time

@@ -60,7 +60,6 @@ from posedesign.report.pairs import solve_and_draw
 from posedesign.report.plots import (
     figure_of_identification,
     figure_of_plan,
-    visited,
 )
 from posedesign.selection import Indices
 from posedesign.simulation import AccuracyStudy, SimulatedRobot
@@ -70,6 +69,7 @@ NEXT_POSES = ("poses.csv", "next measuring poses")
 VALIDATION = ("validation.csv", "validation poses")
 ROUNDS = ("rounds.csv", "rounds of a plan")
 TOUCH_UPS = ("touchups.csv", "touch-ups")
+MEASUREMENTS = ("measurements.csv", "measurements")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
 PLANNED, IDENTIFIED, CAMERA_DRAWN = (
@@ -137,7 +137,7 @@ def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None
     rows = result.round_rows()
     write_table(rounds, list(rows[0]), rows)
     results.remove(VALIDATION)
-    draw(results, drawn, lambda: figure_of_plan(cell, result.model, visited(result)))
+    draw(results, drawn, lambda: figure_of_plan(cell, result.model, result.postures, result.setup))
     return result
 
 
@@ -163,11 +163,11 @@ def plan_optimal_poses(
     wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
     *claims, png, svg = claim_plan(results, *wanted, *PLANNED)
-    kept = None
+    kept, of = None, None
     if keep is not None:
         check_fit(cell, keep)
-        kept = keep.measured.postures
-    result = plan_optimal(cell, request, advance, keep=kept)
+        kept, of = keep.measured.postures, cell.which(keep.measured.labels)
+    result = plan_optimal(cell, request, advance, keep=kept, keep_of=of)
     for path, poses, route, indices in zip(
         claims,
         (result.poses, result.validation),
@@ -179,7 +179,11 @@ def plan_optimal_poses(
             _write_poses(path, cell, poses, route, indices)
             results.remove(ROUNDS, *({VALIDATION} - {*wanted}))
     if result.route is not None:
-        draw(results, (png, svg), lambda: figure_of_plan(cell, result.model, visited(result)))
+        draw(
+            results,
+            (png, svg),
+            lambda: figure_of_plan(cell, result.model, result.postures, result.setup),
+        )
     return result
 
 
@@ -242,7 +246,7 @@ def _write_poses(
         poses,
         route,
         cell.tool_m,
-        margins=Margins.of_route(cell, route),
+        margins=Margins.of_route(cell, poses, route),
         indices=indices,
         title=path.origin.purpose,
         not_checked=cell.not_checked,
@@ -291,19 +295,26 @@ def simulate(
     there are none. The noise depends on the seed alone: the one of the cell, unless another is
     given.
     """
-    touches = not cell.is_hand_eye
+    measures = not cell.is_hand_eye
+    reads = measures and any(seen.reads for seen in cell.observations)
     claims = Results.of(out, "simulate").claim(
-        "simulated", *([TOUCH_UPS] * touches), *([PAIRS] * cell.has_camera)
+        "simulated",
+        *([MEASUREMENTS if reads else TOUCH_UPS] * measures),
+        *([PAIRS] * cell.has_camera),
     )
     check_fit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
     postures = poses.postures
-    if touches:
+    if measures and cell.is_plain:
         touched = robot.touch_up(postures, rng)
         write_measurements(claims[0], replace(touched, names=poses.names))
         postures = touched.postures
+    elif measures:
+        data = robot.measure(postures, cell.which(poses.labels), poses.names, rng)
+        kinds = [kind.name for kind in robot.model.measurements]
+        write_measurements(claims[0], data, kinds, [load.name for load in cell.config.payload])
     if cell.has_camera:
         A, B = robot.camera_poses(postures, rng)
         write_pairs(claims[-1], Pairs(poses.names, A, B))

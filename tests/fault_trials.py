@@ -18,10 +18,10 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.parameters import ParameterBlock, TargetFrame, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
+from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.file import parse_config
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import MeasurementTable
-from posedesign.identification.models import robot_blocks
 
 ARMS = ("irb120", "panda", "lrmate200id", "ur10e")
 MEASURED = ("touch-up", "point", "camera-pose")

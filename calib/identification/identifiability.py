@@ -237,7 +237,8 @@ def covariance_at(
         return np.asarray(spread @ spread.T)
     check_unweighted(model)
     J = linear.jacobian
-    gain = np.linalg.pinv(J.reshape(linear.rows_last.size, model.p)).reshape(model.p, *J.shape[:2])
+    gain = np.linalg.pinv(J.reshape(linear.rows_last.size, model.p))
+    gain = gain.reshape(model.p, *linear.rows.shape)
     root = linear.noise_root * each[:, None, None]
     spread = np.einsum("pim,imk->pik", gain, root).reshape(model.p, gain.shape[1] * gain.shape[2])
     return np.asarray(spread @ spread.T)

@@ -209,8 +209,10 @@ class CalibrationModel:
         values = self.nominal if x is None else np.atleast_1d(numbers(x, "x"))
         if values.shape[-1] != self.p:
             raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
+        how = Setup.of(posture.shape[-2]) if setup is None else setup
+        if how.together > 1:
+            posture = np.repeat(posture, how.together, axis=-2)
         count, n = posture.shape[-2:]
-        how = Setup.of(count) if setup is None else setup
         self.check_setup(how, count)
         batch = np.broadcast_shapes(posture.shape[:-2], values.shape[:-1])
         last = np.ascontiguousarray(np.broadcast_to(posture, (*batch, count, n)).reshape(-1, n).T)
@@ -361,6 +363,8 @@ class CalibrationModel:
             return J
 
         J = self._gathered(view, (self.p,), moved)
+        if view.setup.together > 1 and view.seen_last is not None:
+            J = np.where(view.seen_last, J, 0.0)
         return Linearisation(self, view, rows, J, motion)
 
     def linearise_at(self, data: Measurements, x: FloatArray) -> Linearisation:
@@ -544,7 +548,15 @@ class Linearisation:
     @property
     def jacobian(self) -> FloatArray:
         """Blocks ``(..., N, m, p)``."""
-        return self.view.posture_first(self.jacobian_last)
+        return self._blocks(self.jacobian_last)
+
+    def _blocks(self, last: FloatArray) -> FloatArray:
+        """Blocks ``(..., N, m, p)`` of each posture: of all that was measured there together."""
+        blocks, together = self.view.posture_first(last), self.view.setup.together
+        if together == 1:
+            return blocks
+        *leading, count, m, p = blocks.shape
+        return blocks.reshape(*leading, count // together, together * m, p)
 
     @cached_property
     def white_last(self) -> tuple[FloatArray, FloatArray]:
@@ -594,7 +606,7 @@ class Linearisation:
     @property
     def white_jacobian(self) -> FloatArray:
         """Blocks ``(..., N, m, p)`` over the noise."""
-        return self.view.posture_first(self.white_last[1])
+        return self._blocks(self.white_last[1])
 
     def coloured(self, rows: FloatArray, *, weighted: bool = True) -> FloatArray:
         """Rows ``(..., N, m)`` of these over the noise, or over the same number."""

@@ -57,6 +57,9 @@ class Setup:
         of two cameras. None: each is of its own.
     motion : array (N, 2, n) or None
         Velocity [rad/s] and acceleration [rad/s²] of the joints at each. None: the arm stood still.
+    together : int
+        How many that follow each other are of one posture, which is then given once, and make one
+        block of it: the reflectors of a tool. Rows that are not seen are zero.
     """
 
     kind: IntArray
@@ -66,6 +69,7 @@ class Setup:
     seen: BoolArray | None = None
     stop: IntArray | None = None
     motion: FloatArray | None = None
+    together: int = 1
 
     @classmethod
     def of(

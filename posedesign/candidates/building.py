@@ -42,6 +42,7 @@ from posedesign.cell import (
     wpr_rotations,
 )
 from posedesign.cell.board_set_up import rotations_to
+from posedesign.cell.observations import normal_of, place_of
 from posedesign.cell.task_box import BOX_OF_REACH, box_functions
 
 LEVELS = 16
@@ -89,7 +90,7 @@ def grid_candidates(
     )
     return _touching(
         cell,
-        lambda: rotations,
+        lambda: (rotations, None),
         f"W P R varied by {angles} deg in {levels} levels",
         configurations,
         (targets_m, target_names),
@@ -124,27 +125,65 @@ def cone_candidates(
             bound=(0.0, np.pi),
         )
     count, base = check_count(count), _base_rotation(cell)
+    spread = cell.config.measurement.kind in ("plane", "distance")
+    words = ", anywhere on it" if spread else ""
+
+    def drawn() -> tuple[FloatArray, FloatArray | None]:
+        points = even_points(count, 6 if spread else 3, rng)
+        R = cone_rotations_at(base, tilt, points[:, :3])
+        return R, _places_about(cell, points[:, 3:]) if spread else None
+
     return _touching(
         cell,
-        lambda: cone_rotations_at(base, tilt, even_points(count, 3, rng)),
-        f"cone of {np.rad2deg(tilt):g} deg, rolled freely",
+        drawn,
+        f"cone of {np.rad2deg(tilt):g} deg, rolled freely{words}",
         configurations,
         (targets_m, target_names),
     )
 
 
+def _places_about(cell: Cell, points: FloatArray) -> FloatArray:
+    """Places of the tool point ``(N, 3)`` [m] at points of the unit cube.
+
+    On the part of a plane that may be touched; or about the foot of a ball bar or wire, at all its
+    lengths, on the side of the base pose.
+    """
+    target = cell.config.target
+    place = place_of(cell, target)
+    if cell.config.measurement.kind == "plane":
+        x, y = 2.0 * points[:, :2].T - 1.0
+        half = np.array(target.size_mm) / 2e3
+        axes = _with_z(normal_of(target) / np.linalg.norm(normal_of(target)))
+        return np.asarray(
+            place + (x * half[0])[:, None] * axes[:, 0] + y[:, None] * half[1] * axes[:, 1]
+        )
+    out = cell.target_m - place
+    away = float(np.linalg.norm(out))
+    pole = out / away if away > 0.0 else np.array([0.0, 0.0, 1.0])
+    directions = cone_rotations_at(_with_z(pole), np.pi / 2.0, points)[:, :, 2]
+    nearest, farthest = target.nearest_mm / 1e3, (target.farthest_mm or 0.0) / 1e3
+    length = nearest + (farthest - nearest) * points[:, 2]
+    return np.asarray(place + length[:, None] * directions)
+
+
 def _touching(
     cell: Cell,
-    orient: Callable[[], FloatArray],
+    orient: Callable[[], tuple[FloatArray, FloatArray | None]],
     orientations: str,
     configurations: str,
     asked: tuple[ArrayLike | None, Sequence[str] | None],
 ) -> CandidatePoses:
-    """The pool of orientations ``(M, 3, 3)`` that are called for anew at each target."""
+    """The pool of orientations ``(M, 3, 3)`` that are called for anew at each target.
+
+    With them come places ``(M, 3)`` [m] of the tool point, where those are not the target's.
+    """
     chosen = check_configurations(configurations)
     targets_m, names = targets_of(cell, *asked)
     checkers = checkers_of(cell, targets_m)
-    poses = [touching_poses(orient(), cell.tool_m, target_m) for target_m in targets_m]
+    poses = []
+    for target_m in targets_m:
+        R, places = orient()
+        poses.append(touching_poses(R, cell.tool_m, target_m if places is None else places))
     found = [
         feasible_postures(checker, part, cell.base_posture, chosen)
         for checker, part in zip(checkers, poses, strict=True)
@@ -359,38 +398,73 @@ def _with_z(z: FloatArray) -> FloatArray:
 def candidates_of(cell: Cell) -> CandidatePoses:
     """Candidates of a cell, by its section ``[pool]``.
 
-    ``auto`` is the view cone for touch-ups, all W P R grids for a camera that sees a target, and
-    the board anywhere in view for pictures of one.
+    ``auto`` is the view cone for what is touched, joints for what an instrument reads, all W P R
+    grids for a camera that sees a target, and the board anywhere in view for pictures of one. Of
+    several targets, pins or payloads each has its share.
 
     Raises InputError: postures that do not touch the target, for a measurement that does.
     UnreachableError: the robot can take none of them.
     """
-    section = cell.config.pool
-    kind = section.kind
+    if cell.is_hand_eye:
+        return _candidates_of_part(cell, cell.config.pool.candidates)
+    parts = cell.parts
+    each = -(-cell.config.pool.candidates // len(parts))
+    found: list[CandidatePoses | None] = []
+    why: UnreachableError | None = None
+    for part in parts:
+        try:
+            found.append(_candidates_of_part(part, each))
+        except UnreachableError as error:
+            found.append(None)
+            why = error
+    pools = [pool for pool in found if pool is not None]
+    if why is not None and not pools:
+        raise why
+    if parts == (cell,) and len(cell.observations[0].tools) == 1:
+        return pools[0]
+    which = [np.full(len(pool), k) for k, pool in enumerate(found) if pool is not None]
+    said = dict.fromkeys(pool.description for pool in pools)
+    return CandidatePoses(
+        postures=np.concatenate([pool.postures for pool in pools]),
+        orientations=np.concatenate([pool.orientations for pool in pools]),
+        target=np.concatenate(which),
+        targets_m=np.array([part.target_m for part in parts]),
+        target_names=tuple(map(str, cell.observations)),
+        tried=sum(pool.tried for pool in pools),
+        description="; ".join(said),
+        cell=cell,
+    )
+
+
+def _candidates_of_part(cell: Cell, count: int) -> CandidatePoses:
+    """Candidates of a cell of which a pose is of one thing only."""
+    section, reads = cell.config.pool, not cell.is_hand_eye and cell.observations[0].reads
+    kind, measured = section.kind, cell.config.measurement.kind
     if kind == "auto":
         kind = "views" if cell.sees_board else "wpr" if cell.is_hand_eye else "cone"
+        if measured in ("point", "pose"):
+            kind = "joints"
     if kind == "wpr":
         return grid_candidates(cell, configurations="nearest")
     rng = np.random.default_rng(section.seed)
     if kind == "views":
         if not cell.sees_board:
             raise InputError(
-                f"views are of a board, and {cell.config.measurement.kind} is what is measured",
+                f"views are of a board, and {measured} is what is measured",
                 hint='set pool.kind = "cone"',
                 name="pool.kind",
             )
-        return view_candidates(cell, section.candidates, rng)
+        return view_candidates(cell, count, rng)
     if kind == "joints":
-        if not cell.is_hand_eye:
+        if not (cell.is_hand_eye or reads):
             raise InputError(
-                "postures drawn in the joints do not touch the target, as "
-                f"{cell.config.measurement.kind} needs",
+                f"postures drawn in the joints do not touch the target, as {measured} needs",
                 hint='set pool.kind = "cone"',
                 name="pool.kind",
             )
-        return joint_candidates(cell, section.candidates, rng)
+        return joint_candidates(cell, count, rng)
     tilt = float(np.deg2rad(section.tilt_deg))
-    return cone_candidates(cell, tilt, section.candidates, rng, section.configurations)
+    return cone_candidates(cell, tilt, count, rng, section.configurations)
 
 
 def away_from_singularities(cell: Cell) -> Cell:
@@ -407,14 +481,19 @@ def away_from_singularities(cell: Cell) -> Cell:
     return replace(cell, config=cell.config.model_copy(update={"constraints": stricter}))
 
 
-def with_kept(cell: Cell, pool: CandidatePoses, postures: FloatArray) -> CandidatePoses:
-    """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones."""
+def with_kept(
+    cell: Cell, pool: CandidatePoses, postures: FloatArray, of: IntArray
+) -> CandidatePoses:
+    """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones.
+
+    ``of`` (k,): the observation of each.
+    """
     k = len(postures)
     return replace(
         pool,
         postures=np.concatenate([postures, pool.postures]),
         orientations=np.concatenate([cell.robot.fk(postures)[:, :3, :3], pool.orientations]),
-        target=np.concatenate([np.zeros(k, dtype=np.intp), pool.target]),
+        target=np.concatenate([of, pool.target]),
         tried=pool.tried + k,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,11 +82,15 @@ def feasible(
     """Whether postures keep every constraint of a cell, ``(N,)``.
 
     ``postures`` (N, n): [rad]; where they are NaN the answer is no. ``target`` (N,): what each
-    touches, an index into the targets. ``targets_m`` (K, 3): [m], in the base frame.
+    touches, an index into the targets, or the observations of the cell. ``targets_m`` (K, 3): [m],
+    in the base frame.
     """
     kept = np.zeros(len(postures), dtype=bool)
     there = np.isfinite(postures).all(axis=1)
-    for k, checker in enumerate(checkers_of(cell, targets_m)):
+    parts = cell.parts
+    several = len(parts) == len(targets_m) > 1
+    checkers = [part.checker for part in parts] if several else checkers_of(cell, targets_m)
+    for k, checker in enumerate(checkers):
         rows = np.flatnonzero(there & (target == k))
         kept[rows] = checker.check(postures[rows], every=False).feasible
     return kept
@@ -115,7 +119,8 @@ class CandidatePoses:
     ``postures`` (N, n): [rad]. ``orientations`` (N, 3, 3): of the tip, in the base frame.
     ``target`` (N,): what each touches, or looks at: an index into the targets. ``targets_m`` (K,
     3): targets [m] in the base frame. ``target_names``: their labels in a model. ``tried``: poses,
-    or postures, that were looked at. ``description``: how they were made, in words.
+    or postures, that were looked at. ``description``: how they were made, in words. ``cell``: whose
+    observations ``target`` is an index into, where a pose may be of several, or of several tools.
     """
 
     postures: FloatArray
@@ -125,14 +130,29 @@ class CandidatePoses:
     target_names: tuple[str, ...]
     tried: int
     description: str
+    cell: Cell | None = None
 
     def __len__(self) -> int:
         return len(self.postures)
+
+    def tools_m(self, otherwise: FloatArray) -> FloatArray:
+        """Point of the tool that each posture touches with ``(N, 3)`` [m], in the tip frame."""
+        if self.cell is None:
+            return np.broadcast_to(otherwise, (len(self), 3))
+        return np.array([part.tool_m for part in self.cell.parts])[self.target]
 
     @property
     def touched_m(self) -> FloatArray:
         """Place of what each posture touches, ``(N, 3)`` [m] in the base frame."""
         return np.asarray(self.targets_m[self.target])
+
+    @property
+    def labels(self) -> list[Mapping[str, str]]:
+        """What each posture is of, by column of a list of poses; nothing where all are of one."""
+        if self.cell is None or len(self.cell.observations) == 1:
+            return []
+        each = [seen.labels for seen in self.cell.observations]
+        return [each[k] for k in self.target]
 
     @property
     def of_each(self) -> IntArray:
@@ -155,6 +175,8 @@ class CandidatePoses:
 
     def setup(self, model: CalibrationModel) -> Setup:
         """Which target of a model each posture touches: by name, or the only one of both."""
+        if self.cell is not None:
+            return self.cell.setup(model, self.postures, self.target)
         if len(self.targets_m) == len(model.targets) == 1:
             return Setup.of(len(self), target=self.target)
         for name in self.target_names:
@@ -178,6 +200,10 @@ class CandidatePoses:
         """
         return self.blocks(model, lambda linear: shortened(linear.white_jacobian), x)
 
+    def rows(self, model: CalibrationModel) -> int:
+        """Rows of the block of a posture: of all that is measured there at once."""
+        return model.rows if self.cell is None else self.cell.rows(model)
+
     def blocks(
         self,
         model: CalibrationModel,
@@ -188,7 +214,7 @@ class CandidatePoses:
 
         The points of a board are two rows each: those of thousands of poses would fill the memory.
         """
-        at_once = max(1, _NUMBERS // (model.measurement.rows * model.p))
+        at_once = max(1, _NUMBERS // (self.rows(model) * model.p))
         parts = [
             of(self.take(np.arange(first, min(first + at_once, len(self)))).linearise(model, x))
             for first in range(0, max(len(self), 1), at_once)

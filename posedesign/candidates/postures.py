@@ -123,7 +123,11 @@ def evenly(pose: IntArray, most: int) -> BoolArray:
 
 
 def local_poses(
-    cell: Cell, postures: FloatArray, turns: ArrayLike, touched_m: FloatArray | None = None
+    cell: Cell,
+    postures: FloatArray,
+    turns: ArrayLike,
+    touched_m: FloatArray | None = None,
+    tool_m: FloatArray | None = None,
 ) -> FloatArray:
     """Postures ``(N, n)`` [rad] with the tool turned about the point that it touches.
 
@@ -133,9 +137,10 @@ def local_poses(
     ``turns`` (N, 3) are rotation vectors r [rad] in the axes of the tip: its orientation becomes
     ``R exp(r)``, as in :mod:`calib.model.parameters.frames`; in base axes it would be ``R.T @ r``.
     ``touched_m`` (N, 3): where the tool point stays [m], base frame; by default where it is. Given,
-    the rounding of one step after another does not add up. NaN where no such posture lies inside
-    the limits less the margin of the cell, or where the turn leads into a singularity; other
-    constraints are not looked at: see :func:`~posedesign.candidates.feasible`.
+    the rounding of one step after another does not add up. ``tool_m`` (N, 3): the point [m] that
+    the tool is turned about, in the tip frame; the cell's by default. NaN where no such posture
+    lies inside the limits less the margin of the cell, or where the turn leads into a singularity;
+    other constraints are not looked at: see :func:`~posedesign.candidates.feasible`.
     """
     robot = cell.robot
     q = np.atleast_2d(robot.check_posture(postures))
@@ -147,7 +152,12 @@ def local_poses(
             name="turns",
         )
     state = robot.state(q)
-    place = state.point(cell.tool_m) if touched_m is None else np.asarray(touched_m, dtype=float)
+    tool = np.broadcast_to(cell.tool_m if tool_m is None else tool_m, (len(q), 3))
+    if touched_m is None:
+        touched_m = (state.T_base_tip @ np.append(tool, np.ones((len(q), 1)), axis=1)[..., None])[
+            :, :3, 0
+        ]
+    place = np.asarray(touched_m, dtype=float)
     if place.shape != (len(q), 3):
         raise InputError(f"{len(q)} postures touch places ({len(q)}, 3)", name="touched_m")
     bounds = Bounds.within(robot.lower, robot.upper, robot.coupled_limits, cell.margin)
@@ -155,7 +165,7 @@ def local_poses(
     found = q
     for k in range(1, steps + 1):
         turned = state.R_base_tip @ rotation_exp(by * (k / steps))
-        T = touching_poses(turned, cell.tool_m, place)
+        T = touching_poses(turned, tool, place)
         found = _followed(robot, found, T, bounds)
     found[~_same_branch(robot, q, found)] = np.nan
     found[~(bounds.excess(found).max(axis=1) <= LIMIT_TOLERANCE)] = np.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,22 +11,35 @@ import numpy as np
 
 from calib.errors import FileFormatError, JointLimitError
 from calib.geometry import Scene
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import BoardView, CameraPose, Measurement
 from calib.model.parameters import TargetPoints, ZeroOffsets
 from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.file import parse_text, read_config
 from posedesign.cell.measuring import (
     board_view,
+    camera_pose,
     free_tool_axes,
     hand_eye_model,
-    make_measurement,
+    noise_of_kind,
     touching_model,
     truth_of,
+)
+from posedesign.cell.observations import (
+    Observation,
+    mark_named,
+    mark_sight,
+    measuring_model,
+    observations_of,
+    place_of,
+    setup_of,
+    touched_by_tool,
+    true_set_up,
+    which_observations,
 )
 from posedesign.cell.schema import CellConfig, RobotSection
 from posedesign.cell.surroundings import (
@@ -36,6 +50,7 @@ from posedesign.cell.surroundings import (
     build_scene,
     check_board,
     check_cell,
+    check_observations,
     meeting_pairs,
     naming,
     nearest_body,
@@ -46,6 +61,8 @@ from posedesign.cell.surroundings import (
     what_may_be_wrong,
 )
 from posedesign.constraints import Checker, Collision, MotionChecker, Retreat
+from posedesign.constraints.mark_sight import MarkSight
+from posedesign.files.measurements import TOOL
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -99,7 +116,7 @@ class Cell(CellData):
         robot = _with_coupled_limits(robot, source, path)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
-        given = config.target.position_mm
+        given = config.target.position_mm if touched_by_tool(config) else None
         target = robot.state(posture).point(tool) if given is None else np.array(given) / 1e3
         listed = config.parameters.zero_offsets
         with naming(path, "tool.body"):
@@ -126,6 +143,7 @@ class Cell(CellData):
                 key="parameters.tool_axes",
                 hint='set it to "xy"',
             )
+        check_observations(cell, path)
         with naming(path, "board"):
             cell.board  # noqa: B018  what cannot be is said now
         check_board(cell, path)
@@ -145,10 +163,100 @@ class Cell(CellData):
 
     @property
     def measurement(self) -> Measurement:
-        """The measurement with its noise."""
+        """The measurement with its noise; of several kinds the first."""
         if self.sees_board:
             return board_view(self, self.board_set_up)
-        return make_measurement(self.config, self.T_tip_camera[:3, :3])
+        if self.is_hand_eye:
+            return camera_pose(self.config)
+        return noise_of_kind(self, self.observations[0].kind)
+
+    @cached_property
+    def observations(self) -> tuple[Observation, ...]:
+        """All that a pose can be of: one, but for several targets, pins or payloads."""
+        return observations_of(self.config)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether one target is touched by the tool point, with the load of the tool alone."""
+        seen = self.observations
+        return len(seen) == 1 and seen[0].tools == (TOOL,) and not seen[0].reads
+
+    @cached_property
+    def sights(self) -> tuple[MarkSight | None, ...]:
+        """What of each observation an instrument has to see; None where the tool touches."""
+        return tuple(mark_sight(self, seen, self.scene) for seen in self.observations)
+
+    @cached_property
+    def parts(self) -> tuple[Cell, ...]:
+        """The cell as each of its observations has it: with one target, and one point to touch."""
+        if self.is_hand_eye:
+            return (self,)
+        first, *others = self.observations
+        if not others and (first.reads or first.tools == (TOOL,)):
+            return (self,)
+        return tuple(self._part(seen) for seen in self.observations)
+
+    def _part(self, seen: Observation) -> Cell:
+        config = self.config
+        target = next(t for t in config.targets if t.name == seen.target)
+        measurement = config.measurement.model_copy(update={"kind": seen.kind, "payloads": ()})
+        alone = {"target": target, "other_targets": (), "measurement": measurement}
+        tool_m = self.tool_m
+        if not seen.reads:
+            alone["tool"] = config.tool.model_copy(update={"mark": ()})
+            tool_m = mark_named(self, seen.tools[0]).point_m
+        return replace(
+            self,
+            config=config.model_copy(update=alone),
+            tool_m=tool_m,
+            target_m=self.target_m if seen.reads else place_of(self, target),
+        )
+
+    def which(self, labels: Sequence[Mapping[str, str]]) -> IntArray:
+        """Index ``(N,)`` of the observation that each pose is of, by its labels in a list."""
+        if self.is_hand_eye:
+            return np.zeros(len(labels), dtype=np.intp)
+        return which_observations(self.observations, labels)
+
+    def checkers(self, which: IntArray) -> list[tuple[Checker, IntArray]]:
+        """What poses of observations ``(N,)`` must keep, and which of them."""
+        if self.is_hand_eye or len(self.observations) == 1:
+            return [(self.checker, np.arange(len(which)))]
+        rows = ((part, np.flatnonzero(which == k)) for k, part in enumerate(self.parts))
+        return [(part.checker, own) for part, own in rows if len(own)]
+
+    def model_for(self, which: IntArray) -> CalibrationModel:
+        """:meth:`model` of poses of these observations ``(N,)``: without targets of others."""
+        if self.is_hand_eye or len(self.observations) == 1:
+            return self.model()
+        return measuring_model(self, [self.observations[k] for k in np.unique(which)])
+
+    def rows(self, model: CalibrationModel) -> int:
+        """Rows of the block of a pose in a model of the cell: of all that is measured there."""
+        if self.is_hand_eye:
+            return model.rows
+        return model.rows * max(len(seen.tools) for seen in self.observations)
+
+    def linearise(
+        self, model: CalibrationModel, postures: FloatArray, which: IntArray | None = None
+    ) -> Linearisation:
+        """What a model of the cell makes of postures ``(N, n)`` [rad] at its nominal parameters.
+
+        ``which`` (N,): the observation of each; the first by default.
+        """
+        return model.linearise(postures, setup=self.setup(model, postures, which))
+
+    def setup(
+        self, model: CalibrationModel, postures: FloatArray, which: IntArray | None = None
+    ) -> Setup:
+        """What is measured at postures ``(N, n)`` [rad], as a model of the cell takes it.
+
+        ``which`` (N,): the observation of each; the first by default. Hand-eye cells have one.
+        """
+        if self.is_hand_eye:
+            return Setup.of(len(postures))
+        index = np.zeros(len(postures), dtype=np.intp) if which is None else which
+        return setup_of(self, model, self.observations, index, self.sights, postures)
 
     @property
     def tool_axes(self) -> str:
@@ -182,13 +290,19 @@ class Cell(CellData):
         if isinstance(measured, CameraPose | BoardView):
             set_up = self.board_set_up if isinstance(measured, BoardView) else None
             return hand_eye_model(self, measured, set_up, offsets or ())
+        if measurement is None and offsets is None and targets is None:
+            return measuring_model(self, self.observations)
         axes = self.tool_axes if measurement is None else free_tool_axes(self, measurement)
         freed = self.offset_joints if offsets is None else offsets
         return touching_model(self, measured, axes, freed, targets)
 
     def truth(self, measurement: Measurement | None = None) -> tuple[CalibrationModel, FloatArray]:
         """Model of the simulated robot, all joints with offsets and deflection, and its values."""
-        return truth_of(self, self.measurement if measurement is None else measurement)
+        if self.is_hand_eye or measurement is not None:
+            touched = Observation("touch-up", (TOOL,), self.config.target.name)
+            blocks, placed, _ = true_set_up(self, [touched])
+            return truth_of(self, blocks, placed, [measurement or self.measurement])
+        return truth_of(self, *true_set_up(self, self.observations))
 
     @cached_property
     def scene(self) -> Scene:
@@ -198,7 +312,8 @@ class Cell(CellData):
     @cached_property
     def checker(self) -> Checker:
         """All constraints that a measuring posture must keep."""
-        return build_checker(self, self.scene, self.solid, self.retreat)
+        seen = None if self.is_hand_eye else self.sights[0]
+        return build_checker(self, self.scene, self.solid, self.retreat, seen)
 
     @cached_property
     def passing(self) -> Checker:

@@ -67,7 +67,7 @@ def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
         found = error.errors()
         # a mistyped name often makes another one missing: say the mistyped one
         first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(str(part) for part in first["loc"]).replace("other_targets.", "target.")
         raise FileFormatError(
             _reason(first),
             path=path,
@@ -116,6 +116,8 @@ def cell_text(config: CellConfig, folder: Path, comment: str = "") -> str:
         Lines that stand at the top.
     """
     content = config.model_dump(exclude_defaults=True, exclude_none=True, by_alias=True)
+    if "other_targets" in content:
+        content["target"] = [content.get("target", {}), *content.pop("other_targets")]
     _in_full(content, folder)
     head = [f"# {line}".rstrip() for line in comment.splitlines()]
     return "\n".join([*head, *_table("", content)]) + "\n"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.errors import InputError
@@ -12,6 +14,7 @@ from calib.model.measurements import (
     BoardView,
     CameraPose,
     Measurement,
+    Point,
     TouchUp,
     ViewLine,
 )
@@ -27,6 +30,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray
+from posedesign.cell.arm_errors import payloads_of
 from posedesign.cell.board_set_up import BoardSetUp
 from posedesign.cell.data import CellData
 from posedesign.cell.schema import CellConfig
@@ -92,32 +96,31 @@ def touching_model(
     )
 
 
-def truth_of(cell: CellData, measurement: Measurement) -> tuple[CalibrationModel, FloatArray]:
-    """Model of the simulated robot, all joints with offsets and deflection, and its values."""
+def truth_of(
+    cell: CellData,
+    set_up: Sequence[ParameterBlock],
+    placed: Sequence[FloatArray],
+    measurements: Sequence[Measurement],
+) -> tuple[CalibrationModel, FloatArray]:
+    """Model of the simulated robot, all joints with offsets and deflection, and its values.
+
+    ``set_up``, ``placed``: its tools and targets, and where they really are.
+    """
     truth = cell.config.truth
     given = truth.zero_offsets_deg
     offsets = usual_offsets(cell.robot.n) if given is None else np.deg2rad(given)
-    tool = ToolPoint(cell.tool_m)
-    target = TargetPoints([cell.target_m], [cell.config.target.name])
     blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, cell.robot.joint_names)]
     values = [offsets]
     if cell.deflects:
-        blocks.append(JointCompliance(cell.robot, cell.robot.joint_names, cell.payload))
+        loads = payloads_of(cell)
+        blocks.append(JointCompliance(cell.robot, cell.robot.joint_names, loads))
         values.append(1.0 / cell.stiffness)
     if truth.link_error_mm > 0.0 or truth.link_error_deg > 0.0:
         links = LinkGeometry(cell.robot)
         blocks.append(links)
         values.append(_link_errors(links, truth.link_error_mm, truth.link_error_deg, truth.seed))
-    values += [
-        tool.nominal + np.array(truth.tool_error_mm) / 1e3,
-        target.nominal + np.array(truth.target_error_mm) / 1e3,
-    ]
-    model = CalibrationModel(
-        cell.robot,
-        [*blocks, tool, target],
-        measurement,
-    )
-    return model, np.concatenate(values)
+    model = CalibrationModel(cell.robot, [*blocks, *set_up], measurements)
+    return model, np.concatenate([*values, *placed])
 
 
 def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> FloatArray:
@@ -134,28 +137,19 @@ def usual_offsets(n: int) -> FloatArray:
     return np.resize(pattern, n)
 
 
-def make_measurement(config: CellConfig, R_tip_camera: FloatArray) -> Measurement:
-    """The measurement that the file describes.
+def camera_pose(config: CellConfig) -> CameraPose:
+    """Poses of the target as a camera sees them, with the noise that the file gives them.
 
-    The noise of a camera is that of ``[[noise]]`` where one is given for its kind: that may differ
-    from axis to axis. ``R_tip_camera`` ``(3, 3)`` is how the camera is turned on the tip.
+    That of ``[[noise]]`` where one is given: it may differ from axis to axis.
     """
     section = config.measurement
-    if section.kind == "camera-pose":
-        given = next((noise for noise in config.noise if noise.kind == section.kind), None)
-        return CameraPose(
-            noise_sigma(
-                given
-                or NoiseSection(
-                    kind=section.kind,
-                    three_sigma_mm=section.camera_three_sigma_mm,
-                    three_sigma_deg=section.camera_three_sigma_deg,
-                )
-            )
-        )
-    if section.kind == "view-line":
-        return ViewLine(np.array(section.three_sigma_mm[:2]) / 3e3)
-    return make_touch_up(config, R_tip_camera)
+    given = next((noise for noise in config.noise if noise.kind == "camera-pose"), None)
+    noise = given or NoiseSection(
+        kind="camera-pose",
+        three_sigma_mm=section.camera_three_sigma_mm,
+        three_sigma_deg=section.camera_three_sigma_deg,
+    )
+    return CameraPose(noise_sigma(noise))
 
 
 def make_touch_up(config: CellConfig, R_tip_camera: FloatArray) -> TouchUp:
@@ -163,6 +157,37 @@ def make_touch_up(config: CellConfig, R_tip_camera: FloatArray) -> TouchUp:
     section = config.measurement
     axes = R_tip_camera if section.noise_axes == "camera" else None
     return TouchUp(np.array(section.three_sigma_mm) / 3e3, axes)
+
+
+def noise_of_kind(cell: CellData, kind: str) -> Measurement:
+    """A kind of measurement with its noise, for planning.
+
+    Raises
+    ------
+    InputError
+        Nothing is said of the noise of an instrument.
+    """
+    given = next((noise for noise in cell.config.noise if noise.kind == kind), None)
+    if given is not None:
+        return measured_with(given)
+    if kind == "touch-up":
+        return make_touch_up(cell.config, cell.T_tip_camera[:3, :3])
+    if kind == "view-line":
+        return ViewLine(np.array(cell.config.measurement.three_sigma_mm[:2]) / 3e3)
+    raise InputError(
+        f"how well a {kind} is measured is not known, and plans go by that",
+        hint=f'add [[noise]] with kind = "{kind}" and three_sigma_mm of the instrument',
+        name="noise",
+    )
+
+
+def measured_with(noise: NoiseSection) -> Measurement:
+    """A kind of measurement with the noise that a cell gives it."""
+    sigma = noise_sigma(noise)
+    if noise.grows:
+        per_m = noise.along_three_sigma_mm_per_m, noise.across_three_sigma_mm_per_m
+        return Point(sigma, *(growth / 3e3 for growth in per_m))
+    return KINDS[noise.kind](sigma)
 
 
 def noise_sigma(noise: NoiseSection) -> FloatArray:

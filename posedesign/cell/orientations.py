@@ -75,8 +75,11 @@ def cone_rotations_at(R_base: FloatArray, tilt: float, points: FloatArray) -> Fl
 
 
 def touching_poses(R_base_tip: FloatArray, tool_m: FloatArray, target_m: FloatArray) -> FloatArray:
-    """Tip poses ``(N, 4, 4)`` of orientations with the tool point (tip frame) on the target [m]."""
-    return transform(R_base_tip, target_m - R_base_tip @ tool_m)
+    """Tip poses ``(N, 4, 4)`` of orientations with the tool point (tip frame) on the target [m].
+
+    ``tool_m``, ``target_m``: ``(3,)``, or one for each ``(N, 3)``.
+    """
+    return transform(R_base_tip, target_m - (R_base_tip @ tool_m[..., None])[..., 0])
 
 
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])

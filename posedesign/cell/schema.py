@@ -15,8 +15,10 @@ from posedesign.cell.schema_sections import (
     BoxSteps,
     Finite,
     ImagingSection,
+    Kind,
     KnownDistanceSection,
     Line,
+    MarkSection,
     Name,
     Noise,
     NoiseSection,
@@ -49,9 +51,10 @@ _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
 _PLAN_OF_KIND = {
     "camera-pose": {"condition_threshold": 50.0, "dwell_s": 2.0},
     "board": {"condition_threshold": 100.0, "dwell_s": 2.0},
+    **{kind: {"dwell_s": 5.0} for kind in ("point", "pose", "distance")},
 }
 """Defaults where a camera sees a target: C_G of X and Z is below a thousand with any poses, and a
-picture takes the time in which the arm comes to rest."""
+picture takes the time in which the arm comes to rest. A tracker takes the mean of some seconds."""
 
 
 class CoupledLimitSection(Section):
@@ -167,6 +170,9 @@ class ToolSection(Section):
     """Distance of the lens behind the tool point, along z of the tip, where ``camera.position_mm``
     is not given."""
     body: tuple[SolidSection, ...] = ()
+    mark: tuple[MarkSection, ...] = ()
+    """Points that are measured in place of the tool point: all at once by an instrument, one or the
+    other by touch."""
 
     @model_validator(mode="after")
     def _is_finite(self) -> ToolSection:
@@ -348,7 +354,7 @@ class ConstraintSection(Section):
 
 
 class MeasurementSection(Section):
-    """How it is measured, and how well: touch-ups, poses of a target, or pictures of a board.
+    """How it is measured, and how well: touch-ups, instruments, poses of a target, or pictures.
 
     The noise of touch-ups is along x, y, z of the tip, or of the camera as it is mounted there.
     ``arm_three_sigma_mm`` and ``arm_three_sigma_deg`` are what zero offsets of up to 0.1 deg look
@@ -356,10 +362,17 @@ class MeasurementSection(Section):
     0.06 deg, one standard deviation, on an R-2000iC and on a UR10e.
     """
 
-    kind: Literal["touch-up", "view-line", "camera-pose", "board"] = "touch-up"
+    kind: Kind | Literal["board"] = "touch-up"
     """``touch-up``: the tool point is on the target. ``view-line``: across the line of sight only.
-    ``camera-pose``: a camera sees the target's pose (hand-eye calibration). ``board``: pictures of
-    the ``[board]``, by the pixels of its points."""
+    ``plane``: the tool point touches a plane. ``point``: a tracker or a measuring arm reads where
+    points of the tool are. ``pose``: one reads how the tool is turned, too. ``distance``: a ball
+    bar or a wire reads how far the tool point is. ``camera-pose``: a camera sees the target's pose
+    (hand-eye calibration). ``board``: pictures of the ``[board]``, by the pixels of its points. How
+    well each is measured but by touch or camera stands in ``[[noise]]``."""
+    payloads: tuple[Name, ...] = ()
+    """Names of ``[[payload]]`` that poses are planned with, besides the tool's own."""
+    least_marks: Annotated[int, Field(strict=True, ge=1, le=100)] = 1
+    """Marks of the tool that an instrument has to see at each pose."""
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
     """Three standard deviations of one touch-up along x, y and z."""
     noise_axes: Literal["tip", "camera"] = "tip"
@@ -384,7 +397,7 @@ class MeasurementSection(Section):
 
     @model_validator(mode="after")
     def _has_a_common_unit(self) -> MeasurementSection:
-        if self.kind in _PLAN_OF_KIND and not self.weighted:
+        if self.kind in ("camera-pose", "board", "pose") and not self.weighted:
             raise ValueError(
                 f"a {self.kind} is weighted by its noise: mm and deg have no common unit"
             )
@@ -525,6 +538,8 @@ class CellConfig(Section):
     tool: ToolSection
     base_pose: BasePoseSection
     target: TargetSection = TargetSection()
+    other_targets: tuple[TargetSection, ...] = ()
+    """Those after the first of several tables ``[[target]]``."""
     camera: CameraSection | None = None
     board: BoardSection | None = None
     obstacle: tuple[SolidSection, ...] = ()
@@ -553,6 +568,14 @@ class CellConfig(Section):
         usual = _PLAN_OF_KIND.get(str(measurement.get("kind")))
         return {**raw, "plan": {**usual, **plan}} if usual else raw
 
+    @model_validator(mode="before")
+    @classmethod
+    def _first_target(cls, raw: Any) -> Any:
+        targets = raw.get("target") if isinstance(raw, dict) else None
+        if not isinstance(targets, list) or not targets:
+            return raw
+        return {**raw, "target": targets[0], "other_targets": targets[1:]}
+
     @model_validator(mode="after")
     def _names_differ(self) -> CellConfig:
         names = [solid.name for solid in (*self.tool.body, *self.obstacle)]
@@ -562,8 +585,15 @@ class CellConfig(Section):
         for listed, what in (
             ([p.name for p in self.payload], "payloads have the name"),
             ([str(n.kind) for n in self.noise], "noises are of the kind"),
+            ([m.name for m in self.tool.mark], "marks of the tool have the name"),
+            ([t.name for t in self.targets], "targets have the name"),
         ):
             double = next((name for name in listed if listed.count(name) > 1), None)
             if double is not None:
                 raise ValueError(f"two {what} {double!r}")
         return self
+
+    @property
+    def targets(self) -> tuple[TargetSection, ...]:
+        """All that is measured from."""
+        return (self.target, *self.other_targets)

@@ -108,6 +108,9 @@ class ParameterSection(Section):
     """Usual standard deviation of errors of transmissions."""
     prior_compliance_urad_nm: Positive = 50.0
     """Usual standard deviation of the compliance of reducers."""
+    planned: Annotated[tuple[Word, ...], Field(min_length=1)] = ("zero_offsets",)
+    """What poses are planned for: the model, in the words of ``models``, that they are to
+    identify."""
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
     """``newton-raphson``: as in the paper, with derivatives by finite differences."""
     loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"
@@ -130,15 +133,38 @@ class ParameterSection(Section):
         return self
 
 
-class NoiseSection(Section):
-    """Noise of a further kind of measurement, in the axes of its instrument."""
+Kind = Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
+"""Of a measurement."""
 
-    kind: Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
+
+class NoiseSection(Section):
+    """Noise of a kind of measurement, in the axes of its instrument."""
+
+    kind: Kind
     """Kind of measurement that has this noise."""
     three_sigma_mm: Noise | NoiseVector
     """Three standard deviations of lengths: one number, or one for each axis."""
     three_sigma_deg: Noise | NoiseVector | None = None
     """Three standard deviations of angles, for poses."""
+    along_three_sigma_mm_per_m: NotNegative = 0.0
+    """What each metre of distance adds along the line of sight, in quadrature, for points of a
+    tracker."""
+    across_three_sigma_mm_per_m: NotNegative = 0.0
+    """The same across the line of sight: the noise of the tracker's angles, in mrad."""
+
+    @property
+    def grows(self) -> bool:
+        """Whether the noise grows with the distance."""
+        return bool(self.along_three_sigma_mm_per_m or self.across_three_sigma_mm_per_m)
+
+    @model_validator(mode="after")
+    def _grows_of_points(self) -> NoiseSection:
+        if self.grows and (self.kind != "point" or not isinstance(self.three_sigma_mm, float)):
+            raise ValueError(
+                "noise that grows with the distance is of a point, with one number as "
+                "three_sigma_mm"
+            )
+        return self
 
     @model_validator(mode="after")
     def _has_angles(self) -> NoiseSection:
@@ -204,16 +230,48 @@ class TouchUpSection(Section):
     """Largest rotation of the arm about the target while it finds camera and target."""
 
 
-class TargetSection(Section):
-    """The point that is touched; where the tool point stands at the base pose by default.
+class MarkSection(Section):
+    """A further point of the tool that is measured: a reflector, a marker, another pin."""
 
-    Radius, plate and cross are those of the round target that a camera sees.
+    name: Name
+    """Its name in the column ``tool`` of the measurements."""
+    point_mm: Vector
+    """Where it is, in the axes of the tip; it is identified, too."""
+    axis: Vector | None = None
+    """Direction that a reflector faces, in the axes of the tip; by default it is seen from all
+    around."""
+    largest_angle_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 30.0
+    """Largest angle between this direction and the line of sight at which it is measured."""
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> MarkSection:
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("axis has no length: a reflector faces somewhere")
+        return self
+
+
+class TargetSection(Section):
+    """What is measured from: the point that is touched, a plane, a ball bar's foot, an instrument.
+
+    Radius, plate and cross are those of the round target that a camera sees. Further ones follow as
+    further tables ``[[target]]``.
     """
 
     name: Name = "T1"
     """Its name in the column ``target`` of the measurements."""
+    kind: Kind | None = None
+    """How it is measured; ``measurement.kind`` by default."""
     position_mm: Vector | None = None
-    """Where it is in the base frame; by default where the base pose puts the tool point."""
+    """Where it is in the base frame; by default where the base pose puts the tool point. Of an
+    instrument it has to be given: a decimetre is near enough."""
+    wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """Axes of an instrument, in which it reads points and poses."""
+    nearest_mm: NotNegative = 0.0
+    """Least distance of the tool from an instrument; shortest length of a ball bar or a wire."""
+    farthest_mm: Annotated[float, Field(strict=True, gt=0, le=1e6)] | None = None
+    """Largest distance, or length; of a ball bar or a wire it has to be given."""
+    size_mm: tuple[Size, Size] = (200.0, 200.0)
+    """Lengths of the part of a plane that may be touched, about its position."""
     normal: Vector | None = None
     """Direction out of its face, in base axes; by default to the camera at the base pose. Of a
     board on the flange in the axes of the tip, by default their z."""
@@ -233,6 +291,10 @@ class TargetSection(Section):
     def _has_direction(self) -> TargetSection:
         if self.normal is not None and max(map(abs, self.normal)) < 1e-6:
             raise ValueError("normal has no direction")
+        if self.farthest_mm is not None and not self.nearest_mm < self.farthest_mm:
+            raise ValueError(
+                f"nearest_mm {self.nearest_mm:g} is not below farthest_mm {self.farthest_mm:g}"
+            )
         return self
 
 

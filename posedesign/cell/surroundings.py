@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import CalibError, FileFormatError, InputError, RobotModelError
+from calib.errors import CalibError, FileFormatError, InputError, RobotModelError, near_names
 from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Scene, Solid, Sphere
 from calib.geometry.ways import WAY_TOLERANCE_M
+from calib.model.measurements import KINDS
 from calib.robots import Robot, preset_info
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
@@ -31,6 +32,7 @@ from posedesign.constraints import (
 )
 from posedesign.constraints.board_sight import BoardSight, sight_constraints
 from posedesign.constraints.checker import Singularity
+from posedesign.constraints.mark_sight import MarkSight
 from posedesign.constraints.space import POINT_M, BackingOff, Workspace, workspace_scene
 from posedesign.constraints.visibility import LineOfSight, TargetView
 
@@ -92,7 +94,11 @@ def build_scene(cell: CellData, ignore: Sequence[tuple[str, str]]) -> Scene:
 
 
 def build_checker(
-    cell: CellData, scene: Scene, solid: Sequence[Collision], retreat: Retreat | None
+    cell: CellData,
+    scene: Scene,
+    solid: Sequence[Collision],
+    retreat: Retreat | None,
+    sight: MarkSight | None,
 ) -> Checker:
     """All constraints that a measuring posture of a cell must keep, the costly ones last."""
     found: list[Constraint] = []
@@ -134,7 +140,8 @@ def build_checker(
         if scene.bodies:
             found.append(LineOfSight(view, scene))
     backing_off = [] if retreat is None else [BackingOff(retreat)]
-    return Checker(cell.robot, [*found, *solid, *backing_off], cell.margin)
+    seen = [] if sight is None else [sight]
+    return Checker(cell.robot, [*found, *solid, *seen, *backing_off], cell.margin)
 
 
 def build_retreat(
@@ -455,6 +462,73 @@ def check_cell(cell: CellData, scene: Callable[[], Scene], path: Path) -> None:
     _check_truth(cell, path)
     _check_margins(cell, path)
     _check_surroundings(cell, scene, path)
+
+
+def check_observations(cell: CellData, path: Path) -> None:
+    """Refuse targets, marks and payloads that do not go with how they are measured.
+
+    Raises
+    ------
+    FileFormatError
+        Naming file and key.
+    """
+    config = cell.config
+    by_camera = cell.is_hand_eye or config.camera is not None
+    loads = [load.name for load in config.payload]
+    for name in config.measurement.payloads:
+        if name not in loads:
+            raise FileFormatError(
+                f"the cell has no payload {name!r}",
+                path=path,
+                key="measurement.payloads",
+                hint=near_names(name, loads) if loads else "list it as [[payload]]",
+                value=name,
+            )
+    if config.tool.mark and by_camera:
+        raise FileFormatError(
+            "marks are seen by an instrument or touch, and this cell looks through a camera",
+            path=path,
+            key="tool.mark",
+            hint="leave them out, or the section [camera]",
+        )
+    marked = [mark.name for mark in config.tool.mark]
+    for k, target in enumerate(config.targets):
+        kind = target.kind or config.measurement.kind
+        key = "target" + f".{k}" * bool(config.other_targets)
+        camera_only = ("camera-pose", "board")
+        if (kind in camera_only or config.measurement.kind in camera_only) and (
+            config.other_targets or kind != config.measurement.kind
+        ):
+            raise FileFormatError(
+                f"a {config.measurement.kind} is planned by itself: of one target, and nothing "
+                "else with it",
+                path=path,
+                key=key,
+                hint="leave the other targets out, or make a cell of their own for them",
+            )
+        if kind in camera_only:
+            continue
+        if KINDS[kind].reads and target.position_mm is None:
+            raise FileFormatError(
+                f"where {target.name} stands is not said, and what it sees goes by that",
+                path=path,
+                key=f"{key}.position_mm",
+                hint="give it in the base frame [mm]: a decimetre is near enough",
+            )
+        if kind == "distance" and target.farthest_mm is None:
+            raise FileFormatError(
+                f"how long {target.name} can be is not said",
+                path=path,
+                key=f"{key}.farthest_mm",
+                hint="give nearest_mm and farthest_mm: the lengths of the ball bar or wire",
+            )
+        if kind == "pose" and marked:
+            raise FileFormatError(
+                "a pose is of the tool as a whole, and this one has marks",
+                path=path,
+                key="tool.mark",
+                hint="leave the marks out, or measure them as points",
+            )
 
 
 def check_board(cell: CellData, path: Path) -> None:

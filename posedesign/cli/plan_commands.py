@@ -413,7 +413,8 @@ def check(
     with knowing(loaded), progress("checking poses and motions"):
         verdicts = check_poses(loaded, listed)
         measured = listed.measured
-        off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M)
+        which = loaded.which(measured.labels)
+        off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M, which)
     good = all(verdict.ok for verdict in verdicts) and not off
     content = {
         "feasible": good,

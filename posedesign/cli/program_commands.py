@@ -425,7 +425,7 @@ def convert(
         listed,
         loaded.robot,
         loaded.tool_m,
-        margins=Margins.of(loaded, listed.postures, listed.via),
+        margins=Margins.of(loaded, listed),
         form=JointForm(to.value),
     )
     if as_json:

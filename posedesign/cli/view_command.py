@@ -72,7 +72,9 @@ def view(
         note(f"not checked: {said}")
     if listed is not None:
         touching = listed.measured
-        off = off_target(loaded, touching.names, touching.postures, ON_TARGET_M)
+        off = off_target(
+            loaded, touching.names, touching.postures, ON_TARGET_M, loaded.which(touching.labels)
+        )
         say(answer_of_check(loaded, tour.verdicts[1:], off).verdict)
     if claims:
         write_scene(loaded, tour, claims[0])

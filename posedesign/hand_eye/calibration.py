@@ -24,6 +24,7 @@ from calib.se3 import (
 )
 from calib.vision.boards import Board
 from posedesign.cell import Cell
+from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
@@ -31,7 +32,6 @@ from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.hand_eye.sightings import Advance, find_boards
-from posedesign.identification.models import robot_blocks
 from posedesign.pairs.certificate import Camera
 
 CAMERA_FILES = (

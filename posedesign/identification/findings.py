@@ -11,9 +11,10 @@ from calib.identification.diagnosis import GROSS, MODEL, Cause, Finding, diagnos
 from calib.identification.report import UNSEEN_SCALE
 from calib.model import CalibrationModel
 from posedesign.cell import Cell
+from posedesign.cell.arm_errors import PRIORS, robot_blocks
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import PRIORS, kinds_of, robot_blocks
+from posedesign.identification.models import kinds_of
 
 _CLEARLY_LESS = 0.8
 """Residual over that as measured, from which its size says what was found."""

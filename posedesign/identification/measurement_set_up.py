@@ -23,66 +23,34 @@ from calib.model.measurements import Measurements
 from calib.model.parameters import (
     Frames,
     ParameterBlock,
-    TargetFrame,
-    TargetPlane,
-    TargetPoints,
-    ToolFrame,
-    ToolPoints,
 )
 from calib.se3 import (
     FloatArray,
     IntArray,
     rotation_angle,
     rotation_exp,
-    transform,
     wpr_from_rotation,
 )
 from posedesign.cell import Cell
-from posedesign.files.measurements import TOOL, MeasurementTable
+from posedesign.cell.observations import place_of, target_named
+from posedesign.cell.observations import set_up_blocks as place_set_up
+from posedesign.files.measurements import MeasurementTable
 
 FAR_M, MUCH_FARTHER = 0.1, 10.0
 """Distance of a nominal tool point from the middle of those of its target, and the same over the
 median of all of them, beyond which a row is another thing than the others."""
-
-_FRAMES = ("point", "pose", "camera-pose")
-_POSES = ("pose", "camera-pose")
 
 
 def set_up_blocks(cell: Cell, table: MeasurementTable) -> list[ParameterBlock]:
     """Blocks that place the tools and targets of a table, in the order of its labels."""
     data, kinds = table.data, np.array(table.kinds, dtype=object)[table.data.setup.kind]
     points = cell.robot.state(data.postures).point(cell.tool_m)
-    blocks: list[ParameterBlock] = []
-    for k, label in enumerate(data.tools):
-        met = set(kinds[data.setup.tool == k])
-        if met & set(_POSES):
-            blocks.append(ToolFrame(transform(np.eye(3), cell.tool_m), label))
-        else:
-            free = _tool_axes(cell, label, met)
-            blocks.append(ToolPoints([cell.tool_m], [label], free))
-    for k, label in enumerate(data.targets):
+    tools = [(name, set(kinds[data.setup.tool == k])) for k, name in enumerate(data.tools)]
+    targets = []
+    for k, name in enumerate(data.targets):
         own = data.setup.target == k
-        blocks.append(_target(cell, label, set(kinds[own]), points[own]))
-    return blocks
-
-
-def _tool_axes(cell: Cell, label: str, met: set[str]) -> str:
-    """Axes along which a tool point can be seen: not along a view line."""
-    asked = cell.config.parameters.tool_axes
-    if label == TOOL and asked is not None:
-        return asked
-    return "xy" if met == {"view-line"} else "xyz"
-
-
-def _target(cell: Cell, label: str, met: set[str], points: FloatArray) -> ParameterBlock:
-    if met & set(_FRAMES):
-        return TargetFrame(np.eye(4), label)
-    if met == {"plane"}:
-        middle = points.mean(axis=0)
-        normal = np.linalg.svd(points - middle)[2][-1]
-        return TargetPlane(middle, normal if normal[2] >= 0 else -normal, label)
-    known = label == cell.config.target.name
-    return TargetPoints([cell.target_m if known else points.mean(axis=0)], [label])
+        targets.append((name, set(kinds[own]), points[own]))
+    return place_set_up(cell, tools, targets)
 
 
 def nominal_distances(cell: Cell, table: MeasurementTable) -> FloatArray:
@@ -97,8 +65,8 @@ def nominal_distances(cell: Cell, table: MeasurementTable) -> FloatArray:
     for k, label in enumerate(data.targets):
         own = (data.setup.target == k) & np.isin(kinds, ("touch-up", "view-line"))
         if own.any():
-            known = label == cell.config.target.name
-            place = cell.target_m if known else points[own].mean(axis=0)
+            known = target_named(cell.config, label)
+            place = points[own].mean(axis=0) if known is None else place_of(cell, known)
             out[own] = np.linalg.norm(points[own] - place, axis=1)
     return out
 

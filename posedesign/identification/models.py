@@ -12,12 +12,10 @@ from calib.errors import InputError, near_names
 from calib.identification import Candidate, PriorGroup, reduce
 from calib.identification.report import UNSEEN_SCALE, unseen_scale
 from calib.identification.start import first_guess
-from calib.model import CalibrationModel, KnownDistance, Setup
+from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import KINDS, Measurement
 from calib.model.parameters import (
-    AXES,
     BearingCompliance,
-    GravityLoad,
     JointCompliance,
     JointHarmonics,
     JointScale,
@@ -26,15 +24,14 @@ from calib.model.parameters import (
     LostMotion,
     ParameterBlock,
     Part,
-    Payload,
     TargetFrame,
     ToolFrame,
     ZeroOffsets,
 )
-from calib.robots import Robot
-from calib.se3 import FloatArray, transform
+from calib.se3 import transform
 from posedesign.cell import Cell
-from posedesign.cell.measuring import noise_sigma
+from posedesign.cell.arm_errors import PRIORS, WEIGH, has_weight, payloads_of, robot_blocks
+from posedesign.cell.measuring import measured_with
 from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.measurement_set_up import set_up_blocks
 
@@ -43,12 +40,6 @@ FRAMES_ONLY = "frames only"
 
 OFFSETS = "offsets"
 _NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
-PRIORS = "priors"
-"""Word that holds a model to what is known before measuring."""
-
-_WEIGH = ("compliance", "bearings", "lost_motion")
-"""Words that need the torque of gravity, and so the masses of the links."""
-
 EVERYTHING = "everything with priors"
 """Name of the reference, which all models are judged by."""
 
@@ -62,14 +53,6 @@ _ABSENT = (
 )
 """What an arm may be without: bearings give way less than reducers, what runs unevenly sticks, too,
 and links may be as described: the least size of their errors is not nothing."""
-
-WIND_UP = 3e-3
-"""What a joint gives way by under the largest torque of gravity [rad], at most but for the spread
-of :data:`SIZES`. With the stiffness of RV reducers of its class an R-2000iC gives way by some 1.7
-mrad at the shoulder, and the joints of light arms with torque sensors by several."""
-
-_WEIGHED = 300
-"""Postures among which the largest torque is looked for."""
 
 SIZES = 0.05, 2.0
 """Bounds of the standard deviation of a kind of errors that is found from the measurements, over
@@ -109,19 +92,12 @@ def kinds_of(
         if section.estimate_noise and not before_measuring:
             found.append(KINDS[name](None))
         elif name in given:
-            found.append(KINDS[name](noise_sigma(given[name])))
-        elif name == section.kind:
+            found.append(measured_with(given[name]))
+        elif name == section.kind and name in ("touch-up", "view-line", "camera-pose"):
             found.append(cell.measurement)
         else:
             found.append(KINDS[name](None))
     return found
-
-
-def payloads_of(cell: Cell) -> list[Payload]:
-    """The tool's own payload, and those listed besides."""
-    own = cell.payload or Payload(0.0, np.zeros(3))
-    others = [Payload(p.mass_kg, np.array(p.com_mm) / 1e3) for p in cell.config.payload]
-    return [own, *others]
 
 
 def arm_as_dict(cell: Cell) -> dict[str, Any]:
@@ -131,66 +107,6 @@ def arm_as_dict(cell: Cell) -> dict[str, Any]:
         "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
         "link_masses_kg": cell.robot.link_mass.tolist(),
     }
-
-
-def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
-    """Blocks of the arm that words free; all joints unless the cell lists offsets."""
-    robot, section = cell.robot, cell.config.parameters
-    joints, payloads = robot.joint_names, payloads_of(cell)
-    blocks: list[ParameterBlock] = []
-    held, degree = PRIORS in words, np.pi / 180.0
-    offset = section.prior_offset_deg * degree if held else None
-    length = section.prior_length_mm * 1e-3 if held else None
-    angle = section.prior_angle_deg * degree if held else None
-    wave = section.prior_harmonic_deg * degree if held else None
-    give = section.prior_compliance_urad_nm * 1e-6 if held else None
-    if "geometry" in words:
-        # offsets first: a turn about a joint's axis is then called by the name of its offset
-        blocks.append(ZeroOffsets(robot, joints, offset))
-        blocks.append(LinkGeometry(robot, _across_axes(robot) if held else None, length, angle))
-    elif "zero_offsets" in words:
-        blocks.append(ZeroOffsets(robot, cell.offset_joints, offset))
-    if "scale" in words:
-        blocks.append(JointScale(robot, joints, wave))  # as much in a radian as a wave
-    if "compliance" in words:
-        wound = None if give is None else _give(robot, payloads, give)
-        blocks.append(JointCompliance(robot, joints, payloads, prior=wound))
-    if "bearings" in words:
-        blocks.append(BearingCompliance(robot, joints, payloads, prior=give))
-    if "lost_motion" in words:
-        blocks.append(LostMotion(robot, joints, section.lost_motion_nm, payloads, prior_rad=wave))
-    if "harmonics" in words:
-        blocks.append(JointHarmonics(robot, joints, section.harmonics, wave))
-    return blocks
-
-
-def _give(robot: Robot, payloads: Sequence[Payload], prior: float) -> FloatArray:
-    """Standard deviations ``(n,)`` of compliances [rad/Nm]: less for joints that carry much.
-
-    The reducer of a shoulder that holds 5 kNm is stiffer than that of a light wrist: none is built
-    to give way by more than ``WIND_UP`` or so.
-    """
-    rng = np.random.default_rng(0)
-    q = rng.uniform(robot.lower, robot.upper, (_WEIGHED, robot.n)).T.copy()
-    load = GravityLoad(robot, payloads)
-    largest = np.max(
-        [
-            np.abs(load.joint_torque(q, Setup.of(_WEIGHED, payload=[k] * _WEIGHED))).max(axis=1)
-            for k in range(len(payloads))
-        ],
-        axis=0,
-    )
-    return np.asarray(np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior)))
-
-
-def _across_axes(robot: Robot) -> list[str]:
-    """Parameters of all links but turns about the joints' own axes, which are zero offsets."""
-    own = {
-        f"link.{joint}.{AXES[3 + int(np.argmax(np.abs(axis)))]}"
-        for joint, axis in zip(robot.joint_names, robot.chain.axes, strict=True)
-        if np.abs(axis).max() > 1.0 - 1e-9
-    }
-    return [name for name in LinkGeometry(robot).names if name not in own]
 
 
 def candidates(
@@ -248,8 +164,8 @@ def reference(cell: Cell, table: MeasurementTable) -> tuple[Candidate, list[Cand
     """
     asked = {word for words in cell.config.parameters.models for word in words}
     every = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
-    if not _has_weight(cell):
-        every = tuple(word for word in every if word not in _WEIGH)
+    if not has_weight(cell):
+        every = tuple(word for word in every if word not in WEIGH)
     kinds = kinds_of(cell, table.kinds)
 
     def without(absent: Sequence[str]) -> Candidate:
@@ -284,7 +200,7 @@ def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:
 def asked_for(cell: Cell) -> list[tuple[str, ...]]:
     """Models that the cell asks for and can have, in its words."""
     asked = cell.config.parameters.models
-    return [words for words in asked if _has_weight(cell) or not set(words) & set(_WEIGH)]
+    return [words for words in asked if has_weight(cell) or not set(words) & set(WEIGH)]
 
 
 def _model(
@@ -316,10 +232,6 @@ def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
             if unseen_scale(linear, x) > UNSEEN_SCALE:
                 found.append(name_of(words))
     return found
-
-
-def _has_weight(cell: Cell) -> bool:
-    return bool(cell.robot.link_mass.any())
 
 
 def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:

@@ -14,6 +14,7 @@ from calib.identification import check_identifiable, covariance_of
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
+from posedesign.cell.observations import miss_m
 from posedesign.constraints import Collision, Verdicts
 from posedesign.constraints.space import MotionVerdicts
 from posedesign.planning.loop import identification_jacobian
@@ -40,16 +41,23 @@ def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> li
     return said
 
 
-def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
+def off_target(
+    cell: Cell,
+    names: Sequence[str],
+    postures: FloatArray,
+    far_m: float,
+    which: IntArray | None = None,
+) -> list[str]:
     """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that.
 
-    None in a cell of hand-eye calibration: nothing is touched, and what the camera has to see is a
-    constraint of its own.
+    ``which`` (N,): the observation of each; not given, the target that is nearest. None in a cell
+    of hand-eye calibration: nothing is touched, and what the camera has to see is a constraint of
+    its own.
     """
     if cell.is_hand_eye:
         return []
-    points = cell.robot.state(postures).point(cell.tool_m)
-    distance = np.linalg.norm(points - cell.target_m, axis=-1)
+    each = np.array([miss_m(cell, seen, postures) for seen in cell.observations])
+    distance = each.min(axis=0) if which is None else each[which, np.arange(len(postures))]
     return [
         f"{name}: the tool point is {far * 1e3:.4g} mm from the target"
         for name, far in zip(names, distance, strict=True)
@@ -72,7 +80,8 @@ def check_fit(cell: Cell, poses: PoseList) -> None:
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
     measured = poses.measured
-    far = off_target(cell, measured.names, measured.postures, NEAR_TARGET_M)
+    which = cell.which(measured.labels)
+    far = off_target(cell, measured.names, measured.postures, NEAR_TARGET_M, which)
     _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
 
 
@@ -134,8 +143,10 @@ def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     judged: list[tuple[Verdicts, IntArray]] = []
     # poses that are to blame where a way ends in them: not those that touch, as no way may
     blamed = np.ones(len(poses.names), dtype=bool)
+    measured = np.flatnonzero(~poses.via)
+    which = cell.which(poses.measured.labels)
     for checker, rows in (
-        (cell.checker, np.flatnonzero(~poses.via)),
+        *((checker, measured[own]) for checker, own in cell.checkers(which)),
         (cell.passing, np.flatnonzero(poses.via)),
     ):
         verdicts = checker.check(poses.postures[rows])
@@ -255,21 +266,25 @@ class Score:
 
 def score_poses(cell: Cell, poses: PoseList) -> Score:
     """Indices and predicted standard deviations of any pose list."""
-    model = cell.model()
-    linear = model.linearise(poses.postures)
+    which = cell.which(poses.labels)
+    model = cell.model_for(which)
+    setup = cell.setup(model, poses.postures, which)
+    linear = model.linearise(poses.postures, setup=setup)
     white = linear.white_jacobian
     problem = _what_is_hidden(model, white)
     sigma: list[tuple[str, str, float]] = []
     if not problem:
         weighted = cell.config.measurement.weighted
-        covariance = covariance_of(model, poses.postures, weighted=weighted)
+        covariance = covariance_of(model, poses.postures, setup=setup, weighted=weighted)
         sigma = displayed(model, np.sqrt(np.diag(covariance)))
-    verdicts = cell.checker.check(poses.postures)
-    broken = [
-        f"{poses.names[i]}: {verdicts.reason(i)}"
-        for i in np.flatnonzero(~verdicts.feasible).tolist()
-    ]
-    off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
+    broken = []
+    for checker, rows in cell.checkers(which):
+        verdicts = checker.check(poses.postures[rows])
+        broken += [
+            f"{poses.names[rows[i]]}: {verdicts.reason(i)}"
+            for i in np.flatnonzero(~verdicts.feasible).tolist()
+        ]
+    off = off_target(cell, poses.names, poses.postures, ON_TARGET_M, which)
     return Score(
         evaluate(identification_jacobian(linear), white), sigma, problem, tuple(broken), tuple(off)
     )

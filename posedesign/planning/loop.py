@@ -5,7 +5,7 @@ Steps 1 to 6 of the paper are the functions below, in that order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -214,6 +214,10 @@ class _Loop:
     """State of one planning run: the rounds so far, the best of them, the repair pool."""
 
     def __init__(self, cell: Cell, progress: Progress | None) -> None:
+        self._labels: list[Mapping[str, str]] = []
+        if not cell.is_hand_eye and len(cell.observations) > 1:
+            self._labels = [cell.observations[0].labels]
+            cell = cell.parts[0]
         self.cell = cell
         self.model = cell.model()
         self.progress = progress
@@ -253,11 +257,13 @@ class _Loop:
 
     def _evaluate(self, poses: PoseSet, variation: Sequence[float], number: int) -> Round:
         model, kept = self.model, poses.kept
-        blocks = identification_jacobian(model.linearise(kept))
+        setup = self.cell.setup(model, kept)
+        blocks = identification_jacobian(model.linearise(kept, setup=setup))
         c_g = condition_inf(blocks) if len(kept) else float("inf")
-        if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
+        if np.isfinite(c_g) and len(kept) * self.cell.rows(model) >= model.p:
             weighted = self.cell.config.measurement.weighted
-            sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
+            found = covariance_of(model, kept, setup=setup, weighted=weighted)
+            sigma = np.sqrt(np.diag(found))
         else:
             c_g, sigma = float("inf"), np.full(model.p, np.inf)
         return Round(
@@ -328,7 +334,9 @@ class _Loop:
         ]
         scores = [
             condition_inf(
-                identification_jacobian(self.model.linearise(self._generate(option).kept))
+                identification_jacobian(
+                    self.cell.linearise(self.model, self._generate(option).kept)
+                )
             )
             for option in options
         ]
@@ -355,14 +363,15 @@ class _Loop:
             stop = StopReason.INFEASIBLE
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
-        linear = self.model.linearise(postures)
+        linear = self.cell.linearise(self.model, postures)
         blocks, white = identification_jacobian(linear), linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
             told = np.vstack([white.reshape(-1, self.model.p), self.model.known_rows])
             check_identifiable(told, self.model.names, self.model.nuisance)
+        labels = tuple(self._labels * len(poses.status))
         return PosePlan(
-            poses=poses,
+            poses=replace(poses, labels=labels),
             route=route,
             best=best,
             rounds=tuple(self.rounds),
@@ -373,6 +382,7 @@ class _Loop:
             stop=stop,
             advice=_advice(stop, self.rounds[best], self._cut_off),
             not_checked=self.cell.not_checked,
+            setup=self.cell.setup(self.model, postures[route.order]),
         )
 
 

@@ -10,7 +10,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Setup
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from calib.shown import Shown
@@ -46,7 +46,8 @@ class PoseSet:
     the grid from being taken as it is; empty where it can be. ``orientations`` (27, 3, 3):
     ``R_base_tip`` that the grid asks for. ``turned`` (27,): angle of a replacement against the pose
     of the grid [rad]; NaN for all others. ``searched``: whether replacements were looked for.
-    ``letter``: that names begin with. ``first``: number of the first pose.
+    ``letter``: that names begin with. ``first``: number of the first pose. ``labels``: what each
+    pose is of, by column of a list of poses: target, tool, payload; none where all are of one.
     """
 
     postures: FloatArray
@@ -57,6 +58,7 @@ class PoseSet:
     searched: bool = False
     letter: str = "P"
     first: int = 1
+    labels: tuple[Mapping[str, str], ...] = ()
 
     @classmethod
     def of_grid(
@@ -67,11 +69,16 @@ class PoseSet:
         return cls(postures, status, shut_out, orientations, np.full(len(status), np.nan))
 
     @classmethod
-    def of_chosen(cls, postures: FloatArray, orientations: FloatArray) -> PoseSet:
+    def of_chosen(
+        cls,
+        postures: FloatArray,
+        orientations: FloatArray,
+        labels: Sequence[Mapping[str, str]] = (),
+    ) -> PoseSet:
         """Poses that were chosen out of a pool."""
         count = len(postures)
-        status = (PoseStatus.CHOSEN,) * count
-        return cls(postures, status, ("",) * count, orientations, np.full(count, np.nan))
+        status, turned = (PoseStatus.CHOSEN,) * count, np.full(count, np.nan)
+        return cls(postures, status, ("",) * count, orientations, turned, labels=tuple(labels))
 
     def and_dropped(self, reasons: Sequence[str]) -> PoseSet:
         """The set with poses behind it that were asked for and cannot be had, each for a reason."""
@@ -83,6 +90,7 @@ class PoseSet:
             shut_out=(*self.shut_out, *reasons),
             orientations=np.concatenate([self.orientations, np.full((count, 3, 3), np.nan)]),
             turned=np.append(self.turned, np.full(count, np.nan)),
+            labels=(*self.labels, *({},) * count) if self.labels else (),
         )
 
     @property
@@ -118,6 +126,13 @@ class PoseSet:
         """Names of the poses that are measured, in the order of ``kept``."""
         pairs = zip(self.names, self.status, strict=True)
         return tuple(name for name, status in pairs if status is not PoseStatus.DROPPED)
+
+    @property
+    def kept_labels(self) -> list[Mapping[str, str]]:
+        """What the poses that are measured are of, in the order of ``kept``."""
+        labels = self.labels or ({},) * len(self.status)
+        pairs = zip(labels, self.status, strict=True)
+        return [given for given, status in pairs if status is not PoseStatus.DROPPED]
 
     def count(self, status: PoseStatus) -> int:
         return self.status.count(status)
@@ -157,10 +172,14 @@ class Round:
 
 
 class Planned(Shown):
-    """Poses and the route through them; None where there is none."""
+    """Poses and the route through them; None where there is none.
+
+    ``setup``: what is measured at ``postures``; None where each is of the first of everything.
+    """
 
     poses: PoseSet
     route: Route | None
+    setup: Setup | None
 
     @property
     @abstractmethod
@@ -184,6 +203,12 @@ class Planned(Shown):
         """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
         order = slice(None) if self.route is None else self.route.order
         return np.asarray(self.poses.kept[order])
+
+    @property
+    def labels(self) -> list[Mapping[str, str]]:
+        """What the poses of ``postures`` are of, by column of a list of poses."""
+        kept = self.poses.kept_labels
+        return kept if self.route is None else [kept[i] for i in self.route.order]
 
     @property
     def stops(self) -> list[tuple[str, FloatArray, bool]]:
@@ -218,6 +243,7 @@ class PosePlan(Planned):
     stop: StopReason
     advice: str
     not_checked: tuple[str, ...] = ()
+    setup: Setup | None = None
 
     @property
     def reached(self) -> bool:

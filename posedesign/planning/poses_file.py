@@ -21,6 +21,8 @@ column                          unit  meaning
 ``x_mm, y_mm, z_mm``            mm    tool point in the base frame
 ``w_deg, p_deg, r_deg``         deg   tip frame in the base frame: turned about fixed x by W,
                                       then y by P, then z by R
+``target, tool, payload``             what is measured there, of what of the tool, with what load;
+                                      only where a cell has several
 ``configuration``                     arm position in the words of the controller; empty where
                                       its maker has none
 ``pendant_j1_deg ..``           deg   joint values as the pendant shows them; only where it
@@ -139,6 +141,9 @@ _OF = " of "
 
 POSE_AXES = (*PLACE, *TURN)
 
+OBSERVED = ("target", "tool", "payload")
+"""Columns that say what a pose is of, where a cell has several of them."""
+
 _LABELS = ("name", "order", "status", "reason")
 
 _KNOWN = (*_LABELS, *POSE_AXES, "configuration", *MARGIN_COLUMNS)
@@ -164,11 +169,13 @@ class Margins:
     columns: Mapping[str, FloatArray]
 
     @classmethod
-    def of(cls, cell: Cell, postures: FloatArray, via: BoolArray) -> Margins:
-        """Margins of postures ``(S, n)`` [rad]; those passed through have none of the view."""
+    def of(cls, cell: Cell, poses: PoseList) -> Margins:
+        """Margins of the poses of a list; those passed through have none of the view."""
+        postures, via = poses.postures, poses.via
         found: dict[str, FloatArray] = {}
+        measured, which = np.flatnonzero(~via), cell.which(poses.measured.labels)
         for checker, rows in (
-            (cell.checker, np.flatnonzero(~via)),
+            *((checker, measured[own]) for checker, own in cell.checkers(which)),
             (cell.passing, np.flatnonzero(via)),
         ):
             if not len(rows):
@@ -188,9 +195,8 @@ class Margins:
         return cls({column: found[column] for column in MARGIN_COLUMNS if column in found})
 
     @classmethod
-    def of_route(cls, cell: Cell, route: Route) -> Margins:
-        via = np.array([stop.pose is None for stop in route.stops], dtype=bool)
-        return cls.of(cell, np.array([stop.posture for stop in route.stops]), via)
+    def of_route(cls, cell: Cell, poses: PoseSet, route: Route) -> Margins:
+        return cls.of(cell, PoseList.of_route(poses, route))
 
 
 def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
@@ -244,6 +250,9 @@ class PoseList:
         stops = named_stops(poses, route)
         passing = [str(stop.passing) for stop in route.stops]
         visited = {name for name, _, via in stops if not via}
+        kept = poses.kept_labels
+        of = [{} if stop.pose is None else kept[stop.pose] for stop in route.stops]
+        columns = [column for column in OBSERVED if any(given.get(column) for given in of)]
         return cls(
             names=tuple(name for name, _, _ in stops),
             postures=np.reshape(
@@ -255,10 +264,19 @@ class PoseList:
                 why if via else reasons[name]
                 for (name, _, via), why in zip(stops, passing, strict=True)
             ),
+            extra={column: tuple(given.get(column, "") for given in of) for column in columns},
             dropped=tuple(
-                DroppedPose(name, reasons[name]) for name in poses.names if name not in visited
+                DroppedPose(name, reasons[name], dict.fromkeys(columns, ""))
+                for name in poses.names
+                if name not in visited
             ),
         )
+
+    @property
+    def labels(self) -> list[dict[str, str]]:
+        """What each pose is of: its target, tool and payload, as far as the list says it."""
+        given = [(column, self.extra[column]) for column in OBSERVED if column in self.extra]
+        return [{column: cells[i] for column, cells in given} for i in range(len(self.names))]
 
     @property
     def measured(self) -> PoseList:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -377,14 +377,14 @@ def write_program(
         for problem in chosen.validate(path)
     ]
     rounded = _read_back(chosen, program, paths)
-    planned = poses.measured.postures
+    planned, labels = poses.measured.postures, poses.measured.labels
     return WrittenProgram(
         paths,
         len(planned),
         tuple(problems),
         float(np.rad2deg(np.abs(rounded - planned).max())),
-        None if cell is None else _c_g(cell, planned),
-        None if cell is None else _c_g(cell, rounded),
+        None if cell is None else _c_g(cell, planned, labels),
+        None if cell is None else _c_g(cell, rounded, labels),
         note,
         program.not_checked,
         program.forced,
@@ -410,6 +410,8 @@ def _read_back(dialect: Dialect, program: PoseProgram, paths: Sequence[Path]) ->
     return np.stack([found[k] for k in range(1, len(planned) + 1)])
 
 
-def _c_g(cell: Cell, postures: FloatArray) -> float:
-    linear = cell.model().linearise(postures)
+def _c_g(cell: Cell, postures: FloatArray, labels: Sequence[Mapping[str, str]]) -> float:
+    which = cell.which(labels)
+    model = cell.model_for(which)
+    linear = cell.linearise(model, postures, which)
     return evaluate(identification_jacobian(linear), linear.white_jacobian).c_g

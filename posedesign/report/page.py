@@ -220,7 +220,7 @@ def _sections_of_poses(cell: Cell, listed: PoseList, folder: Path) -> Iterator[S
     if listed.misfit:
         plan.lines.append(f"warning: {listed.misfit}")
     try:
-        _promise(cell, listed.measured.postures, plan)
+        _promise(cell, listed.measured, plan)
     except CalibError as error:
         plan.lines.append(f"no prediction: {error.message}")
     yield plan
@@ -230,7 +230,8 @@ def _sections_of_poses(cell: Cell, listed: PoseList, folder: Path) -> Iterator[S
         yield Section("Motions", [f"warning: not checked: {error}"])
         return
     measured = listed.measured
-    off = off_target(cell, measured.names, measured.postures, ON_TARGET_M)
+    which = cell.which(measured.labels)
+    off = off_target(cell, measured.names, measured.postures, ON_TARGET_M, which)
     yield _section_of_answer("Motions", answer_of_check(cell, verdicts, off))
 
 
@@ -239,10 +240,12 @@ def _section_of_answer(title: str, answer: Answer) -> Section:
     return Section(title, lines, tables=[table for table in answer.tables if table.rows])
 
 
-def _promise(cell: Cell, q: FloatArray, section: Section) -> None:
+def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
     """What to expect of an identification at these poses, from the noise alone."""
-    model = cell.model()
-    covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
+    q, which = measured.postures, cell.which(measured.labels)
+    model = cell.model_for(which)
+    setup = cell.setup(model, q, which)
+    covariance = covariance_of(model, q, setup=setup, weighted=cell.config.measurement.weighted)
     if not cell.is_hand_eye:  # X and Z are no errors of the arm
         box, words = box_of_cell(cell)
         found = predict_box(cell, model, covariance, box)
@@ -250,7 +253,7 @@ def _promise(cell: Cell, q: FloatArray, section: Section) -> None:
             f"tool point, predicted from the noise alone over {words}: {found.summary()}",
             found.reference,
         ]
-    svg = figures.as_svg(figure_of_plan(cell, model, q))
+    svg = figures.as_svg(figure_of_plan(cell, model, q, setup))
     section.figures.append(("Predicted from the noise alone", svg))
     section.lines += frame_notes(model)
     sigma = np.sqrt(np.diag(covariance))

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.identification import IdentificationResult, covariance_of
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Setup
 from calib.robot_world import RobotWorldResult
 from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, functions_over_box
@@ -22,7 +22,7 @@ from posedesign.cell import Cell
 from posedesign.cell.task_box import BoxAccuracy, predict_box
 from posedesign.identification.file import IdentificationFile
 from posedesign.planning.optimal import NextPoses, OptimalPlan
-from posedesign.planning.pose_plan import PosePlan, named_stops
+from posedesign.planning.pose_plan import PosePlan
 from posedesign.report import figures
 
 if TYPE_CHECKING:
@@ -54,12 +54,12 @@ def plot(result: object) -> Figure:
 
 @plot.register(PosePlan)
 def _plot_plan(result: PosePlan) -> Figure:
-    return figure_of_sigmas(result.model, visited(result))
+    return figure_of_sigmas(result.model, result.postures, result.setup)
 
 
 @plot.register(OptimalPlan)
 def _plot_choice(result: OptimalPlan) -> Figure:
-    return figure_of_sigmas(result.model, visited(result))
+    return figure_of_sigmas(result.model, result.postures, result.setup)
 
 
 @plot.register(NextPoses)
@@ -99,14 +99,9 @@ def _plot_robot_world(result: RobotWorldResult) -> Figure:
     return figure
 
 
-def visited(plan: PosePlan | OptimalPlan) -> FloatArray:
-    """Postures ``(N, n)`` that are measured at, in the order of the visit [rad]."""
-    if plan.route is None:
-        return plan.postures
-    return np.array([q for _, q, via in named_stops(plan.poses, plan.route) if not via])
-
-
-def figure_of_plan(cell: Cell, model: CalibrationModel, q: FloatArray) -> Figure:
+def figure_of_plan(
+    cell: Cell, model: CalibrationModel, q: FloatArray, setup: Setup | None
+) -> Figure:
     """Predicted error of the tool point by the number of poses, and over the task box.
 
     Of poses for a camera, the standard deviations of X and Z.
@@ -115,17 +110,20 @@ def figure_of_plan(cell: Cell, model: CalibrationModel, q: FloatArray) -> Figure
     ----------
     q : array (N, n)
         Postures in the order of the visit [rad].
+    setup : Setup, optional
+        What is measured at each.
     """
     if cell.is_hand_eye:
-        return figure_of_sigmas(model, q, {"tool": "X", "target": "Z", "lens": "lens"})
+        return figure_of_sigmas(model, q, setup, {"tool": "X", "target": "Z", "lens": "lens"})
     box, words = box_of_cell(cell)
     weighted = cell.config.measurement.weighted
-    found = predict_box(cell, model, covariance_of(model, q, weighted=weighted), box)
+    covariance = covariance_of(model, q, setup=setup, weighted=weighted)
+    found = predict_box(cell, model, covariance, box)
     figure = figures.new_figure(6.6 if weighted else 3.6)
     top, bottom = figures.rows_of(figure, (1.0, 1.0)) if weighted else (None, figure)
     if top is not None:
         first, best = errors_of_fewer(
-            model.linearise(q).white_jacobian, functions_over_box(cell, model)[0]
+            model.linearise(q, setup=setup).white_jacobian, functions_over_box(cell, model)[0]
         )
         error = {"the first poses of the tour": 1e3 * first, "the best of these poses": 1e3 * best}
         figures.error_by_poses(top, error, _TOOL_POINT)
@@ -138,7 +136,10 @@ _TOOL_POINT = "error of the tool point over\nthe box, rms, predicted [mm]"
 
 
 def figure_of_sigmas(
-    model: CalibrationModel, q: FloatArray, called: Mapping[str, str] | None = None
+    model: CalibrationModel,
+    q: FloatArray,
+    setup: Setup | None = None,
+    called: Mapping[str, str] | None = None,
 ) -> Figure:
     """Predicted standard deviations against the number of poses, lengths and angles apart.
 
@@ -149,7 +150,7 @@ def figure_of_sigmas(
     called : mapping of str to str, optional
         What to call tool and targets.
     """
-    white = model.linearise(q).white_jacobian
+    white = model.linearise(q, setup=setup).white_jacobian
     of = np.array([name.rpartition(".")[0] for name in model.names])
     units = np.array(model.units)
     kinds = [kind for kind in _KINDS if kind[0] in model.units]

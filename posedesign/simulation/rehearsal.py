@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.model import CalibrationModel, simulate
 from calib.model.measurements import Measurement, Measurements
-from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, transform
+from calib.se3 import FloatArray, IntArray, inverse, rotation_exp, rotation_from_wpr, transform
 from calib.vision.camera import (
     Camera,
     CircleTarget,
@@ -224,6 +225,33 @@ class SimulatedRobot:
     ) -> Measurements:
         """Touch up the target from planned postures ``(N, n)`` [rad]."""
         return simulate(self.model, self.values, q, rng, trials=trials)
+
+    def measure(
+        self,
+        q: FloatArray,
+        which: IntArray,
+        names: Sequence[str],
+        rng: np.random.Generator | None,
+        trials: int | None = None,
+    ) -> Measurements:
+        """Measure whatever the poses of a plan are of, one measurement for each tool that is seen.
+
+        Parameters
+        ----------
+        q : array (N, n)
+            Planned postures [rad].
+        which : array (N,)
+            Observation of the cell that each is of.
+        names : sequence of str
+            Of the poses.
+        """
+        setup = self.cell.setup(self.model, q, which)
+        row = np.repeat(np.arange(len(q)), setup.together)
+        if setup.seen is not None:
+            seen = setup.seen[:, 0]
+            row, setup = row[seen], replace(setup[seen], seen=None)
+        found = simulate(self.model, self.values, q[row], rng, trials=trials, setup=setup)
+        return replace(found, names=tuple(names[i] for i in row))
 
     def joint_errors(self, q: FloatArray) -> FloatArray:
         """Offset plus deflection of each joint at postures ``(N, n)`` [rad], ``(N, n)`` [rad]."""

@@ -14,10 +14,11 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.identification import reduce
 from posedesign.cell import Cell
+from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
 from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of, robot_blocks
+from posedesign.identification.models import kinds_of
 from tests.cli.conftest import empty_pictures
 
 pytestmark = pytest.mark.real_data

@@ -328,17 +328,69 @@ class PlaneContact(Contact):
 class Point(Measurement):
     """Place of a point of the tool in the frame of a tracker or a measuring arm.
 
+    Where the noise grows with the distance from the instrument, at the origin of its frame, that
+    is added in quadrature to the constant part. It is taken at the place that is predicted; how it
+    changes with the parameters counts for nothing, since residuals are a millionth of the distance.
+
     Parameters
     ----------
     sigma : float, array_like (3,) or None
-        Standard deviations [m] along the axes of the instrument.
+        Standard deviations [m] along the axes of the instrument; one number where noise grows.
+    along_per_m, across_per_m : float
+        Standard deviation that each metre of distance adds along the line of sight, and across it
+        in each direction: for a tracker the latter is that of its angles [rad].
+
+    Raises
+    ------
+    InputError
+        A noise that is not above zero, growth below zero, or on top of three different numbers.
     """
 
     name = "point"
     rows = 3
 
+    def __init__(
+        self, sigma: ArrayLike | None, along_per_m: float = 0.0, across_per_m: float = 0.0
+    ) -> None:
+        super().__init__(sigma)
+        self._growth = np.array([along_per_m, across_per_m], dtype=float)
+        if not (np.isfinite(self._growth).all() and (self._growth >= 0.0).all()):
+            raise InputError("noise that grows by less than nothing a metre", name="noise")
+        if self._growth.any() and np.ptp(self.sigma) > 0.0:
+            raise InputError(
+                "noise that grows with the distance has one constant part for all axes",
+                hint="give one number, or leave the growth out",
+                name="noise",
+            )
+
     def predict(self, view: MeasurementContext) -> FloatArray:
         return view.in_target(view.error)
+
+    def with_noise(self, scale: ArrayLike) -> Measurement:
+        """See :meth:`Measurement.with_noise`; noise that grows has one factor, the mean square."""
+        if not self._growth.any():
+            return super().with_noise(scale)
+        factor, other = float(np.sqrt(np.mean(np.square(scale)))), copy(self)
+        other.sigma, other._growth = factor * self.sigma, factor * self._growth
+        return other
+
+    def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        return self._scaled(rows, view, inverse=True)
+
+    def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        return self._scaled(rows, view, inverse=False)
+
+    def _scaled(self, rows: FloatArray, view: MeasurementContext, *, inverse: bool) -> FloatArray:
+        """Rows times the root of their covariance, or over it: along the sight and across."""
+        if not self._growth.any():
+            return super().whiten(rows, view) if inverse else super().colour(rows, view)
+        place = view.in_target(view.error)
+        away = np.sqrt(along(place, place))
+        sight = place / np.maximum(away, np.finfo(float).tiny)
+        deviation = np.hypot(self.sigma[0], self._growth[:, None] * away)
+        lengthways, across = 1.0 / deviation if inverse else deviation
+        share = along(sight, rows)[..., None, :] * (lengthways - across)
+        return np.asarray(across * rows + share * sight)
 
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray

@@ -182,7 +182,12 @@ def _silent(what: str, part: float) -> None:
 
 @one_blas_thread
 def plan_optimal(
-    cell: Cell, request: Request, advance: Advance = _silent, *, keep: FloatArray | None = None
+    cell: Cell,
+    request: Request,
+    advance: Advance = _silent,
+    *,
+    keep: FloatArray | None = None,
+    keep_of: IntArray | None = None,
 ) -> OptimalPlan:
     """Choose the best poses of the cell's pool, or the fewest that reach what is wanted.
 
@@ -192,6 +197,8 @@ def plan_optimal(
         Called with what is being done and the part of all work that is done.
     keep : ndarray (k, n), optional
         Postures [rad] that are to be among the chosen, as they are; they touch the target.
+    keep_of : ndarray (k,), optional
+        Index of the cell's observation that each of them is of; the first by default.
 
     Raises
     ------
@@ -203,13 +210,19 @@ def plan_optimal(
         The whole pool cannot identify some of the parameters, which are named.
     """
     kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
+    of = np.zeros(len(kept), dtype=np.intp) if keep_of is None else keep_of
     if request.time_s is not None:
-        return _plan_in_time(cell, request, request.time_s, advance, kept)
-    return _Planning(cell, request, advance, kept).run()
+        return _plan_in_time(cell, request, request.time_s, advance, kept, of)
+    return _Planning(cell, request, advance, kept, of).run()
 
 
 def _plan_in_time(
-    cell: Cell, request: Request, time_s: float, advance: Advance, kept: FloatArray
+    cell: Cell,
+    request: Request,
+    time_s: float,
+    advance: Advance,
+    kept: FloatArray,
+    of: IntArray,
 ) -> OptimalPlan:
     """The best of as many poses as a round has time for, by the route through them.
 
@@ -219,11 +232,11 @@ def _plan_in_time(
 
     def planned(count: int, **changes: object) -> OptimalPlan:
         asked = replace(request, count=count, time_s=None, **changes)  # type: ignore[arg-type]
-        plan = _Planning(cell, asked, advance, kept).run()
+        plan = _Planning(cell, asked, advance, kept, of).run()
         return replace(plan, request=replace(asked, time_s=time_s))
 
     model = cell.model()
-    least = max(-(-model.p // model.measurement.rows), len(kept), 1)
+    least = max(-(-model.p // cell.rows(model)), len(kept), 1)
     fits, too_many, best, each = 0, MOST_POSES + 1, None, 0.0
     count = max(least, min(MOST_POSES, int(time_s / (cell.config.plan.dwell_s + MOVING_S))))
     for _ in range(TRIED_COUNTS):
@@ -293,11 +306,19 @@ def plan_fewest(
 class _Planning:
     """One planning run."""
 
-    def __init__(self, cell: Cell, request: Request, advance: Advance, keep: FloatArray) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        request: Request,
+        advance: Advance,
+        keep: FloatArray,
+        keep_of: IntArray,
+    ) -> None:
         self._cell, self._request, self._advance = cell, request, advance
-        self._kept = keep
+        self._kept, self._kept_of = keep, keep_of
         self._why, self._dropped = "", list[str]()
         self._model = cell.model()
+        self._rows = cell.rows(self._model)
         check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
         self._box, self._box_words = functions_over_box(cell, self._model)
         self._objective = objective_of(request, self._model, self._box)
@@ -321,7 +342,7 @@ class _Planning:
 
     def run(self) -> OptimalPlan:
         self._advance("looking for postures", 0.0)
-        pool = with_kept(self._cell, candidates_of(self._cell), self._kept)
+        pool = with_kept(self._cell, candidates_of(self._cell), self._kept, self._kept_of)
         self._check_pool(pool)
         whole = len(pool)
         for attempt in range(ATTEMPTS):
@@ -352,12 +373,13 @@ class _Planning:
         """The pool without poses that no clear way leads to; None where too few would be left."""
         lost = selection.indices[list(route.lost)]
         others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
-        if len(others) * self._model.measurement.rows < self._model.p:
+        if len(others) * self._rows < self._model.p:
             return None
         self._why = next(iter(route.lost.values()))
         of_own = [i for i in route.lost if i < len(self._kept)]
         self._dropped += [f"was to be kept: {route.lost[i]}" for i in of_own]
         self._kept = np.delete(self._kept, of_own, axis=0)
+        self._kept_of = np.delete(self._kept_of, of_own)
         return others
 
     def _refined(self, chosen: CandidatePoses) -> CandidatePoses:
@@ -374,7 +396,7 @@ class _Planning:
         count, validation = self._request.count, self._request.validation
         if count is None:
             return
-        rows = self._model.measurement.rows
+        rows = self._rows
         if count * rows < self._model.p:
             self._refuse_few(count, rows)
         if validation and count + validation > len(pool):
@@ -452,7 +474,7 @@ class _Planning:
             dropped += [*route.lost.values(), *[self._why] * missing]
             rows, route = reached_of(self._router, chosen.postures, route)
             chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
-            if len(rows) * self._model.measurement.rows < self._model.p:
+            if len(rows) * self._rows < self._model.p:
                 raise no_clear_way(dropped[-1])
         linear = chosen.linearise(self._model)
         blocks, white = identification_jacobian(linear), linear.white_jacobian
@@ -486,6 +508,7 @@ class _Planning:
             if route is None or self._cell.is_hand_eye
             else robustness(self._cell, self._model, self._objective, chosen),
             not_checked=self._cell.not_checked,
+            setup=(chosen if route is None else chosen.take(route.order)).setup(self._model),
         )
         if route is None or not self._request.validation:
             return plan
@@ -534,7 +557,7 @@ class _Planning:
         """What the best choices of one pose fewer and one more promise."""
         found = []
         blocks, criterion = self._blocks_and_criterion(pool)
-        m = self._model.measurement.rows
+        m = self._rows
         beside = self._request.beside
         for count in (selection.count - beside, selection.count + beside):
             if not max(-(-self._model.p // m), len(self._kept)) <= count <= len(pool):
@@ -553,7 +576,7 @@ class _Planning:
 
 def as_pose_set(pool: CandidatePoses) -> PoseSet:
     """The postures of a pool as poses of a plan."""
-    return PoseSet.of_chosen(pool.postures, pool.orientations)
+    return PoseSet.of_chosen(pool.postures, pool.orientations, pool.labels)
 
 
 @dataclass(frozen=True)
@@ -579,11 +602,15 @@ class Outlook:
 
 
 def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
-    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be."""
+    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
+
+    All are of the first observation of the cell, as those of the loop.
+    """
+    cell = cell if cell.is_hand_eye else cell.parts[0]
     box, words = functions_over_box(cell, model)
     count = len(postures)
     objective = objective_of(Request(count=count), model, box)
-    own = accuracy_of(model, objective, box, model.linearise(postures))
+    own = accuracy_of(model, objective, box, cell.linearise(model, postures))
     if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     pool_section = cell.config.pool.model_copy(update={"candidates": CANDIDATES})

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.model import CalibrationModel, touch
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray, apply
 from posedesign.candidates import CandidatePoses, feasible, local_poses
 from posedesign.cell import Cell
 from posedesign.planning.optimal.request import PlanObjective
@@ -91,7 +91,9 @@ def blocks_of_robots(
     setup = pool.setup(model)
     blocks = []
     for x in parameters:
-        q, miss = touch(model, pool.postures, x, setup)
+        q, miss = pool.postures, np.zeros(len(pool))
+        if setup.together == 1:  # several at once are read, at the postures as they are
+            q, miss = touch(model, q, x, setup)
         found = objective.blocks(model.linearise(q, x, setup))
         found[~(miss < TOUCHED_M)] = 0.0
         blocks.append(found)
@@ -159,7 +161,9 @@ class _Refinement:
         self._cell, self._model, self._objective = cell, model, objective
         self.pool = chosen
         # where the target is met already, its own place does not gather rounding
-        self._place = cell.robot.state(chosen.postures).point(cell.tool_m)
+        self._tool = chosen.tools_m(cell.tool_m)
+        T = cell.robot.fk(chosen.postures)
+        self._place = apply(T, self._tool)
         self._axis = cell.robot.fk(cell.base_posture)[:3, 2]
         self._widest = float(self._tilts(chosen.orientations).max())
 
@@ -193,7 +197,7 @@ class _Refinement:
     def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[CandidatePoses, IntArray]:
         """The pool of those turned poses that can be taken, and which they are."""
         start = self.pool.take(owner)
-        q = local_poses(self._cell, start.postures, turns, self._place[owner])
+        q = local_poses(self._cell, start.postures, turns, self._place[owner], self._tool[owner])
         found = np.flatnonzero(np.isfinite(q).all(axis=1))
         R = self._cell.robot.fk(q[found])[:, :3, :3]
         found = found[self._tilts(R) <= self._widest + 1e-9]
@@ -209,7 +213,13 @@ class _Refinement:
         probes = np.concatenate([PROBE_RAD * np.eye(3), -PROBE_RAD * np.eye(3)])
         owner = np.repeat(np.arange(n), 6)
         start = self.pool.take(owner)
-        q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), self._place[owner])
+        q = local_poses(
+            self._cell,
+            start.postures,
+            np.tile(probes, (n, 1)),
+            self._place[owner],
+            self._tool[owner],
+        )
         q = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, start.postures)
         moved = self._blocks(replace(start, postures=q))
         costs = np.log(self._costs_in_place(moved, owner)).reshape(n, 2, 3)

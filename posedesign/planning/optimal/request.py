@@ -149,7 +149,7 @@ def _by_name(request: Request, model: CalibrationModel, box: FloatArray) -> Plan
             hint=near_names(name, list(OBJECTIVES)),
             name="criterion",
         )
-    if known == "C_G" and model.measurement.rows > model.p:
+    if known == "C_G" and model.rows > model.p:
         raise InputError(
             "C_G is of the entries of every row, and pictures of a board are chosen by their "
             "information",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification import IdentificationResult
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Setup
 from calib.se3 import FloatArray
 from calib.shown import Shown
 from posedesign.motion.route import Route
@@ -62,6 +62,7 @@ class OptimalPlan(Planned):
     left_out: int = 0
     left_out_for: str = ""
     not_checked: tuple[str, ...] = ()
+    setup: Setup | None = None
 
     @property
     def reached(self) -> bool:

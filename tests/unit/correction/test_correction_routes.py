@@ -13,6 +13,7 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
+from posedesign.cell.arm_errors import robot_blocks
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.correction import correct
@@ -29,7 +30,7 @@ from posedesign.identification.correction_routes import (
 )
 from posedesign.identification.file import IdentifiedModel
 from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of, model_of, robot_blocks
+from posedesign.identification.models import kinds_of, model_of
 from posedesign.planning.poses_file import read_poses
 
 CELL = """

@@ -13,12 +13,12 @@ from calib.model import CalibrationModel
 from calib.model.measurements import KINDS
 from calib.model.parameters import JointCompliance, gravity_torque
 from posedesign.cell import Cell, cell_template
+from posedesign.cell.arm_errors import WIND_UP, robot_blocks
 from posedesign.cell.schema_sections import Word
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification import identify_models
 from posedesign.identification.models import (
     FRAMES_ONLY,
-    WIND_UP,
     candidates,
     held_only,
     kinds_of,
@@ -26,7 +26,6 @@ from posedesign.identification.models import (
     model_of,
     name_of,
     reference,
-    robot_blocks,
 )
 
 WORDS = [word for word in get_args(Word) if word != "priors"]

@@ -1,0 +1,349 @@
+"""What is measured at a posture: how, of which points of the tool, from where, with what load.
+
+A cell has one observation where a pin touches a target, and more where there are several targets,
+pins or payloads: each pose of a plan is of one of them. An instrument reads all marks of the tool
+that it sees at once: they are one observation of several tools.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import InputError, near_names
+from calib.geometry import Scene
+from calib.model import CalibrationModel, Setup
+from calib.model.measurements import KINDS, Measurement
+from calib.model.parameters import (
+    ParameterBlock,
+    TargetFrame,
+    TargetPlane,
+    TargetPoints,
+    ToolFrame,
+    ToolPoint,
+    ToolPoints,
+)
+from calib.se3 import FloatArray, IntArray, rotation_from_wpr, transform
+from posedesign.cell.arm_errors import robot_blocks
+from posedesign.cell.data import CellData
+from posedesign.cell.measuring import noise_of_kind
+from posedesign.cell.schema import CellConfig
+from posedesign.cell.schema_sections import TargetSection
+from posedesign.constraints.checker import Situation
+from posedesign.constraints.mark_sight import Mark, MarkSight
+from posedesign.files.measurements import OWN_PAYLOAD, TOOL
+
+_FRAMES = ("point", "pose", "camera-pose")
+_POSES = ("pose", "camera-pose")
+_FARTHEST_MM = 50_000.0
+"""Range of an instrument that the cell says nothing of: that of laser trackers."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is measured at a posture.
+
+    ``kind``: of :data:`~calib.model.measurements.KINDS`. ``tools``: labels of the points of the
+    tool that are measured, all at once. ``target``: label of what they are measured from.
+    ``payload``: name of what the flange carries besides; empty for the tool alone.
+    """
+
+    kind: str
+    tools: tuple[str, ...]
+    target: str
+    payload: str = OWN_PAYLOAD
+
+    @property
+    def reads(self) -> bool:
+        """Whether something is read; otherwise the arm is moved until tool and target meet."""
+        return KINDS[self.kind].reads
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What tells it from others, by the columns of a list of poses."""
+        tool = self.tools[0] if len(self.tools) == 1 else ""
+        return {"target": self.target, "tool": tool, "payload": self.payload}
+
+    def __str__(self) -> str:
+        said = self.target
+        if self.tools != (TOOL,):
+            said += f" by {', '.join(self.tools)}"
+        return said + f" with {self.payload}" * bool(self.payload)
+
+
+def observations_of(config: CellConfig) -> tuple[Observation, ...]:
+    """All that a pose of a cell can be of: targets by tools, if they touch, by payloads."""
+    marks = tuple(mark.name for mark in config.tool.mark) or (TOOL,)
+    found = []
+    for payload in (OWN_PAYLOAD, *config.measurement.payloads):
+        for target in config.targets:
+            kind = kind_of(config, target)
+            together = [marks] if kind == "point" else [(mark,) for mark in marks]
+            if kind in _POSES:
+                together = [(TOOL,)]
+            found += [Observation(kind, tools, target.name, payload) for tools in together]
+    return tuple(found)
+
+
+def kind_of(config: CellConfig, target: TargetSection) -> str:
+    """How a target is measured."""
+    return target.kind or config.measurement.kind
+
+
+def touched_by_tool(config: CellConfig) -> bool:
+    """Whether the tool point is at the target at the base pose: it touches it, or a camera looks.
+
+    Otherwise the target is an instrument, and the pose is only the middle of those to come.
+    """
+    kind = kind_of(config, config.target)
+    return kind == "board" or kind.startswith("camera") or not KINDS[kind].reads
+
+
+def mark_named(cell: CellData, label: str) -> Mark:
+    """A mark of the tool, or the tool point."""
+    for mark in cell.config.tool.mark:
+        if mark.name == label:
+            axis = None if mark.axis is None else np.array(mark.axis) / np.linalg.norm(mark.axis)
+            largest = np.pi if axis is None else float(np.deg2rad(mark.largest_angle_deg))
+            return Mark(label, np.array(mark.point_mm) / 1e3, axis, largest)
+    return Mark("the tool point", cell.tool_m)
+
+
+def target_named(config: CellConfig, label: str) -> TargetSection | None:
+    """A target of a cell; None where the cell does not know it."""
+    return next((target for target in config.targets if target.name == label), None)
+
+
+def place_of(cell: CellData, target: TargetSection) -> FloatArray:
+    """Where a target is ``(3,)`` [m] in the base frame; by default at the cell's own."""
+    given = target.position_mm
+    return cell.target_m if given is None else np.array(given) / 1e3
+
+
+def mark_sight(cell: CellData, seen: Observation, scene: Scene) -> MarkSight | None:
+    """What an instrument has to see of the tool; None where the tool touches."""
+    target = target_named(cell.config, seen.target)
+    if not seen.reads or seen.kind == "camera-pose" or target is None:
+        return None
+    farthest = _FARTHEST_MM if target.farthest_mm is None else target.farthest_mm
+    marks = [mark_named(cell, label) for label in seen.tools]
+    if not cell.config.constraints.collisions:
+        scene = Scene(cell.robot.chain)
+    return MarkSight(
+        marks,
+        place_of(cell, target),
+        target.nearest_mm / 1e3,
+        farthest / 1e3,
+        scene,
+        min(cell.config.measurement.least_marks, len(marks)),
+    )
+
+
+def miss_m(cell: CellData, seen: Observation, postures: FloatArray) -> FloatArray:
+    """How far the tool is from where it can be measured, ``(N,)`` [m], at postures [rad].
+
+    From a point that is touched, or from a plane; nothing for an instrument, whose range and line
+    of sight are a constraint.
+    """
+    target = target_named(cell.config, seen.target)
+    if seen.reads or target is None:
+        return np.zeros(len(postures))
+    points = cell.robot.state(postures).point(mark_named(cell, seen.tools[0]).point_m)
+    off = points - place_of(cell, target)
+    if seen.kind == "plane":
+        normal = normal_of(target)
+        return np.asarray(np.abs(off @ normal) / np.linalg.norm(normal))
+    return np.asarray(np.linalg.norm(off, axis=1))
+
+
+def set_up_blocks(
+    cell: CellData,
+    tools: Sequence[tuple[str, set[str]]],
+    targets: Sequence[tuple[str, set[str], FloatArray]],
+) -> list[ParameterBlock]:
+    """Blocks that place tools and targets, in the order given.
+
+    ``tools``: label, and the kinds that it is measured by. ``targets``: the same, and where the
+    nominal tool points were ``(N, 3)`` [m] when it was measured: the first guess of what the cell
+    does not place.
+    """
+    blocks: list[ParameterBlock] = []
+    for label, met in tools:
+        point = mark_named(cell, label).point_m
+        if met & set(_POSES):
+            blocks.append(ToolFrame(transform(np.eye(3), point), label))
+        else:
+            blocks.append(ToolPoints([point], [label], _tool_axes(cell, label, met)))
+    return blocks + [_target(cell, *target) for target in targets]
+
+
+def _tool_axes(cell: CellData, label: str, met: set[str]) -> str:
+    """Axes along which a tool point can be seen: not along a view line."""
+    asked = cell.config.parameters.tool_axes
+    if label == TOOL and asked is not None:
+        return asked
+    return "xy" if met == {"view-line"} else "xyz"
+
+
+def _target(cell: CellData, label: str, met: set[str], points: FloatArray) -> ParameterBlock:
+    known = target_named(cell.config, label)
+    if met & set(_FRAMES):
+        return TargetFrame(np.eye(4) if known is None else instrument_frame(cell, known), label)
+    if met == {"plane"}:
+        if known is not None:
+            return TargetPlane(place_of(cell, known), normal_of(known), label)
+        middle = points.mean(axis=0)
+        normal = np.linalg.svd(points - middle)[2][-1]
+        return TargetPlane(middle, normal if normal[2] >= 0 else -normal, label)
+    return TargetPoints([points.mean(axis=0) if known is None else place_of(cell, known)], [label])
+
+
+def normal_of(target: TargetSection) -> FloatArray:
+    """Direction ``(3,)`` out of a plane, in base axes; upwards where nothing is said."""
+    return np.array([0.0, 0.0, 1.0] if target.normal is None else target.normal)
+
+
+def instrument_frame(cell: CellData, target: TargetSection) -> FloatArray:
+    """Pose ``(4, 4)`` of the frame that an instrument reads in, in the base frame."""
+    return transform(rotation_from_wpr(np.deg2rad(target.wpr_deg)), place_of(cell, target))
+
+
+def measuring_model(cell: CellData, observations: Sequence[Observation]) -> CalibrationModel:
+    """Model of what the cell plans for: the arm's errors, tools and targets of observations."""
+    words = cell.config.parameters.planned
+    arm = robot_blocks(cell, words)
+    return CalibrationModel(
+        cell.robot, [*arm, *_set_up(cell, observations)], _kinds(cell, observations)
+    )
+
+
+def _kinds(cell: CellData, observations: Sequence[Observation]) -> list[Measurement]:
+    return [noise_of_kind(cell, kind) for kind in dict.fromkeys(o.kind for o in observations)]
+
+
+def _set_up(cell: CellData, observations: Sequence[Observation]) -> list[ParameterBlock]:
+    """Tools and targets; a tool point that is not measured itself is first, and not free."""
+    tools: dict[str, set[str]] = {}
+    targets: dict[str, set[str]] = {}
+    for seen in observations:
+        targets.setdefault(seen.target, set()).add(seen.kind)
+        for label in seen.tools:
+            tools.setdefault(label, set()).add(seen.kind)
+    nowhere = np.zeros((1, 3))  # all are of the cell: none is guessed from points
+    blocks = set_up_blocks(
+        cell, list(tools.items()), [(label, met, nowhere) for label, met in targets.items()]
+    )
+    return blocks if TOOL in tools else [ToolPoint(cell.tool_m, free=""), *blocks]
+
+
+def setup_of(
+    cell: CellData,
+    model: CalibrationModel,
+    observations: Sequence[Observation],
+    which: IntArray,
+    sights: Sequence[MarkSight | None],
+    postures: FloatArray,
+) -> Setup:
+    """What is measured at postures ``(N, n)`` [rad], as indices of a model.
+
+    ``which`` (N,): the observation of each. ``sights``: what of each is to be seen. Where several
+    tools are measured at once there are as many measurements of each posture, one after another;
+    those of tools that are not in sight, or not of the observation, are not seen.
+    """
+    used = np.unique(which).tolist()
+    width = max((len(observations[k].tools) for k in used), default=1)
+    names = tuple(kind.name for kind in model.measurements)
+    loads = [OWN_PAYLOAD, *(load.name for load in cell.config.payload)]
+    rows = np.zeros((4, len(observations), width), dtype=np.intp)
+    there = np.zeros((len(observations), width), dtype=bool)
+    for k in used:
+        seen = observations[k]
+        tools = [model.tools.index(label) for label in seen.tools]
+        rows[0, k], rows[2, k] = names.index(seen.kind), model.targets.index(seen.target)
+        rows[1, k], rows[1, k, : len(tools)] = tools[0], tools
+        rows[3, k] = loads.index(seen.payload)
+        there[k, : len(tools)] = True
+    kind, tool, target, payload = rows[:, which].reshape(4, -1)
+    if width == 1:
+        return Setup(kind, tool, target, payload)
+    visible = there[which]
+    for k in used:
+        sight, own = sights[k], np.flatnonzero(which == k)
+        if sight is not None:
+            count = len(sight.marks)
+            visible[own, :count] &= sight.seen(Situation(cell.robot.chain, postures[own]))
+    every = np.repeat(visible.reshape(-1, 1), model.rows, axis=1)
+    return Setup(kind, tool, target, payload, every, together=width)
+
+
+def which_observations(
+    observations: Sequence[Observation], labels: Sequence[Mapping[str, str]]
+) -> IntArray:
+    """Index ``(N,)`` of the observation that each pose is of, by its labels.
+
+    A label that is not given fits all: a list of poses need not say what there is one of.
+
+    Raises
+    ------
+    InputError
+        A pose that is of none, or may be of several.
+    """
+    found = np.zeros(len(labels), dtype=np.intp)
+    for i, given in enumerate(labels):
+        fits = [
+            k
+            for k, seen in enumerate(observations)
+            if all(not given.get(key) or given[key] == value for key, value in seen.labels.items())
+        ]
+        if len(fits) != 1:
+            raise _undecided(observations, given, i, fits)
+        found[i] = fits[0]
+    return found
+
+
+def _undecided(
+    observations: Sequence[Observation], given: Mapping[str, str], i: int, fits: list[int]
+) -> InputError:
+    said = " ".join(value for value in given.values() if value)
+    words = [str(seen) for seen in observations]
+    if said and not fits:
+        return InputError(
+            f"pose {i + 1} is of {said[:60]}, which the cell does not measure",
+            hint=near_names(said, words),
+            name="target",
+        )
+    return InputError(
+        f"pose {i + 1} does not say which of {len(observations)} it is of: {'; '.join(words[:4])}",
+        hint="name them in the columns target, tool and payload, as plan writes them",
+        name="target",
+    )
+
+
+def true_set_up(
+    cell: CellData, observations: Sequence[Observation]
+) -> tuple[list[ParameterBlock], list[FloatArray], list[Measurement]]:
+    """Tools and targets as they are in the simulated cell: blocks, their values, and the kinds.
+
+    All are off by the errors of ``[truth]``.
+    """
+    truth = cell.config.truth
+    blocks = _set_up(cell, observations)
+    values = []
+    for block in blocks:
+        value = block.nominal.copy()
+        if isinstance(block, (ToolFrame, TargetFrame, TargetPlane)):
+            error = truth.tool_error_mm if block.tools else truth.target_error_mm
+            turned = (0.0, 0.0, 0.0) if block.tools else truth.target_turn_deg
+            off = transform(rotation_from_wpr(np.deg2rad(turned)), np.zeros(3))
+            T = block.T_nominal[0] @ off
+            T[:3, 3] += np.array(error) / 1e3
+            if isinstance(block, TargetPlane):
+                value[0] = float(np.array(error) / 1e3 @ block.T_nominal[0, :3, 2])
+            else:
+                value = block.values_at(T, 0, value)
+        elif value.size == 3:
+            value += np.array(truth.tool_error_mm if block.tools else truth.target_error_mm) / 1e3
+        values.append(value)
+    return blocks, values, _kinds(cell, observations)

@@ -222,6 +222,7 @@ def plan_next_poses(
         measurements,
         cell.robot.n,
         kind=cell.config.measurement.kind,
+        payloads=[payload.name for payload in cell.config.payload],
         controller=cell.robot.controller,
         trust_units=trust_units,
     )
@@ -229,6 +230,7 @@ def plan_next_poses(
         cell,
         table.data,
         count,
+        kinds=table.kinds,
         criterion=criterion,
         least_gain=least_gain,
         accuracy_m=accuracy_m,

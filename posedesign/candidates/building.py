@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -409,20 +409,18 @@ def candidates_of(cell: Cell) -> CandidatePoses:
         return _candidates_of_part(cell, cell.config.pool.candidates)
     parts = cell.parts
     each = -(-cell.config.pool.candidates // len(parts))
-    found: list[CandidatePoses | None] = []
-    why: UnreachableError | None = None
-    for part in parts:
+    found: dict[int, CandidatePoses] = {}
+    lost: dict[int, UnreachableError] = {}
+    for k, part in enumerate(parts):
         try:
-            found.append(_candidates_of_part(part, each))
+            found[k] = _candidates_of_part(part, each)
         except UnreachableError as error:
-            found.append(None)
-            why = error
-    pools = [pool for pool in found if pool is not None]
-    if why is not None and not pools:
-        raise why
+            lost[k] = error
+    _check_all_reached(cell, lost)
+    pools = list(found.values())
     if parts == (cell,) and len(cell.observations[0].tools) == 1:
         return pools[0]
-    which = [np.full(len(pool), k) for k, pool in enumerate(found) if pool is not None]
+    which = [np.full(len(pool), k) for k, pool in found.items()]
     said = dict.fromkeys(pool.description for pool in pools)
     return CandidatePoses(
         postures=np.concatenate([pool.postures for pool in pools]),
@@ -434,6 +432,20 @@ def candidates_of(cell: Cell) -> CandidatePoses:
         description="; ".join(said),
         cell=cell,
     )
+
+
+def _check_all_reached(cell: Cell, lost: Mapping[int, UnreachableError]) -> None:
+    """Refuse a target, or a point of the tool, that no pose can be of."""
+    kept = [seen for k, seen in enumerate(cell.observations) if k not in lost]
+    targets = {seen.target for seen in kept}
+    tools = {label for seen in kept for label in seen.tools}
+    for k, error in lost.items():
+        seen = cell.observations[k]
+        if seen.target in targets and tools.issuperset(seen.tools):
+            continue
+        if len(cell.observations) > 1:
+            error.message = f"{seen}: {error.message}"
+        raise error
 
 
 def _candidates_of_part(cell: Cell, count: int) -> CandidatePoses:

@@ -147,6 +147,11 @@ class CandidatePoses:
         return np.asarray(self.targets_m[self.target])
 
     @property
+    def of(self) -> IntArray:
+        """Index of the cell's observation that each posture is of, ``(N,)``."""
+        return self.target if self.cell is not None else np.zeros(len(self), dtype=np.intp)
+
+    @property
     def labels(self) -> list[Mapping[str, str]]:
         """What each posture is of, by column of a list of poses; nothing where all are of one."""
         if self.cell is None or len(self.cell.observations) == 1:

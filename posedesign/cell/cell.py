@@ -212,6 +212,20 @@ class Cell(CellData):
             target_m=self.target_m if seen.reads else place_of(self, target),
         )
 
+    def one_by_one(
+        self, model: CalibrationModel, postures: FloatArray, which: IntArray
+    ) -> tuple[IntArray, Setup]:
+        """Measurements at postures ``(N, n)`` [rad], each by itself: the row of its posture.
+
+        One for each tool that is seen, as in a table of measurements.
+        """
+        setup = self.setup(model, postures, which)
+        rows = np.repeat(np.arange(len(postures)), setup.together)
+        if setup.seen is None:
+            return rows, setup
+        seen = setup.seen[:, 0]
+        return rows[seen], replace(setup[seen], seen=None)
+
     def which(self, labels: Sequence[Mapping[str, str]]) -> IntArray:
         """Index ``(N,)`` of the observation that each pose is of, by its labels in a list."""
         if self.is_hand_eye:

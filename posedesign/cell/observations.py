@@ -295,12 +295,19 @@ def which_observations(
         fits = [
             k
             for k, seen in enumerate(observations)
-            if all(not given.get(key) or given[key] == value for key, value in seen.labels.items())
+            if all(_fits(given, key, value) for key, value in seen.labels.items())
         ]
         if len(fits) != 1:
             raise _undecided(observations, given, i, fits)
         found[i] = fits[0]
     return found
+
+
+def _fits(given: Mapping[str, str], key: str, value: str) -> bool:
+    """Whether a label that is given is this one; an empty payload is the tool alone."""
+    if key == "payload":
+        return given.get(key, value) == value
+    return not given.get(key) or given[key] == value
 
 
 def _undecided(

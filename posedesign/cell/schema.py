@@ -15,7 +15,7 @@ from posedesign.cell.schema_sections import (
     BoxSteps,
     Finite,
     ImagingSection,
-    Kind,
+    KindOrBoard,
     KnownDistanceSection,
     Line,
     MarkSection,
@@ -362,7 +362,7 @@ class MeasurementSection(Section):
     0.06 deg, one standard deviation, on an R-2000iC and on a UR10e.
     """
 
-    kind: Kind | Literal["board"] = "touch-up"
+    kind: KindOrBoard = "touch-up"
     """``touch-up``: the tool point is on the target. ``view-line``: across the line of sight only.
     ``plane``: the tool point touches a plane. ``point``: a tracker or a measuring arm reads where
     points of the tool are. ``pose``: one reads how the tool is turned, too. ``distance``: a ball

@@ -136,6 +136,11 @@ class ParameterSection(Section):
 Kind = Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
 """Of a measurement."""
 
+KindOrBoard = Literal[
+    "touch-up", "view-line", "plane", "point", "pose", "distance", "camera-pose", "board"
+]
+"""The same, and pictures of a board."""
+
 
 class NoiseSection(Section):
     """Noise of a kind of measurement, in the axes of its instrument."""

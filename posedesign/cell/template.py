@@ -54,13 +54,19 @@ mass_kg = {mass_kg}               # what the flange carries, for deflection in t
 com_mm = {com_mm}
 # axis = [0.0, 0.0, 1.0]          # along which it comes to the target, with plan.retreat_mm
 camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, along the tip's z
+# [[tool.mark]]                   # points that are measured in its place: the reflectors that an
+# name = "R1"                     # instrument sees, all at once; other pins, one by one
+# point_mm = [60.0, 0.0, 80.0]    # in the axes of the tip
+# axis = [1.0, 0.0, 0.0]          # that a reflector faces; default: seen from all around
+# largest_angle_deg = 30.0        # between it and the line of sight
 {tool_bodies}
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
 {pendant}posture_deg = {posture_deg}
 
-[target]
+[target]                          # of several, each begins with [[target]]
 name = "T1"
+# kind = "touch-up"               # how it is measured; default: measurement.kind
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
 {world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
@@ -68,6 +74,10 @@ name = "T1"
 # plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
+# wpr_deg = [0.0, 0.0, 0.0]       # of an instrument: the axes that it reads in,
+# nearest_mm = 500.0              # and its range; of a ball bar or a wire its lengths
+# farthest_mm = 10000.0
+# size_mm = [200.0, 200.0]        # of a plane: the part of it that may be touched
 {surroundings}
 {board}[board]                         # a calibration board that a camera sees: posedesign board
 {board}kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
@@ -136,6 +146,7 @@ models = [
     ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
     ["geometry", "priors"], ["geometry", "compliance", "priors"],
 ]
+planned = ["zero_offsets"]        # what poses are planned for, in the same words
 prior_offset_deg = 1.0            # usual standard deviations: how well the joints are mastered,
 prior_length_mm = 0.5             # links and axes are built,
 prior_angle_deg = 0.1
@@ -149,23 +160,29 @@ loss = "auto"                     # least-squares, student-t where residuals hav
 # lost_motion_nm = 10.0           # torque that takes up what a joint has lost
 
 [measurement]
-kind = "{kind}"                 # or "view-line": only across the line of sight; "camera-pose":
-                                  # hand-eye calibration, a camera sees the target's pose;
-                                  # "board": the same from pictures of the [board]
+kind = "{kind}"                 # or "view-line": only across the line of sight; "plane";
+                                  # "point", "pose": read by a tracker or a measuring arm;
+                                  # "distance": by a ball bar or a wire; "camera-pose": hand-eye
+                                  # calibration, a camera sees the target's pose; "board": the same
+                                  # from pictures of the [board]
 three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z
 noise_axes = "tip"                # of the tip, or of the "camera" as it is mounted on it
 weighted = true                   # by this noise
 estimate_noise = false            # true: the noise is taken from the residuals
+# payloads = ["weight"]           # that poses are planned with, besides the tool's own
+# least_marks = 1                 # of the tool that an instrument sees at each pose
 camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera-pose
 camera_three_sigma_mm = 0.3
 board_three_sigma_px = 0.6        # of a coordinate of a board's point in a picture
 arm_three_sigma_mm = 0.9          # where the arm stops from where it says, along each axis, and
 arm_three_sigma_deg = 0.18        # about each; of pictures of a board
 estimate_lens = true              # from these pictures; false: it was calibrated before
-# [[noise]]                       # of further kinds that were measured; without it, from residuals
-# kind = "pose"                   # plane, point, pose, camera-pose, distance
-# three_sigma_mm = 0.1
+# [[noise]]                       # of what is measured by instruments, and of further kinds that
+# kind = "pose"                   # were measured: plane, point, pose, camera-pose, distance; of
+# three_sigma_mm = 0.1            # these without it, it is taken from the residuals
 # three_sigma_deg = 0.05          # poses only
+# along_three_sigma_mm_per_m = 0.002   # points only: what each metre from a tracker adds along the
+# across_three_sigma_mm_per_m = 0.01   # line of sight, and across it
 # [[payload]]                     # carried in measurements that name it
 # name = "weight"
 # mass_kg = 50.0

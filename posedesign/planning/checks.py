@@ -17,7 +17,7 @@ from posedesign.cell import Cell
 from posedesign.cell.observations import miss_m
 from posedesign.constraints import Collision, Verdicts
 from posedesign.constraints.space import MotionVerdicts
-from posedesign.planning.loop import identification_jacobian
+from posedesign.planning.loop import identification_jacobian, told_by
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.poses_file import PoseList
 from posedesign.selection import Indices, evaluate
@@ -267,7 +267,7 @@ class Score:
 def score_poses(cell: Cell, poses: PoseList) -> Score:
     """Indices and predicted standard deviations of any pose list."""
     which = cell.which(poses.labels)
-    model = cell.model_for(which)
+    model = told_by(cell, cell.model_for(which), poses.postures, which)
     setup = cell.setup(model, poses.postures, which)
     linear = model.linearise(poses.postures, setup=setup)
     white = linear.white_jacobian

@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import InputError, UnreachableError, check_type
-from calib.identification import check_identifiable, covariance_of
+from calib.identification import check_identifiable, covariance_of, reduce
 from calib.model import CalibrationModel, Linearisation
+from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
-from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
+from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.orientations import GRID, cone_rotations
 from posedesign.constraints import Checker, nearest_postures
@@ -220,6 +221,9 @@ class _Loop:
             cell = cell.parts[0]
         self.cell = cell
         self.model = cell.model()
+        if cell.config.parameters.planned != ("zero_offsets",):
+            widest = grid_poses(cell, np.array(cell.config.variations.largest_deg)).kept
+            self.model = told_by(cell, self.model, widest, np.zeros(len(widest), dtype=np.intp))
         self.progress = progress
         self.rounds: list[Round] = []
         self.sets: list[PoseSet] = []
@@ -387,7 +391,11 @@ class _Loop:
 
 
 def check_base_pose(cell: Cell) -> None:
-    """Check that the base posture touches the target and keeps the margin from the limits."""
+    """Check that the base posture touches the target and keeps the margin from the limits.
+
+    Where there are several targets, or instruments that see the tool anywhere, the base pose is
+    where the tour begins, and touches nothing.
+    """
     q, robot = cell.base_posture, cell.robot
     if robot.n < MOST_FREE:
         raise InputError(
@@ -396,6 +404,12 @@ def check_base_pose(cell: Cell) -> None:
             hint="plan such an arm by hand and judge the poses with posedesign score",
             name="robot",
         )
+    several = not cell.is_hand_eye and len(cell.observations) > 1
+    if several or not (cell.is_hand_eye or cell.is_plain):
+        start = Checker(robot, cell.solid, cell.margin).check(q[None])
+        if not start.feasible[0]:
+            raise _base_pose_error(cell, start.reason(0), start.hint(0))
+        return
     if cell.target_offset_m > FARTHEST_M:
         raise UnreachableError(
             f"the target is {cell.target_offset_m * 1e3:.0f} mm from where the base posture puts "
@@ -411,13 +425,17 @@ def check_base_pose(cell: Cell) -> None:
     if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
         reason, hint = start.reason(0), start.hint(0)
     if reason:
-        raise UnreachableError(
-            f"the base pose cannot be taken: {reason}",
-            hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + f"; or {hint}" * bool(hint)
-            + _free_beside(cell),
-            name="base_pose",
-        )
+        raise _base_pose_error(cell, reason, hint)
+
+
+def _base_pose_error(cell: Cell, reason: str, hint: str) -> UnreachableError:
+    return UnreachableError(
+        f"the base pose cannot be taken: {reason}",
+        hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
+        + f"; or {hint}" * bool(hint)
+        + _free_beside(cell),
+        name="base_pose",
+    )
 
 
 def _free_beside(cell: Cell) -> str:
@@ -498,6 +516,24 @@ def identification_jacobian(linear: Linearisation) -> FloatArray:
     Q = np.linalg.qr(lens / np.where(length > 0.0, length, 1.0))[0]
     others = others - Q @ (Q.T @ others)
     return others.reshape(*blocks.shape[:2], -1)
+
+
+def told_by(
+    cell: Cell, model: CalibrationModel, postures: FloatArray, which: IntArray
+) -> CalibrationModel:
+    """The model of a plan less what of the arm postures ``(N, n)`` [rad] do not tell.
+
+    Zero offsets that the cell lists by name are left as they are: a plan that cannot tell one of
+    them is refused.
+    """
+    if cell.is_hand_eye or cell.config.parameters.planned == ("zero_offsets",):
+        return model
+    rows, setup = cell.one_by_one(model, postures, which)
+    read = None
+    if any(kind.reads for kind in model.measurements):
+        read = np.zeros((len(rows), model.rows))
+    data = Measurements(postures[rows], setup, model.targets, model.tools, read)
+    return reduce(model, data, model.nominal).model
 
 
 def regressor(linear: Linearisation) -> FloatArray:

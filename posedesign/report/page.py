@@ -40,6 +40,7 @@ from posedesign.identification.file import (
 )
 from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
+from posedesign.planning.loop import told_by
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
@@ -243,7 +244,7 @@ def _section_of_answer(title: str, answer: Answer) -> Section:
 def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
     """What to expect of an identification at these poses, from the noise alone."""
     q, which = measured.postures, cell.which(measured.labels)
-    model = cell.model_for(which)
+    model = told_by(cell, cell.model_for(which), q, which)
     setup = cell.setup(model, q, which)
     covariance = covariance_of(model, q, setup=setup, weighted=cell.config.measurement.weighted)
     if not cell.is_hand_eye:  # X and Z are no errors of the arm

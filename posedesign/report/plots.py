@@ -100,7 +100,7 @@ def _plot_robot_world(result: RobotWorldResult) -> Figure:
 
 
 def figure_of_plan(
-    cell: Cell, model: CalibrationModel, q: FloatArray, setup: Setup | None
+    cell: Cell, model: CalibrationModel, q: FloatArray, setup: Setup | None = None
 ) -> Figure:
     """Predicted error of the tool point by the number of poses, and over the task box.
 

@@ -245,11 +245,7 @@ class SimulatedRobot:
         names : sequence of str
             Of the poses.
         """
-        setup = self.cell.setup(self.model, q, which)
-        row = np.repeat(np.arange(len(q)), setup.together)
-        if setup.seen is not None:
-            seen = setup.seen[:, 0]
-            row, setup = row[seen], replace(setup[seen], seen=None)
+        row, setup = self.cell.one_by_one(self.model, q, which)
         found = simulate(self.model, self.values, q[row], rng, trials=trials, setup=setup)
         return replace(found, names=tuple(names[i] for i in row))
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError
+from calib.errors import InputError, near_names
 from calib.model.context import Setup
 from calib.se3 import FloatArray, IntArray
 
@@ -116,6 +116,31 @@ class Measurements:
         observed = None if self.observed is None else self.observed[..., rows, :]
         postures = self.postures[..., rows, :]
         return Measurements(postures, self.setup[rows], self.targets, self.tools, observed, names)
+
+    def with_labels(self, targets: Sequence[str], tools: Sequence[str]) -> Measurements:
+        """The same with other lists of names, each measurement of the names that it had.
+
+        Raises
+        ------
+        InputError
+            A name that measurements are of is not among them.
+        """
+        found = []
+        for what, index, own, names in (
+            ("target", self.setup.target, self.targets, list(targets)),
+            ("tool", self.setup.tool, self.tools, list(tools)),
+        ):
+            used = np.unique(index).tolist()
+            strange = next((own[k] for k in used if own[k] not in names), None)
+            if strange is not None:
+                raise InputError(
+                    f"there is no {what} {strange!r}", hint=near_names(strange, names), name=what
+                )
+            place = np.zeros(len(own), dtype=np.intp)
+            place[used] = [names.index(own[k]) for k in used]
+            found.append(place[index])
+        setup = replace(self.setup, target=found[0], tool=found[1])
+        return replace(self, setup=setup, targets=tuple(targets), tools=tuple(tools))
 
     def trials(self, which: int | slice | None) -> Measurements:
         """Some trials of many; None makes one trial of a single set."""

@@ -27,7 +27,7 @@ from posedesign.candidates.building import with_kept
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
-from posedesign.planning.loop import check_base_pose, identification_jacobian
+from posedesign.planning.loop import check_base_pose, identification_jacobian, told_by
 from posedesign.planning.optimal.refinement import (
     SCENARIOS,
     blocks_of_robots,
@@ -316,12 +316,10 @@ class _Planning:
     ) -> None:
         self._cell, self._request, self._advance = cell, request, advance
         self._kept, self._kept_of = keep, keep_of
-        self._why, self._dropped = "", list[str]()
-        self._model = cell.model()
-        self._rows = cell.rows(self._model)
+        self._why, self._dropped, self._unused = "", list[str](), list[str]()
         check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
-        self._box, self._box_words = functions_over_box(cell, self._model)
-        self._objective = objective_of(request, self._model, self._box)
+        self._take(cell.model())
+        self._rows = cell.rows(self._model)
         if self._objective.weighted and not cell.config.measurement.weighted:
             raise InputError(
                 "what an unweighted estimate needs cannot be chosen pose by pose",
@@ -340,14 +338,29 @@ class _Planning:
         self._cell = away_from_singularities(cell)
         self._router = Router.of_cell(cell)
 
+    def _take(self, model: CalibrationModel) -> None:
+        """Plan for a model: what of it counts over the task box."""
+        self._model = model
+        self._box, self._box_words = functions_over_box(self._cell, model)
+        self._objective = objective_of(self._request, model, self._box)
+
     def run(self) -> OptimalPlan:
         self._advance("looking for postures", 0.0)
         pool = with_kept(self._cell, candidates_of(self._cell), self._kept, self._kept_of)
+        told = told_by(self._cell, self._model, pool.postures, pool.of)
+        if told is not self._model:
+            self._take(told)
         self._check_pool(pool)
         whole = len(pool)
         for attempt in range(ATTEMPTS):
             self._advance("choosing poses", 0.2 + 0.6 * attempt / ATTEMPTS)
             selection, fewest = self._choose(pool, first=attempt == 0)
+            while not np.isfinite(selection.value) and fewest is None:
+                others = self._without_a_target(pool, selection)
+                if others is None:
+                    break
+                pool, whole = others, whole - len(pool) + len(others)
+                selection, fewest = self._choose(pool, first=attempt == 0)
             if fewest is not None and not fewest.reached:
                 return self._result(pool, selection, fewest, pool.take(selection.indices), None)
             chosen = pool.take(selection.indices)
@@ -365,7 +378,33 @@ class _Planning:
                 break
             pool = others
         plan = self._result(pool, selection, fewest, chosen, route)
-        return replace(plan, left_out=whole - len(pool), left_out_for=self._why)
+        return replace(
+            plan,
+            left_out=whole - len(pool),
+            left_out_for=self._why,
+            unused=tuple(self._unused),
+        )
+
+    def _without_a_target(
+        self, pool: CandidatePoses, selection: Selection
+    ) -> CandidatePoses | None:
+        """The pool without the target that fewest of the chosen poses are of; None for the last.
+
+        Where a choice tells too little of one target to place it, its poses are better spent on the
+        others: what is to be told is of the arm.
+        """
+        if pool.cell is None:
+            return None
+        seen = pool.cell.observations
+        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        names, counts = np.unique(of, return_inverse=True)
+        if len(names) == 1 or len(self._kept):
+            return None
+        fewest = int(np.argmin(np.bincount(counts[selection.indices], minlength=len(names))))
+        self._unused.append(str(names[fewest]))
+        left = pool.take(counts != fewest)
+        self._take(told_by(self._cell, self._cell.model_for(left.of), left.postures, left.of))
+        return left
 
     def _others_than(
         self, pool: CandidatePoses, selection: Selection, route: Route, attempt: int

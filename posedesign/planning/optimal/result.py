@@ -39,6 +39,7 @@ class OptimalPlan(Planned):
     the poses are worth for robots that are not as described. ``validation``: poses that are kept
     out of the fit. ``left_out``: candidates of the pool that were left out because no clear way to
     them is known, or to others like them. ``left_out_for``: what is in the way to one of them.
+    ``unused``: targets of the cell that no pose is of, because others tell more of the arm.
     """
 
     request: Request
@@ -63,6 +64,7 @@ class OptimalPlan(Planned):
     left_out_for: str = ""
     not_checked: tuple[str, ...] = ()
     setup: Setup | None = None
+    unused: tuple[str, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -112,6 +114,11 @@ class OptimalPlan(Planned):
             said.append(
                 f"{self.selection.duplicates} candidates tell the same as others, and were "
                 "offered once"
+            )
+        if self.unused:
+            said.append(
+                f"no pose is of {', '.join(self.unused)}: those few would not even place it, and "
+                "poses of the others tell more of the arm"
             )
         if self.left_out:
             said.append(

@@ -13,13 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import ConvergenceError, InputError, NotIdentifiableError
+from calib.errors import ConvergenceError, InputError, NotIdentifiableError, near_names
 from calib.identification import IdentificationResult, check_identifiable, identify
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import (
+    CandidatePoses,
     away_from_singularities,
     candidates_of,
     functions_over_box,
@@ -27,6 +28,7 @@ from posedesign.candidates import (
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
+from posedesign.planning.loop import told_by
 from posedesign.planning.optimal.choose import (
     ATTEMPTS,
     as_pose_set,
@@ -61,6 +63,7 @@ def plan_next(
     data: Measurements,
     count: int,
     *,
+    kinds: Sequence[str] = (),
     criterion: str = "tcp",
     least_gain: float = LEAST_GAIN,
     accuracy_m: float | None = None,
@@ -70,9 +73,11 @@ def plan_next(
     Parameters
     ----------
     data : Measurements
-        The touch-ups so far, of one target.
+        What was measured so far; where one target is touched it may have another name there.
     count : int
         Poses to choose.
+    kinds : sequence of str
+        Names that its kinds are indices into; by default all are of the cell's.
     criterion : str
         As of a plan; what is predicted is the error of the tool point in any case.
     least_gain : float
@@ -83,20 +88,27 @@ def plan_next(
     Raises
     ------
     InputError
-        Another kind of measurement, several targets, or no such criterion.
+        A target, a tool or a kind that the cell does not measure, or no such criterion.
     UnreachableError
         The robot can take none of the candidates.
     """
     check_touch_up_cell(cell)
-    if len(data.targets) != 1 or data.observed is not None:
-        raise InputError(
-            "the next poses are planned for touch-ups of one target, and there are "
-            + ", ".join(data.targets),
-            hint="leave out the rows of other targets and kinds",
-            name="touchups.csv",
-        )
     _check_gain(least_gain)
-    model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
+    pool = candidates_of(away_from_singularities(cell))
+    if cell.is_plain:
+        if len(data.targets) != 1 or data.observed is not None:
+            raise InputError(
+                "the next poses are planned for touch-ups of one target, as the cell has it, and "
+                "there are " + ", ".join(data.targets),
+                hint="describe the others as further [[target]] of the cell, or leave out their "
+                "rows",
+                name="touchups.csv",
+            )
+        pool = replace(pool, target_names=data.targets)
+        model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
+    else:
+        model = told_by(cell, cell.model(), pool.postures, pool.of)
+        data = _in_words_of(model, data, kinds)
     identified, why_not = _identified(cell, model, data)
     x = model.nominal if identified is None else identified.values
     measured = model.linearise(data.postures, x, data.setup)
@@ -105,7 +117,7 @@ def plan_next(
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
     objective = objective_of(Request(count=count, criterion=criterion), model, box)
-    poses, route, errors = _choose(cell, objective, box, x, measured, before, count)
+    poses, route, errors = _choose(cell, pool, objective, box, x, measured, before, count)
     noise = 1.0  # what the residuals say of the noise given, where there are enough of them
     if identified is not None and identified.degrees_of_freedom >= ENOUGH_TO_JUDGE:
         noise = identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
@@ -171,7 +183,10 @@ def plan_next_views(
         before = np.vstack([before, wide])
     box, box_words = functions_over_box(cell, model)
     objective = objective_of(Request(count=count, criterion=criterion), model, box)
-    poses, route, errors = _choose(cell, objective, box, model.nominal, measured, before, count)
+    pool = candidates_of(away_from_singularities(cell))
+    poses, route, errors = _choose(
+        cell, pool, objective, box, model.nominal, measured, before, count
+    )
     return NextPoses(
         objective,
         len(taken),
@@ -201,8 +216,24 @@ def _shortened(message: str) -> str:
     return message[:197] + "..." if len(message) >= 200 else message
 
 
+def _in_words_of(model: CalibrationModel, data: Measurements, kinds: Sequence[str]) -> Measurements:
+    """Measurements with targets, tools and kinds as a model lists them."""
+    known = [kind.name for kind in model.measurements]
+    strange = next((name for name in kinds if name not in known), None)
+    if strange is not None:
+        raise InputError(
+            f"the cell measures no {strange}", hint=near_names(strange, known), name="kind"
+        )
+    found = data.with_labels(model.targets, model.tools)
+    if kinds:
+        place = np.array([known.index(name) for name in kinds], dtype=np.intp)
+        found = replace(found, setup=replace(found.setup, kind=place[found.setup.kind]))
+    return found
+
+
 def _choose(
     cell: Cell,
+    pool: CandidatePoses,
     objective: PlanObjective,
     box: FloatArray,
     x: FloatArray,
@@ -216,7 +247,6 @@ def _choose(
     """
     model = measured.model
     known = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
-    pool = candidates_of(away_from_singularities(cell))
     router, why = Router.of_cell(cell), ""
     for attempt in range(ATTEMPTS):
         few = min(count, len(pool)) if attempt else count

@@ -57,7 +57,7 @@ def written(demo_cell, demo_plan, tmp_path) -> Path:
         demo_plan.poses,
         demo_plan.route,
         demo_cell.tool_m,
-        margins=Margins.of_route(demo_cell, demo_plan.route),
+        margins=Margins.of_route(demo_cell, demo_plan.poses, demo_plan.route),
         indices=demo_plan.indices,
     )
 
@@ -162,7 +162,7 @@ def test_margins_are_what_a_second_calculation_finds(written, demo_cell):
 
 
 def test_a_cell_that_describes_less_has_fewer_margins(reference_cell, some):
-    assert set(Margins.of(reference_cell, some.postures, some.via).columns) <= {
+    assert set(Margins.of(reference_cell, some).columns) <= {
         "limit_margin_deg",
         "self_clearance_mm",
         "clearance_mm",
@@ -173,7 +173,7 @@ def test_a_margin_is_negative_beyond_the_limit(reference_cell):
     robot = reference_cell.robot
     q = reference_cell.base_posture[None].copy()
     q[0, 0] = robot.upper[0] + np.deg2rad(2.0)
-    margins = Margins.of(reference_cell, q, np.array([False])).columns
+    margins = Margins.of(reference_cell, PoseList(("P01",), q, np.array([False]))).columns
     assert margins["limit_margin_deg"][0] == pytest.approx(-2.0)
 
 

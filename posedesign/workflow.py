@@ -288,32 +288,34 @@ def _plan_next_views(
     return result
 
 
+def simulated_files(cell: Cell) -> list[tuple[str, str]]:
+    """Files that a rehearsal writes, and what they say that they are: measurements, and pairs."""
+    if cell.is_hand_eye:
+        return [PAIRS]
+    reads = any(seen.reads for seen in cell.observations)
+    return [MEASUREMENTS if reads else TOUCH_UPS, *([PAIRS] * cell.has_camera)]
+
+
 def simulate(
     cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None
 ) -> SimulatedRobot:
-    """Touch up a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
+    """Measure a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
-    In a cell of hand-eye calibration nothing is touched, and there are pairs only; without a camera
-    there are none. The noise depends on the seed alone: the one of the cell, unless another is
-    given.
+    What instruments read goes to ``measurements.csv``. In a cell of hand-eye calibration nothing is
+    touched, and there are pairs only; without a camera there are none. The noise depends on the
+    seed alone: the one of the cell, unless another is given.
     """
-    measures = not cell.is_hand_eye
-    reads = measures and any(seen.reads for seen in cell.observations)
-    claims = Results.of(out, "simulate").claim(
-        "simulated",
-        *([MEASUREMENTS if reads else TOUCH_UPS] * measures),
-        *([PAIRS] * cell.has_camera),
-    )
+    claims = Results.of(out, "simulate").claim("simulated", *simulated_files(cell))
     check_fit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
     postures = poses.postures
-    if measures and cell.is_plain:
+    if not cell.is_hand_eye and cell.is_plain:
         touched = robot.touch_up(postures, rng)
         write_measurements(claims[0], replace(touched, names=poses.names))
         postures = touched.postures
-    elif measures:
+    elif not cell.is_hand_eye:
         data = robot.measure(postures, cell.which(poses.labels), poses.names, rng)
         kinds = [kind.name for kind in robot.model.measurements]
         write_measurements(claims[0], data, kinds, [load.name for load in cell.config.payload])

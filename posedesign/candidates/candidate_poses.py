@@ -152,6 +152,15 @@ class CandidatePoses:
         return self.target if self.cell is not None else np.zeros(len(self), dtype=np.intp)
 
     @property
+    def loads(self) -> IntArray:
+        """Index ``(N,)`` of what the flange carries at each posture: 0 for the tool alone."""
+        if self.cell is None:
+            return np.zeros(len(self), dtype=np.intp)
+        names = list(dict.fromkeys(seen.payload for seen in self.cell.observations))
+        each = np.array([names.index(seen.payload) for seen in self.cell.observations])
+        return np.asarray(each[self.target])
+
+    @property
     def labels(self) -> list[Mapping[str, str]]:
         """What each posture is of, by column of a list of poses; nothing where all are of one."""
         if self.cell is None or len(self.cell.observations) == 1:

@@ -369,9 +369,10 @@ class Cell(CellData):
         return Whereabouts(
             self.robot.base_frame,
             self.config.target.name,
-            self.target_m,
+            target_m := self.target_m if self.is_hand_eye else place_of(self, self.config.target),
             self.robot.state(self.base_posture).point(self.tool_m),
-            nearest_body(self.robot, self.obstacles, self.target_m),
+            nearest_body(self.robot, self.obstacles, target_m),
+            tuple((other.name, place_of(self, other)) for other in self.config.other_targets),
         )
 
     @property

@@ -213,6 +213,10 @@ def nearest_body(
     return float(found.distance_m[0]) + POINT_M, scene.names(int(found.pair[0]))[1]
 
 
+def _place_words(place_m: FloatArray) -> str:
+    return ", ".join(f"{1e3 * value + 0.0:.1f}" for value in place_m.round(6))
+
+
 @dataclass(frozen=True, eq=False)
 class Whereabouts:
     """Where the target of a cell is, and where its tool points to.
@@ -225,6 +229,8 @@ class Whereabouts:
         The target, and the tool point at the base posture, in the base frame [m].
     nearest : (float, str) or None
         Distance [m] and name of the obstacle nearest to the target.
+    others : tuple of (str, array (3,))
+        Names and places [m] of further targets.
     """
 
     frame: str
@@ -232,6 +238,7 @@ class Whereabouts:
     target_m: FloatArray
     tool_m: FloatArray
     nearest: tuple[float, str] | None
+    others: tuple[tuple[str, FloatArray], ...] = ()
 
     @property
     def apart_m(self) -> float:
@@ -241,14 +248,14 @@ class Whereabouts:
     @property
     def words(self) -> str:
         """All of it in one line."""
-        place = ", ".join(f"{1e3 * value + 0.0:.1f}" for value in self.target_m.round(6))
+        place = _place_words(self.target_m)
         near = "no obstacle is described"
         if self.nearest is not None:
             near = f"nearest obstacle: {self.nearest[1]}, {1e3 * self.nearest[0]:.1f} mm"
         return (
             f"{self.target} at ({place}) mm in {self.frame}, {1e3 * self.apart_m:.1f} mm from the "
             f"tool point at the base posture; {near}"
-        )
+        ) + "".join(f"; {name} at ({_place_words(at)}) mm" for name, at in self.others)
 
     def as_dict(self) -> dict[str, object]:
         """The same for programs, in mm."""
@@ -289,7 +296,7 @@ def refuse_unshaped(cell: CellData) -> None:
 def what_may_be_wrong(cell: CellData) -> list[str]:
     """What looks like a mistake in a cell, in words."""
     said = []
-    if cell.target_offset_m > NOTEWORTHY_M:
+    if not cell.config.other_targets and cell.target_offset_m > NOTEWORTHY_M:
         said.append(
             f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
             "the tool point"
@@ -336,7 +343,7 @@ def _largest_m(solid: Solid) -> float:
 def what_is_odd(cell: CellData) -> list[str]:
     """What a person should know of a cell, in words."""
     said = []
-    if cell.config.camera is None and not (cell.is_hand_eye or cell.config.plan.retreat_mm):
+    if touches(cell) and cell.config.camera is None and not cell.config.plan.retreat_mm:
         said.append(
             "plan.retreat_mm is 0: a tool that touches the target does not back off between "
             "the poses"
@@ -361,9 +368,17 @@ def what_is_not_checked(cell: CellData, excluded: Sequence[tuple[str, str]]) -> 
     said = _unseen_collisions(cell, excluded) if section.collisions else _without_collisions(cell)
     if not section.ways:
         said.append("the ways between poses: constraints.ways is false")
-    if cell.config.camera is None:
+    if cell.config.camera is None and touches(cell):
         said.append("the view of the target: no [camera] is described")
+    if cell.config.measurement.payloads:
+        said.append("collisions of what the flange carries besides: payloads have no shape")
     return tuple(said)
+
+
+def touches(cell: CellData) -> bool:
+    """Whether the tool is brought to a target, by a pin or by what a camera sees."""
+    kinds = {target.kind or cell.config.measurement.kind for target in cell.config.targets}
+    return not cell.is_hand_eye and any(not KINDS[kind].reads for kind in kinds)
 
 
 def _without_collisions(cell: CellData) -> list[str]:

@@ -80,14 +80,16 @@ def simulate(
     with progress("rehearsing"):
         workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)
-    touched = [] if loaded.is_hand_eye else [str(out / "touchups.csv")]
-    files = touched + [str(out / "pairs.csv")] * loaded.has_camera
+    written = workflow.simulated_files(loaded)
+    files, (_, what) = [str(out / name) for name, _ in written], written[0]
+    measures = not loaded.is_hand_eye
     if as_json:
-        print_json({"touch_ups": count if touched else 0, "files": files})
+        print_json({"touch_ups": count if measures else 0, "files": files})
     else:
-        what = "touch-ups" if touched else "pairs of A X = Z B"
-        say(f"wrote {' and '.join(files)}: {count} {what}, SIMULATED")
-        then = ("identify", cell, *touched) if touched else ("robot-world", *files)
+        counted = f"{count} poses, {what}" if what == "measurements" else f"{count} {what}"
+        said = counted if measures else f"{count} pairs of A X = Z B"
+        say(f"wrote {' and '.join(files)}: {said}, SIMULATED")
+        then = ("identify", cell, files[0]) if measures else ("robot-world", *files)
         say(f"next: {command_line(*then, '--out', out)}")
     return DONE
 

@@ -72,6 +72,10 @@ def program(
         float | None,
         typer.Option(help="Let every joint come from one side to each pose, by this angle [deg]."),
     ] = None,
+    payload: Annotated[
+        str | None,
+        typer.Option(help="Of a list for several loads, the one to write a program for, or none."),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
     ] = False,
@@ -96,6 +100,7 @@ def program(
         trust_units=trust_units,
     )
     note_misfit(poses, listed)
+    listed = listed.of_payload("" if payload == "none" else payload)
     chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
     forced: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ a detour. Where a joint would travel too far at once, stops are put in between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations, permutations
 from typing import TYPE_CHECKING
@@ -178,9 +178,30 @@ class Router:
         )
         return cls(cell.robot, cell.ways, cell.passing, cell.base_posture, options, cell.retreat)
 
-    def route(self, postures: FloatArray) -> Route:
-        """Visit postures ``(N, n)`` [rad], from the start posture on."""
-        places, lost = self._places(postures)
+    def route(self, postures: FloatArray, loads: IntArray | None = None) -> Route:
+        """Visit postures ``(N, n)`` [rad], from the start posture on.
+
+        ``loads`` (N,): index of what the flange carries at each. There is a tour for each of them,
+        one after another, and the load is changed at the start posture.
+        """
+        if loads is None or len(np.unique(loads)) <= 1:
+            return self._tour(postures, closed=self.options.return_to_base)
+        stops: list[Stop] = []
+        lost: dict[int, str] = {}
+        moving_s = 0.0
+        for load in np.unique(loads):
+            rows = np.flatnonzero(loads == load)
+            tour = self._tour(postures[rows], closed=True)
+            stops += [
+                stop if stop.pose is None else replace(stop, pose=int(rows[stop.pose]))
+                for stop in tour.stops
+            ]
+            lost |= {int(rows[i]): why for i, why in tour.lost.items()}
+            moving_s += tour.moving_s
+        return Route(tuple(stops), lost, moving_s, self.options.dwell_s)
+
+    def _tour(self, postures: FloatArray, *, closed: bool) -> Route:
+        places, lost = self._places(postures, closed=closed)
         rows = [0, *(i + 1 for i in range(len(postures)) if i not in lost)]
         moved: set[int] = set()
         order, fewer = self._clear_order(places, rows), False
@@ -220,7 +241,7 @@ class Router:
 
         Straight from the base posture and back; or on a route that was found before.
         """
-        places, lost = self._places(postures)
+        places, lost = self._places(postures, closed=self.options.return_to_base)
         found = np.array([i not in lost for i in range(len(postures))], dtype=bool)
         rows = (np.flatnonzero(found) + 1).tolist()
         legs = {i: (places.leg(0, i), places.leg(i, 0)) for i in rows}
@@ -230,9 +251,9 @@ class Router:
         before = np.array([q.tobytes() in self._led_to for q in postures], dtype=bool)
         return np.asarray(found | before)
 
-    def _places(self, postures: FloatArray) -> tuple[_Places, dict[int, str]]:
+    def _places(self, postures: FloatArray, *, closed: bool) -> tuple[_Places, dict[int, str]]:
         """The base posture and the poses, and which of these have no approach."""
-        at, closed = np.vstack([self._start, postures]), self.options.return_to_base
+        at = np.vstack([self._start, postures])
         if self._retreat is not None:
             back, reasons = self._retreat.back_off(at)
             if reasons[0]:

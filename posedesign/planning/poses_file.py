@@ -252,6 +252,12 @@ class PoseList:
         visited = {name for name, _, via in stops if not via}
         kept = poses.kept_labels
         of = [{} if stop.pose is None else kept[stop.pose] for stop in route.stops]
+        load = ""
+        for i in reversed(
+            range(len(of))
+        ):  # on the way to a pose the arm carries what it does there
+            following = of[i].get("payload", load)
+            of[i], load = {**of[i], "payload": following}, following
         columns = [column for column in OBSERVED if any(given.get(column) for given in of)]
         return cls(
             names=tuple(name for name, _, _ in stops),
@@ -280,12 +286,43 @@ class PoseList:
 
     @property
     def measured(self) -> PoseList:
-        kept = np.flatnonzero(~self.via).tolist()
+        return self._some(np.flatnonzero(~self.via).tolist())
+
+    def of_payload(self, name: str | None) -> PoseList:
+        """The tour with one payload, or the whole list where there is only one.
+
+        ``name``: of the payload; empty for the tool alone, None where it is not said.
+
+        Raises
+        ------
+        InputError
+            The list has several and none is named, or has not the one that is.
+        """
+        loads = self.extra.get("payload", ("",) * len(self.names))
+        known = list(dict.fromkeys(loads))
+        if name is None and len(known) == 1:
+            return self
+        if name is None or name not in known:
+            listed = ", ".join(load or "the tool alone" for load in known)
+            raise InputError(
+                f"the list has poses with {listed}"
+                + ("" if name is None else f", not with {name[:40]!r}"),
+                hint="a program is of one load: name it with `payload`, none for the tool alone",
+                name="payload",
+            )
+        part = self._some([i for i, load in enumerate(loads) if load == name])
+        if self.misfit:
+            return part
+        own = f"fingerprint: {part.fingerprint}"  # as planned, though it is a part
+        said = (own if line.startswith("fingerprint:") else line for line in self.comments)
+        return replace(part, comments=tuple(said))
+
+    def _some(self, kept: Sequence[int]) -> PoseList:
         return replace(
             self,
             names=tuple(self.names[i] for i in kept),
-            postures=self.postures[kept],
-            via=self.via[kept],
+            postures=self.postures[list(kept)],
+            via=self.via[list(kept)],
             status=tuple(self.status[i] for i in kept) if self.status else (),
             reasons=tuple(self.reasons[i] for i in kept) if self.reasons else (),
             extra={c: tuple(cells[i] for i in kept) for c, cells in self.extra.items()},

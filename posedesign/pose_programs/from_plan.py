@@ -15,12 +15,13 @@ from calib.robots.arm_shapes import makers_like
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell import Cell
 from posedesign.cell.schema import FrameSection
+from posedesign.cell.surroundings import touches
 from posedesign.files import Results
 from posedesign.files.origin import described, is_simulated
 from posedesign.motion import KnownMotions, find_approaches
 from posedesign.motion.route import Passing
 from posedesign.planning import fingerprint
-from posedesign.planning.loop import identification_jacobian
+from posedesign.planning.loop import identification_jacobian, told_by
 from posedesign.planning.poses_file import STOPS_SHORT, PoseList
 from posedesign.programs import (
     DIALECTS,
@@ -194,7 +195,7 @@ def program_options(cell: Cell | None, poses: PoseList, form: str | None = None)
         measure_pulse_s=section.measure_pulse_s,
         keep=section.keep,
         first_register=section.first_register,
-        guided=not cell.is_hand_eye,
+        guided=touches(cell),
         pulses_per_deg=section.pulses_per_deg,
         fingerprint=mark,
     )
@@ -331,7 +332,7 @@ def write_program(
     Raises InputError: the program cannot be said in this dialect. OutputError: A file cannot be
     written.
     """
-    chosen = find_dialect(dialect)
+    chosen, poses = find_dialect(dialect), poses.of_payload(None)
     check_names_differ(poses)
     backs_off = Passing.RETREAT in poses.reasons or (cell is not None and cell.retreat is not None)
     if backs_off and not chosen.passes:
@@ -412,6 +413,6 @@ def _read_back(dialect: Dialect, program: PoseProgram, paths: Sequence[Path]) ->
 
 def _c_g(cell: Cell, postures: FloatArray, labels: Sequence[Mapping[str, str]]) -> float:
     which = cell.which(labels)
-    model = cell.model_for(which)
+    model = told_by(cell, cell.model_for(which), postures, which)
     linear = cell.linearise(model, postures, which)
     return evaluate(identification_jacobian(linear), linear.white_jacobian).c_g

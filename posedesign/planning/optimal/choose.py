@@ -109,21 +109,21 @@ def refined_with_way(
     that were given come back where no way leads through them either; the route then says to which.
     """
     if in_doubt:
-        plain = router.route(chosen.postures)
+        plain = router.route(chosen.postures, chosen.loads)
         if plain.lost:
             return chosen, plain
     refined = refine(chosen)
-    route = router.route(refined.postures)
+    route = router.route(refined.postures, chosen.loads)
     if not route.lost:
         return refined, route
-    plain = router.route(chosen.postures)
+    plain = router.route(chosen.postures, chosen.loads)
     if plain.lost:
         return chosen, plain
     q, R = refined.postures.copy(), refined.orientations.copy()
     for _ in range(TURNED_BACK):
         back = list(route.lost)
         q[back], R[back] = chosen.postures[back], chosen.orientations[back]
-        route = router.route(q)
+        route = router.route(q, chosen.loads)
         if not route.lost:
             return replace(refined, postures=q, orientations=R), route
     return chosen, plain
@@ -158,12 +158,12 @@ def without_alike(
     return pool.take(keep)
 
 
-def reached_of(router: Router, postures: FloatArray, route: Route) -> tuple[IntArray, Route]:
-    """Rows of postures ``(N, n)`` [rad] that a clear way leads to, and the route through them."""
-    rows = np.arange(len(postures))
+def reached_of(router: Router, poses: CandidatePoses, route: Route) -> tuple[IntArray, Route]:
+    """Rows of poses that a clear way leads to, and the route through them."""
+    rows = np.arange(len(poses))
     while route.lost:
         rows = np.delete(rows, list(route.lost))
-        route = router.route(postures[rows])
+        route = router.route(poses.postures[rows], poses.loads[rows])
     return rows, route
 
 
@@ -370,7 +370,7 @@ class _Planning:
                     self._router, chosen, self._refined, in_doubt=attempt > 0
                 )
             else:
-                route = self._router.route(chosen.postures)
+                route = self._router.route(chosen.postures, chosen.loads)
             if not route.lost or attempt == ATTEMPTS - 1:
                 break
             others = self._others_than(pool, selection, route, attempt)
@@ -511,7 +511,7 @@ class _Planning:
         if route is not None:
             missing = (self._request.count or len(chosen)) - len(chosen)
             dropped += [*route.lost.values(), *[self._why] * missing]
-            rows, route = reached_of(self._router, chosen.postures, route)
+            rows, route = reached_of(self._router, chosen, route)
             chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
             if len(rows) * self._rows < self._model.p:
                 raise no_clear_way(dropped[-1])
@@ -569,13 +569,13 @@ class _Planning:
             told, criterion = left.white(self._model), mean_deviation(self._box)
             indices = select(told, few, criterion, known=known, starts=1, bound=False).indices
             found = left.take(indices)
-            route = self._router.route(found.postures)
+            route = self._router.route(found.postures, found.loads)
             if not route.lost:
                 break
             why = next(iter(route.lost.values()))
             left = without_unreached(self._router, left, indices[list(route.lost)], attempt)
         dropped = [*route.lost.values(), *[why] * (count - few)]
-        rows, route = reached_of(self._router, found.postures, route)
+        rows, route = reached_of(self._router, found, route)
         poses = as_pose_set(found.take(rows)).and_dropped(dropped)
         return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
 

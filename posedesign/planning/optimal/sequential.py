@@ -256,7 +256,7 @@ def _choose(
         there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
         found = select(blocks, few, objective.criterion, known=there, starts=1, bound=False)
         rows = _best_first(white, found.indices, known, box)
-        route = router.route(pool.postures[rows])
+        route = router.route(pool.postures[rows], pool.loads[rows])
         if not route.lost:
             break
         why = next(iter(route.lost.values()))
@@ -265,7 +265,7 @@ def _choose(
             break
         pool = others
     dropped = [*route.lost.values(), *[why] * (count - len(rows))]
-    reached, route = reached_of(router, pool.postures[rows], route)
+    reached, route = reached_of(router, pool.take(rows), route)
     if not len(reached):
         raise no_clear_way(why)
     rows = rows[reached]

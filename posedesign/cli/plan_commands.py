@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.files import Results
     from posedesign.planning import PosePlan
-    from posedesign.planning.optimal.choose import Outlook
+    from posedesign.planning.optimal.outlook import Outlook
     from posedesign.report.answer import Answer
 
 LARGEST_SEED = 2**63 - 1
@@ -331,7 +331,7 @@ def next_poses(
 def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verbose: bool) -> int:
     """The loop of the paper."""
     from posedesign.cli.plan_json import plan_as_dict
-    from posedesign.planning.optimal.choose import outlook_of
+    from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.workflow import plan_poses
 
     largest = max(loaded.config.variations.largest_deg)

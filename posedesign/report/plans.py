@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict, Score
     from posedesign.planning.optimal import NextPoses, OptimalPlan
-    from posedesign.planning.optimal.choose import Outlook
+    from posedesign.planning.optimal.outlook import Outlook
 
 PREDICTED = "Predicted before measuring, from the noise alone"
 
@@ -66,6 +66,7 @@ def answer_of_plan(
         {
             **_promised(cell, *error, result.sigma_displayed()),
             "better": better,
+            "would buy more": outlook.advice,
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
         },

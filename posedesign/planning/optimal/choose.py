@@ -8,11 +8,11 @@ box on top of a little of what the plan tells: what goes wrong there shows in th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import CalibError, InputError
+from calib.errors import InputError
 from calib.identification import check_identifiable
 from calib.model import CalibrationModel
 from calib.one_thread import one_blas_thread
@@ -36,7 +36,6 @@ from posedesign.planning.optimal.refinement import (
     robustness,
 )
 from posedesign.planning.optimal.request import (
-    IN_MM,
     MOST_POSES,
     Accuracy,
     Request,
@@ -87,13 +86,6 @@ Advance = Callable[[str, float], None]
 PART_OF_PLAN = 0.01
 """Part of the plan's information that is taken for known. Without any, fewer validation poses than
 parameters could not be judged; with all, nothing that they tell would count."""
-
-CANDIDATES = 300
-"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
-
-NOTICEABLE = 0.9
-"""Part of the predicted error below which a choice is worth a word."""
 
 
 def refined_with_way(
@@ -616,49 +608,3 @@ class _Planning:
 def as_pose_set(pool: CandidatePoses) -> PoseSet:
     """The postures of a pool as poses of a plan."""
     return PoseSet.of_chosen(pool.postures, pool.orientations, pool.labels)
-
-
-@dataclass(frozen=True)
-class Outlook:
-    """Predicted error of the tool point over the task box, from the noise alone.
-
-    ``tcp_m``, ``tcp_worst_m``: root mean square error of the poses, in the mean over the box and
-    where it is largest [m]; infinite where they do not identify everything. ``chosen_tcp_m``: in
-    the mean, of the best choice of as many poses out of a small pool that keeps all constraints but
-    those on the motions between poses; None where there is no such choice. ``box_words``: the task
-    box in words.
-    """
-
-    tcp_m: float
-    tcp_worst_m: float
-    chosen_tcp_m: float | None
-    box_words: str
-
-    @property
-    def chosen_is_better(self) -> bool:
-        """Whether chosen poses promise noticeably less error: by a tenth or more."""
-        return self.chosen_tcp_m is not None and self.chosen_tcp_m < NOTICEABLE * self.tcp_m
-
-
-def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
-    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
-
-    All are of the first observation of the cell, as those of the loop.
-    """
-    cell = cell if cell.is_hand_eye else cell.parts[0]
-    box, words = functions_over_box(cell, model)
-    count = len(postures)
-    objective = objective_of(Request(count=count), model, box)
-    own = accuracy_of(model, objective, box, cell.linearise(model, postures))
-    if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
-        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
-    pool_section = cell.config.pool.model_copy(update={"candidates": CANDIDATES})
-    smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
-    try:
-        blocks = objective.of_pool(model, candidates_of(away_from_singularities(smaller)))
-        found = select(
-            blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
-        )
-    except CalibError:  # no pool, or too small a one: there is nothing to compare with
-        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
-    return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

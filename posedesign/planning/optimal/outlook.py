@@ -16,13 +16,15 @@ from calib.errors import CalibError
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.candidates import away_from_singularities, candidates_of, functions_over_box
+from posedesign.candidates.postures import MOST_PER_POSE
 from posedesign.cell import Cell
 from posedesign.planning.optimal.request import IN_MM, Request, accuracy_of, objective_of
 from posedesign.selection import select
 
 CANDIDATES = 300
 """Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
+second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all. Of a
+redundant arm, which gives several postures of each, so many fewer."""
 
 NOTICEABLE = 0.9
 """Part of the predicted error below which a choice is worth a word."""
@@ -120,7 +122,8 @@ def _with(cell: Cell, **sections: object) -> Cell:
 
 def _chosen_tcp_m(cell: Cell, count: int) -> float | None:
     """Error of the tool point [m] of the best of a small pool; None where there is no such pool."""
-    pool = cell.config.pool.model_copy(update={"candidates": CANDIDATES})
+    draws = CANDIDATES if cell.robot.n <= 6 else CANDIDATES // MOST_PER_POSE
+    pool = cell.config.pool.model_copy(update={"candidates": draws})
     try:
         model = cell.model()
         box, _ = functions_over_box(cell, model)

@@ -10,6 +10,7 @@ from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.rewriting import Notation
 
 __all__ = ["FanucLs"]
 
@@ -28,6 +29,7 @@ class FanucLs(Dialect):
     newline = "\r\n"
     numbered_frames = True
     joint_step_deg = 1e-3
+    notation = Notation(joint=3, place=3, turned=3, counts_at=-3)
     writer = writer.render_fanuc_ls
 
     def most_poses(self, program: PoseProgram) -> int | None:

@@ -29,6 +29,7 @@ from posedesign.programs import reading
 from posedesign.programs.configurations import StaubliConfiguration
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.rewriting import Literal
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node
 
@@ -278,6 +279,25 @@ def _values(element: Node, label: str, path: Path) -> list[float]:
     """Numbers of a point [mm, deg]; what is left out is zero."""
     texts = [element.attributes.get(name, "0") for name in _POINT]
     return reading.pose_values(texts, _POINT, label, path, element.line)
+
+
+_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*?(?=\s*/?>)", re.ASCII)
+
+
+def attributes_of(text: str) -> Iterator[Literal]:
+    """The numbers of positions in the text of a data file, those that are left out as zeros.
+
+    Of each value those of a posture, and then those of a point.
+    """
+    for tag in _TAG.finditer(text):
+        for name in (*_JOINTS, *_POINT):
+            pattern = rf"""(?<=\s){name}\s*=\s*["']\s*([-+\d.eE]+)\s*["']"""
+            found = re.search(pattern, tag[0], re.ASCII)
+            if found:
+                start = tag.start() + found.start(1)
+                yield Literal(start, start + len(found[1]), found[1])
+            else:
+                yield Literal(tag.end(), tag.end(), "0", before=f' {name}="', after='"')
 
 
 def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:

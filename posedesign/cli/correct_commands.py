@@ -64,6 +64,10 @@ def correct(
     leave: Annotated[
         str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
     ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(help="Another form, too: dh, dh-modified, dh-hayati, ur-kinematics."),
+    ] = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -111,6 +115,7 @@ def correct(
             name=model,
             tool=tool,
             box=None if box is None else box_of(loaded, box, None),
+            exports=export or (),
             trust_units=trust_units,
         )
     rehearsed = rehearsed_words(cell, identification)

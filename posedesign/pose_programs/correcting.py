@@ -204,7 +204,12 @@ def correct_program(
     files = [write_bytes_atomic(claims[0], done.data)] if done.ok else []
     return replace(
         done,
-        notes=(*filter(None, [point.said]), *notes, *done.notes),
+        notes=(
+            f"by the model {identified.name!r:.60}",
+            *filter(None, [point.said]),
+            *notes,
+            *done.notes,
+        ),
         files=tuple(files),
         simulated=rehearsed([identification]),
     )

@@ -49,6 +49,9 @@ UNCHANGED = 1e-10
 _UNCHANGED_DEG = 1e-9
 
 _MOST_DECIMALS = 12
+_WIDEST = 40
+"""Blanks before a number that is right-aligned, at most."""
+
 _NEAR = 400
 """Numbers that are looked through first; a position has its own right behind its line."""
 
@@ -251,9 +254,9 @@ class _Text:
 
     def _edit(self, literal: Literal, text: str) -> None:
         start = literal.start
-        blanks = len(self.text[:start]) - len(self.text[max(start - 40, 0) : start].rstrip(" "))
-        blanks = min(start, 40) - len(self.text[max(start - 40, 0) : start].rstrip(" "))
-        in_column = blanks > 1 and self.text[start - blanks - 1 : start - blanks] not in ("", "\n")
+        before = self.text[max(start - _WIDEST, 0) : start]
+        blanks = len(before) - len(before.rstrip(" "))
+        in_column = blanks > 1 and before.rstrip(" ")[-1:] not in ("", "\n")
         if in_column:  # numbers stand right-aligned
             width = max(blanks + literal.end - start, len(text) + 1)
             start, text = start - blanks, text.rjust(width)

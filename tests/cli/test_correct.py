@@ -695,3 +695,19 @@ def test_frames_that_nobody_says_are_refused(refuse, work, identified):
     other = work / "weld.script"
     other.write_text("def weld():\n  movej([0, -1, 1, 0, 1, 0])\nend\n")
     refuse(*typed, other, "--joints", "--out", work / "out").says("controller of fanuc")
+
+
+def test_other_forms_are_exported_beside_the_description(cli, refuse, work, identified):
+    typed = ("correct", work / "cell.toml", identified, "--out", work / "out")
+    refuse(*typed, "--export", "ur-kinematics").says("no arm of Universal Robots")
+    refuse(*typed, "--export", "denavit").says("unknown form 'denavit'", "dh")
+    said = cli(*typed, "--export", "dh-modified", "--export", "dh-hayati")
+    assert said.code == 0, said
+    written = ["corrected.urdf", "corrected_dh_hayati.csv", "corrected_dh_modified.csv"]
+    assert sorted(p.name for p in (work / "out").iterdir()) == [*written, "mastering.csv"]
+    text = (work / "out" / "corrected_dh_hayati.csv").read_text()
+    assert text.startswith("# origin: computed DH table with Hayati's rows by correct")
+    assert "the user frame is taught again" in text
+    assert "ZERO POSITION MASTER" in (work / "out" / "mastering.csv").read_text()
+    assert cli(*typed).code == 0  # what was asked for the last time only is removed
+    assert sorted(p.name for p in (work / "out").iterdir()) == ["corrected.urdf", "mastering.csv"]

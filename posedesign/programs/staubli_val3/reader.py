@@ -281,7 +281,10 @@ def _values(element: Node, label: str, path: Path) -> list[float]:
     return reading.pose_values(texts, _POINT, label, path, element.line)
 
 
-_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*?(?=\s*/?>)", re.ASCII)
+_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*", re.ASCII)
+_ATTRIBUTE = re.compile(
+    rf"""(?<=\s)({"|".join((*_JOINTS, *_POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
+)
 
 
 def attributes_of(text: str) -> Iterator[Literal]:
@@ -290,14 +293,14 @@ def attributes_of(text: str) -> Iterator[Literal]:
     Of each value those of a posture, and then those of a point.
     """
     for tag in _TAG.finditer(text):
+        found = {attribute[1]: attribute for attribute in _ATTRIBUTE.finditer(tag[0])}
+        end = tag.start() + len(tag[0].removesuffix("/").rstrip())
         for name in (*_JOINTS, *_POINT):
-            pattern = rf"""(?<=\s){name}\s*=\s*["']\s*([-+\d.eE]+)\s*["']"""
-            found = re.search(pattern, tag[0], re.ASCII)
-            if found:
-                start = tag.start() + found.start(1)
-                yield Literal(start, start + len(found[1]), found[1])
+            if name in found:
+                start, stop = (tag.start() + place for place in found[name].span(2))
+                yield Literal(start, stop, found[name][2])
             else:
-                yield Literal(tag.end(), tag.end(), "0", before=f' {name}="', after='"')
+                yield Literal(end, end, "0", before=f' {name}="', after='"')
 
 
 def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:

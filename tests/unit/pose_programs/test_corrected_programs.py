@@ -392,3 +392,47 @@ def test_a_frame_by_value_stays_its_own(tmp_path):
     elsewhere = replace(arm_of("abb-rapid"), T_world_user=TOOL, T_tip_tool=USER)
     there = correct_positions(dialect, path.read_bytes(), path, elsewhere, model, x, tool_m=TOOL_M)
     assert there.data == corrected(path, "abb-rapid", model, x).data
+
+
+def test_the_same_numbers_elsewhere_are_refused_and_not_changed(tmp_path):
+    """The name of a position holds its joint values: what would be changed is not the position."""
+    path = one("fanuc-ls", [1, 2, 3, 4, 5, 6], tmp_path, "joint")
+    dialect, text = dialect_of("fanuc-ls"), path.read_text()
+    shown = dialect.read(path).positions[0].shown_deg
+    values = " ".join(f"{value:g}" for value in np.round(shown, 3))
+    named = text.replace('P[1:"T0"]', f'P[1:"{values}"]')
+    assert named != text
+    path.write_text(named)
+    program = dialect.read(path)
+    change = Change(program.positions[0].shown_deg + 0.1)
+    with pytest.raises(FileFormatError, match="cannot be told from others"):
+        rewritten(dialect, path.read_bytes(), path, program, [change])
+
+
+def test_equal_positions_are_each_their_own(tmp_path):
+    """Of a list of one posture over and over only the one that is to change does."""
+    q = np.deg2rad([[10, 20, 10, 20, 40, 30]] * 4)
+    (path,) = files_of("abb-rapid", q, "cartesian", tmp_path)
+    dialect = dialect_of("abb-rapid")
+    program = dialect.read(path)
+    T = program.positions[2].T_user_tool.copy()
+    T[0, 3] += 1e-3
+    changes = [Change(), Change(), Change(None, T), Change()]
+    _, again = rewritten(dialect, path.read_bytes(), path, program, changes)
+    for i, p in enumerate(again.positions):
+        moved = p.T_user_tool[0, 3] - program.positions[i].T_user_tool[0, 3]
+        assert moved == pytest.approx(1e-3 if i == 2 else 0.0, abs=1e-9)
+
+
+def test_a_module_with_an_array_of_targets(tmp_path):
+    """All elements begin in one line."""
+    q = clear_postures(robot_of("abb-rapid"), 3)
+    (path,) = files_of("abb-rapid", q, "joint", tmp_path)
+    values = re.findall(r":=(\[\[.*\]\]);", path.read_text())
+    lines = ["MODULE weld", "  CONST jointtarget jp{3}:=[" + ",".join(values) + "];", "ENDMODULE"]
+    path.write_text("\n".join(lines))
+    model, x = errors_of(robot_of("abb-rapid"))
+    done = corrected(path, "abb-rapid", model, x)
+    assert done.written_m.max() < 2e-7
+    again = dialect_of("abb-rapid").parse(done.data, path)
+    assert [p.number for p in again.positions] == [1, 2, 3]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,7 +89,12 @@ def correct(
 
     loaded = Cell.load(cell)
     results = results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
-    if poses is not None and is_program(poses, dialect):
+    of_program = poses is not None and is_program(poses, dialect)
+    if of_program:
+        _check_for_nothing("a program", {"box": box, "export": export})
+    else:
+        _check_for_nothing("anything but a program", {"joints": joints or None, "leave": leave})
+    if poses is not None and of_program:
         with progress("correcting"):
             program = correct_program(
                 loaded,
@@ -148,6 +154,15 @@ def _as_dict(done: Correction) -> dict[str, object]:
         "notes": [*filter(None, [done.routes.tool.said]), *done.notes],
         "files": [str(path) for path in done.files],
     }
+
+
+def _check_for_nothing(what: str, given: Mapping[str, object]) -> None:
+    """Refuse options that would do nothing."""
+    from calib.errors import InputError
+
+    name = next((name for name, value in given.items() if value is not None), None)
+    if name is not None:
+        raise InputError(f"`{name}` does nothing for {what}", hint="leave it out", name=name)
 
 
 def _told_program(done: CorrectedProgram) -> Answer:

@@ -679,6 +679,16 @@ def test_programs_that_cannot_be_corrected_are_refused(refuse, cli, work, identi
     refuse(*typed, joint, "--joints", *there).says("WELD.LS", "is not replaced")
 
 
+def test_options_that_would_do_nothing_are_refused(refuse, work, identified, program):
+    path, there = program("joint"), ("--out", work / "out")
+    typed = ("correct", work / "cell.toml", identified)
+    box = ("--box", "1000,0,500,1100,1,600")
+    refuse(*typed, path, "--joints", *box, *there).says("--box does nothing for a program")
+    refuse(*typed, path, "--export", "dh", *there).says("--export does nothing for a program")
+    refuse(*typed, work / "poses.csv", "--joints", *there).says("--joints does nothing for")
+    refuse(*typed, "--leave", "3", *there).says("--leave does nothing for anything but a program")
+
+
 def test_frames_that_nobody_says_are_refused(refuse, work, identified):
     """A job of another maker, and a target in a frame that has only a number."""
     path = work / "WELD.LS"

@@ -20,7 +20,7 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.se3 import FloatArray, inverse, rotation_exp, rotation_log
+from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, rotation_log, transform
 from posedesign.pose_programs.correcting import correct_positions
 from posedesign.programs import (
     DIALECTS,
@@ -436,3 +436,23 @@ def test_a_module_with_an_array_of_targets(tmp_path):
     assert done.written_m.max() < 2e-7
     again = dialect_of("abb-rapid").parse(done.data, path)
     assert [p.number for p in again.positions] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("name", ["fanuc-ls", "kuka-krl", "staubli-val3"])
+def test_targets_whose_angles_have_no_unique_triple(name, tmp_path):
+    """At a second angle of 90 deg, where tools stand level."""
+    robot = robot_of(name)
+    q = clear_postures(robot, 5)
+    model, x = errors_of(robot)
+    level = Arm.of(robot).tool_poses(q[:1])[0, :3, :3].T @ rotation_from_wpr([0.3, np.pi / 2, 0.2])
+    tool = transform(level, TOOL_M)
+    arm, dialect = Arm.of(robot, USER, tool), dialect_of(name)
+    poses = tuple(ProgramPose(f"T{i}", posture) for i, posture in enumerate(q))
+    program = PoseProgram("CALPOSE", poses, options_of(name, form="cartesian"), arm)
+    path = dialect.write(program, tmp_path)[0]
+    seen, data = dialect.seen(arm), path.read_bytes()
+    asked = {"tool_m": TOOL_M}
+    same = correct_positions(dialect, data, path, seen, model, model.nominal, **asked)
+    assert same.data == data
+    done = correct_positions(dialect, data, path, seen, model, x, **asked)
+    assert done.written_m.max() < 3 * HOW[name].pose[0] + HOW[name].pose[1]

@@ -171,9 +171,12 @@ def _told_program(done: CorrectedProgram) -> Answer:
 
     count, failed = len(done.corrected), done.rows()
     verdict = f"{count} positions keep their place on the real arm"
-    figures = {"without correction": f"up to {1e3 * done.moved_m.max():.3g} mm off"}
+    figures = {}
     if done.ok:
-        figures["as written"] = f"up to {1e6 * done.written_m.max():.2g} um off, by rounding"
+        figures = {
+            "without correction": f"up to {1e3 * done.moved_m.max():.3g} mm off",
+            "as written": f"up to {1e6 * done.written_m.max():.2g} um off, by rounding",
+        }
     else:
         verdict = f"nothing is written: {len(failed)} of {count} positions cannot be corrected"
     return Answer(

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.correction import compensate
-from calib.errors import InputError
+from calib.errors import InputError, UnreachableError
 from calib.model import CalibrationModel, Setup
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, inverse
@@ -48,6 +48,8 @@ so much more, the position is next to a singularity."""
 _NO_TURN_DEG = 1e-7
 """Of joints: less is what inverse kinematics leaves of a pose, and no correction."""
 
+NO_POSTURE = "the arm as described has no such posture inside its limits"
+
 _SAME_TOOL_M = 1e-6
 """Distance of two tool points that are one: files have a thousandth of a millimetre."""
 
@@ -67,7 +69,8 @@ class CorrectedProgram:
     reasons : tuple of str
         Why each of these cannot be corrected; empty where it is.
     moved_m : array (M,)
-        How far off the tool point stands without the correction [m].
+        How far off the tool point stands without the correction [m]; NaN where the arm as
+        described does not reach it.
     error_m : array (M,)
         How far off it stands with it [m].
     written_m : array (M,)
@@ -342,16 +345,18 @@ class _Found:
     ) -> _Found:
         count = len(nominal)
         wanted, postures = wanted_tip.copy(), nominal.copy()
-        error, reasons = np.zeros(count), [""] * count
+        error, reasons = np.full(count, np.nan), [NO_POSTURE] * count
+        known = np.isfinite(nominal).all(axis=1)
         for point in ("tool", "tip"):
-            rows = np.flatnonzero(with_tool if point == "tool" else ~with_tool)
+            rows = np.flatnonzero(known & (with_tool == (point == "tool")))
             if not len(rows):
                 continue
             setup = Setup.of(len(rows), tool=tool)
             if point == "tool":
                 one = Setup.of(1, tool=tool)
-                first = compensate(model, model.nominal, postures=nominal[rows[:1]], setup=one)
-                T_tip_tool = inverse(model.robot.fk(nominal[rows[0]])) @ first.wanted[0]
+                zero = np.zeros((1, model.robot.n))
+                first = compensate(model, model.nominal, postures=zero, setup=one)
+                T_tip_tool = inverse(model.robot.fk(zero[0])) @ first.wanted[0]
                 wanted[rows] = wanted_tip[rows] @ T_tip_tool
             found = compensate(
                 model,
@@ -368,15 +373,20 @@ class _Found:
 
     def off(self, postures: FloatArray) -> FloatArray:
         """Distances ``(M,)`` [m] of the real arm's point from its place, at postures ``(M, n)``."""
-        view = self.model.view(postures, self.x, Setup.of(len(postures), tool=self.tool))
-        at = np.where(self.with_tool[:, None], view.tool_points, view.T_base_tip[:, :3, 3])
-        return np.asarray(np.linalg.norm(at - self.wanted[:, :3, 3], axis=1))
+        out = np.full(len(postures), np.nan)
+        known = np.isfinite(postures).all(axis=1)
+        setup = Setup.of(int(known.sum()), tool=self.tool)
+        view = self.model.view(postures[known], self.x, setup)
+        tip = view.T_base_tip[:, :3, 3]
+        at = np.where(self.with_tool[known, None], view.tool_points, tip)
+        out[known] = np.linalg.norm(at - self.wanted[known, :3, 3], axis=1)
+        return out
 
 
 def _nominal(
     positions: Sequence[RecordedPosition], taken: Sequence[int], arm: Arm, notes: list[str]
 ) -> FloatArray:
-    """Postures ``(M, n)`` [rad] that the controller takes positions with."""
+    """Postures ``(M, n)`` [rad] that the controller takes positions with; NaN: it has none."""
     out = np.full((len(positions), arm.n), np.nan)
 
     def solve(rows: Sequence[int], near: FloatArray | None = None, *, posed: bool = True) -> None:
@@ -385,25 +395,27 @@ def _nominal(
 
     listed = [i for i, p in enumerate(positions) if p.shown_deg is not None]
     solve(listed, posed=False)
+    told = [i for i in taken if i not in {*listed} and positions[i].configuration is not None]
+    with suppress(InputError, UnreachableError):  # all at once, where nothing is in the way
+        solve(told)
+    near = out.copy()
     # joints beside a pose say near which posture it is
     both = [i for i in listed if i in {*taken} and positions[i].T_user_tool is not None]
-    solve(both, out[both])
-    left = [i for i in taken if i not in {*listed}]
-    with suppress(InputError):  # turns, or all of it, may be left open
-        told = [i for i in left if positions[i].configuration is not None]
-        solve(told)
-        left = [i for i in left if i not in {*told}]
-    if left:
+    out[both] = np.nan
+    left = [i for i in taken if np.isnan(out[i]).any()]
+    if {*left} - {*both}:
         notes.append("what a position leaves open of its posture is as near as can be to the last")
     for i in left:
-        p, before = positions[i], out[:i][~np.isnan(out[:i]).any(axis=1)]
+        p, before = positions[i], near[: i + 1][~np.isnan(near[: i + 1]).any(axis=1)]
         if not len(before) and p.configuration is None:
             raise InputError(
                 f"{p.label}: nothing says which of several postures is meant",
                 hint="put a joint target before it",
                 name=p.label,
             )
-        solve([i], before[-1:] if len(before) else np.zeros((1, arm.n)))
+        with suppress(UnreachableError):  # is named with all others that cannot be corrected
+            solve([i], before[-1:] if len(before) else np.zeros((1, arm.n)))
+            near[i] = out[i]
     return out[[*taken]]
 
 
@@ -451,9 +463,12 @@ def _words(
     own: Sequence[RecordedPosition], q: FloatArray, arm: Arm
 ) -> Sequence[Configuration | None]:
     """Arm positions at the commands, of positions that say theirs."""
-    if not any(p.configuration is not None for p in own):
-        return [None] * len(own)
-    return arm.configurations(q)
+    found: list[Configuration | None] = [None] * len(own)
+    if any(p.configuration is not None for p in own):
+        known = np.flatnonzero(np.isfinite(q).all(axis=1)).tolist()
+        for k, words in zip(known, arm.configurations(q[known]), strict=True):
+            found[k] = words
+    return found
 
 
 def _reason(

@@ -21,7 +21,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, rotation_log, transform
-from posedesign.pose_programs.correcting import correct_positions
+from posedesign.pose_programs.correcting import NO_POSTURE, correct_positions
 from posedesign.programs import (
     DIALECTS,
     Arm,
@@ -456,3 +456,26 @@ def test_targets_whose_angles_have_no_unique_triple(name, tmp_path):
     assert same.data == data
     done = correct_positions(dialect, data, path, seen, model, x, **asked)
     assert done.written_m.max() < 3 * HOW[name].pose[0] + HOW[name].pose[1]
+
+
+@pytest.mark.parametrize("name", ["fanuc-ls", "ur-script", "staubli-val3"])
+def test_all_that_are_out_of_reach_are_named(name, tmp_path):
+    robot = robot_of(name)
+    model, x = errors_of(robot)
+    (path,) = files_of(name, clear_postures(robot, 5), "cartesian", tmp_path)
+    dialect = dialect_of(name)
+    program = dialect.read(path)
+    changes = [Change()] * 5
+    for i in (1, 3):
+        far = program.positions[i].T_user_tool.copy()
+        far[2, 3] += 5.0
+        changes[i] = Change(None, far)
+    path.write_bytes(rewritten(dialect, path.read_bytes(), path, program, changes)[0])
+    done = corrected(path, name, model, x)
+    assert [bool(why) for why in done.reasons] == [False, True, False, True, False]
+    assert done.reasons[1] == NO_POSTURE
+    assert done.data == b""
+    assert [row["position"] for row in done.rows()] == ["position 2 (T1)", "position 4 (T3)"]
+    left = corrected(path, name, model, x, leave=[2, 4])
+    assert left.ok
+    assert left.written_m.max() < 1e-6

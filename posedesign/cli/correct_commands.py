@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from posedesign.report.answer import Answer
 
 
-_TAUGHT = "positions that were taught on the arm are right already: correct what was made offline"
+_TAUGHT = (
+    "positions that were taught on the arm are right already: correct what was made offline, and "
+    "use it alone: with mastering or a corrected description it corrects twice"
+)
 
 Box = Annotated[
     str | None,

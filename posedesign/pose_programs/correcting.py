@@ -50,6 +50,8 @@ _NO_TURN_DEG = 1e-7
 
 NO_POSTURE = "the arm as described has no such posture inside its limits"
 
+IN_FOUND_BASE = "frames are taken to be in the base frame as the targets were found in it"
+
 _SAME_TOOL_M = 1e-6
 """Distance of two tool points that are one: files have a thousandth of a millimetre."""
 
@@ -210,6 +212,11 @@ def correct_program(
         notes=(
             f"by the model {identified.name!r:.60}",
             *filter(None, [point.said]),
+            *(
+                IN_FOUND_BASE
+                for block in identified.model.parameters
+                if block.targets and block.size
+            ),
             *notes,
             *done.notes,
         ),

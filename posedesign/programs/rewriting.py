@@ -13,7 +13,7 @@ import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +49,10 @@ UNCHANGED = 1e-10
 _UNCHANGED_DEG = 1e-9
 
 _MOST_DECIMALS = 12
+
+MOST_NUMBERS = 1_000_000
+"""Of a file: 10,000 positions have a quarter of them."""
+
 _WIDEST = 40
 """Blanks before a number that is right-aligned, at most."""
 
@@ -200,7 +204,7 @@ class _Text:
 
     def __init__(self, text: str, notation: Notation) -> None:
         self.text, self.notation = text, notation
-        self.literals = list(notation.literals(text))
+        self.literals = list(islice(notation.literals(text), MOST_NUMBERS + 1))
         self.values = np.array([literal.value for literal in self.literals])
         self.starts = [literal.start for literal in self.literals]
         self.lines = [0, *(found.end() for found in re.finditer("\n", text))]
@@ -290,6 +294,8 @@ def rewritten(
     """
     source = data.decode("latin-1")
     text = _Text(source, dialect.notation_of(source))
+    if len(text.literals) > MOST_NUMBERS:
+        refuse(f"holds more than {MOST_NUMBERS} numbers", path, hint="is it the right file?")
     lines = [*(position.line for position in program.positions), len(text.lines) + 1]
     ends = {a: b for a, b in pairwise(sorted(lines)) if b > a}
     for position, change in zip(program.positions, changes, strict=True):

@@ -32,7 +32,7 @@ from posedesign.programs import (
     RecordedProgram,
     registry,
 )
-from posedesign.programs.rewriting import Change, rewritten
+from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
 from tests.arms import PULSES
 from tests.unit.correction.test_compensation import clear_postures
 from tests.unit.programs.dialects import (
@@ -479,3 +479,11 @@ def test_all_that_are_out_of_reach_are_named(name, tmp_path):
     left = corrected(path, name, model, x, leave=[2, 4])
     assert left.ok
     assert left.written_m.max() < 1e-6
+
+
+def test_files_of_more_numbers_than_any_program_has_are_refused(tmp_path):
+    path = one("kuka-krl", [0, -60, 90, 20, 40, 30], tmp_path)
+    path.write_text(path.read_text() + ";" + "1 " * (MOST_NUMBERS + 1) + "\n")
+    model, x = errors_of(robot_of("kuka-krl"))
+    with pytest.raises(FileFormatError, match="holds more than 1000000 numbers"):
+        corrected(path, "kuka-krl", model, x)

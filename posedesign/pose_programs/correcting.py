@@ -207,16 +207,13 @@ def correct_program(
         leave=leave,
     )
     files = [write_bytes_atomic(claims[0], done.data)] if done.ok else []
+    found_targets = any(block.targets and block.size for block in identified.model.parameters)
     return replace(
         done,
         notes=(
             f"by the model {identified.name!r:.60}",
             *filter(None, [point.said]),
-            *(
-                IN_FOUND_BASE
-                for block in identified.model.parameters
-                if block.targets and block.size
-            ),
+            *([IN_FOUND_BASE] if found_targets else []),
             *notes,
             *done.notes,
         ),

@@ -487,3 +487,24 @@ def test_files_of_more_numbers_than_any_program_has_are_refused(tmp_path):
     model, x = errors_of(robot_of("kuka-krl"))
     with pytest.raises(FileFormatError, match="holds more than 1000000 numbers"):
         corrected(path, "kuka-krl", model, x)
+
+
+def test_increments_of_a_fanuc_are_no_positions(tmp_path):
+    path = one("fanuc-ls", [0, 15, -25, 10, -50, 0], tmp_path)
+    model, x = errors_of(robot_of("fanuc-ls"))
+    assert corrected(path, "fanuc-ls", model, x).ok
+    text = path.read_text()
+    path.write_text(text.replace("FINE   ", "FINE INC   "))
+    assert path.read_text() != text
+    with pytest.raises(InputError, match=r"line \d+ moves by an increment"):
+        corrected(path, "fanuc-ls", model, x)
+
+
+def test_numbers_behind_tabs_as_post_processors_write_them(tmp_path):
+    path = one("fanuc-ls", [0, 15, -25, 10, -50, 0], tmp_path)
+    model, x = errors_of(robot_of("fanuc-ls"))
+    text = re.sub(r"= +(-?[\d.]+) +(mm|deg)", r"=\t\g<1>000\t\2", path.read_text())
+    path.write_text(text)
+    done = corrected(path, "fanuc-ls", model, x)
+    assert done.written_m.max() < 1e-9  # six decimals stay six
+    assert corrected(path, "fanuc-ls", model, model.nominal).data == path.read_bytes()

@@ -230,7 +230,8 @@ def _check_frames_said(cell: Cell, program: RecordedProgram, path: Path) -> None
             ("tool", p.tool_frame, p.T_tip_tool, section.tool),
             ("user", p.user_frame, p.T_world_user, section.user),
         ):
-            if p.T_user_tool is not None and (number, value, said) == (None, None, None):
+            open_ = number is None and value is None and said is None
+            if p.T_user_tool is not None and open_:
                 raise InputError(
                     f"{path}: nothing says in which {what} frame {p.label} is",
                     hint=f"set program.{what} of the cell to where it is",

@@ -1,5 +1,6 @@
 """Programs of all dialects, corrected: what is in them takes the real arm where it was meant."""
 
+import json
 import re
 from dataclasses import replace
 from functools import cache
@@ -21,7 +22,8 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, rotation_log, transform
-from posedesign.pose_programs.correcting import NO_POSTURE, correct_positions
+from posedesign.pose_programs.correcting import NO_POSTURE, correct_positions, correct_program
+from posedesign.pose_programs.from_plan import arm_of as pose_arm_of
 from posedesign.programs import (
     DIALECTS,
     Arm,
@@ -33,11 +35,13 @@ from posedesign.programs import (
     registry,
 )
 from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
+from tests import arms
 from tests.arms import PULSES
 from tests.unit.correction.test_compensation import clear_postures
 from tests.unit.programs.dialects import (
     EXPORTS,
     HOW,
+    POSED,
     TOOL,
     USER,
     arm_of,
@@ -508,3 +512,47 @@ def test_numbers_behind_tabs_as_post_processors_write_them(tmp_path):
     done = corrected(path, "fanuc-ls", model, x)
     assert done.written_m.max() < 1e-9  # six decimals stay six
     assert corrected(path, "fanuc-ls", model, model.nominal).data == path.read_bytes()
+
+
+@pytest.mark.parametrize("name", POSED)
+def test_a_program_of_each_maker_from_its_files(name, tmp_path):
+    """With the frames of the cell, or those that the file has by value."""
+    dialect = dialect_of(name)
+    cell = arms.cell_of(dialect.maker)
+    robot = cell.robot
+    names = [f"zero_offset.{joint}" for joint in robot.joint_names[1:5]]
+    found = {
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "models": [
+            {
+                "name": "mine",
+                "parameters": [
+                    {"name": n, "value": 0.1, "unit": "deg", "sigma": 0.001} for n in names
+                ],
+            }
+        ],
+        "recommended": "mine",
+    }
+    identification = tmp_path / "identification.json"
+    identification.write_text(json.dumps(found))
+    q = clear_postures(robot, 4)
+    options = options_of(name, form="cartesian", user_frame=0)
+    poses = tuple(ProgramPose(f"T{i}", posture) for i, posture in enumerate(q))
+    program = PoseProgram("CALPOSE", poses, options, pose_arm_of(cell))
+    (path, *_) = dialect.write(program, tmp_path / "programs")
+    before = path.read_bytes()
+    done = correct_program(cell, identification, path, tmp_path / "out")
+    assert done.ok
+    assert done.files == (tmp_path / "out" / path.name,)
+    assert path.read_bytes() == before
+    # the zeros of four joints are off by a tenth of a degree: the command is less by that
+    arm = dialect.seen(pose_arm_of(cell))
+    for p, nominal in zip(dialect.read(done.files[0]).positions, q, strict=True):
+        user = np.eye(4) if p.T_world_user is None else p.T_world_user
+        tool = arm.T_tip_tool if p.T_tip_tool is None else p.T_tip_tool
+        T = arm.controller.T_base_world @ user @ p.T_user_tool @ inverse(tool)
+        turned = np.zeros(robot.n)
+        turned[1:5] = np.deg2rad(0.1)
+        np.testing.assert_allclose(T, robot.fk(nominal - turned), atol=3e-5)
+        np.testing.assert_allclose(T[:3, 3], robot.fk(nominal - turned)[:3, 3], atol=1e-5)

@@ -50,6 +50,12 @@ _NO_TURN_DEG = 1e-7
 
 NO_POSTURE = "the arm as described has no such posture inside its limits"
 
+OWN_CALIBRATION = {
+    "ur": "controllers of Universal Robots compute with the calibration of the factory: the "
+    "description of the cell has to be the one that ur_calibration makes of it"
+}
+"""By maker, where a controller computes joints in another way than a description as designed."""
+
 IN_FOUND_BASE = "frames are taken to be in the base frame as the targets were found in it"
 
 _SAME_TOOL_M = 1e-6
@@ -194,11 +200,12 @@ def correct_program(
     notes = check_recorded_frames(cell, chosen, program.positions, path)
     _check_frames_said(cell, program, path)
     point = corrected_tool(cell, identified, tool)
+    arm = chosen.seen(arm_of(cell))
     done = correct_positions(
         chosen,
         data,
         path,
-        chosen.seen(arm_of(cell)),
+        arm,
         with_described_tool(cell, identified.model),
         identified.x,
         tool=point.index,
@@ -207,12 +214,14 @@ def correct_program(
         leave=leave,
     )
     files = [write_bytes_atomic(claims[0], done.data)] if done.ok else []
+    posed = any(p.T_user_tool is not None for p in done.positions)
     found_targets = any(block.targets and block.size for block in identified.model.parameters)
     return replace(
         done,
         notes=(
             f"by the model {identified.name!r:.60}",
             *filter(None, [point.said]),
+            *filter(None, [OWN_CALIBRATION.get(arm.maker or "", "")] if posed else []),
             *([IN_FOUND_BASE] if found_targets else []),
             *notes,
             *done.notes,

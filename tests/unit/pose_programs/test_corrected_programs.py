@@ -545,6 +545,7 @@ def test_a_program_of_each_maker_from_its_files(name, tmp_path):
     done = correct_program(cell, identification, path, tmp_path / "out")
     assert done.ok
     assert done.files == (tmp_path / "out" / path.name,)
+    assert any("calibration of the factory" in note for note in done.notes) == (name == "ur-script")
     assert path.read_bytes() == before
     # the zeros of four joints are off by a tenth of a degree: the command is less by that
     arm = dialect.seen(pose_arm_of(cell))

@@ -101,10 +101,17 @@ def write_table(
         run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
         commas such a line can be cut and put together again (:func:`read_table`).
     """
+    return write_text_atomic(path, table_text(columns, rows, comments))
+
+
+def table_text(
+    columns: Sequence[str], rows: Iterable[Mapping[str, object]], comments: Sequence[str] = ()
+) -> str:
+    """The text of such a file."""
     lines = ["# " + comment_text(text) for text in comments]
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
-    return write_text_atomic(path, "\n".join([*lines, ""]))
+    return "\n".join([*lines, ""])
 
 
 def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:

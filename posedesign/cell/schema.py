@@ -17,6 +17,7 @@ from posedesign.cell.schema_sections import (
     ImagingSection,
     KindOrBoard,
     KnownDistanceSection,
+    LimitSection,
     Line,
     MarkSection,
     Name,
@@ -511,6 +512,10 @@ class PoolSection(Section):
     """Distance kept from singularities, where a touch-up moves joints far."""
     seed: Seed = 0
     """Seed of the drawing."""
+    repeats: Annotated[int, Field(strict=True, ge=1, le=100)] = 1
+    """Times that a pose may be measured, where that tells more than another pose."""
+    limit: tuple[LimitSection, ...] = ()
+    """What a choice has to keep."""
 
 
 class TaskBoxSection(Section):

@@ -275,6 +275,8 @@ class TargetSection(Section):
     """Least distance of the tool from an instrument; shortest length of a ball bar or a wire."""
     farthest_mm: Annotated[float, Field(strict=True, gt=0, le=1e6)] | None = None
     """Largest distance, or length; of a ball bar or a wire it has to be given."""
+    dwell_s: NotNegative | None = None
+    """Time at each pose of it, what is aimed anew included; ``plan.dwell_s`` by default."""
     size_mm: tuple[Size, Size] = (200.0, 200.0)
     """Lengths of the part of a plane that may be touched, about its position."""
     normal: Vector | None = None
@@ -300,6 +302,44 @@ class TargetSection(Section):
             raise ValueError(
                 f"nearest_mm {self.nearest_mm:g} is not below farthest_mm {self.farthest_mm:g}"
             )
+        return self
+
+
+Side = Literal["front", "behind"]
+"""Of the arm: whether the first joint is turned by less than 90 deg from the base pose."""
+
+
+class LimitSection(Section):
+    """How many of the chosen poses are of a target, of a side of the arm, in a zone.
+
+    What is not said does not matter: without anything it counts all poses.
+    """
+
+    target: Name | None = None
+    """Name of the target."""
+    tool: Name | None = None
+    """Name of the mark that touches."""
+    payload: Annotated[Line, Field(max_length=40)] | None = None
+    """Name of the payload; empty for the tool alone."""
+    side: Side | None = None
+    """``front``: the first joint within 90 deg of the base pose. ``behind``: the others."""
+    lowest_mm: Vector | None = None
+    """Lowest corner, in the base frame, of the zone that the tool point is in."""
+    highest_mm: Vector | None = None
+    """Highest corner."""
+    least: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    """Poses that there are at least."""
+    most: Annotated[int, Field(strict=True, ge=0, le=1000)] | None = None
+    """Poses that there are at most."""
+
+    @model_validator(mode="after")
+    def _limits_something(self) -> LimitSection:
+        if self.most is None and not self.least:
+            raise ValueError("a limit has least, most, or both")
+        if self.most is not None and self.most < self.least:
+            raise ValueError(f"least {self.least} is above most {self.most}")
+        if (self.lowest_mm is None) != (self.highest_mm is None):
+            raise ValueError("give both lowest_mm and highest_mm")
         return self
 
 

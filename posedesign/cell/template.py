@@ -78,6 +78,7 @@ name = "T1"
 # nearest_mm = 500.0              # and its range; of a ball bar or a wire its lengths
 # farthest_mm = 10000.0
 # size_mm = [200.0, 200.0]        # of a plane: the part of it that may be touched
+# dwell_s = 20.0                  # at each pose of it; default: plan.dwell_s
 {surroundings}
 {board}[board]                         # a calibration board that a camera sees: posedesign board
 {board}kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
@@ -134,6 +135,16 @@ candidates = 1500                 # poses that are looked at
 configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
 smallest_singular_value = 0.03    # distance from singularities, where a touch-up moves joints far
 seed = 0
+# repeats = 3                     # times that a pose may be measured, where that tells more
+# [[pool.limit]]                  # of the poses chosen: at least, at most so many, counted by
+# target = "T1"                   # target, tool (mark), payload, side of the arm, zone of the tool
+# tool = "R1"
+# payload = "weight"
+# side = "behind"                 # the first joint beyond 90 deg from the base pose; or "front"
+# lowest_mm = [1000.0, -500.0, 0.0]    # corners of a zone, in the base frame
+# highest_mm = [2000.0, 500.0, 800.0]
+# least = 3
+# most = 8
 
 [parameters]
 # Identified besides the target. The first and the last joint are absorbed by target and tool.

@@ -95,8 +95,20 @@ def simulate(
 def identify(
     cell: CellFile,
     measurements: Annotated[
-        Path, typer.Argument(help="touchups.csv, or any kinds: target, j1_deg, .., kind, x_mm, ..")
+        Path,
+        typer.Argument(
+            help="touchups.csv, or any kinds: target, j1_deg, .., kind, x_mm, ..; or the file of "
+            "an instrument, as [instrument] of the cell says"
+        ),
     ],
+    joints: Annotated[
+        Path | None,
+        typer.Option(
+            "--joints",
+            help="Joints for the file of an instrument: a table (j1_deg ..), a log (RTDE, EGM, "
+            "RSI, ROS), a program.",
+        ),
+    ] = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -117,6 +129,7 @@ def identify(
             Cell.load(cell),
             measurements,
             results_in(out, "identify", cell, overwrite=overwrite),
+            joints=joints,
             trust_units=trust_units,
             warn=lambda text: note(f"warning: {text}"),
         )

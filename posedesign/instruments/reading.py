@@ -1,0 +1,599 @@
+"""Measurements out of the file of an instrument, and the joints that go with them.
+
+Readings of one reflector at one stop of the arm are averaged; their scatter is that of a single
+reading, and their number is kept. What was read of reflectors that stand still around the arm tells
+whether the instrument has moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import FileFormatError, InputError, near_names
+from calib.model import Setup
+from calib.model.measurements import KINDS, Measurements
+from calib.model.measurements.data import SAME_POSTURE_RAD, same_posture
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_log
+from posedesign.cell import Cell
+from posedesign.cell.measuring import noise_sigma
+from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
+from posedesign.files import head_of
+from posedesign.files.csv_tables import LONGEST_SHOWN, is_number
+from posedesign.files.measurements import MOST_MEASUREMENTS, TOOL, MeasurementTable
+from posedesign.instruments.joint_logs import JointRows, joints_of, read_joint_rows
+from posedesign.instruments.layouts import Readings, is_known, read_readings
+from posedesign.instruments.matching import (
+    Matched,
+    in_ranges,
+    is_record,
+    match_names,
+    match_times,
+    stops_of,
+)
+from posedesign.instruments.scatter import SIGNIFICANT, Scatter, drift_of, pooled, trend_with
+
+TEMPERATURE, TIME, REPEATS = "temperature_c", "time_s", "readings"
+"""Columns that are kept beside measurements: temperature, time of the first reading, their number.
+"""
+
+STREAM = 20
+"""Readings of a reflector at a stop from which they are taken without end: neighbours are alike,
+and their scatter is no noise of their mean."""
+
+_LEVER_M = 0.1
+"""Distance from its origin at which a body has to stand still, too."""
+
+_MOST_LISTED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What was measured, for the cell that it is to be identified with.
+
+    Attributes
+    ----------
+    cell : Cell
+        With the noise of repeated readings, where they were to give it.
+    notes : tuple of str
+        What is odd: what belongs to no pose, what drifts, noise that is another.
+    facts : dict of str to str
+        What there is, in words by what it is about.
+    """
+
+    cell: Cell
+    table: MeasurementTable
+    notes: tuple[str, ...]
+    facts: dict[str, str]
+
+
+def is_of_instrument(cell: Cell, path: Path) -> bool:
+    """Whether a file of measurements is an instrument's, and not a table with joints."""
+    head = head_of(path, 20_000).decode("utf-8-sig", errors="replace")
+    if is_known(head):
+        return True
+    lines = (line for line in head.splitlines() if line.strip() and not line.startswith("#"))
+    columns = [cell.strip() for cell in next(lines, "").split(",")]
+    own = "target" in columns and ("j1_deg" in columns or "pendant_j1_deg" in columns)
+    return not own and cell.config.instrument != InstrumentSection()
+
+
+def read_measured(
+    cell: Cell, path: Path, joints: Path | None = None, *, trust_units: bool = False
+) -> Measured:
+    """Read the file of an instrument with the joints of its poses.
+
+    Parameters
+    ----------
+    joints : Path, optional
+        File of the joints; without it they stand in columns of the same file.
+
+    Raises
+    ------
+    FileFormatError
+        Naming file, line and column of what cannot be read, or is not known.
+    InputError
+        There are no joints.
+    """
+    section = cell.config.instrument
+    readings, notes = _once(read_readings(path, section))
+    names, is_reference = _names_of(readings, section)
+    own = np.flatnonzero(~is_reference)
+    if not own.size:
+        raise FileFormatError(
+            "has readings of references only", path=path, hint="were reflectors on the tool read?"
+        )
+    labels = tuple(section.reflectors) or (TOOL,)
+    tool = np.array([labels.index(names[i]) for i in own])
+    of_tool = _some(readings, own)
+    if joints is None:
+        stops = _in_same_file(of_tool, section, cell.robot)
+    else:
+        rows = read_joint_rows(joints, cell.robot, section, trust_units=trust_units)
+        notes += rows.notes
+        stops = _with_joints(of_tool, tool, rows, section)
+    notes += stops.notes
+    found = stops.match.is_found
+    if not found.any():
+        why = next(iter(stops.match.unmatched(of_tool.lines.tolist())))
+        raise FileFormatError(
+            f"no reading belongs to a pose of {joints}: {why}",
+            path=path,
+            hint="is it the recording of these? instrument.match and clock_offset_s say how they "
+            "go together",
+        )
+    lost = stops.match.unmatched(of_tool.lines.tolist())
+    notes += tuple(f"{path}: {said}, left out" for said in lost[:_MOST_LISTED])
+    grouped = _averaged(_some(of_tool, np.flatnonzero(found)), tool[found], stops, section)
+    table, scatter = grouped.table(path, labels, section, stops)
+    facts = {
+        "measured": f"{len(of_tool.lines)} readings of {_listed(labels)} at "
+        f"{len(set(grouped.stop.tolist()))} poses, joints {stops.match.how}"
+    }
+    cell, said, odd = _judged(cell, section, scatter, grouped)
+    facts |= said
+    drifts = _references(readings, names, is_reference, grouped, table, section)
+    facts |= {"drift": drifts[0]} if drifts[0] else {}
+    notes += (*odd, *drifts[1])
+    if readings.temperatures is not None and np.isfinite(readings.temperatures).any():
+        low, high = np.nanmin(readings.temperatures), np.nanmax(readings.temperatures)
+        facts["temperature"] = f"{low:.1f} to {high:.1f} deg C"
+    return Measured(cell, table, (*readings.notes, *notes), facts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stops:
+    """Where the arm stood, and which of it each reading is of."""
+
+    postures: FloatArray
+    names: tuple[str, ...]
+    match: Matched
+    notes: tuple[str, ...] = ()
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(name[:LONGEST_SHOWN] for name in names[:_MOST_LISTED]) + more
+
+
+def _some(readings: Readings, rows: IntArray) -> Readings:
+    """Some of the readings."""
+    times, temperatures, joints = (
+        None if values is None else values[rows]
+        for values in (readings.times, readings.temperatures, readings.joints)
+    )
+    return replace(
+        readings,
+        lines=readings.lines[rows],
+        values=readings.values[rows],
+        reflectors=tuple(readings.reflectors[i] for i in rows),
+        poses=tuple(readings.poses[i] for i in rows) if readings.poses else (),
+        times=times,
+        temperatures=temperatures,
+        joints=joints,
+    )
+
+
+def _once(readings: Readings) -> tuple[Readings, tuple[str, ...]]:
+    """Readings without those that are there twice, number by number."""
+    first: dict[tuple[object, ...], int] = {}
+    kept, twice = [], []
+    for i in range(len(readings.lines)):
+        key: tuple[object, ...] = (readings.values[i].tobytes(), readings.reflectors[i])
+        key += (readings.poses[i],) if readings.poses else ()
+        key += (float(readings.times[i]),) if readings.times is not None else ()
+        key += (readings.joints[i].tobytes(),) if readings.joints is not None else ()
+        if first.setdefault(key, i) == i:
+            kept.append(i)
+        else:
+            twice.append(int(readings.lines[i]))
+    if not twice:
+        return readings, ()
+    said = f"{readings.path}: {in_ranges(twice)} repeat others number by number, left out"
+    return _some(readings, np.array(kept)), (said,)
+
+
+def _names_of(
+    readings: Readings, section: InstrumentSection
+) -> tuple[list[str], np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """The reflector of each reading, and whether that stands still around the arm."""
+    names = list(readings.reflectors)
+    said = any(names)
+    if not said and readings.poses:  # names of points are of poses, but for references
+        names = [pose if pose in section.references else "" for pose in readings.poses]
+    reference = np.array([name in section.references for name in names])
+    if not section.reflectors:
+        others = {name for name, fixed in zip(names, reference, strict=True) if not fixed}
+        if len(others) > 1:
+            raise FileFormatError(
+                f"has readings of {len(others)} reflectors: {_listed(sorted(others))}",
+                path=readings.path,
+                hint="name those on the tool in instrument.reflectors",
+            )
+        return [n if f else TOOL for n, f in zip(names, reference, strict=True)], reference
+    if not said:
+        count = len(section.reflectors)
+        return [section.reflectors[i % count] for i in range(len(names))], reference
+    known = [*section.reflectors, *section.references]
+    for i, name in enumerate(names):
+        if name not in known:
+            raise FileFormatError(
+                f"there is no reflector {name[:LONGEST_SHOWN]!r}",
+                path=readings.path,
+                row=int(readings.lines[i]),
+                hint=f"{near_names(name, known)}; instrument.reflectors and references name them",
+            )
+    return names, reference
+
+
+def _in_same_file(readings: Readings, section: InstrumentSection, robot: Robot) -> _Stops:
+    """Stops of joints that stand in the file of the readings: a new one where they are others."""
+    if readings.joints is None:
+        raise InputError(
+            f"{readings.path} has no joints",
+            hint="give the file of the `joints`, or name their columns in "
+            "instrument.columns.joints of the cell",
+            name="joints",
+        )
+    postures = joints_of(readings.path, readings.joints, section, robot)
+    moved = np.abs(np.diff(postures, axis=0)).max(axis=1) > SAME_POSTURE_RAD
+    if readings.poses:
+        said = np.array(readings.poses)
+        moved |= said[1:] != said[:-1]
+    stop = np.append(0, np.cumsum(moved))
+    first = np.unique(stop, return_index=True)[1]
+    names = tuple(readings.poses[i] for i in first) if readings.poses else ()
+    match = Matched(stop, ("",) * len(stop), "in the same file")
+    return _Stops(postures[first], names, match)
+
+
+def _with_joints(
+    readings: Readings, tool: IntArray, rows: JointRows, section: InstrumentSection
+) -> _Stops:
+    """Stops of a file of joints, and the readings that are of each."""
+    notes: tuple[str, ...] = ()
+    postures, start, end = rows.postures, rows.times, rows.times
+    names, record = rows.names, np.zeros(0)
+    if rows.times is not None and is_record(rows.times, section.still_s):
+        still = stops_of(rows.times, postures, section.still_s, np.deg2rad(section.still_deg))
+        if still.creeping:
+            lines = [int(rows.lines[i]) for i in still.creeping]
+            notes += (f"{rows.path}: from {in_ranges(lines)} on the arm creeps: no stop",)
+        if not len(still.first):
+            raise FileFormatError(
+                f"the arm stands still nowhere, for {section.still_s:g} s within "
+                f"{section.still_deg:g} deg",
+                path=rows.path,
+                hint="set instrument.still_s and still_deg to how it stood",
+            )
+        record, names = rows.times, ()
+        postures = still.middle.mean(postures)
+        if readings.times is not None and _is_stream(readings, tool, section):
+            still = still.middle
+        start, end = rows.times[still.first], rows.times[still.last]
+    times = None if readings.times is None else readings.times + section.clock_offset_s
+    how = section.match
+    if how == "auto" and set(names) & set(readings.poses):
+        how = "pose"
+    elif how == "auto":
+        how = "time" if _meet(times, start, end, section) else "order"
+    if how == "pose":
+        _check_has("names of poses", bool(names), rows.path, bool(readings.poses), readings.path)
+        _check_names(rows, names)
+        match = match_names(readings.poses, names)
+    elif how == "time":
+        here = start is not None and end is not None
+        _check_has("times", here, rows.path, times is not None, readings.path)
+        match = match_times(
+            np.zeros(0) if times is None else times,
+            np.zeros(0) if start is None else start,
+            np.zeros(0) if end is None else end,
+            record,
+            section.tolerance_s,
+        )
+    else:
+        match = _in_order(readings, tool, len(postures), rows.path, section)
+    if not names:
+        names = _names_by(readings, match, len(postures))
+    missing = [names[k] for k in sorted(set(range(len(postures))) - set(match.stop.tolist()))]
+    if missing:
+        notes += (f"{rows.path}: of {len(missing)} poses nothing was read: {_listed(missing)}",)
+    return _Stops(postures, names, match, notes)
+
+
+def _names_by(readings: Readings, match: Matched, count: int) -> tuple[str, ...]:
+    """Names of stops: those that the readings have, where they are one's each; else numbers."""
+    named = dict(zip(match.stop.tolist(), readings.poses, strict=False))
+    if len(set(named.values())) < len(named):
+        named = {}
+    return tuple(named.get(k, f"P{k + 1:02d}") for k in range(count))
+
+
+def _main(tool: IntArray) -> IntArray:
+    """Readings of the reflector that was seen most."""
+    return np.flatnonzero(tool == np.bincount(tool).argmax())
+
+
+def _is_stream(readings: Readings, tool: IntArray, section: InstrumentSection) -> bool:
+    """Whether readings were taken without end, and not one a pose."""
+    return readings.times is not None and is_record(readings.times[_main(tool)], section.still_s)
+
+
+def _meet(
+    times: FloatArray | None,
+    start: FloatArray | None,
+    end: FloatArray | None,
+    section: InstrumentSection,
+) -> bool:
+    """Whether clocks of readings and joints show the same hours."""
+    if times is None or start is None or end is None:
+        return False
+    within = section.tolerance_s
+    return bool(times.max() >= start[0] - within and times.min() <= end[-1] + within)
+
+
+def _check_has(what: str, joints: bool, path: Path, readings: bool, other: Path) -> None:
+    for there, where in ((joints, path), (readings, other)):
+        if not there:
+            raise FileFormatError(
+                f"has no {what} to match by",
+                path=where,
+                hint="name their column in instrument.columns, or take another instrument.match",
+            )
+
+
+def _check_names(rows: JointRows, names: Sequence[str]) -> None:
+    """Joints of one pose stand in one row."""
+    first: dict[str, int] = {}
+    for k, name in enumerate(names):
+        j = first.setdefault(name, k)
+        if np.abs(rows.postures[k] - rows.postures[j]).max() > SAME_POSTURE_RAD:
+            raise FileFormatError(
+                f"pose {name[:LONGEST_SHOWN]} has other joints on line {rows.lines[j]}",
+                path=rows.path,
+                row=int(rows.lines[k]),
+                hint="give each pose a name of its own",
+            )
+
+
+def _in_order(
+    readings: Readings, tool: IntArray, count: int, path: Path, section: InstrumentSection
+) -> Matched:
+    """Readings at so many stops in order: by names, by standstills, or reflector by reflector."""
+    stop = np.zeros(len(readings.lines), dtype=np.intp)
+    reason = [""] * len(stop)
+    main = _main(tool)
+    times = readings.times
+    if times is not None and _is_stream(readings, tool, section):
+        if (np.diff(times[main]) <= 0).any():
+            raise FileFormatError(
+                "the time of its readings does not rise",
+                path=readings.path,
+                row=int(readings.lines[main[np.diff(times[main]).argmin() + 1]]),
+                hint="give one recording, in the order that it was made",
+            )
+        places = readings.values[main, :3]
+        if section.kind == "pose":  # a body may turn about its own origin
+            R = rotation_exp(readings.values[main, 3:])
+            places = np.concatenate([places, _LEVER_M * R.reshape(-1, 9)], axis=1)
+        still = stops_of(times[main], places, section.still_s, section.still_mm / 1e3)
+        still, what = still.middle, "standstills"
+        found = len(still.first)
+        start, end = times[main][still.first], times[main][still.last]
+        k = np.searchsorted(start, times, side="right") - 1
+        inside = (k >= 0) & (times <= end[np.maximum(k, 0)]) if found else k > 0
+        stop = np.where(inside, k, -1)
+        reason = ["" if ok else "it was not at rest" for ok in inside.tolist()]
+    elif readings.poses:
+        order = {name: k for k, name in enumerate(dict.fromkeys(readings.poses))}
+        stop = np.array([order[name] for name in readings.poses])
+        found, what = len(order), "poses by name"
+    else:
+        for label in np.unique(tool).tolist():
+            own = np.flatnonzero(tool == label)
+            stop[own] = np.arange(len(own))
+        each = np.bincount(tool)
+        found, what = int(each.max()), "readings of a reflector"
+        if len(set(each.tolist())) > 1 and count == found:
+            found = int(each.min())
+    if found != count:
+        raise FileFormatError(
+            f"has {found} {what}, and {path} {count} poses",
+            path=readings.path,
+            hint="leave out what does not belong, or match them by names of poses or by time",
+            value=found,
+            bound=count,
+        )
+    return Matched(stop, tuple(reason), "in order")
+
+
+@dataclass(frozen=True, eq=False)
+class _Averaged:
+    """Means of the readings of one reflector at one stop, in the order of the readings.
+
+    Attributes
+    ----------
+    values : array (G, 3) or (G, 6)
+        Places [m], rotation vectors [rad].
+    count : array (G,)
+        Readings of each.
+    scatter : Scatter or None
+    line : array (G,)
+        Line of the first of each.
+    times, temperatures : array (G,) or None
+        Of the first, and the mean.
+    """
+
+    values: FloatArray
+    count: IntArray
+    scatter: Scatter | None
+    stop: IntArray
+    tool: IntArray
+    line: IntArray
+    times: FloatArray | None
+    temperatures: FloatArray | None
+
+    def table(
+        self, path: Path, labels: tuple[str, ...], section: InstrumentSection, stops: _Stops
+    ) -> tuple[MeasurementTable, Scatter | None]:
+        """As a table of measurements, with what is kept beside them."""
+        count = len(self.stop)
+        if count > MOST_MEASUREMENTS:
+            raise FileFormatError(
+                f"holds {count} measurements, {MOST_MEASUREMENTS} are the most that are identified "
+                "at once",
+                path=path,
+                hint="give one reading a pose",
+            )
+        names = stops.names or tuple(f"P{k + 1:02d}" for k in range(len(stops.postures)))
+        extra = {REPEATS: tuple(str(n) for n in self.count.tolist())}
+        for column, values in ((TIME, self.times), (TEMPERATURE, self.temperatures)):
+            if values is not None:
+                extra[column] = tuple(f"{v:.6f}" if np.isfinite(v) else "" for v in values.tolist())
+        data = Measurements(
+            stops.postures[self.stop],
+            Setup.of(count, tool=self.tool),
+            (section.frame,),
+            labels,
+            self.values,
+            tuple(names[k] for k in self.stop),
+        )
+        lines = tuple(self.line.tolist())
+        return MeasurementTable(data, (section.kind,), lines, path, (), extra), self.scatter
+
+
+def _averaged(
+    readings: Readings, tool: IntArray, stops: _Stops, section: InstrumentSection
+) -> _Averaged:
+    stop = stops.match.stop[stops.match.is_found]
+    pairs, index = np.unique(np.stack([stop, tool], axis=1), axis=0, return_inverse=True)
+    index = index.ravel()
+    first = np.unique(index, return_index=True)[1]
+    values = readings.values
+    if section.kind == "pose":  # about the first of each group, whose turns differ by little
+        R = rotation_exp(values[:, 3:])
+        off = rotation_log(R @ np.swapaxes(R[first][index], -1, -2))
+        mean, count, scatter = pooled(np.concatenate([values[:, :3], off], axis=1), index)
+        turned = rotation_log(rotation_exp(mean[:, 3:]) @ R[first])
+        mean = np.concatenate([mean[:, :3], turned], axis=1)
+    else:
+        mean, count, scatter = pooled(values, index)
+    temperatures = None
+    if readings.temperatures is not None:
+        known = np.isfinite(readings.temperatures)
+        size = np.bincount(index[known], minlength=len(first))
+        total = np.bincount(index[known], readings.temperatures[known], minlength=len(first))
+        temperatures = np.where(size > 0, total / np.maximum(size, 1), np.nan)
+    return _Averaged(
+        mean,
+        count,
+        scatter,
+        pairs[:, 0],
+        pairs[:, 1],
+        readings.lines[first],
+        None if readings.times is None else readings.times[first],
+        temperatures,
+    )
+
+
+def _judged(
+    cell: Cell, section: InstrumentSection, scatter: Scatter | None, grouped: _Averaged
+) -> tuple[Cell, dict[str, str], list[str]]:
+    """The cell with its noise, and what is to be said of the scatter of repeated readings."""
+    if scatter is None or not (scatter.sigma[:3] > 0).all():
+        if section.noise == "repeats":
+            raise InputError(
+                "the noise was to be that of repeated readings, and there are none that differ",
+                hint='take instrument.noise = "stated"',
+                name="noise",
+            )
+        return cell, {}, []
+    shown = ", ".join(f"{1e3 * s:.3g}" for s in scatter.sigma[:3])
+    words = f"a reading scatters by {shown} mm along x, y, z ({scatter.freedom} degrees of freedom)"
+    many = int(grouped.count.max()) > STREAM
+    odd: list[str] = []
+    given = next((noise for noise in cell.config.noise if noise.kind == section.kind), None)
+    if given is not None and not many and section.noise == "stated":
+        stated = noise_sigma(given)
+        chance = scatter.probability(stated)
+        if chance < SIGNIFICANT:
+            was = ", ".join(f"{1e3 * s:.3g}" for s in stated[:3])
+            odd.append(
+                f"{words}: that is another noise than the {was} mm of [[noise]] (p = {chance:.1g})"
+            )
+        else:
+            words += ", as [[noise]] says"
+    if section.noise == "repeats":
+        # the mean of a few is better than one; of a stream, whose neighbours are alike, it is not
+        mean = scatter.sigma if many else scatter.sigma * np.sqrt(np.mean(1.0 / grouped.count))
+        angles = tuple(3.0 * np.rad2deg(mean[3:])) if KINDS[section.kind].turns else None
+        noise = NoiseSection(
+            kind=section.kind, three_sigma_mm=tuple(3e3 * mean[:3]), three_sigma_deg=angles
+        )
+        others = tuple(n for n in cell.config.noise if n.kind != section.kind)
+        cell = replace(cell, config=cell.config.model_copy(update={"noise": (*others, noise)}))
+        words += ", which is the noise"
+    return cell, {"repeats": words}, odd
+
+
+def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> str:
+    """What is to be said of residuals ``(N, m)`` [m] that go with the temperature; else nothing."""
+    cells = table.extra.get(TEMPERATURE, ())
+    known = np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
+    found = trend_with(residuals[:, :3], known) if len(known) else None
+    if found is None or found.probability >= SIGNIFICANT:
+        return ""
+    axis = "xyz"[found.axis]
+    return (
+        f"residuals along {axis} go with the temperature, by {1e3 * found.slope:.3g} mm/K "
+        f"(correlation {found.correlation:.2f}, p = {found.probability:.1g}): let arm and "
+        "instrument warm up, or measure in less time"
+    )
+
+
+def _references(
+    readings: Readings,
+    names: Sequence[str],
+    is_reference: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    grouped: _Averaged,
+    table: MeasurementTable,
+    section: InstrumentSection,
+) -> tuple[str, list[str]]:
+    """What is to be said of references, and of postures that the arm went back to."""
+    series: list[tuple[str, FloatArray, FloatArray, tuple[str, ...]]] = []
+    for name in section.references:
+        own = np.flatnonzero(is_reference & (np.array(names) == name))
+        when = own.astype(float) if readings.times is None else readings.times[own]
+        where = tuple(f"line {line}" for line in readings.lines[own])
+        series.append((name, readings.values[own, :3], when, where))
+    postures, tools = same_posture(table.data.postures), table.data.setup.tool
+    for key in np.unique(np.stack([postures, tools], axis=1), axis=0).tolist():
+        own = np.flatnonzero((postures == key[0]) & (tools == key[1]))
+        when = own.astype(float) if grouped.times is None else grouped.times[own]
+        own, when = own[np.argsort(when)], np.sort(when)
+        where = tuple(table.data.names[i] for i in own)
+        name = f"{table.data.tools[key[1]]} at the posture of {where[0]}"
+        series.append((name, grouped.values[own, :3], when, where))
+    found = [(s, d) for s in series if (d := drift_of(s[1], s[2])) is not None]
+    if not found:
+        return "", []
+    notes = []
+    for (name, _, _, where), drift in found:
+        chance = min(1.0, drift.probability * len(found))
+        if chance < SIGNIFICANT:
+            moved = f"steps by {1e3 * drift.size:.3g} mm before {where[drift.at]}"
+            if drift.cause == "drift":
+                moved = f"drifts by {1e3 * drift.size:.3g} mm from {where[0]} to {where[-1]}"
+            notes.append(
+                f"{readings.path}: the reference {name} {moved} (p = {chance:.1g}): the instrument "
+                "or what it stands on has moved"
+            )
+    if notes:
+        return "", notes
+    largest = max(1e3 * drift.size for _, drift in found)
+    what = f"{len(found)} references" if len(found) > 1 else f"the reference {found[0][0][0]}"
+    return f"none seen by {what}, {largest:.2g} mm at most", []

@@ -419,7 +419,8 @@ def _with_names(path: Path, lines: list[str], first: int, section: InstrumentSec
             break
     else:
         _, columns = max(heads, key=lambda head: len(head[1]), default=(0, []))
-        missing = next((c for c in wanted or "xyz" if c not in columns), "x")
+        there = columns if wanted else _axes(columns)
+        missing = next((c for c in wanted or "xyz" if c not in there), "x")
         raise FileFormatError(
             f"there is no column {missing}",
             path=path,

@@ -401,10 +401,12 @@ def _in_order(
         if len(set(each.tolist())) > 1 and count == found:
             found = int(each.min())
     if found != count:
+        span = 1e3 * float(np.linalg.norm(np.ptp(readings.values[:, :3], axis=0)))
         raise FileFormatError(
             f"has {found} {what}, and {path} {count} poses",
             path=readings.path,
-            hint="leave out what does not belong, or match them by names of poses or by time",
+            hint=f"what was read moves by {span:.3g} mm in all: is its unit right? Else leave out "
+            "what does not belong, or match them by names of poses or by time",
             value=found,
             bound=count,
         )

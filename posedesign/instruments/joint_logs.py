@@ -284,7 +284,10 @@ def _of_ros2(path: Path, text: str, width: int, robot: Robot) -> JointRows:
     for row in table.rows:
         if [row.cells[c] for c in names] != first[3 : 3 + count]:
             raise FileFormatError(
-                "has the joints in another order than the first row", path=path, row=row.line
+                "has the joints in another order than the first row",
+                path=path,
+                row=row.line,
+                hint="give the states of one robot",
             )
     order = _order(path, first[3 : 3 + count], robot)
     values = numbers_of(path, table.rows, header[3 + count : 3 + 2 * count])[:, order]
@@ -301,8 +304,8 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
     for found in _TELEGRAM.finditer(text):
         line, at = line + text.count("\n", at, found.start()), found.start()
         if found[2] is not None:
-            if len(times) == len(values) - 1:
-                times.append(float(found[2]) * SECONDS["ms"])
+            if times and np.isnan(times[-1]):
+                times[-1] = float(found[2]) * SECONDS["ms"]
             continue
         axes = dict(_AXIS.findall(found[1]))
         texts = [axes.get(str(k + 1), "") for k in range(robot.n)]
@@ -314,17 +317,21 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
                 row=line + 1,
                 hint=f"log AIPos with A1 to A{robot.n}",
             )
-        numbers = [float(cell.replace(",", ".")) for cell in texts]
-        values.append(numbers)
+        values.append([float(cell.replace(",", ".")) for cell in texts])
+        times.append(np.nan)
         lines.append(line + 1)
     if not values:
         raise FileFormatError("has no AIPos with values", path=path, hint="is it a log of RSI?")
-    if times and len(times) != len(values):
+    timed = np.isfinite(times)
+    if timed.any() and not timed.all():
         raise FileFormatError(
-            f"has {len(values)} AIPos and {len(times)} IPOC", path=path, hint="log both, or no IPOC"
+            "has no IPOC with this AIPos, and others have",
+            path=path,
+            row=lines[int(timed.argmin())],
+            hint="log both, or no IPOC",
         )
     shown = _of_controller(path, np.array(values), _LOGS[2], robot)
-    return JointRows(path, np.array(lines), shown, np.array(times) if times else None)
+    return JointRows(path, np.array(lines), shown, np.array(times) if timed.all() else None)
 
 
 def _of_columns(path: Path, table: Table, section: InstrumentSection, robot: Robot) -> JointRows:

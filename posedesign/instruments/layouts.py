@@ -383,12 +383,15 @@ def _layout_of(path: Path, lines: list[str], section: InstrumentSection) -> Layo
     return _with_names(path, lines, first, section)
 
 
-def _cells(line: str) -> list[str]:
-    """Cells of one line, whatever stands between them."""
-    mark = separator_of(line)
+def _cells(line: str, mark: str = "") -> list[str]:
+    """Cells of one line, whatever stands between them; none where it is no such line."""
+    mark = mark or separator_of(line)
     if mark == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark), [])]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=mark), [])]
+    except csv.Error:  # it is read again as a part of the table, and refused there
+        return []
 
 
 def _points(cells: Sequence[str], at: int, section: InstrumentSection) -> Layout:
@@ -434,7 +437,9 @@ def _with_names(path: Path, lines: list[str], first: int, section: InstrumentSec
         lines[at + 1] = ""
         said = {_UNITS[below[k]] for k in place}
         if len(said) > 1 or layout.unit not in ("", *said):
-            raise FileFormatError("axes have several units", path=path, row=at + 2)
+            raise FileFormatError(
+                "axes have several units", path=path, row=at + 2, hint="give x, y and z in one"
+            )
         return Layout(**{**vars(layout), "unit": said.pop()})
     return layout
 
@@ -459,7 +464,10 @@ def _columns(
     units = {match[2].casefold() for c in place if (match := _WITH_UNIT.fullmatch(c))}
     if len(units) > 1:
         raise FileFormatError(
-            f"axes have several units: {', '.join(place)}", path=path, row=layout.head + 1
+            f"axes have several units: {', '.join(place)}",
+            path=path,
+            row=layout.head + 1,
+            hint="give x, y and z in one",
         )
     known = {"reflector": "tool", "pose": "pose", "time": "time_s", "temperature": "temperature_c"}
     roles = {
@@ -491,9 +499,9 @@ def _frame_line(lines: Sequence[str]) -> int | None:
 
 
 def _motive(path: Path, lines: list[str], at: int) -> Layout:
-    rows = [next(csv.reader([line]), []) for line in lines[: at + 1]]
+    rows = [_cells(line, ",") for line in lines[: at + 1]]
     keys = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
-    by_head = {row[1].strip().casefold(): row for row in rows[1:] if len(row) > 1}
+    by_head = {row[1].casefold(): row for row in rows[1:] if len(row) > 1}
     names, types, axes = by_head.get("name"), by_head.get("type", []), rows[at]
     if names is None or not len(names) == len(axes) == len(rows[at - 1]):
         raise FileFormatError(
@@ -528,8 +536,7 @@ def _motive(path: Path, lines: list[str], at: int) -> Layout:
 def _vicon(path: Path, lines: list[str], at: int) -> Layout:
     mark = separator_of(lines[at])
     names, axes, units = (
-        next(csv.reader([lines[i]], delimiter=mark), []) if 0 <= i < len(lines) else []
-        for i in (at - 1, at, at + 1)
+        _cells(lines[i], mark) if 0 <= i < len(lines) else [] for i in (at - 1, at, at + 1)
     )
     rate = lines[at - 2].strip(" ,;\t\r").replace(",", ".") if at > 1 else ""
     if not is_number(rate) or not float(rate) > 0 or len(units) < len(axes):
@@ -541,15 +548,20 @@ def _vicon(path: Path, lines: list[str], at: int) -> Layout:
         )
     filled = list(names) + [""] * (len(axes) - len(names))
     for k in range(3, len(axes)):
-        filled[k] = filled[k].strip() or filled[k - 1].strip()
+        filled[k] = filled[k] or filled[k - 1]
     place = ("TX", "TY", "TZ") if "TX" in axes else ("X", "Y", "Z")
     header, things = _wide(filled, axes, place, "R{}")
     _check_things(path, things, at)
-    said = {_UNITS.get(u.strip()) for u, axis in zip(units, axes, strict=False) if axis in place}
-    angles = {u.strip() for u, axis in zip(units, axes, strict=False) if axis in ("RX", "RY", "RZ")}
+    said = {_UNITS.get(u) for u, axis in zip(units, axes, strict=False) if axis in place}
+    angles = {u for u, axis in zip(units, axes, strict=False) if axis in ("RX", "RY", "RZ")}
     form = "quaternion-wxyz" if "RW" in axes else "vector-" + "".join(angles or {"deg"})
     if len(said) > 1 or form not in ("quaternion-wxyz", "vector-deg", "vector-rad"):
-        raise FileFormatError("its axes have several units, or unknown ones", path=path, row=at + 2)
+        raise FileFormatError(
+            "its axes have several units, or unknown ones",
+            path=path,
+            row=at + 2,
+            hint="export lengths in mm or m, and angles in deg or rad",
+        )
     blank = (i for i in range(at + 2, len(lines)) if not lines[i].strip(" ,;\t\r"))
     return Layout(
         things,
@@ -572,9 +584,9 @@ def _wide(
     wanted = {label for labels in used for label in labels}
     by_name: dict[str, dict[str, str]] = {}
     for k, (name, label) in enumerate(zip(names, labels, strict=False)):
-        own = by_name.setdefault(name.strip(), {})
+        own = by_name.setdefault(name, {})
         if k > 1 and label in wanted and label not in own:
-            header[k] = own[label] = f"{name.strip()} {label}"
+            header[k] = own[label] = f"{name} {label}"
     things = []
     for name, own in by_name.items():
         if all(label in own for label in place):

@@ -1,8 +1,5 @@
 """Files of instruments give the measurements that were written into them, whatever their layout."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -162,6 +159,3 @@ def test_the_program_of_the_poses_gives_the_joints(kuka, tmp_path):
     cell = Cell.load(kuka.cell(tmp_path, 'unit = "mm"'))
     found = read_measured(cell, files.points_text(kuka, tmp_path), path)
     check_same(found.table, kuka.native("point"))
-
-
-Edit = Callable[[Path], Path]

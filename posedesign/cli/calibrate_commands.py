@@ -142,7 +142,10 @@ def identify(
             command_line("correct", cell, file, "--out", out) if identified.is_of_this_robot else ""
         )
         drawn = file.with_suffix(".png")
-        files = [str(path) for path in (file, drawn) if path.is_file()]
+        beside = [out / name for name in ("joined.csv", "residuals.csv")] * bool(
+            identified.measured
+        )
+        files = [str(path) for path in (file, drawn, *beside) if path.is_file()]
         answer = answer_of_identification(identified, files)
         tell(answer, verbose=verbose, then=then, first=rehearsed)
     return DONE if identified.is_of_this_robot else NOT_REACHED

@@ -166,6 +166,25 @@ def test_another_unit(cli, measured, instrument, tmp_path, factor, unit):
     assert ("is its unit right?" if instrument.is_stream else unit) in line
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor", "words"),
+    [
+        ("in", 1.0, "as if readings were in mm for inches"),
+        ("cm", 1.0, "as if readings were in mm for cm"),
+        ("mm", 0.1, "as if readings were in cm for mm"),
+        ("m", 1.0, "what was read spans"),
+    ],
+)
+def test_another_unit_than_the_cell_says(cli, measured, tmp_path, unit, factor, words):
+    """Units that are not so far off are found by the fit."""
+    cell = measured.cell(tmp_path, f'unit = "{unit}"\n')
+    other = replace(measured, points=measured.points * factor)
+    file, joints = files.points_text(other, tmp_path), files.joint_list(other, tmp_path)
+    said = cli("identify", cell, file, "--joints", joints, "--out", tmp_path / "out")
+    assert said.code != 0
+    assert [line for line in said.err.split("\n") if words in line], said
+
+
 def test_exchanged_axes(cli, measured, instrument, tmp_path):
     """Y and z exchanged are a mirrored frame, which no reader sees: the fit says it."""
     order = [0, 2, 1]

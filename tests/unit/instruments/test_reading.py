@@ -77,7 +77,9 @@ def test_repeats_are_averaged_and_their_scatter_said(read, taken):
 def test_another_scatter_than_stated_is_said_and_may_be_taken(read, taken):
     lines = repeated(taken, 4, 6e-5, np.random.default_rng(2))
     (note,) = read(ALL + TABLE, lines).notes
-    assert re.search(r"a reading scatters by 0\.0[56]\d*, .* another noise than the 0\.02[, ]", note)
+    assert re.search(
+        r"a reading scatters by 0\.0[56]\d*, .* another noise than the 0\.02[, ]", note
+    )
     found = read(ALL + 'noise = "repeats"\n' + TABLE, lines)
     assert found.notes == ()
     noise = next(n for n in found.cell.config.noise if n.kind == "point")

@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import FileFormatError, near_names
+from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.schema_sections import InstrumentSection
@@ -40,7 +40,7 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.instruments.layouts import SECONDS, seconds_of, text_of
+from posedesign.instruments.layouts import SECONDS, near, seconds_of, text_of
 from posedesign.programs import Arm, postures_of
 from posedesign.programs.registry import dialect_of, find_dialect
 
@@ -194,7 +194,7 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
                 f"is a log of {log.name} without the column {column}",
                 path=path,
                 row=1,
-                hint=near_names(column, table.columns),
+                hint=near(column, table.columns),
             )
     values = numbers_of(path, table.rows, needed)
     if not log.maker:
@@ -249,9 +249,7 @@ def _by_names(path: Path, table: Table, values: FloatArray, robot: Robot) -> Flo
 def _order(path: Path, said: Sequence[str], robot: Robot) -> list[int]:
     for joint in robot.joint_names:
         if joint not in said:
-            raise FileFormatError(
-                f"has no joint {joint}", path=path, row=1, hint=near_names(joint, said)
-            )
+            raise FileFormatError(f"has no joint {joint}", path=path, row=1, hint=near(joint, said))
     return [list(said).index(joint) for joint in robot.joint_names]
 
 
@@ -343,7 +341,7 @@ def _of_columns(path: Path, table: Table, section: InstrumentSection, robot: Rob
                 f"there is no column {column}",
                 path=path,
                 row=1,
-                hint=f"{near_names(column, table.columns)}; instrument.columns.joints names them",
+                hint=f"{near(column, table.columns)}; instrument.columns.joints names them",
             )
     values = numbers_of(path, table.rows, needed)
     time = next((c for c in (section.columns.time, "time_s") if c in table.columns), None)

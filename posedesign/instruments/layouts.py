@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -72,6 +72,9 @@ _WITH_UNIT = re.compile(r"(.+?)(?:[ _]+|\s*[\[(]\s*)(um|mm|cm|m|in|inch)\s*[\])]
 
 MISSING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none", "invalid"})
 """Cells, in small letters, of what was not seen."""
+
+MOST_LINES = 1_000_000
+"""An hour of motion capture at 240 frames a second."""
 
 _HEAD = 100
 """Lines among which the names of the columns are looked for."""
@@ -157,13 +160,25 @@ class Readings:
 
 
 def text_of(path: Path) -> str:
-    """The text of a file of at most 50 MB."""
+    """The text of a file of at most 50 MB and a million lines."""
+    data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
+    if data.count(b"\n") > MOST_LINES:
+        raise FileFormatError(
+            f"has more than {MOST_LINES} lines",
+            path=path,
+            hint="record at a lower rate, or export the part in which it was measured",
+        )
     try:
-        return read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(
             "is not UTF-8 text", path=path, hint="export it as text or CSV (UTF-8)"
         ) from error
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Names that are near, of files whose names may be of any length."""
+    return near_names(name, [one[:LONGEST_SHOWN] for one in known])
 
 
 def is_known(text: str) -> bool:
@@ -334,7 +349,8 @@ def _chosen(path: Path, layout: Layout, section: InstrumentSection) -> tuple[Thi
         free = [name for name in usable if name not in section.references]
         if len(free) != 1:
             raise FileFormatError(
-                f"has {len(usable)} things that were tracked: " + ", ".join(list(usable)[:5]),
+                f"has {len(usable)} things that were tracked: "
+                + ", ".join(name[:LONGEST_SHOWN] for name in list(usable)[:5]),
                 path=path,
                 hint="name those on the tool in instrument.reflectors",
             )
@@ -342,7 +358,7 @@ def _chosen(path: Path, layout: Layout, section: InstrumentSection) -> tuple[Thi
     for name in wanted:
         if name not in usable:
             raise FileFormatError(
-                f"has no {name[:LONGEST_SHOWN]!r}", path=path, hint=near_names(name, usable)
+                f"has no {name[:LONGEST_SHOWN]!r}", path=path, hint=near(name, usable)
             )
     return tuple(
         usable[name] if section.kind == "pose" else Thing(name, usable[name].place)
@@ -354,7 +370,7 @@ def _check_there(path: Path, columns: Sequence[str], needed: set[str], row: int)
     for column in sorted(needed):
         if column not in columns:
             raise FileFormatError(
-                f"there is no column {column}", path=path, row=row, hint=near_names(column, columns)
+                f"there is no column {column}", path=path, row=row, hint=near(column, columns)
             )
 
 
@@ -427,7 +443,7 @@ def _with_names(path: Path, lines: list[str], first: int, section: InstrumentSec
         raise FileFormatError(
             f"there is no column {missing}",
             path=path,
-            hint=f"{near_names(missing, columns)}; instrument.columns.place of the cell names them",
+            hint=f"{near(missing, columns)}; instrument.columns.place of the cell names them",
         )
     layout = _columns(path, columns, section, Layout((), head=at))
     place = [columns.index(c) for c in layout.things[0].place]

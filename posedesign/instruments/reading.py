@@ -24,7 +24,12 @@ from posedesign.cell.measuring import noise_sigma
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
 from posedesign.files.csv_tables import LONGEST_SHOWN, is_number
-from posedesign.files.measurements import MOST_MEASUREMENTS, TOOL, MeasurementTable
+from posedesign.files.measurements import (
+    MOST_MEASUREMENTS,
+    TOOL,
+    MeasurementTable,
+    check_label,
+)
 from posedesign.instruments.joint_logs import JointRows, joints_of, read_joint_rows
 from posedesign.instruments.layouts import Readings, is_known, read_readings
 from posedesign.instruments.matching import (
@@ -126,6 +131,10 @@ def read_measured(
             hint="is it the recording of these? instrument.match and clock_offset_s say how they "
             "go together",
         )
+    for line, name in zip(readings.lines.tolist(), readings.poses, strict=False):
+        check_label(path, line, name)
+    for name in stops.names:
+        check_label(path if joints is None else joints, 1, name, "pose")
     lost = stops.match.unmatched(of_tool.lines.tolist())
     notes += tuple(f"{path}: {said}, left out" for said in lost[:_MOST_LISTED])
     grouped = _averaged(_some(of_tool, np.flatnonzero(found)), tool[found], stops, section)

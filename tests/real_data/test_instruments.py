@@ -3,9 +3,6 @@
 The same arms through tables of posedesign's own are in ``test_irb120`` and ``test_ur10``.
 """
 
-import json
-import shutil
-
 import numpy as np
 import pytest
 

@@ -4,7 +4,7 @@
 RTDE           columns ``actual_q_0 ..`` [rad] and ``timestamp`` [s], with commas or spaces: the
                recorders of ur_rtde and of Universal Robots' RTDE client
 EGM            ``R_FB_POS_RJ1 ..`` [deg] and ``TIMESTAMP`` [ms]: ``EGMLogger`` of ABB's
-               abb_libegm, units as in its ``egm.proto``
+               abb_libegm, units as in its ``egm_wrapper.proto``
 RSI            ``<AIPos A1="..">`` [deg] and ``<IPOC>`` [ms] of telegrams of a KUKA, or columns of
                these names: ``AIPos.A1 ..`` or ``A1 ..``, and ``IPOC``
 rostopic       ``field.name0 ..``, ``field.position0 ..`` [rad] and ``%time`` [ns]:
@@ -40,9 +40,9 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.instruments.layouts import SECONDS, near, seconds_of, text_of
-from posedesign.programs import Arm, postures_of
-from posedesign.programs.registry import dialect_of, find_dialect
+from posedesign.instruments.layouts import SECONDS, near, text_of
+from posedesign.instruments.readings import seconds_of
+from posedesign.programs.registry import read_joints
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".xml")
 """Endings of tables and logs; all others are of programs and lists."""
@@ -394,18 +394,8 @@ def joints_of(
 
 
 def _of_program(path: Path, robot: Robot, dialect: str | None) -> JointRows:
-    chosen = find_dialect(dialect) if dialect else dialect_of(path)
-    positions = chosen.read(path).measured
-    posed = next((p.line for p in positions if p.shown_deg is None), None)
-    if posed is not None:
-        raise FileFormatError(
-            "is the pose of a tool, not joint values",
-            path=path,
-            row=posed,
-            hint="write the program with joint positions",
-        )
-    postures = postures_of(positions, chosen.seen(Arm.of(robot)))
-    return JointRows(path, np.array([p.line for p in positions]), postures)
+    postures, lines = read_joints(path, robot, dialect, hint="write it with joint positions")
+    return JointRows(path, np.array(lines), postures)
 
 
 def _in_order(rows: JointRows, times: FloatArray) -> JointRows:

@@ -105,6 +105,8 @@ def with_joints(
             record,
             section.tolerance_s,
         )
+        if _is_stream(readings, tool, section):
+            _check_still(readings, _main(tool), match, section)
     else:
         match = _in_order(readings, tool, len(postures), rows.path, section)
     if not names:
@@ -113,6 +115,26 @@ def with_joints(
     if missing:
         notes += (f"{rows.path}: of {len(missing)} poses nothing was read: {listed(missing)}",)
     return Joined(postures, names, match, notes)
+
+
+def _check_still(
+    readings: Readings, main: IntArray, match: Matched, section: InstrumentSection
+) -> None:
+    """What is read without end stands still where the arm does, or the clocks are not one."""
+    stop = match.stop[main]
+    places, stop = readings.values[main[stop >= 0], :3], stop[stop >= 0]
+    most, least = (np.full((stop.max(initial=0) + 1, 3), bound) for bound in (-np.inf, np.inf))
+    np.maximum.at(most, stop, places)
+    np.minimum.at(least, stop, places)
+    seen = np.isfinite(most[:, 0])
+    moved = (most[seen] - least[seen]).max(axis=1) > section.still_mm / 1e3
+    if 2 * moved.sum() > len(moved):
+        raise FileFormatError(
+            f"what was read moves at {moved.sum()} of {len(moved)} poses while the arm stands "
+            "still: the clocks differ",
+            path=readings.path,
+            hint='set instrument.clock_offset_s, or match = "order"',
+        )
 
 
 def _names_by(readings: Readings, match: Matched, count: int) -> tuple[str, ...]:

@@ -287,6 +287,14 @@ def test_clocks_that_do_not_meet_are_said(taken, tmp_path):
     assert "clock_offset_s" in line
 
 
+def test_clocks_that_meet_and_are_not_one_are_said(taken, tmp_path):
+    """Both begin at zero, say: what was read moves while the joints stand."""
+    cell = Cell.load(taken.cell(tmp_path, 'kind = "pose"\nclock_offset_s = 92.5\n'))
+    with pytest.raises(CalibError) as error:
+        read_measured(cell, files.motive(taken, tmp_path), files.rsi_table(taken, tmp_path))
+    assert re.search(r"moves at \d+ of 2\d poses while the arm stands still", said(error))
+
+
 def test_what_was_hidden_is_counted(taken, tmp_path):
     cell = Cell.load(taken.cell(tmp_path, 'kind = "pose"\nmatch = "order"\n'))
     path = files.motive(taken, tmp_path, hidden=7)

@@ -32,8 +32,9 @@ from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
-from posedesign.identification.file import IdentificationFile
+from posedesign.identification.file import IdentificationFile, residual_rows
 from posedesign.identification.measurement_set_up import check_readings, far_rows
+from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
 from posedesign.pairs.tables import DEFAULT_METHODS
@@ -72,6 +73,8 @@ TOUCH_UPS = ("touchups.csv", "touch-ups")
 MEASUREMENTS = ("measurements.csv", "measurements")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
+JOINED = ("joined.csv", "measurements with their joints")
+RESIDUALS = ("residuals.csv", "residuals of measurements")
 PLANNED, IDENTIFIED, CAMERA_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
@@ -330,29 +333,42 @@ def identify_file(
     measurements: Path,
     out: Path | Results,
     *,
+    joints: Path | None = None,
     trust_units: bool = False,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Identified:
     """Identify from a ``touchups.csv`` or ``measurements.csv``; write ``identification.json``.
 
+    From the file of an instrument with the ``joints`` of its poses, too, which are joined in
+    ``joined.csv``; what is left of its readings is in ``residuals.csv``.
+
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
     results = Results.of(out, "identify")
-    file, *drawn = results.claim("computed", IDENTIFICATION, *IDENTIFIED, inputs=[measurements])
-    robot = cell.robot
-    table = read_measurements(
-        measurements,
-        robot.n,
-        kind=cell.config.measurement.kind,
-        payloads=[payload.name for payload in cell.config.payload],
-        controller=robot.controller,
-        trust_units=trust_units,
-    )
+    inputs = [measurements] if joints is None else [measurements, joints]
+    foreign = joints is not None or is_of_instrument(cell, measurements)
+    own = (IDENTIFICATION, *IDENTIFIED, *((JOINED, RESIDUALS) if foreign else ()))
+    file, png, svg, *more = results.claim("computed", *own, inputs=inputs)
+    robot, facts = cell.robot, {}
+    if foreign:
+        found = read_measured(cell, measurements, joints, trust_units=trust_units)
+        cell, facts = found.cell, found.facts
+        table = replace(found.table, notes=found.notes)
+        write_measurements(more[0], table.data, table.kinds, extra=table.extra)
+    else:
+        table = read_measurements(
+            measurements,
+            robot.n,
+            kind=cell.config.measurement.kind,
+            payloads=[payload.name for payload in cell.config.payload],
+            controller=robot.controller,
+            trust_units=trust_units,
+        )
     if not trust_units:
         check_readings(cell, table)
-    rows = [f"line {line}" for line in table.lines]
-    outside = outside_limits(cell, rows, table.data.postures)
+    lines = [f"line {line}" for line in table.lines]
+    outside = outside_limits(cell, lines, table.data.postures)
     for line in summed_up(outside, "rows outside the joint limits"):
         warn(f"{measurements}: {line}")
     for line in summed_up(far_rows(cell, table), "rows far from the others"):
@@ -360,7 +376,12 @@ def identify_file(
     table, repeated = without_repeats(table)
     for line in repeated:
         warn(f"{measurements}: {line}")
-    identified = identify_models(cell, table)
+    identified = replace(identify_models(cell, table), measured=facts)
+    warmed = goes_with_temperature(table, identified.best.residuals)
+    identified = replace(identified, warnings=(*identified.warnings, *([warmed] if warmed else [])))
+    if foreign:
+        rows = residual_rows(identified)
+        write_table(more[1], list(rows[0]), rows)
     for line in identified.warnings:
         warn(f"{measurements}: {line}")
     source = origin_of(measurements)
@@ -368,7 +389,7 @@ def identify_file(
     content = {"data": data, **results_as_dict(cell, identified)}
     write_json_atomic(file, content)
     shown, q_deg = IdentificationFile.model_validate(content), np.rad2deg(table.data.postures)
-    draw(results, drawn, lambda: figure_of_identification(shown, q_deg))
+    draw(results, (png, svg), lambda: figure_of_identification(shown, q_deg))
     return identified
 
 

@@ -15,6 +15,7 @@ from posedesign.cell.schema_sections import (
     BoxSteps,
     Finite,
     ImagingSection,
+    InstrumentSection,
     KindOrBoard,
     KnownDistanceSection,
     LimitSection,
@@ -556,6 +557,7 @@ class CellConfig(Section):
     measurement: MeasurementSection = MeasurementSection()
     touch_up: TouchUpSection = TouchUpSection()
     noise: tuple[NoiseSection, ...] = ()
+    instrument: InstrumentSection = InstrumentSection()
     payload: tuple[PayloadSection, ...] = ()
     known_distance: tuple[KnownDistanceSection, ...] = ()
     truth: TruthSection = TruthSection()

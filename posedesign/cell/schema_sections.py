@@ -179,6 +179,97 @@ class NoiseSection(Section):
         return self
 
 
+class ColumnSection(Section):
+    """Columns of an instrument's file by their names, where its layout is not known."""
+
+    place: tuple[Line, Line, Line] | None = None
+    """x, y and z; by default columns that are called so."""
+    turn: Annotated[tuple[Line, ...], Field(max_length=9)] = ()
+    """The orientation, in the order of ``instrument.turn``."""
+    reflector: Line | None = None
+    """Name of the reflector that was read; by default ``tool``."""
+    pose: Line | None = None
+    """Name of the pose; by default ``pose``."""
+    time: Line | None = None
+    """When it was read, as a number or a date; by default ``time_s``."""
+    temperature: Line | None = None
+    """Temperature in deg C; by default ``temperature_c``."""
+    joints: tuple[Line, ...] = ()
+    """Joint values from the base on, in the same file or in that of the joints."""
+
+
+class InstrumentSection(Section):
+    """Files of trackers, measuring arms and motion capture, and of the joints that go with them.
+
+    ``still_deg`` is far above what encoders flicker by, and far below a motion between poses;
+    ``still_mm`` allows for the noise of motion capture.
+    """
+
+    kind: Literal["point", "pose"] = "point"
+    """What is taken of each reading: a place, or a place and an orientation."""
+    frame: Name = "tracker"
+    """Name of the instrument among the targets."""
+    unit: Literal["um", "mm", "cm", "m", "in"] | None = None
+    """Unit of lengths, where the file does not say it."""
+    turn: (
+        Literal[
+            "quaternion-wxyz",
+            "quaternion-xyzw",
+            "vector-deg",
+            "vector-rad",
+            "wpr-deg",
+            "wpr-rad",
+            "matrix",
+        ]
+        | None
+    ) = None
+    """Form of the orientation: rotation vector, W P R about fixed x, y, z, or a matrix by rows."""
+    header: tuple[Line, ...] = ()
+    """Names of the columns, of a file without a line of them."""
+    columns: ColumnSection = ColumnSection()
+    reflectors: tuple[Name, ...] = ()
+    """Names of those on the tool; without them there is one, and names of points are of poses."""
+    references: tuple[Name, ...] = ()
+    """Names of reflectors that stand still around the arm: drift is tested by them."""
+    joint_header: tuple[Line, ...] = ()
+    """Names of the columns of the file of joints, where it has no line of them."""
+    joint_unit: Literal["deg", "rad"] | None = None
+    """Unit of ``columns.joints``."""
+    pendant: StrictBool = False
+    """``columns.joints`` are as the controller shows them, not in the signs of the description."""
+    match: Literal["auto", "pose", "time", "order"] = "auto"
+    """How joints are found to readings: by names of poses, by time, or in order."""
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    """Unit of ``columns.time``."""
+    clock_offset_s: Finite = 0.0
+    """What is added to times of the instrument to have those of the joints."""
+    tolerance_s: Annotated[float, Field(strict=True, ge=0, le=3600)] = 1.0
+    """Largest time between a reading and a row of joints that is no record."""
+    still_s: Annotated[float, Field(strict=True, ge=1e-3, le=3600)] = 0.5
+    """Least time that an arm stands still at a pose."""
+    still_deg: Annotated[float, Field(strict=True, ge=1e-4, le=5)] = 0.05
+    """Range within which joints of a record stand still in this time."""
+    still_mm: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 2.0
+    """The same of places that are read without end."""
+    noise: Literal["stated", "repeats"] = "stated"
+    """``repeats``: repeated readings give the noise of ``kind``, in place of ``[[noise]]``."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> InstrumentSection:
+        both = set(self.reflectors) & set(self.references)
+        if both:
+            raise ValueError(f"{min(both)!r} is in reflectors and in references")
+        numbers = {"quaternion": (4,), "matrix": (9,)}.get((self.turn or "").split("-")[0], (3,))
+        if self.columns.turn and (self.turn is None or len(self.columns.turn) not in numbers):
+            raise ValueError(
+                f"columns.turn has {len(self.columns.turn)} names"
+                + (f", a {self.turn} {numbers[0]}" if self.turn else ": say their form by turn")
+            )
+        if self.columns.joints and self.joint_unit is None:
+            raise ValueError("joint_unit is missing: columns.joints in deg or rad")
+        return self
+
+
 class PayloadSection(Section):
     """Something else that the flange carries in some of the measurements."""
 

@@ -203,6 +203,34 @@ estimate_lens = true              # from these pictures; false: it was calibrate
 # length_mm = 500.0
 # three_sigma_mm = 0.03
 
+# [instrument]                    # files of trackers, measuring arms, motion capture, with joints
+# kind = "point"                  # or "pose"
+# frame = "tracker"               # its name among the targets
+# unit = "mm"                     # where the file does not say it
+# turn = "quaternion-wxyz"        # of poses: also -xyzw, vector-deg, wpr-deg, -rad, matrix
+# header = ["name", "x", "y", "z"]        # of a file without names of columns
+# reflectors = ["SMR1", "SMR2"]   # names on the tool, if there are several
+# references = ["REF1"]           # names that stand still: drift is tested by them
+# joint_header = ["q1", "q2", "q3", "q4", "q5", "q6"]  # of a file of joints without
+# joint_unit = "deg"
+# pendant = false                 # true: joints as the controller shows them
+# match = "auto"                  # by "pose" (names), "time" or "order"
+# time_unit = "s"
+# clock_offset_s = 0.0            # added to times of the instrument
+# tolerance_s = 1.0               # between a reading and a row of joints
+# still_s = 0.5                   # an arm of a record stands so long within
+# still_deg = 0.05
+# still_mm = 2.0
+# noise = "stated"                # or "repeats": the noise is that of repeated readings
+# [instrument.columns]            # where the layout of the file is not known
+# place = ["X", "Y", "Z"]
+# turn = ["Q0", "Qx", "Qy", "Qz"]
+# reflector = "Target"
+# pose = "Point"
+# time = "Time"
+# temperature = "Temp"
+# joints = ["q1", "q2", "q3", "q4", "q5", "q6"]
+
 [touch_up]
 # The loop of visual touch-up: posedesign calibrate.
 center_px = 0.1                   # it ends when the target is as near to the middle of the picture

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -147,9 +147,22 @@ def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -
     return parse_table(path, text, header, loose=loose)
 
 
-def parse_table(path: Path, text: str, header: Sequence[str] = (), *, loose: bool = False) -> Table:
-    """The table in a text that is the content of a file; see :func:`read_table`."""
-    mark = _separator(text) if loose else ","
+def parse_table(
+    path: Path,
+    text: str,
+    header: Sequence[str] = (),
+    *,
+    loose: bool = False,
+    only: Collection[str] | None = None,
+) -> Table:
+    """The table in a text that is the content of a file; see :func:`read_table`.
+
+    Parameters
+    ----------
+    only : collection of str, optional
+        Columns whose cells are kept; recordings have hundreds that are not read. All by default.
+    """
+    mark = separator_of(text) if loose else ","
     if mark == " ":
         text = "\n".join(" ".join(line.split()) for line in text.split("\n"))
     reader = csv.reader(io.StringIO(text), strict=True, delimiter=mark)
@@ -178,7 +191,9 @@ def parse_table(path: Path, text: str, header: Sequence[str] = (), *, loose: boo
                     row=reader.line_num,
                     hint="use commas between cells and a point in numbers",
                 )
-            rows.append(Row(reader.line_num, dict(zip(columns, stripped, strict=True))))
+            named = zip(columns, stripped, strict=True)
+            kept = {name: cell for name, cell in named if only is None or name in only}
+            rows.append(Row(reader.line_num, kept))
     except csv.Error as error:
         raise FileFormatError(
             f"is no valid CSV: {error}",
@@ -208,7 +223,7 @@ def is_number(text: str) -> bool:
     return bool(_NUMBER.fullmatch(text) or _WITH_COMMA.fullmatch(text))
 
 
-def _separator(text: str) -> str:
+def separator_of(text: str) -> str:
     """What stands between the cells, by the first line that is no comment."""
     lines = (line.strip() for line in text.splitlines())
     first = next((line for line in lines if line and not line.startswith("#")), "")

@@ -28,8 +28,7 @@ from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_o
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
-from posedesign.programs import Arm, find_dialect, postures_of
-from posedesign.programs.registry import dialect_of
+from posedesign.programs.registry import read_joints
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -351,24 +350,14 @@ class _Poses:
 
     @classmethod
     def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
-        chosen = find_dialect(dialect) if dialect else dialect_of(path)
-        positions = chosen.read(path).measured
-        lines = [position.line for position in positions]
-        posed = [line for p, line in zip(positions, lines, strict=True) if p.shown_deg is None]
-        if posed:
-            raise FileFormatError(
-                "is the pose of a tool, whose place on the flange it does not say",
-                path=path,
-                row=posed[0],
-                hint="give joint values, or poses of the flange in a table",
-            )
         if robot is None:
             raise InputError(
                 f"{path} gives joint values, and the robot is not known",
                 hint="name the robot, or give poses of its flange in a table",
                 name="robot",
             )
-        postures = postures_of(positions, chosen.seen(Arm.of(robot)))
+        hint = "give joint values, or poses of the flange in a table"
+        postures, lines = read_joints(path, robot, dialect, hint=hint)
         return cls(path, True, postures, lines, [])
 
     def of_pictures(self, paths: Sequence[Path], order: Order, notes: list[str]) -> _Poses:

@@ -19,6 +19,7 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.measurements.data import same_posture
 from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_log
 from posedesign.cell import Cell
+from posedesign.cell.observations import kind_of
 from posedesign.cell.measuring import noise_sigma
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
@@ -98,7 +99,7 @@ def read_measured(
     InputError
         There are no joints.
     """
-    section = cell.config.instrument
+    section = _as_planned(cell)
     readings, notes = _once(read_readings(path, section))
     names, is_reference = _names_of(readings, section)
     own = np.flatnonzero(~is_reference)
@@ -183,6 +184,19 @@ def _once(readings: Readings) -> tuple[Readings, tuple[str, ...]]:
         return readings, ()
     said = f"{readings.path}: {in_ranges(twice)} repeat others number by number, left out"
     return _some(readings, np.array(kept)), (said,)
+
+
+def _as_planned(cell: Cell) -> InstrumentSection:
+    """The section of the file, its frame and reflectors those of the plan where it names none."""
+    section, config = cell.config.instrument, cell.config
+    given = section.model_fields_set
+    planned = next((t for t in config.targets if kind_of(config, t) == section.kind), None)
+    known: dict[str, object] = {}
+    if planned is not None and "frame" not in given:
+        known["frame"] = planned.name
+    if planned is not None and section.kind == "point" and "reflectors" not in given:
+        known["reflectors"] = tuple(mark.name for mark in config.tool.mark)
+    return section.model_copy(update=known)
 
 
 def _names_of(

@@ -15,6 +15,7 @@ from posedesign.candidates import (
     functions_over_box,
 )
 from posedesign.cell import Cell
+from posedesign.instruments import read_measured
 from posedesign.planning import plan
 from posedesign.planning.checks import check_poses, score_poses
 from posedesign.planning.optimal import OptimalPlan, Request, plan_next, plan_optimal
@@ -365,3 +366,28 @@ def test_named_offsets_that_cannot_be_told_are_refused():
     text += '[parameters]\nzero_offsets = ["joint_a1", "joint_a2"]\n'
     with pytest.raises(NotIdentifiableError, match="joint_a1"):
         plan_optimal(Cell.from_text(text), Request(count=POSES))
+
+
+def test_the_file_of_a_tracker_is_read_by_the_names_of_the_plan(tmp_path):
+    """Reflectors and frame of the cell: points by name, as a tracker's software writes them."""
+    cell = measured_cell("reflectors", ARM)
+    chosen = plan_optimal(cell, Request(count=12))
+    names = [f"P{i + 1:02d}" for i in range(12)]
+    rng = np.random.default_rng(4)
+    data = SimulatedRobot.of(cell).measure(chosen.postures, np.zeros(12, dtype=int), names, rng)
+    lines = ["pose,name,x_mm,y_mm,z_mm," + ",".join(f"j{k}_deg" for k in range(1, 7))]
+    for i, name in enumerate(data.names):
+        row = [*1e3 * data.observed[i], *np.rad2deg(data.postures[i])]
+        mark = data.tools[data.setup.tool[i]]
+        lines.append(f"{name},{mark}," + ",".join(f"{value:.9f}" for value in row))
+    path = tmp_path / "tracker.csv"
+    path.write_text("\n".join(lines) + "\n")
+    text = cell_text("reflectors", f'preset = "{ARM}"', ARMS[ARM]) + (
+        '[instrument.columns]\nreflector = "name"\npose = "pose"\nplace = ["x_mm", "y_mm", "z_mm"]\n'
+        "joints = [" + ", ".join(f'"j{k}_deg"' for k in range(1, 7)) + "]\n"
+        '[instrument]\nunit = "mm"\njoint_unit = "deg"\n'
+    )
+    read = read_measured(Cell.from_text(text), path).table.data
+    assert read.targets == ("tracker",)
+    assert set(read.tools) <= {"R1", "R2", "R3"}
+    assert read.count == data.count

@@ -25,6 +25,7 @@ from calib.robots.controller import Controller, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
+from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
@@ -318,7 +319,8 @@ class Robot:
         Each branch is given once, each joint in that full turn which lies inside the limits and
         nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
         branch is given at steps of its redundant joint, and the postures nearest to ``near``.
-        Where there is no closed form, what iteration falls to is given, from ``near`` and from a
+        Of other arms without closed form (six axes where neither the wrist nor the arm has parallel
+        or meeting axes, eight and more) what iteration falls to is given, from ``near`` and from a
         dozen other starts.
 
         Parameters
@@ -352,7 +354,12 @@ class Robot:
     def _inverse(self) -> InverseKinematics:
         """The solver that gives most of the postures of the chain."""
         chain = self.chain
-        return ClosedForm.of(chain) or RedundantArm.of(chain) or DampedIteration(chain)
+        return (
+            ClosedForm.of(chain)
+            or OffsetWrist.of(chain)
+            or RedundantArm.of(chain)
+            or DampedIteration(chain)
+        )
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""

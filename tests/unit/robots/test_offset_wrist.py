@@ -1,4 +1,4 @@
-"""Six-axis arms whose wrist has an offset: every posture of a pose, against independent searches."""
+"""Six-axis arms with an offset wrist: every posture of a pose, against independent searches."""
 
 from dataclasses import replace
 
@@ -184,7 +184,8 @@ def test_limits_and_turns_are_those_of_every_arm(robot):
     for i, posture in enumerate(q):
         assert np.abs(every.of(i) - posture).max(axis=1).min() < 1e-7  # in its own turn
         inside = every.of(i)
-        assert (inside >= lower - 1e-9).all() and (inside <= upper + 1e-9).all()
+        assert (inside >= lower - 1e-9).all()
+        assert (inside <= upper + 1e-9).all()
         best, found = robot.inverse(robot.fk(posture), near=posture).nearest()
         assert found[0]
         np.testing.assert_allclose(best[0], posture, atol=1e-7)

@@ -32,8 +32,10 @@ from calib.robots.model_chain import (
     body_of,
     chain_of,
     check_joints,
+    configuration,
     frame_id,
     gravity_at,
+    held_in_words,
     joints_between,
     joints_to_lock,
     link_names,
@@ -41,6 +43,7 @@ from calib.robots.model_chain import (
     names_of,
     root_id,
     usual_tip,
+    values_held,
 )
 from calib.robots.presets import load_preset
 from calib.robots.shapes import Body, LinkShape
@@ -117,12 +120,15 @@ class Robot:
         base: str | None = None,
         *,
         lock: Iterable[str] = (),
+        held_rad: Mapping[str, float] = MappingProxyType({}),
+        held_m: Mapping[str, float] = MappingProxyType({}),
         packages: Iterable[Path] = (),
         xacro_args: Iterable[str] = (),
     ) -> Robot:
         """Read a robot from a URDF file, or from a xacro file.
 
-        Joints that do not lie between base and tip are held at zero, which a notice says.
+        The arm may be a branch of a bigger tree. Joints that do not lie between base and tip are
+        held, at zero where nothing else is said, and what they carry stands still with the base.
         Collision geometry is read, with the meshes that lie in the packages of the file
         (:mod:`calib.robots.description.packages`); visual geometry is not.
 
@@ -136,6 +142,9 @@ class Robot:
             Link that positions are given in; the root of the tree by default.
         lock : names, optional
             Further joints to hold at zero: a rail or a lift between base and tip.
+        held_rad, held_m : mappings of str to float, optional
+            Joints that turn, and joints that slide, to hold at other values, wherever they are.
+            Those that follow one of them (mimic) are where it brings them.
         packages : paths, optional
             Folders to search for packages that the file names and that do not lie around it.
         xacro_args : names with values, optional
@@ -158,6 +167,9 @@ class Robot:
             tip=tip,
             base=base,
             lock=lock,
+            held_rad=held_rad,
+            held_m=held_m,
+            led=urdf.led,
             notices=urdf.notices,
             joint_notices=urdf.joint_notices,
             flaws=urdf.flaws,
@@ -195,6 +207,9 @@ class Robot:
         tip: str | None = None,
         base: str | None = None,
         lock: Iterable[str] = (),
+        held_rad: Mapping[str, float] = MappingProxyType({}),
+        held_m: Mapping[str, float] = MappingProxyType({}),
+        led: Mapping[str, tuple[str, float, float]] = MappingProxyType({}),
         notices: Sequence[str] = (),
         joint_notices: Mapping[str, str] = MappingProxyType({}),
         flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
@@ -204,22 +219,27 @@ class Robot:
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
-        asked = joints_to_lock(model, lock)
+        held = [lock] if isinstance(lock, str) else list(lock)
+        asked = joints_to_lock(model, [*held, *held_rad, *held_m])
         base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
         joints = joints_between(model, base_id, tip_id, asked)
         check_joints(model, joints, flaws)
         said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
+        at = values_held(model, locked, held_rad, held_m, led, flaws)
+        still = [i for i in locked if i not in at]
         for why, which in (
-            ("not between base and tip", [i for i in locked if i not in asked]),
-            ("as asked", asked),
+            ("not between base and tip", [i for i in still if i not in asked]),
+            ("as asked", [i for i in still if i in asked]),
         ):
             if which:
                 said.append(f"locked at zero, {why}: {', '.join(names_of(model, which))}")
+        if at:
+            said.append(f"held: {', '.join(held_in_words(model, at))}")
         if locked:
             frames = model.frames[base_id].name, model.frames[tip_id].name
-            model = pin.buildReducedModel(model, locked, pin.neutral(model))
+            model = pin.buildReducedModel(model, locked, configuration(model, at))
             base_id, tip_id = (frame_id(model, name) for name in frames)
             joints = joints_between(model, base_id, tip_id)
         names = tuple(names_of(model, joints))

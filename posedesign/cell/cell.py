@@ -89,6 +89,8 @@ class Cell(CellData):
                     tip=source.tip,
                     base=source.base,
                     lock=source.lock,
+                    held_rad={name: np.deg2rad(v) for name, v in source.held_deg.items()},
+                    held_m={name: v / 1e3 for name, v in source.held_mm.items()},
                     packages=[path.parent / folder for folder in source.packages],
                     xacro_args=source.xacro_args,
                 )

@@ -92,6 +92,10 @@ class RobotSection(Section):
     """Maker of the controller: what the pendant shows, and the language of programs."""
     lock: tuple[Line, ...] = ()
     """Joints of a URDF that are held at zero."""
+    held_deg: dict[Line, Finite] = Field(default_factory=dict)
+    """Joints of a URDF that are held at other angles, by their names."""
+    held_mm: dict[Line, Finite] = Field(default_factory=dict)
+    """The same of joints that slide: a lift, a finger."""
     packages: tuple[Line, ...] = ()
     """Folders to search for packages that a URDF names."""
     xacro_args: tuple[Line, ...] = ()
@@ -109,7 +113,7 @@ class RobotSection(Section):
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
-        if self.preset is not None and self.lock:
+        if self.preset is not None and (self.lock or self.held_deg or self.held_mm):
             raise ValueError("joints can be locked in a urdf only, not in a preset")
         if self.preset is not None and (self.packages or self.xacro_args):
             raise ValueError("packages and xacro_args are of a urdf, not of a preset")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,8 @@ _TEMPLATE = """\
 # base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
+# held_deg = {{ torso = 30.0 }}     # or at other values: of a torso, a head, another arm
+# held_mm = {{ lift = 250.0 }}      # of what slides
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
 # xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
@@ -361,6 +363,30 @@ class _Setup:
     board_square_mm: float | None = None
 
 
+class _ReadWith(NamedTuple):
+    """What a description is read with, by the names that :meth:`Robot.from_urdf` has for it."""
+
+    packages: tuple[Path, ...]
+    xacro_args: tuple[str, ...]
+    tip: str | None
+    base: str | None
+    lock: tuple[str, ...]
+
+    def lines(self) -> str:
+        """Lines of the cell, so that it reads the same; the tip has its own."""
+        listed = {
+            "packages": [str(f.resolve()) for f in self.packages],
+            "xacro_args": self.xacro_args,
+            "lock": self.lock,
+        }
+        base = "" if self.base is None else f"base = {_quoted(self.base)}\n"
+        return base + "".join(
+            f"{key} = [{', '.join(map(_quoted, values))}]\n"
+            for key, values in listed.items()
+            if values
+        )
+
+
 def cell_template(
     robot: str | None = None,
     *,
@@ -368,6 +394,9 @@ def cell_template(
     camera: Mount | None = None,
     packages: Sequence[Path] = (),
     xacro_args: Sequence[str] = (),
+    tip: str | None = None,
+    base: str | None = None,
+    lock: Sequence[str] = (),
 ) -> str:
     """Text of a ``cell.toml``, commented, for a preset or a URDF file.
 
@@ -385,6 +414,10 @@ def cell_template(
         Folders to search for packages that a URDF names.
     xacro_args : sequence of str
         Arguments of a xacro file, each ``NAME:=VALUE``.
+    tip, base : str, optional
+        Links of a URDF that the arm ends and begins at, where it is a branch of a bigger tree.
+    lock : sequence of str
+        Joints of a URDF between them that are held.
 
     Raises
     ------
@@ -396,10 +429,12 @@ def cell_template(
     name = robot or REFERENCE
     path = Path(name)
     if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
-        return _for_urdf(path, packages, xacro_args, camera)
-    if packages or xacro_args:
+        read_with = _ReadWith(tuple(packages), tuple(xacro_args), tip, base, tuple(lock))
+        return _for_urdf(path, read_with, camera)
+    if packages or xacro_args or tip or base or lock:
         raise InputError(
-            f"packages and arguments are of a URDF; {name!r} is none", hint="leave them out"
+            f"packages, arguments, tip, base and joints to lock are of a URDF; {name!r} is none",
+            hint="leave them out",
         )
     try:
         preset = find_preset(name)
@@ -434,14 +469,9 @@ def _for_preset(name: str, surroundings: bool, camera: Mount | None) -> str:
     )
 
 
-def _for_urdf(
-    path: Path, packages: Sequence[Path], xacro_args: Sequence[str], camera: Mount | None
-) -> str:
-    robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
-    source = (
-        f"urdf = {_quoted(str(path.resolve()))}\n"
-        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}"
-    )
+def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
+    robot = Robot.from_urdf(path, **read_with._asdict())
+    source = f"urdf = {_quoted(str(path.resolve()))}\n{read_with.lines()}{_controller_line(robot)}"
     decide, shapes = _shape_lines(robot)
     if camera is not None:
         return _camera_cell(robot, camera, source=source, decide=decide, shapes=shapes)
@@ -464,14 +494,6 @@ def _for_urdf(
         deflection=False,
         decide=decide,
         shapes=shapes,
-    )
-
-
-def _read_with(packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
-    """Lines of what a description was read with, so that the cell reads the same."""
-    listed = {"packages": [str(f.resolve()) for f in packages], "xacro_args": list(xacro_args)}
-    return "".join(
-        f"{key} = [{', '.join(map(_quoted, values))}]\n" for key, values in listed.items() if values
     )
 
 

@@ -114,6 +114,14 @@ def new(
             "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; may be repeated."
         ),
     ] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF that carries the tool.")] = None,
+    base: Annotated[
+        str | None, typer.Option(help="Link of the URDF that positions are given in.")
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint of the URDF between them that is held; may be repeated."),
+    ] = None,
 ) -> int:
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
@@ -126,6 +134,9 @@ def new(
         camera=camera,
         packages=packages or (),
         xacro_args=xacro_arg or (),
+        tip=tip,
+        base=base,
+        lock=lock or (),
     )
     made = Cell.from_text(text)
     if robot is None:

@@ -72,6 +72,8 @@ class Urdf:
         The same of single joints, which matters where the joint moves.
     flaws : mapping of str to RobotModelError
         Joints that can be held still but not moved, and why: no limits, or led by another joint.
+    led : mapping of str to (str, float, float)
+        Joints that follow another: its name, the factor and the offset [rad, m].
     shapes : tuple of LinkShape
         Collision geometry.
     lost_shapes : tuple of str
@@ -82,6 +84,7 @@ class Urdf:
     notices: tuple[str, ...]
     joint_notices: Mapping[str, str]
     flaws: Mapping[str, RobotModelError]
+    led: Mapping[str, tuple[str, float, float]]
     shapes: tuple[LinkShape, ...]
     lost_shapes: tuple[str, ...]
 
@@ -105,6 +108,7 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
         notices=(*description.notices, *missing),
         joint_notices=MappingProxyType(kinematics.notices),
         flaws=MappingProxyType(kinematics.flaws),
+        led=MappingProxyType(kinematics.led),
         shapes=shapes,
         lost_shapes=lost,
     )

@@ -88,6 +88,8 @@ class Robot:
         Links whose solids are estimated from the chain (:mod:`calib.robots.arm_shapes`).
     coupled_limits : tuple of CoupledLimit
         Limits that several joints have together.
+    allowed_contacts : tuple of (str, str)
+        Names of bodies that may touch, by the semantic description.
     controller : Controller or None
         What the pendant shows; None where the maker is not known.
     """
@@ -109,6 +111,7 @@ class Robot:
     lost_shapes: tuple[tuple[int, str], ...] = ()
     fitted_links: tuple[str, ...] = ()
     coupled_limits: tuple[CoupledLimit, ...] = ()
+    allowed_contacts: tuple[tuple[str, str], ...] = ()
     controller: Controller | None = None
     model: pin.Model = field(default=None, repr=False, compare=False)
 
@@ -299,6 +302,13 @@ class Robot:
     def link_names(self) -> tuple[str, ...]:
         """The link that the first joint hangs on, and the link that each joint moves."""
         return link_names(self.model, self.joint_names, self.base_frame)
+
+    @property
+    def T_base_root(self) -> FloatArray:
+        """Root link of the description in the base frame, ``(4, 4)`` [m]; no joint is between."""
+        base = self.model.frames[frame_id(self.model, self.base_frame)].placement
+        root = self.model.frames[root_id(self.model)].placement
+        return np.asarray((base.inverse() * root).homogeneous)
 
     @property
     def joint_range(self) -> FloatArray:

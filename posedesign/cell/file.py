@@ -129,11 +129,14 @@ def _in_full(content: dict[str, Any], folder: Path) -> None:
     robot = content.get("robot", {})
     if "urdf" in robot:
         robot["urdf"] = str((folder / robot["urdf"]).resolve())
+    if "srdf" in robot:
+        robot["srdf"] = str((folder / robot["srdf"]).resolve())
     if "packages" in robot:
         robot["packages"] = [str((folder / name).resolve()) for name in robot["packages"]]
     for solid in (*content.get("tool", {}).get("body", ()), *content.get("obstacle", ())):
-        if "mesh" in solid:
-            solid["mesh"] = str((folder / solid["mesh"]).resolve())
+        for key in ("mesh", "scene"):
+            if key in solid:
+                solid[key] = str((folder / solid[key]).resolve())
 
 
 def _table(name: str, content: Mapping[str, Any]) -> list[str]:

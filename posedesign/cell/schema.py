@@ -43,6 +43,7 @@ _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "sphere": ("radius_mm",),
     "half-space": (),
     "mesh": ("mesh",),
+    "scene": ("scene",),
 }
 """What each kind of solid is described by."""
 
@@ -88,6 +89,10 @@ class RobotSection(Section):
     """Link that positions are given in; the root by default."""
     tip: Line | None = None
     """Link at the end of the chain, which carries the tool; the last one by default."""
+    srdf: Line | None = None
+    """Path of an SRDF file, as MoveIt has it: links that may touch, and what the next two name."""
+    group: Line | None = None
+    """Group of the SRDF that is a chain, for ``base`` and ``tip`` where they are not given."""
     controller: Line | None = None
     """Maker of the controller: what the pendant shows, and the language of programs."""
     lock: tuple[Line, ...] = ()
@@ -113,6 +118,8 @@ class RobotSection(Section):
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
+        if self.group is not None and self.srdf is None:
+            raise ValueError("group is one of an SRDF: give srdf, too")
         if self.preset is not None and (self.lock or self.held_deg or self.held_mm):
             raise ValueError("joints can be locked in a urdf only, not in a preset")
         if self.preset is not None and (self.packages or self.xacro_args):
@@ -127,8 +134,9 @@ class SolidSection(Section):
 
     name: Name
     """What it is called in answers, and in ``constraints.ignore``."""
-    kind: Literal["box", "cylinder", "sphere", "half-space", "mesh"] = "box"
-    """Its shape. A half-space is everything below ``at_mm``, for obstacles only."""
+    kind: Literal["box", "cylinder", "sphere", "half-space", "mesh", "scene"] = "box"
+    """Its shape. A half-space is everything below ``at_mm``, and a scene all objects of a MoveIt
+    scene: both for obstacles only."""
     at_mm: Vector = (0.0, 0.0, 0.0)
     """Its centre: in the axes of the tip for the tool, in the base frame for an obstacle."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
@@ -141,13 +149,16 @@ class SolidSection(Section):
     """Height of a cylinder, along its z."""
     mesh: Line | None = None
     """File of a mesh: .stl, .obj, .ply or .dae."""
+    scene: Line | None = None
+    """File of a MoveIt scene: .scene. ``at_mm`` and ``wpr_deg`` put it in the frame of the root
+    link of the description."""
     scale: Size = 1.0
     """Factor that turns the unit of the mesh into mm."""
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> SolidSection:
         needed = _SHAPE_KEYS[self.kind]
-        for key in ("size_mm", "radius_mm", "height_mm", "mesh"):
+        for key in ("size_mm", "radius_mm", "height_mm", "mesh", "scene"):
             if (getattr(self, key) is None) == (key in needed):
                 verb = "needs" if key in needed else "has no"
                 raise ValueError(f"a {self.kind} {verb} {key}")
@@ -177,8 +188,8 @@ class ToolSection(Section):
         if not any(self.axis):
             raise ValueError("axis has no length: the tool comes to the target along it")
         for body in self.body:
-            if body.kind == "half-space":
-                raise ValueError(f"{body.name}: a tool cannot be a half-space")
+            if body.kind in ("half-space", "scene"):
+                raise ValueError(f"{body.name}: a tool cannot be a {body.kind}")
         return self
 
 
@@ -233,8 +244,16 @@ class CameraSection(Section):
 class BasePoseSection(Section):
     """The posture with the tool point on the target that poses are varied around."""
 
-    posture_deg: tuple[Finite, ...]
+    posture_deg: tuple[Finite, ...] = ()
     """Joint values of the base pose, from the base on, in the signs of the description."""
+    state: Line | None = None
+    """In its place the name of a group state in ``robot.srdf``."""
+
+    @model_validator(mode="after")
+    def _is_one_posture(self) -> BasePoseSection:
+        if bool(self.posture_deg) == (self.state is not None):
+            raise ValueError("give either posture_deg or state")
+        return self
 
 
 class VariationSection(Section):

@@ -17,6 +17,7 @@ from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
 from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
+from posedesign.cell.moveit_scene import read_scene
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import (
     Checker,
@@ -56,9 +57,23 @@ def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) ->
     return [Body(s.name, robot.n, T_link_tip @ _placement(s), _solid(s, folder)) for s in sections]
 
 
-def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
-    """What stands around; places in the file are in the base frame."""
-    return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
+def obstacles(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
+    """What stands around; places in the file are in the base frame, those of scenes in the root.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read, or two solids have one name.
+    """
+    around: list[Body] = []
+    for section in sections:
+        if section.scene is None:
+            around.append(Body(section.name, 0, _placement(section), _solid(section, folder)))
+            continue
+        T_base_scene = robot.T_base_root @ _placement(section)
+        for name, T_scene_solid, solid in read_scene(folder / section.scene):
+            around.append(Body(f"{section.name}/{name}", 0, T_base_scene @ T_scene_solid, solid))
+    return around
 
 
 def meeting_pairs(cell: CellData) -> tuple[tuple[str, str], ...]:
@@ -85,7 +100,7 @@ def build_scene(cell: CellData, ignore: Sequence[tuple[str, str]]) -> Scene:
         arm=robot.bodies,
         tool=cell.tool_bodies,
         obstacles=cell.obstacles,
-        ignore=ignore,
+        ignore=[*ignore, *cell.robot.allowed_contacts],
         zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
         last_range=(float(robot.lower[-1]), float(robot.upper[-1])),
     )
@@ -395,6 +410,8 @@ def _unseen_collisions(cell: CellData, excluded: Sequence[tuple[str, str]]) -> l
     ):
         if pairs:
             said.append(f"{', '.join(f'{one} against {other}' for one, other in pairs)}: {why}")
+    if robot.allowed_contacts:
+        said.append(f"{len(robot.allowed_contacts)} pairs of links: robot.srdf lets them touch")
     return said
 
 

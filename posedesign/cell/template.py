@@ -37,6 +37,8 @@ _TEMPLATE = """\
 # base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
+# srdf = {srdf}
+# group = "arm"                   # of the SRDF: its base and tip; its links may touch as it says
 # held_deg = {{ torso = 30.0 }}     # or at other values: of a torso, a head, another arm
 # held_mm = {{ lift = 250.0 }}      # of what slides
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
@@ -60,6 +62,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
 {pendant}posture_deg = {posture_deg}
+# state = "home"                  # in its place: a group state of robot.srdf
 
 [target]
 name = "T1"
@@ -340,7 +343,7 @@ _NO_SURROUNDINGS = """
 # focal_px = 1800.0
 
 # [[obstacle]]                    # what stands around, in the base frame: box (size_mm), cylinder
-# name = "table"                  # (radius_mm, height_mm), sphere, mesh (mesh = "file.stl")
+# name = "table"                  # (radius_mm, height_mm), sphere, mesh, scene
 # kind = "half-space"             # a half-space is everything below at_mm
 # at_mm = [0.0, 0.0, 0.0]
 """
@@ -471,7 +474,8 @@ def _for_preset(name: str, surroundings: bool, camera: Mount | None) -> str:
 
 def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
     robot = Robot.from_urdf(path, **read_with._asdict())
-    source = f"urdf = {_quoted(str(path.resolve()))}\n{read_with.lines()}{_controller_line(robot)}"
+    source = f"urdf = {_quoted(str(path.resolve()))}\n"
+    source += read_with.lines() + _controller_line(robot)
     decide, shapes = _shape_lines(robot)
     if camera is not None:
         return _camera_cell(robot, camera, source=source, decide=decide, shapes=shapes)
@@ -492,6 +496,7 @@ def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
+        srdf=srdf_beside(path),
         decide=decide,
         shapes=shapes,
     )
@@ -659,6 +664,11 @@ def _camera_and_board(
     }
 
 
+def srdf_beside(urdf: Path) -> Path | None:
+    """A semantic description that lies in the folder of a URDF; not taken unasked."""
+    return next(iter(sorted(urdf.resolve().parent.glob("*.srdf"))), None)
+
+
 def _controller_line(robot: Robot) -> str:
     """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC.
 
@@ -747,6 +757,7 @@ def _fill(
     posture: Sequence[float],
     three_sigma: Sequence[float],
     deflection: bool,
+    srdf: Path | None = None,
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
@@ -761,6 +772,7 @@ def _fill(
         world=_world_line(robot),
         notices="".join(f"# {_printed(said)}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
+        srdf=_quoted(str(srdf or "arm.srdf")).ljust(22) + " # what MoveIt knows of the URDF",
         point_mm=list(setup.point_mm),
         mass_kg=setup.mass_kg,
         com_mm=list(setup.com_mm),

@@ -128,6 +128,7 @@ def new(
     from calib.robots import preset_info
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
+    from posedesign.cell.template import srdf_beside
 
     text = cell_template(
         robot,
@@ -147,6 +148,9 @@ def new(
         )
     for said in made.robot.notices:
         note(f"note: {said}")
+    beside = made.config.robot.urdf and srdf_beside(Path(made.config.robot.urdf))
+    if beside:
+        note(f"note: {beside.name} lies beside the URDF: robot.srdf takes it, if you want it")
     try:
         made.solid  # noqa: B018
     except RobotModelError as error:

@@ -134,15 +134,15 @@ def read_description(
         there are arguments for a file that is no xacro.
     """
     search, arguments = _folders(path, packages), _arguments(path, xacro_args)
-    text = _read(path)
+    text = read_text(path)
     known = Packages(path, search)
-    root = _parse(text, path)
+    root = parse_xml(text, path)
     notices: tuple[str, ...] = ()
     folders = [known.tree]
     if path.suffix == ".xacro" or any("xacro" in str(element.tag) for element in root.iter()):
         expanded = expand_xacro(path, LARGEST_URDF_BYTES, search, arguments)
         text = expanded.text.encode()
-        root = _parse(text, path)
+        root = parse_xml(text, path)
         folders += expanded.folders
         given = [f"{name}:={value}" for name, value in arguments.items()]
         default = f"every {'other ' if given else ''}argument at its default"
@@ -190,30 +190,35 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
     return folders_to_search(given)
 
 
-def _read(path: Path) -> bytes:
+_WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"
+
+
+def read_text(path: Path, hint: str = _WHAT_TO_GIVE) -> bytes:
+    """The content of a description, which may be anything, up to a size."""
     try:
         text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise RobotModelError(
             f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
-            hint="give the path of a URDF file, or the name of a preset (posedesign robots)",
+            hint=hint,
             name=str(path),
         ) from error
     if len(text) > LARGEST_URDF_BYTES:
         raise RobotModelError(
-            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a URDF",
+            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a description",
             hint="give the kinematics only",
             name=str(path),
         )
     return text
 
 
-def _parse(text: bytes, path: Path) -> Element:
+def parse_xml(text: bytes, path: Path) -> Element:
+    """The outermost element of a text that may be anything, name spaces of elements removed."""
     try:
         root: Element = fromstring(text, forbid_dtd=True)
     except defusedxml.DefusedXmlException as error:
         raise RobotModelError(
-            f"{path}: document types and entities are not accepted in a URDF",
+            f"{path}: document types and entities are not accepted in a description",
             hint="remove the <!DOCTYPE> part",
             name=str(path),
         ) from error

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, SerialChain
-from calib.robots.controller import Controller, controller_of
+from calib.robots.controller import Controller, Coupling, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
@@ -273,13 +273,19 @@ class Robot:
             model=model,
         )
 
-    def controlled_by(self, maker: str) -> Robot:
+    def controlled_by(self, maker: str, couplings: Sequence[Coupling] = ()) -> Robot:
         """The same robot with the controller of a maker (``calib.robots.POSITIVE_AXES``).
+
+        Parameters
+        ----------
+        couplings : sequence of Coupling
+            Joints that are shown with a part of another: of arms with a parallel linkage.
 
         Raises
         ------
         RobotModelError
-            The maker is unknown, or its arms have other axes or another zero posture.
+            The maker is unknown, its arms have other axes or another zero posture, or there are
+            no joints that couple so.
         """
         world = None
         if self.model.existFrame(_WORLD, pin.FrameType.BODY):
@@ -287,7 +293,8 @@ class Robot:
             pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
             base, there = (frame_id(self.model, name) for name in (self.base_frame, _WORLD))
             world = (data.oMf[base].inverse() * data.oMf[there]).homogeneous
-        return replace(self, controller=controller_of(maker, self.chain, world))
+        seen = controller_of(maker, self.chain, world, couplings, self.joint_names)
+        return replace(self, controller=seen)
 
     def __getstate__(self) -> dict[str, object]:
         # the closed-form solver lives in C++ and cannot be sent to a worker, which makes its own

@@ -15,6 +15,7 @@ from calib.model.measurements import BoardView, CameraPose, Measurement
 from calib.model.parameters import TargetPoints, ZeroOffsets
 from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
+from calib.robots.controller import Coupling
 from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
 from calib.se3 import FloatArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
@@ -106,9 +107,7 @@ class Cell(CellData):
         if srdf is not None:
             robot = replace(robot, allowed_contacts=allowed_contacts(robot.bodies, srdf))
         config = _with_posture_of_state(config, robot, srdf, path)
-        if source.controller is not None:
-            with naming(path, "robot.controller"):
-                robot = robot.controlled_by(source.controller)
+        robot = _with_controller(robot, source, path)
         robot = _with_coupled_limits(robot, source, path)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
@@ -288,6 +287,24 @@ def _with_shapes(robot: Robot, section: RobotSection, path: Path) -> Robot:
         with naming(path, "robot.capsule_radius_mm"):
             robot = with_capsules(robot, np.atleast_1d(section.capsule_radius_mm) / 1e3)
     return robot
+
+
+def _with_controller(robot: Robot, section: RobotSection, path: Path) -> Robot:
+    maker = section.controller
+    if maker is None and section.coupling:
+        if robot.controller is None:
+            raise FileFormatError(
+                "a coupling is what a controller shows, and the controller is not known",
+                path=path,
+                key="robot.coupling",
+                hint="set robot.controller",
+            )
+        maker = robot.controller.maker
+    if maker is None:
+        return robot
+    couplings = [Coupling(given.joint, given.of, given.ratio) for given in section.coupling]
+    with naming(path, "robot.coupling" if couplings else "robot.controller"):
+        return robot.controlled_by(maker, couplings)
 
 
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:

@@ -78,6 +78,18 @@ class CoupledLimitSection(Section):
         return self
 
 
+class CouplingSection(Section):
+    """A joint that the controller shows with a part of another: of arms with a parallel linkage."""
+
+    joint: Line
+    """Its name in the description."""
+    of: Line
+    """The other joint: joint 2 for joint 3."""
+    ratio: Annotated[float, Field(strict=True, ge=-100, le=100)]
+    """Part of the other that is added, both in the signs of the controller: 1 for an IRB 4400, -1
+    is what every FANUC has, 0 is none."""
+
+
 class RobotSection(Section):
     """Which arm: a preset or a URDF file, and the shapes of its links where the URDF has none."""
 
@@ -113,6 +125,7 @@ class RobotSection(Section):
     keep_coupled_limits: StrictBool = True
     """Keep the limits that joints of the preset have together, as FANUC's J2 and J3."""
     coupled_limit: tuple[CoupledLimitSection, ...] = ()
+    coupling: tuple[CouplingSection, ...] = ()
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,6 +44,9 @@ NOTEWORTHY_M = 0.01
 
 FARTHEST_M = 100.0
 """Nothing of a cell is farther away."""
+
+_COUPLED_ABB = "irb_?(2400|4400|5400)"
+"""Arms with a parallel linkage for which ROS-Industrial's abb packages have J23_coupled."""
 
 SMALL_SOLID_M = 0.002
 """Of a body of a cell the largest extent is larger: others were given in metres."""
@@ -303,6 +307,13 @@ def what_may_be_wrong(cell: CellData) -> list[str]:
             "the tool point"
         )
     said += _overload(cell)
+    section, controller = cell.config.robot, cell.robot.controller
+    name = re.search(_COUPLED_ABB, cell.robot.name.lower())
+    if name and controller and controller.maker == "abb" and not section.coupling:
+        said.append(
+            f"the controller of an IRB {name[1]} shows J3 with J2 in it, and [[robot.coupling]] "
+            "does not say so (ratio = 1.0, or 0.0 if yours does not)"
+        )
     for body in (*cell.tool_bodies, *cell.obstacles):
         size = _largest_m(body.solid)
         if isinstance(body.solid, Mesh):

@@ -44,6 +44,10 @@ tip = {tip}
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
 # xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
+# [[robot.coupling]]              # parallel linkages: the controller shows a joint with another in
+# joint = "joint_3"               # it, as an IRB 4400 has J3 = q3 + q2; FANUC's J3 - J2 is known
+# of = "joint_2"
+# ratio = 1.0                     # in the signs of the controller
 # [[robot.coupled_limit]]         # one of your own: coefficients times joint values stay inside
 # name = "J2 plus J3"
 # coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0]

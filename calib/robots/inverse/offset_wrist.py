@@ -1,10 +1,10 @@
 """Inverse kinematics of six-axis arms whose wrist has an offset.
 
 Axes 2 and 3 are parallel and axes 4 and 5 meet, but axis 6 does not pass through their point: the
-CRX of FANUC, the HC of Yaskawa. Such arms have no closed form. But joint 6 at an angle fixes that
-point and the direction of axis 5. Joints 1 to 3 follow from the point, in four branches, and a
-branch is an answer where its axis 4 encloses with axis 5 the angle it should ([Abbes2024]_ seeks
-that angle of joint 6 on a CRX).
+CRX of FANUC, the HC of Yaskawa, the CRB 15000 of ABB. Such arms have no closed form. But joint 6 at
+an angle fixes that point and the direction of axis 5. Joints 1 to 3 follow from the point, in four
+branches, and a branch is an answer where its axis 4 encloses with axis 5 the angle it should
+([Abbes2024]_ seeks that angle of joint 6 on a CRX).
 
 The product of the four misses has no square root left in it. Times its denominators it is a
 trigonometric polynomial of degree 8 in joint 6. Samples of it, of complex branches too, give its
@@ -46,12 +46,10 @@ _NEAR_CIRCLE = 0.05
 """Distance from the unit circle within which a root may be a zero: double ones lose half their
 digits, and those of a slightly different arm may have left it."""
 
-_MISS = 1e-4
-"""Cosine by which axes 4 and 5 of an answer may miss their angle before it is closed in on: two
-branches about to merge lose half the digits of joint 6."""
-
-_MISS_OF_IDEAL = 0.02
-"""The same where the arm is a little off the one that is solved."""
+_MISS = 0.02
+"""Cosine by which axes 4 and 5 of a branch may miss their angle before it is closed in on. Joint 6
+loses half its digits where two branches merge, three quarters where four do, and more of an arm
+that is a little off the one that is solved."""
 
 _ABOVE_BASE = 2e-3
 """Distance of the wrist's point from axis 1, of the arm's length, below which joint 1 is swept."""
@@ -93,7 +91,6 @@ class OffsetWrist(InverseKinematics):
     def __init__(self, chain: SerialChain, ideal: SerialChain, meeting: FloatArray) -> None:
         super().__init__(chain)
         self._ideal = ideal
-        self._miss = _MISS if ideal is chain else _MISS_OF_IDEAL
         zero = ideal.forward(np.zeros(6))
         beside = np.linalg.svd(zero.axes[1][None])[2][1]
         # axes of the frame in which axis 2 is the third
@@ -159,7 +156,7 @@ class OffsetWrist(InverseKinematics):
         G = self._moved(T_base_tip)
         pose, angle = _zeros(self._polynomial(G))
         q, of, miss = self._from_joint_6(G[pose], angle)
-        kept = np.abs(miss) < self._miss
+        kept = np.abs(miss) < _MISS
         above, pose_above = self._above_base(G)
         q, of = np.concatenate([q[kept], above]), np.concatenate([pose[of[kept]], pose_above])
         order = np.argsort(of, kind="stable")

@@ -30,9 +30,18 @@ ARMS: dict[str, list[Joint]] = {
         ((0, 0, 0.275), (0, 0, 0), "0 0 1", LIMIT),
         ((0, 0, 0), (0, 0, 0), "0 1 0", LIMIT),
         ((0, 0, 0.7), (0, 0, 0), "0 -1 0", LIMIT),
-        ((0.5, 0, 0), (0, 0, 0), "-1 0 0", LIMIT),
+        ((0, 0, -0.5), (0, 0, 0), "0 0 1", LIMIT),
         ((0, 0.162, 0), (0, 0, 0), "0 -1 0", LIMIT),
-        ((0.13, 0, 0), (0, 0, 0), "-1 0 0", LIMIT),
+        ((0, 0, 0), (0, 0, 0), "0 0 1", LIMIT),
+    ],
+    # ABB CRB 15000-5/0.95: ROS-Industrial abb, abb_crb15000_support. Axis 6 misses axis 5
+    "crb15000": [
+        ((0, 0, 0.265), (0, 0, 0), "0 0 1", LIMIT),
+        ((0, 0, 0), (0, 0, 0), "0 1 0", LIMIT),
+        ((0, 0, 0.444), (0, 0, 0), "0 1 0", LIMIT),
+        ((0, 0, 0.11), (0, 0, 0), "1 0 0", LIMIT),
+        ((0.47, 0, 0), (0, 0, 0), "0 1 0", LIMIT),
+        ((0.101, 0, 0.08), (0, 0, 0), "1 0 0", LIMIT),
     ],
     # made up: offsets of the shoulder, oblique axes, axis 6 misses axis 5
     "oblique": [
@@ -136,7 +145,8 @@ def test_the_end_of_the_reach_is_reached(robot, fold, beyond):
     solver = robot._inverse
     flat = [np.arctan2(v[1], v[0]) for v in (solver._upper, solver._fore)]
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200, 6))
-    q[:, 2] = flat[1] - flat[0] + fold + beyond  # axis 3 is against axis 2
+    way = solver._axes[2][2]  # of axis 3, along or against axis 2
+    q[:, 2] = way * (flat[0] - flat[1]) + fold + beyond
     # the pose, rounded to 1e-16, leaves 1e-8 of the stretched elbow open
     assert np.quantile(missed(robot, q), 0.99) < 1e-5
 
@@ -146,7 +156,7 @@ def test_joint_1_is_found_where_the_wrist_is_above_the_base(robot, beside):
     """There any angle of joint 1 takes the wrist's point to its place, and its axes decide."""
     if robot.name == "oblique":
         pytest.skip("its wrist passes the first axis")
-    at = {"crx10ial": [0.54, 0.0, 0.0], "hc10dt": [0.5, 0.0, 0.0]}[robot.name]
+    at = {"crx10ial": [0.54, 0, 0], "hc10dt": [0, 0, -0.5], "crb15000": [0.47, 0, 0.11]}[robot.name]
     q = np.random.default_rng(4).uniform(-np.pi, np.pi, (300, 6))
     q[:, :2] = 0.0
     elbow = robot.state(q)
@@ -246,7 +256,7 @@ def test_the_polynomial_has_the_degree_of_sixteen_postures(robot, monkeypatch):
     solver = robot._inverse
     G = solver._moved(robot.fk(np.random.default_rng(9).uniform(-3, 3, (20, 6))))
     degree = 4 if solver._mirrored else 8
-    assert solver._mirrored == (robot.name != "oblique")
+    assert solver._mirrored == (robot.name in ("crx10ial", "hc10dt"))
     monkeypatch.setattr(offset_wrist, "_DEGREE", 12 * 8 // degree)
     monkeypatch.setattr(offset_wrist, "_SAMPLES", 64)
     size = np.abs(solver._polynomial(G))
@@ -258,7 +268,7 @@ def test_the_polynomial_has_the_degree_of_sixteen_postures(robot, monkeypatch):
 def test_wrists_of_other_kinds_are_left_to_others(robot):
     chain = robot.chain
     placements = chain.placements.copy()
-    placements[4, :3, 3] += [0.0, 0.0, 0.05]  # axes 4 and 5 miss each other
+    placements[4, :3, 3] += [0.05, 0.0, 0.05]  # axes 4 and 5 miss each other
     assert OffsetWrist.of(replace(chain, placements=placements)) is None
     assert OffsetWrist.of(Robot.preset("r2000ic165f").chain) is None  # no offset
     assert OffsetWrist.of(Robot.preset("panda").chain) is None

@@ -237,13 +237,29 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
             )
 
 
-def body_of(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
-    """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
+def links_of_other_branches(model: pin.Model, first: int) -> frozenset[str]:
+    """Links that are not fixed to the one that the first joint of a chain hangs on.
+
+    Those that the chain carries are among them.
+    """
+    bodies = (f for f in model.frames if f.type == pin.FrameType.BODY)
+    return frozenset(f.name for f in bodies if f.parentJoint != model.parents[first])
+
+
+def body_of(
+    model: pin.Model, shape: LinkShape, joints: list[int], base_id: int, others: frozenset[str]
+) -> Body:
+    """A solid of a link on the joint of the chain that moves it; of other links, on the base.
+
+    ``others`` are links that are not fixed to the one that the chain hangs on.
+    """
     mover = link_number(model, shape.link, joints)
     T_mover_link = model.frames[frame_id(model, shape.link)].placement
     if not mover:
         T_mover_link = model.frames[base_id].placement.inverse() * T_mover_link
-    return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
+    T_mover_body = T_mover_link.homogeneous @ shape.T_link_shape
+    other = not mover and shape.link in others
+    return Body(shape.name, mover, T_mover_body, shape.solid, other)
 
 
 def link_number(model: pin.Model, link: str, joints: list[int]) -> int:

@@ -40,6 +40,7 @@ from calib.robots.model_chain import (
     joints_to_lock,
     link_names,
     link_number,
+    links_of_other_branches,
     names_of,
     root_id,
     usual_tip,
@@ -230,6 +231,7 @@ class Robot:
         check_joints(model, joints, flaws)
         said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
+        others = links_of_other_branches(model, joints[0])
         at = values_held(model, locked, held_rad, held_m, led, flaws)
         still = [i for i in locked if i not in at]
         for why, which in (
@@ -268,7 +270,7 @@ class Robot:
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
-            bodies=tuple(body_of(model, shape, joints, base_id) for shape in shapes),
+            bodies=tuple(body_of(model, shape, joints, base_id, others) for shape in shapes),
             lost_shapes=tuple((link_number(model, name, joints), name) for name in lost_shapes),
             model=model,
         )

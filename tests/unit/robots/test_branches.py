@@ -6,6 +6,7 @@ import pytest
 
 from calib import Robot
 from calib.errors import RobotModelError
+from calib.geometry import Scene
 from calib.robots.arm_shapes import makers_like
 from calib.se3 import inverse
 from tests.two_arms import two_arms
@@ -131,3 +132,18 @@ def test_a_joint_that_follows_is_where_its_leader_brings_it(tmp_path, multiplier
 
     off = finger(held_m={"left_finger_1": 0.01}) - finger()
     assert np.linalg.norm(off) == pytest.approx(moved, abs=1e-12)
+
+
+def test_the_first_link_is_kept_clear_of_other_branches(urdf):
+    """It is a neighbour of the torso that it turns on, but not of the other arm and the lift."""
+    robot = Robot.from_urdf(urdf, tip="left_tool0", base="left_base")
+    other = {body.name for body in robot.bodies if body.of_other_branch}
+    still = {body.name for body in robot.bodies if body.link == 0}
+    assert still - other == {"left_base", "right_base", "torso"}
+    scene = Scene(robot.chain, robot.bodies)
+    pairs = {frozenset(scene.names(k)) for k in range(len(scene.pairs))}
+    assert frozenset(("left_link_1", "right_link_6")) in pairs
+    assert frozenset(("left_link_1", "column")) in pairs
+    assert frozenset(("left_link_1", "torso")) not in pairs
+    assert frozenset(("left_link_2", "torso")) in pairs
+    assert not any(body.of_other_branch for body in Robot.preset("ur5e").bodies)

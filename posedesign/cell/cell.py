@@ -84,7 +84,9 @@ class Cell(CellData):
         base, tip = source.base, source.tip
         if source.srdf is not None:
             with naming(path, "robot.srdf"):
-                srdf = load_srdf(path.parent / source.srdf)
+                srdf = load_srdf(
+                    path.parent / source.srdf, [path.parent / name for name in source.packages]
+                )
                 if source.group is not None:
                     chain = srdf.chain(source.group)
                     base, tip = base or chain[0], tip or chain[1]

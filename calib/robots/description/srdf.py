@@ -15,7 +15,7 @@ from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from calib.errors import RobotModelError, near_names
-from calib.robots.description.urdf import parse_xml, read_text
+from calib.robots.description.urdf import read_description
 from calib.robots.description.urdf_kinematics import numbers, shown
 from calib.robots.shapes import Body
 
@@ -31,8 +31,6 @@ _KNOWN = (
     "link_sphere_approximation",
     "joint_property",
 )
-
-_WHAT_TO_GIVE = "give the .srdf of a MoveIt configuration"
 
 MOST_ELEMENTS = 100_000
 """Every pair of 400 links is 80,000."""
@@ -111,21 +109,20 @@ class Srdf:
         return RobotModelError(f"{self.path}: {what}", hint=hint, name=name)
 
 
-def load_srdf(path: Path) -> Srdf:
-    """Read an SRDF file.
+def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
+    """Read an SRDF file, or a xacro file that expands to one with its arguments at their defaults.
+
+    Parameters
+    ----------
+    packages : iterable of Path
+        Folders to search for packages that a xacro names.
 
     Raises
     ------
     RobotModelError
         The file is missing, too large or no SRDF, or something in it is not understood.
     """
-    root = parse_xml(read_text(path, _WHAT_TO_GIVE), path)
-    if root.tag != "robot":
-        raise RobotModelError(
-            f"{path}: the outermost element is <{root.tag}>, not <robot>",
-            hint=_WHAT_TO_GIVE,
-            name=str(path),
-        )
+    root = read_description(path, packages, hint="give the .srdf of a MoveIt configuration").root
     if len(list(root.iter())) > MOST_ELEMENTS:
         raise RobotModelError(
             f"{path}: has more than {MOST_ELEMENTS} elements", hint="is it an SRDF?", name=str(path)
@@ -166,10 +163,10 @@ def load_srdf(path: Path) -> Srdf:
 
 
 def _word(element: Element, key: str, path: Path) -> str:
-    value = element.get(key)
+    value = element.get(key, "").strip()
     if not value or not value.isprintable():
         raise RobotModelError(
-            f"{path}: <{element.tag}> has {key}={shown(value)}, which names nothing",
+            f"{path}: <{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
             hint="add it",
             name=str(element.tag),
         )
@@ -181,10 +178,12 @@ def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, fl
     values = {}
     for element in state.iterfind("joint"):
         joint, value = _word(element, "name", path), numbers(element.get("value", ""))
-        if len(value) != 1:  # floating and planar joints have several
+        if len(value) > 1:  # floating and planar joints have several; no arm has such joints
+            continue
+        if not value:
             raise RobotModelError(
                 f"{path}: the state {shown(name)} has {shown(joint)} at "
-                f"{shown(element.get('value'))}, not one number",
+                f"{shown(element.get('value'))}, no number",
                 hint="give rad, or m",
                 name=joint,
             )

@@ -114,8 +114,14 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
     )
 
 
+_WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"
+
+
 def read_description(
-    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+    path: Path,
+    packages: Iterable[Path] = (),
+    xacro_args: Iterable[str] = (),
+    hint: str = _WHAT_TO_GIVE,
 ) -> Description:
     """Read a URDF file, or a xacro file that expands to one, without looking at what it says.
 
@@ -126,6 +132,8 @@ def read_description(
         :mod:`calib.robots.description.packages`).
     xacro_args : iterable of str
         Arguments of a xacro file, each ``NAME:=VALUE``; those not given have their defaults.
+    hint : str
+        What to give in place of a file that is not there.
 
     Raises
     ------
@@ -134,15 +142,15 @@ def read_description(
         there are arguments for a file that is no xacro.
     """
     search, arguments = _folders(path, packages), _arguments(path, xacro_args)
-    text = read_text(path)
+    text = _read(path, hint)
     known = Packages(path, search)
-    root = parse_xml(text, path)
+    root = _parse(text, path)
     notices: tuple[str, ...] = ()
     folders = [known.tree]
     if path.suffix == ".xacro" or any("xacro" in str(element.tag) for element in root.iter()):
         expanded = expand_xacro(path, LARGEST_URDF_BYTES, search, arguments)
         text = expanded.text.encode()
-        root = parse_xml(text, path)
+        root = _parse(text, path)
         folders += expanded.folders
         given = [f"{name}:={value}" for name, value in arguments.items()]
         default = f"every {'other ' if given else ''}argument at its default"
@@ -190,11 +198,7 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
     return folders_to_search(given)
 
 
-_WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"
-
-
-def read_text(path: Path, hint: str = _WHAT_TO_GIVE) -> bytes:
-    """The content of a description, which may be anything, up to a size."""
+def _read(path: Path, hint: str) -> bytes:
     try:
         text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
@@ -212,8 +216,7 @@ def read_text(path: Path, hint: str = _WHAT_TO_GIVE) -> bytes:
     return text
 
 
-def parse_xml(text: bytes, path: Path) -> Element:
-    """The outermost element of a text that may be anything, name spaces of elements removed."""
+def _parse(text: bytes, path: Path) -> Element:
     try:
         root: Element = fromstring(text, forbid_dtd=True)
     except defusedxml.DefusedXmlException as error:

@@ -82,14 +82,14 @@ def test_links_that_may_touch_by_the_names_of_their_bodies(load):
         ('<robot><group><chain base_link="a" tip_link="b"/></group></robot>', "has name=None"),
         ('<robot><group name="g"><chain base_link="a"/></group></robot>', "has tip_link=None"),
         (
-            '<robot><group_state name="s" group="g"><joint name="j" value="1 2"/></group_state>'
+            '<robot><group_state name="s" group="g"><joint name="j" value="1 b"/></group_state>'
             "</robot>",
-            "has 'j' at '1 2', not one number",
+            "has 'j' at '1 b', no number",
         ),
         (
             '<robot><group_state name="s" group="g"><joint name="j" value="nan"/></group_state>'
             "</robot>",
-            "has 'j' at 'nan', not one number",
+            "has 'j' at 'nan', no number",
         ),
         (
             '<!DOCTYPE r [<!ENTITY a "aaaa">]><robot><group name="&a;"/></robot>',
@@ -107,3 +107,25 @@ def test_what_is_no_srdf_is_refused_in_one_line(load, text, message):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(RobotModelError, match=r"cannot be read.*\.srdf of a MoveIt"):
         load_srdf(tmp_path / "no.srdf")
+
+
+def test_joints_of_several_values_and_blanks_about_names(load):
+    """As srdfdom reads them: a planar base has three values, and names are trimmed."""
+    srdf = load(
+        '<robot><group name=" g "><chain base_link=" a " tip_link="b"/></group>'
+        '<group_state name="s" group="g"><joint name="base" value="0 1 2"/>'
+        '<joint name=" j " value=" 0.5 "/></group_state></robot>'
+    )
+    assert srdf.chain("g") == ("a", "b")
+    assert dict(srdf.state("s")) == {"j": 0.5}
+
+
+def test_a_xacro_is_expanded(tmp_path):
+    pytest.importorskip("xacro")
+    path = tmp_path / "duo.srdf.xacro"
+    path.write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="p" default="l_"/>'
+        '<group name="arm"><chain base_link="$(arg p)base" tip_link="$(arg p)tip"/></group>'
+        "</robot>"
+    )
+    assert load_srdf(path).chain("arm") == ("l_base", "l_tip")

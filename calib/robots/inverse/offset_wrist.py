@@ -106,6 +106,8 @@ class OffsetWrist(InverseKinematics):
         # without an offset of the shoulder, turned by half a turn it puts axis 4 on the same line
         one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))
         self._mirrored = bool(np.allclose(one, other, rtol=1e-9))
+        steps = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
+        self._stretched_m = float(np.linalg.norm(steps, axis=1).sum())
         self._grid = TURN * np.arange(_GRID) / _GRID
 
     @classmethod
@@ -146,18 +148,23 @@ class OffsetWrist(InverseKinematics):
             postures.append(q)
             pose.append(of + start)
             lost = np.setdiff1d(np.arange(len(some)), of)
-            gap_m[start + lost] = self._gap(some[lost])
+            with np.errstate(over="ignore", invalid="ignore"):
+                gap_m[start + lost] = self._gap(some[lost])
         return self._answer(
             np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
         )
 
     def _every_branch(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
         """Postures ``(S, 6)`` of poses ``(N, 4, 4)`` in any turn, and their poses ``(S,)``."""
+        # farther than all lengths in a row nothing is reached, and numbers overflow at last
+        within = np.flatnonzero(np.abs(T_base_tip[:, :3, 3]).max(axis=1) <= self._stretched_m)
         G = self._moved(T_base_tip)
-        pose, angle = _zeros(self._polynomial(G))
+        row, angle = _zeros(self._polynomial(G[within]))
+        pose = within[row]
         q, of, miss = self._from_joint_6(G[pose], angle)
         kept = np.abs(miss) < _MISS
-        above, pose_above = self._above_base(G)
+        above, pose_above = self._above_base(G[within])
+        pose_above = within[pose_above]
         q, of = np.concatenate([q[kept], above]), np.concatenate([pose[of[kept]], pose_above])
         order = np.argsort(of, kind="stable")
         q, of = self._with_wrist(q[order], T_base_tip[of[order]]), of[order]
@@ -259,7 +266,7 @@ class OffsetWrist(InverseKinematics):
         one, other = self._sides(W, b)
         product = one if self._mirrored else one * other
         degree = _DEGREE // 2 if self._mirrored else _DEGREE
-        samples = np.nan_to_num(product.real).reshape(len(G), _SAMPLES)
+        samples = np.nan_to_num(product.real, posinf=0.0, neginf=0.0).reshape(len(G), _SAMPLES)
         found = np.fft.fft(samples, axis=1)[:, : degree + 1]
         found *= np.exp(-1j * _FIRST_SAMPLE_RAD * np.arange(degree + 1)) / _SAMPLES
         found[:, 1:] *= 2.0
@@ -395,7 +402,7 @@ def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
     companion[:, np.arange(1, 2 * degree), np.arange(2 * degree - 1)] = 1.0
     companion[:, 0] = -p[:, -2::-1] / p[:, -1:]
     z = np.linalg.eigvals(companion)
-    row, k = np.nonzero(np.abs(np.log(np.abs(z))) < _NEAR_CIRCLE)
+    row, k = np.nonzero(np.abs(np.abs(z) - 1.0) < _NEAR_CIRCLE)
     x = np.angle(z[row, k])
     p = c[row]
     slopes = p * 1j * np.arange(degree + 1)

@@ -274,7 +274,7 @@ def test_wrists_of_other_kinds_are_left_to_others(robot):
     assert OffsetWrist.of(Robot.preset("panda").chain) is None
 
 
-@pytest.mark.parametrize("far", [1e2, 1e8, 1e30, 1e100, 1e160])
+@pytest.mark.parametrize("far", [1e2, 1e8, 1e30, 1e100])
 def test_poses_beyond_all_measure_are_out_of_reach(robot, far):
     poses = np.stack([robot.fk(np.full(6, 0.3)), se3.transform(np.eye(3), [far, 0.0, 0.0])])
     answers = robot.inverse(poses)

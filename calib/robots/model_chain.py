@@ -120,6 +120,13 @@ def values_held(
         A joint cannot be held at one value, or not at this one.
     """
     held = {**held_rad, **held_m}
+    for name in held:
+        if not model.existJointName(name):  # one that is fixed passes where joints are locked
+            raise RobotModelError(
+                f"{model.name}: joint {name} is fixed, and has no value to be held at",
+                hint="leave it out",
+                name=name,
+            )
     values = {name: float(held.get(name, 0.0)) for name in names_of(model, locked)}
     for name, (leader, factor, offset) in led.items():
         if name in values and name not in held and leader in values:

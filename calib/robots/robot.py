@@ -223,8 +223,8 @@ class Robot:
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
-        held = [lock] if isinstance(lock, str) else list(lock)
-        asked = joints_to_lock(model, [*held, *held_rad, *held_m])
+        to_lock = [lock] if isinstance(lock, str) else list(lock)
+        asked = joints_to_lock(model, [*to_lock, *held_rad, *held_m])
         base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
         joints = joints_between(model, base_id, tip_id, asked)
@@ -358,9 +358,8 @@ class Robot:
         Each branch is given once, each joint in that full turn which lies inside the limits and
         nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
         branch is given at steps of its redundant joint, and the postures nearest to ``near``.
-        Of other arms without closed form (six axes where neither the wrist nor the arm has parallel
-        or meeting axes, eight and more) what iteration falls to is given, from ``near`` and from a
-        dozen other starts.
+        Of arms that nothing else is known for (six axes that are neither parallel nor meet, eight
+        and more) what iteration falls to is given, from ``near`` and from a dozen other starts.
 
         Parameters
         ----------

@@ -37,10 +37,10 @@ _TEMPLATE = """\
 # base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
-# srdf = {srdf}
-# group = "arm"                   # of the SRDF: its base and tip; its links may touch as it says
-# held_deg = {{ torso = 30.0 }}     # or at other values: of a torso, a head, another arm
+# held_deg = {{ torso = 30.0 }}     # or at other values: a torso, a head, another arm
 # held_mm = {{ lift = 250.0 }}      # of what slides
+# srdf = {srdf}
+# group = "arm"                   # of the SRDF: its base and tip
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
 # xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together

@@ -109,6 +109,7 @@ def test_a_joint_between_base_and_tip_can_be_held(urdf):
         ({"held_m": {"lift": 0.6}}, "lift is to be held at 600 mm, and its limits are 0 and 500"),
         ({"held_rad": {"waist": 2.0}}, "waist is to be held at 114.592 deg, and its limits are"),
         ({"held_rad": {"waist": np.nan}}, "waist is to be held at nan deg"),
+        ({"held_rad": {"left_mount": 0.1}}, "left_mount is fixed, and has no value to be held at"),
         ({"held_rad": {"wrist": 0.0}}, "there is no joint 'wrist' to lock"),
     ],
 )

@@ -32,7 +32,7 @@ from calib.robots.inverse.solutions import (
     InverseSolutions,
     close_in,
 )
-from calib.se3 import FloatArray, IntArray, inverse, rotation_exp
+from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
 
 _DEGREE = 8
 _SAMPLES = 2 * _DEGREE + 4
@@ -56,6 +56,9 @@ _ABOVE_BASE = 2e-3
 
 _SWEEP = 48
 """Angles of joint 1 there."""
+
+_WENT_FAR_RAD = 0.02
+"""Step from a start to the posture that it closes in on that is worth looking on its other side."""
 
 _POLISHING = 20
 """Steps: those that arrive take one to five, and near-singular ones more."""
@@ -166,17 +169,32 @@ class OffsetWrist(InverseKinematics):
         above, pose_above = self._above_base(G[within])
         pose_above = within[pose_above]
         q, of = np.concatenate([q[kept], above]), np.concatenate([pose[of[kept]], pose_above])
-        order = np.argsort(of, kind="stable")
-        q, of = self._with_wrist(q[order], T_base_tip[of[order]]), of[order]
-        distance, turn, _ = compare(self._chain, q, T_base_tip, of)
-        off = np.flatnonzero(np.maximum(distance, turn) > 0.01 * CLOSURE_TOLERANCE)
-        free = np.full(6, np.inf)
-        q[off] = close_in(self._chain, q[off], T_base_tip[of[off]], -free, free, _POLISHING)
-        distance[off], turn[off], _ = compare(self._chain, q[off], T_base_tip, of[off])
-        exact = (distance < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
+        start = self._with_wrist(q, T_base_tip[of])
+        q, exact = self._closed_in(start, of, T_base_tip)
+        went = q - start
+        far = np.flatnonzero(np.abs(went).max(axis=1) > _WENT_FAR_RAD)
+        if len(far):  # two postures merge nearby, and only one of them was closed in on
+            again = np.concatenate([start[far] - went[far], start[far] + 3.0 * went[far]])
+            rows = np.tile(of[far], 2)
+            more, arrived = self._closed_in(again, rows, T_base_tip)
+            q, of = np.concatenate([q, more]), np.concatenate([of, rows])
+            exact = np.concatenate([exact, arrived])
         q, of = q[exact], of[exact]
+        order = np.argsort(of, kind="stable")
+        q, of = q[order], of[order]
         fresh = ~repeated(q, of)
         return q[fresh], of[fresh]
+
+    def _closed_in(
+        self, q: FloatArray, of: IntArray, T_base_tip: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Postures ``(S, 6)`` that miss their poses, stepped until they do not; which arrived."""
+        distance, turn, _ = compare(self._chain, q, T_base_tip, of)
+        off = np.flatnonzero(np.maximum(distance, turn) > 0.01 * CLOSURE_TOLERANCE)
+        free, q = np.full(6, np.inf), q.copy()
+        q[off] = close_in(self._chain, q[off], T_base_tip[of[off]], -free, free, _POLISHING)
+        distance[off], turn[off], _ = compare(self._chain, q[off], T_base_tip, of[off])
+        return q, (distance < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
 
     def _moved(self, T_base_tip: FloatArray) -> FloatArray:
         """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""

@@ -100,6 +100,7 @@ def values_held(
     locked: Sequence[int],
     held_rad: Mapping[str, float],
     held_m: Mapping[str, float],
+    state: Mapping[str, float],
     led: Mapping[str, tuple[str, float, float]],
     flaws: Mapping[str, RobotModelError],
 ) -> dict[int, float]:
@@ -109,6 +110,9 @@ def values_held(
     ----------
     held_rad, held_m : mapping of str to float
         As asked, of joints that turn and of joints that slide.
+    state : mapping of str to float
+        Of joints of either kind, where nothing else is asked; those that are not locked do not
+        matter.
     led : mapping of str to (str, float, float)
         Joints that follow another: its name, the factor and the offset.
     flaws : mapping of str to RobotModelError
@@ -119,14 +123,14 @@ def values_held(
     RobotModelError
         A joint cannot be held at one value, or not at this one.
     """
-    held = {**held_rad, **held_m}
-    for name in held:
+    for name in (*held_rad, *held_m):
         if not model.existJointName(name):  # one that is fixed passes where joints are locked
             raise RobotModelError(
                 f"{model.name}: joint {name} is fixed, and has no value to be held at",
                 hint="leave it out",
                 name=name,
             )
+    held = {**state, **held_rad, **held_m}
     values = {name: float(held.get(name, 0.0)) for name in names_of(model, locked)}
     for name, (leader, factor, offset) in led.items():
         if name in values and name not in held and leader in values:

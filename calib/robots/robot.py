@@ -126,6 +126,7 @@ class Robot:
         lock: Iterable[str] = (),
         held_rad: Mapping[str, float] = MappingProxyType({}),
         held_m: Mapping[str, float] = MappingProxyType({}),
+        state: Mapping[str, float] = MappingProxyType({}),
         packages: Iterable[Path] = (),
         xacro_args: Iterable[str] = (),
     ) -> Robot:
@@ -149,6 +150,9 @@ class Robot:
         held_rad, held_m : mappings of str to float, optional
             Joints that turn, and joints that slide, to hold at other values, wherever they are.
             Those that follow one of them (mimic) are where it brings them.
+        state : mapping of str to float, optional
+            Values [rad, m] for joints of either kind that do not lie between base and tip, as a
+            named state of the whole tree has them.
         packages : paths, optional
             Folders to search for packages that the file names and that do not lie around it.
         xacro_args : names with values, optional
@@ -173,6 +177,7 @@ class Robot:
             lock=lock,
             held_rad=held_rad,
             held_m=held_m,
+            state=state,
             led=urdf.led,
             notices=urdf.notices,
             joint_notices=urdf.joint_notices,
@@ -213,6 +218,7 @@ class Robot:
         lock: Iterable[str] = (),
         held_rad: Mapping[str, float] = MappingProxyType({}),
         held_m: Mapping[str, float] = MappingProxyType({}),
+        state: Mapping[str, float] = MappingProxyType({}),
         led: Mapping[str, tuple[str, float, float]] = MappingProxyType({}),
         notices: Sequence[str] = (),
         joint_notices: Mapping[str, str] = MappingProxyType({}),
@@ -232,7 +238,8 @@ class Robot:
         said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
         others = links_of_other_branches(model, joints[0])
-        at = values_held(model, locked, held_rad, held_m, led, flaws)
+        state = {name: value for name, value in state.items() if name not in to_lock}
+        at = values_held(model, locked, held_rad, held_m, state, led, flaws)
         still = [i for i in locked if i not in at]
         for why, which in (
             ("not between base and tip", [i for i in still if i not in asked]),

@@ -81,6 +81,7 @@ class Cell(CellData):
     def from_config(cls, config: CellConfig, path: Path) -> Cell:
         """Build the cell; relative paths in it are relative to the folder of ``path``."""
         source, srdf = config.robot, None
+        state: dict[str, float] = {}
         base, tip = source.base, source.tip
         if source.srdf is not None:
             with naming(path, "robot.srdf"):
@@ -90,6 +91,8 @@ class Cell(CellData):
                 if source.group is not None:
                     chain = srdf.chain(source.group)
                     base, tip = base or chain[0], tip or chain[1]
+                for name in source.held_states:
+                    state |= srdf.state(name)
         with naming(path, "robot"):
             if source.preset is not None:
                 robot = Robot.preset(source.preset, tip=tip, base=base)
@@ -102,6 +105,7 @@ class Cell(CellData):
                     lock=source.lock,
                     held_rad={name: np.deg2rad(v) for name, v in source.held_deg.items()},
                     held_m={name: v / 1e3 for name, v in source.held_mm.items()},
+                    state=state,
                     packages=[path.parent / folder for folder in source.packages],
                     xacro_args=source.xacro_args,
                 )

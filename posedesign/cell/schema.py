@@ -105,6 +105,8 @@ class RobotSection(Section):
     """Path of an SRDF file, as MoveIt has it: links that may touch, and what the next two name."""
     group: Line | None = None
     """Group of the SRDF that is a chain, for ``base`` and ``tip`` where they are not given."""
+    held_states: tuple[Line, ...] = ()
+    """Named states of the SRDF in which joints beside the arm are held."""
     controller: Line | None = None
     """Maker of the controller: what the pendant shows, and the language of programs."""
     lock: tuple[Line, ...] = ()
@@ -131,9 +133,11 @@ class RobotSection(Section):
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
-        if self.group is not None and self.srdf is None:
-            raise ValueError("group is one of an SRDF: give srdf, too")
-        if self.preset is not None and (self.lock or self.held_deg or self.held_mm):
+        if (self.group is not None or self.held_states) and self.srdf is None:
+            raise ValueError("group and held_states are of an SRDF: give srdf, too")
+        if self.preset is not None and (
+            self.lock or self.held_deg or self.held_mm or self.held_states
+        ):
             raise ValueError("joints can be locked in a urdf only, not in a preset")
         if self.preset is not None and (self.packages or self.xacro_args):
             raise ValueError("packages and xacro_args are of a urdf, not of a preset")

@@ -41,6 +41,7 @@ tip = {tip}
 # held_mm = {{ lift = 250.0 }}      # of what slides
 # srdf = {srdf}
 # group = "arm"                   # of the SRDF: its base and tip
+# held_states = ["tucked"]        # of the SRDF: other joints are held as these states have them
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
 # xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together

@@ -66,6 +66,9 @@ SRDF = """<robot name="duo">
 <group name="left_arm"><chain base_link="left_base" tip_link="left_tool0"/></group>
 <group_state name="ready" group="left_arm">{}</group_state>
 <group_state name="half" group="left_arm"><joint name="left_joint_1" value="0"/></group_state>
+<group_state name="tucked" group="right_arm"><joint name="right_joint_2" value="-0.5"/>
+<joint name="lift" value="0.2"/><joint name="left_joint_2" value="1"/><joint name="no" value="1"/>
+</group_state>
 <disable_collisions link1="left_link_2" link2="left_link_5" reason="Never"/>
 <disable_collisions link1="left_link_2" link2="gripper" reason="Never"/>
 </robot>"""
@@ -181,6 +184,21 @@ def test_group_state_and_pairs_of_an_srdf(cell_with):
     assert frozenset(("left_link_2", "left_link_5")) not in left_out
     assert frozenset(("left_link_2", "left_link_6")) in left_out
     assert "1 pairs of links: robot.srdf lets them touch" in cell.not_checked
+
+
+def test_other_joints_are_held_in_named_states(cell_with):
+    """Those of the arm itself are left to it, and what else is asked goes before."""
+    held = 'group = "left_arm"\nheld_states = ["tucked"]\nheld_mm = { lift = 100.0 }'
+    robot = cell_with(held, 'state = "ready"').robot
+    assert robot.n == 6
+    said = next(notice for notice in robot.notices if notice.startswith("held"))
+    assert said == "held: lift at 100 mm, right_joint_2 at -28.6479 deg"
+    locked = cell_with(
+        held.replace("held_mm = { lift = 100.0 }", 'lock = ["lift"]'), 'state = "ready"'
+    )
+    assert "held: right_joint_2 at -28.6479 deg" in locked.robot.notices
+    with pytest.raises(CalibError, match="has no state 'tuck'"):
+        cell_with(held.replace("tucked", "tuck"), 'state = "ready"')
 
 
 def test_a_scene_stands_in_the_root_of_the_description(cell_with):

@@ -114,18 +114,30 @@ def new(
             "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; may be repeated."
         ),
     ] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF that carries the tool.")] = None,
+    base: Annotated[
+        str | None, typer.Option(help="Link of the URDF that positions are given in.")
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint of the URDF between them that is held; may be repeated."),
+    ] = None,
 ) -> int:
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
     from calib.robots import preset_info
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
+    from posedesign.cell.template import srdf_beside
 
     text = cell_template(
         robot,
         camera=camera,
         packages=packages or (),
         xacro_args=xacro_arg or (),
+        tip=tip,
+        base=base,
+        lock=lock or (),
     )
     made = Cell.from_text(text)
     if robot is None:
@@ -136,6 +148,9 @@ def new(
         )
     for said in made.robot.notices:
         note(f"note: {said}")
+    beside = made.config.robot.urdf and srdf_beside(Path(made.config.robot.urdf))
+    if beside:
+        note(f"note: {beside.name} lies beside the URDF: robot.srdf takes it, if you want it")
     try:
         made.solid  # noqa: B018
     except RobotModelError as error:

@@ -468,7 +468,11 @@ class Mastering:
             return f"J{j + 1} was not identified: its zero is taken as it is"
         degrees = float(np.rad2deg(self.correction[j]))
         text = f"add {degrees:+.4f} deg to {shown} to get where the joint is"
-        parts = [f"{'less' if matrix[j, k] < 0 else 'plus'} the offset of J{k + 1}" for k in others]
+        parts = []
+        for k in others:
+            share = matrix[j, k] * matrix[k, k]  # both in the signs of the pendant
+            times = "" if abs(share) == 1.0 else f"{abs(share):g} of "
+            parts.append(f"{'less' if share < 0 else 'plus'} {times}the offset of J{k + 1}")
         if parts:
             text += f": its own offset {' and '.join(parts)}"
         if not self.identified[j]:

@@ -19,8 +19,8 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.measurements.data import same_posture
 from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_log
 from posedesign.cell import Cell
-from posedesign.cell.observations import kind_of
 from posedesign.cell.measuring import noise_sigma
+from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
 from posedesign.files.csv_tables import LONGEST_SHOWN, is_number

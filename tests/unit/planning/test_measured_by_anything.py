@@ -383,7 +383,8 @@ def test_the_file_of_a_tracker_is_read_by_the_names_of_the_plan(tmp_path):
     path = tmp_path / "tracker.csv"
     path.write_text("\n".join(lines) + "\n")
     text = cell_text("reflectors", f'preset = "{ARM}"', ARMS[ARM]) + (
-        '[instrument.columns]\nreflector = "name"\npose = "pose"\nplace = ["x_mm", "y_mm", "z_mm"]\n'
+        '[instrument.columns]\nreflector = "name"\npose = "pose"\n'
+        'place = ["x_mm", "y_mm", "z_mm"]\n'
         "joints = [" + ", ".join(f'"j{k}_deg"' for k in range(1, 7)) + "]\n"
         '[instrument]\nunit = "mm"\njoint_unit = "deg"\n'
     )

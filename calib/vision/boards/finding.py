@@ -172,7 +172,11 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
 
 def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
     """The whole grid of circles."""
-    for blobs in _blobs(picture):
+    for ellipses in dark_ellipses(picture):
+        blobs = ellipses[:, :2]
+        if len(blobs):  # both sides of a ring are one
+            double = cKDTree(blobs).query_pairs(2.0, output_type="ndarray")[:, 1]
+            blobs = np.delete(blobs, double, axis=0)
         if len(board.points) <= len(blobs) <= _MOST_BLOBS:
             for cells in _lattices(blobs):
                 layouts = _layouts(board, cells)
@@ -340,15 +344,18 @@ def _colours(picture: GreyImage, board: Board, board_map: BoardMap) -> float:
     return float(np.corrcoef(grey, white)[0, 1])
 
 
-def _blobs(picture: GreyImage) -> Iterator[FloatArray]:
-    """Centres ``(B, 2)`` of dark ellipses, by a mean of the surroundings, first of wide ones."""
+def dark_ellipses(picture: GreyImage) -> Iterator[FloatArray]:
+    """Dark ellipses ``(B, 5)``, by a mean of the surroundings, first of wide ones.
+
+    Centre, both axes [px], and the direction of the first of these [deg].
+    """
     for part in (6, 20):
         block = max(11, min(picture.shape) // part) | 1
         binary = cv2.adaptiveThreshold(
             picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, block, 10
         )
         contours, _ = cv2.findContours(binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        centers = []
+        ellipses = []
         for contour in contours:
             if len(contour) < 8:
                 continue
@@ -356,13 +363,10 @@ def _blobs(picture: GreyImage) -> Iterator[FloatArray]:
             area = cv2.contourArea(contour) + len(contour) / 2
             if area < _BLOB_PX:
                 continue
-            (x, y), (first, second), _ = cv2.fitEllipseDirect(contour)
+            (x, y), (first, second), turn = cv2.fitEllipseDirect(contour)
             whole = np.pi / 4 * (first + 1.0) * (second + 1.0)
             if not 0.0 < max(first, second) < 6.0 * min(first, second):
                 continue
             if abs(area - whole) < _ROUNDNESS * whole + 0.05 * len(contour):
-                centers.append((x, y))
-        found = np.array(centers).reshape(-1, 2)
-        if len(found):  # both sides of a ring are one
-            double = cKDTree(found).query_pairs(2.0, output_type="ndarray")[:, 1]
-            yield np.delete(found, double, axis=0)
+                ellipses.append((x, y, first + 1.0, second + 1.0, turn))
+        yield np.array(ellipses).reshape(-1, 5)

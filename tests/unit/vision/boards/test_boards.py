@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
+from calib.lens import Lens
+from calib.se3 import transform
 from calib.vision.boards import board_picture, detect_board, make_board
-from tests.board_pictures import BOARDS
+from calib.vision.boards.finding import dark_ellipses
+from tests.board_pictures import BOARDS, Camera
 
 
 def picture_of(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3):
@@ -173,6 +176,68 @@ def test_another_board_is_named():
         assert detect_board(picture, wrong).status == "another board", size
 
 
+ROUND = BOARDS["round-target"]
+
+
+def test_each_quarter_turn_of_a_round_target_is_told():
+    picture, truth = picture_of(ROUND)
+    for _ in range(4):
+        sighting = detect_board(picture, ROUND)
+        assert sighting.is_ok
+        assert np.abs(sighting.pixels - truth).max() < 0.1
+        width = picture.shape[1]
+        picture = np.ascontiguousarray(np.rot90(picture))
+        truth = np.stack([truth[:, 1], width - truth[:, 0]], axis=1)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 60.0])
+def test_a_lens_moves_no_corner_of_a_round_target(tilt_deg):
+    """Half of a wide picture, far off its middle: there the middle of such a circle is off by 1 px.
+
+    By the lens and, where it is tilted, by perspective.
+    """
+    lens = Lens("pinhole", 1280, 960, (1100.0, 1100.0, 640.0, 480.0, -0.15, 0.05, 0.0, 0.0, 0.0))
+    turn = cv2.Rodrigues(np.deg2rad(tilt_deg) * np.array([0.8, 0.6, 0.0]))[0]
+    T = transform(turn, [0.07, -0.03, 0.4])
+    picture = Camera(lens, ROUND, noise=2.0).take(T, np.random.default_rng(1))
+    sighting = detect_board(picture, ROUND)
+    assert sighting.seen.sum() > 20
+    error = (sighting.pixels - lens.project(ROUND.points @ turn.T + T[:3, 3]))[sighting.seen]
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    assert np.abs(error.mean(axis=0)).max() < 0.01
+    ellipse = max(next(dark_ellipses(picture)), key=lambda found: found[2] * found[3])
+    assert np.linalg.norm(ellipse[:2] + 0.5 - lens.project(T[:3, 3])) > 1.0
+
+
+def test_a_round_target_that_tells_no_turn_is_named():
+    picture, truth = picture_of(ROUND)
+    dark = int(picture[tuple(np.rint(truth[:12].mean(axis=0)).astype(int)[::-1] + [30, 30])])
+    for square in truth[12:].reshape(-1, 4, 2):
+        middle = square.mean(axis=0)
+        wider = np.rint(middle + 1.2 * (square - middle)).astype(np.int32)
+        cv2.fillPoly(picture, [wider], dark)
+    sighting = detect_board(picture, ROUND)
+    assert sighting.status == "another board"
+    assert "no three squares" in sighting.message
+
+
+def test_two_round_targets_are_one_too_many():
+    picture, _ = picture_of(ROUND)
+    half = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    sighting = detect_board(np.hstack([half, half]), ROUND)
+    assert (sighting.status, sighting.message[:15]) == ("ambiguous", "2 round targets")
+
+
+def test_a_round_target_of_few_pixels_is_too_small():
+    picture, _ = picture_of(ROUND)
+    small = cv2.resize(picture, None, fx=0.08, fy=0.08, interpolation=cv2.INTER_AREA)
+    beside = np.full((240, 320), 90, np.uint8)
+    beside[60 : 60 + small.shape[0], 90 : 90 + small.shape[1]] = small
+    sighting = detect_board(beside, ROUND)
+    assert sighting.status in ("too few points", "no board")
+    assert not sighting.seen.any()
+
+
 def test_pictures_without_a_board_show_none():
     rng = np.random.default_rng(7)
     # small, as OpenCV tries spots of noise as circles for seconds
@@ -204,6 +269,8 @@ def test_light_is_named():
         ({"square_m": None}, "needs square_m"),
         ({"diameter_m": 0.1}, "has no diameter_m"),
         ({"square_m": float("nan")}, "in metres"),
+        ({"columns": None}, "a charuco needs columns"),
+        ({"kind": "round-target", "diameter_m": 0.1}, "a round-target has no columns"),
     ],
 )
 def test_a_board_that_cannot_be_is_refused(given, said):

@@ -237,9 +237,20 @@ dictionary = "DICT_4X4_50"
 """
 
 
-def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance):
+ROUND = (
+    REHEARSED[: REHEARSED.index("[board]")]
+    + """
+[board]
+kind = "round-target"
+diameter_mm = 100.0
+"""
+)
+
+
+@pytest.mark.parametrize("text", [REHEARSED, ROUND], ids=["charuco", "round target"])
+def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance, text):
     monkeypatch.chdir(tmp_path)
-    Path("cell.toml").write_text(REHEARSED)
+    Path("cell.toml").write_text(text)
     rng = np.random.default_rng(2)
     base = np.array([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
     off = rng.uniform(-1, 1, (8, 6)) * [2.0, 2.0, 2.0, 8.0, 8.0, 30.0]

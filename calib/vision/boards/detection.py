@@ -44,8 +44,8 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """Find a board in a grey picture, and measure its points.
 
     Boards with markers may be seen in part. Chessboards, grids of circles and round targets must
-    be seen as a whole; of those that look the same after half a turn, the way round is taken whose x runs to
-    the right of the picture.
+    be seen as a whole; of those that look the same after half a turn, the way round is taken whose
+    x runs to the right of the picture.
 
     Parameters
     ----------

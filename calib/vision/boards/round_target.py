@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.se3 import FloatArray
 from calib.vision.boards.board import RoundTarget
@@ -68,7 +69,9 @@ def _holds(board_map: BoardMap, board: RoundTarget, px: FloatArray) -> bool:
     return bool(np.linalg.norm(xyw[:2] / xyw[2]) < board.diameter_m / 2)
 
 
-def _turned(grey: FloatArray, board: RoundTarget, ellipse: FloatArray) -> FloatArray | None:
+def _turned(
+    grey: NDArray[np.float32], board: RoundTarget, ellipse: FloatArray
+) -> FloatArray | None:
     """The homography ``(3, 3)`` to an ellipse that shows the pattern in it best, of some.
 
     The rim leaves open how the pattern is turned, and where its middle is seen: a tilt moves it
@@ -78,8 +81,8 @@ def _turned(grey: FloatArray, board: RoundTarget, ellipse: FloatArray) -> FloatA
     angle = 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     xy = (_RADII[:, None, None] * circle).reshape(-1, 2)
-    white = _standard(1.0 - board.is_black(board.diameter_m / 2 * xy))
-    axes = cv2.getRotationMatrix2D((0.0, 0.0), -direction, 1.0)[:, :2]
+    white = _standard(np.where(board.is_black(board.diameter_m / 2 * xy), 0.0, 1.0))
+    axes = np.asarray(cv2.getRotationMatrix2D((0.0, 0.0), -direction, 1.0)[:, :2], dtype=float)
     short = axes[:, int(second < first)]
     to_px = np.eye(3)
     to_px[:2, :2], to_px[:2, 2] = axes @ np.diag([first / 2, second / 2]) @ axes.T, [x, y]
@@ -138,20 +141,18 @@ def _aligned(
     to_shown[:2, 2] = scale * (0.5 - low) - 0.5
     warp = to_shown @ start @ from_pattern
     try:
-        likeness, warp = cv2.findTransformECC(
+        likeness, found = cv2.findTransformECC(
             pattern,
             shown,
             (warp / warp[2, 2]).astype(np.float32),
             cv2.MOTION_HOMOGRAPHY,
             _UNTIL_ALIGNED,
-            None,
-            5,
         )
     except cv2.error:  # it runs away where the pattern is not there
         return None
     if not likeness > _ALIGNED:
         return None
-    H = np.linalg.inv(to_shown) @ np.asarray(warp, dtype=float) @ np.linalg.inv(from_pattern)
+    H = np.linalg.inv(to_shown) @ np.asarray(found, dtype=float) @ np.linalg.inv(from_pattern)
     return _map(H / H[2, 2])
 
 
@@ -159,7 +160,7 @@ def _map(homography: FloatArray) -> BoardMap:
     return BoardMap(homography, np.empty((0, 2)), np.zeros(2), 1.0)
 
 
-def _has_squares(grey: FloatArray, board: RoundTarget, board_map: BoardMap) -> bool:
+def _has_squares(grey: NDArray[np.float32], board: RoundTarget, board_map: BoardMap) -> bool:
     """Whether three of the corners beside the cross are light, and the fourth is dark."""
     near = board.cut_out[2:].reshape(-1, 2, 2).mean(axis=1)
     step = board.cell_m / 4 * np.array([-1.0, 0.0, 1.0])

@@ -211,7 +211,8 @@ def test_a_lens_moves_no_corner_of_a_round_target(tilt_deg):
 
 def test_a_round_target_that_tells_no_turn_is_named():
     picture, truth = picture_of(ROUND)
-    dark = int(picture[tuple(np.rint(truth[:12].mean(axis=0)).astype(int)[::-1] + [30, 30])])
+    x, y = np.rint(truth[:12].mean(axis=0)).astype(int)
+    dark = int(picture[y + 30, x + 30])
     for square in truth[12:].reshape(-1, 4, 2):
         middle = square.mean(axis=0)
         wider = np.rint(middle + 1.2 * (square - middle)).astype(np.int32)

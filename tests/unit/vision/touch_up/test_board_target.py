@@ -94,7 +94,9 @@ def test_a_tilt_moves_neither_the_middle_nor_the_size():
     assert np.isnan(disc_image(CAMERA, 0.08, seen_at(180.0))).all()
 
 
-@pytest.mark.parametrize("kind", ["charuco", "chessboard", "circles", "apriltag-grid", "round-target"])
+@pytest.mark.parametrize(
+    "kind", ["charuco", "chessboard", "circles", "apriltag-grid", "round-target"]
+)
 def test_its_pose(kind):
     """In OpenCV's frame of the board; the right way round where it is rolled by 120 deg."""
     target, rng = target_of_kind(kind), np.random.default_rng(2)

@@ -16,7 +16,7 @@ from calib.vision.boards.board import (
     RoundTarget,
     dictionary_of,
 )
-from calib.vision.boards.finding import find_markers, halved
+from calib.vision.boards.finding import find_markers, halved, shows_squares
 from calib.vision.boards.round_target import find_round_targets
 from calib.vision.boards.sighting import BoardSighting, Status, sight
 from calib.vision.camera.rendering import GreyImage
@@ -149,6 +149,8 @@ def _other_size(picture: GreyImage, board: Board) -> str:
     if not isinstance(board, (Chessboard, CircleGrid)):
         return ""
     columns, rows = board.columns, board.rows
+    if isinstance(board, Chessboard) and not shows_squares(picture, min(columns, rows) - 1):
+        return ""
     near = [(columns - i, rows - j) for i in range(2) for j in range(2) if i or j]
     for size in [*near, (columns + 1, rows + 1), (rows, columns)]:
         try:

@@ -151,7 +151,7 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
     Looked for ``thoroughly`` where it is not found quickly: that takes some tenths of a second.
     """
     size = (board.columns - 1, board.rows - 1)
-    scales = (2, 1) if picture.size > HALVED_FROM_PX else (1,)
+    scales = _scales(picture)
     usual = cv2.CALIB_CB_NORMALIZE_IMAGE
     tries = [(scale, usual) for scale in scales]
     if thoroughly:
@@ -168,6 +168,18 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
             every = np.arange(len(at))
             return _in_order(picture, board, [(every, turn.reshape(-1, 2)) for turn in turns])
     return None
+
+
+def shows_squares(picture: GreyImage, across: int) -> bool:
+    """Whether there are so many squares of a chessboard, across and down, or more."""
+    size = (max(across - 1, 3),) * 2
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_LARGER
+    shown = (picture if scale == 1 else halved(picture) for scale in _scales(picture))
+    return any(cv2.findChessboardCornersSB(each, size, flags=flags)[0] for each in shown)
+
+
+def _scales(picture: GreyImage) -> tuple[int, ...]:
+    return (2, 1) if picture.size > HALVED_FROM_PX else (1,)
 
 
 def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
@@ -351,9 +363,12 @@ def dark_ellipses(picture: GreyImage) -> Iterator[FloatArray]:
     """
     for part in (6, 20):
         block = max(11, min(picture.shape) // part) | 1
-        binary = cv2.adaptiveThreshold(
-            picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, block, 10
-        )
+        binary = _binary(picture, block)
+        for blur_px in _BLURS_PX:
+            if np.count_nonzero(binary[:, 1:] != binary[:, :-1]) < _MOST_EDGES * picture.size:
+                break
+            calm = cv2.GaussianBlur(picture, (0, 0), blur_px)
+            binary = _binary(np.asarray(calm, dtype=np.uint8), block)
         contours, _ = cv2.findContours(binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         ellipses = []
         for contour in contours:
@@ -370,3 +385,15 @@ def dark_ellipses(picture: GreyImage) -> Iterator[FloatArray]:
             if abs(area - whole) < _ROUNDNESS * whole + 0.05 * len(contour):
                 ellipses.append((x, y, first + 1.0, second + 1.0, turn))
         yield np.array(ellipses).reshape(-1, 5)
+
+
+_BLURS_PX, _MOST_EDGES = (1.5, 3.0), 0.15
+"""Noise is blurred until no more pixels than that, of all, differ from the one beside them: OpenCV
+takes seconds for the contours of more, and circles among them are not round. Circles that are as
+small and as near to each other as any that are found have fewer."""
+
+
+def _binary(picture: GreyImage, block: int) -> NDArray[np.uint8]:
+    """What is darker than its surroundings."""
+    kind, mean = cv2.THRESH_BINARY_INV, cv2.ADAPTIVE_THRESH_MEAN_C
+    return np.asarray(cv2.adaptiveThreshold(picture, 255, mean, kind, block, 10), dtype=np.uint8)

@@ -105,6 +105,16 @@ def test_boards_are_found_at_60_deg_out_of_focus_and_among_dots(kind, clutter):
     assert np.sqrt(np.mean((sighting.pixels - truth)[sighting.seen] ** 2)) < 0.3
 
 
+@pytest.mark.parametrize("kind", ["chessboard", "circles", "asymmetric-circles", "round-target"])
+@pytest.mark.parametrize("tilt_deg", [0.0, 60.0])
+def test_boards_are_found_in_the_noise_of_the_dark(kind, tilt_deg):
+    """Thirty grey levels of 178: specks of it are as dark as circles."""
+    picture, truth = picture_of(BOARDS[kind], tilt_deg=tilt_deg, noise=30.0)
+    sighting = detect_board(picture, BOARDS[kind])
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert np.sqrt(np.mean((sighting.pixels - truth)[sighting.seen] ** 2)) < 0.3
+
+
 @pytest.mark.parametrize("kind", ["circles", "asymmetric-circles"])
 def test_circles_of_which_a_row_is_hidden_are_no_whole_board(kind):
     """Among dots one of these would be taken for a circle, and all others for their neighbours."""
@@ -241,9 +251,8 @@ def test_a_round_target_of_few_pixels_is_too_small():
 
 def test_pictures_without_a_board_show_none():
     rng = np.random.default_rng(7)
-    # small, as OpenCV tries spots of noise as circles for seconds
-    noise = rng.integers(0, 256, (160, 200), dtype=np.uint8)
-    stripes = np.tile(np.where(np.arange(200) % 40 < 20, 40, 210).astype(np.uint8), (160, 1))
+    noise = rng.integers(0, 256, (320, 400), dtype=np.uint8)
+    stripes = np.tile(np.where(np.arange(400) % 40 < 20, 40, 210).astype(np.uint8), (320, 1))
     for picture in (noise, cv2.GaussianBlur(noise, (0, 0), 5), stripes, stripes * 0 + 90):
         for board in BOARDS.values():
             sighting = detect_board(picture, board)

@@ -833,12 +833,14 @@ def _check_count(
 
 def _check_length(value: object, key: str) -> None:
     number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-    if not number or not 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
-        raise InputError(
-            f"{key} of the board is {value!r}",
-            hint="give it in metres, from 0.0001 to 10",
-            name=key,
-        )
+    if number and 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
+        return
+    said = f"{1e3 * float(value):g} mm" if number else repr(value)  # type: ignore[arg-type]
+    raise InputError(
+        f"{key} of the board is {said}",
+        hint="lengths of boards are from 0.1 mm to 10 m",
+        name=key,
+    )
 
 
 def _lattice(

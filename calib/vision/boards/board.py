@@ -66,6 +66,11 @@ class Board(ABC):
         """Left, top, right and bottom of the printed pattern ``(4,)`` [m] in its frame."""
 
     @property
+    def extent(self) -> FloatArray:
+        """What has to be in the picture of a board that is found whole ``(E, 3)`` [m]."""
+        return self.points
+
+    @property
     @abstractmethod
     def cell_m(self) -> float:
         """Distance between neighbouring points [m]."""
@@ -551,6 +556,11 @@ class CircleGrid(GridBoard):
         return np.empty((0, 4)), discs
 
     @property
+    def extent(self) -> FloatArray:
+        """Four points of the rim of each circle ``(4 K, 3)`` [m]."""
+        return _rims(self.printed[1], 4)
+
+    @property
     def box(self) -> FloatArray:
         """Left, top, right and bottom of all circles ``(4,)`` [m]."""
         low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
@@ -654,6 +664,11 @@ class RoundTarget(Board):
         bars = [[-long, -half, long, half], [-half, -long, half, long]]
         squares = [[-far, near, -near, far], [-far, -far, -near, -near], [near, -far, far, -near]]
         return self.diameter_m * np.array(bars + squares)
+
+    @property
+    def extent(self) -> FloatArray:
+        """Points of the rim ``(24, 3)`` [m]."""
+        return _rims(self.printed[1], 24)
 
     @property
     def box(self) -> FloatArray:
@@ -860,6 +875,14 @@ def _checks(columns: int, rows: int, first: bool) -> BoolArray:
 def _squares(columns: int, rows: int, side: float, first: bool) -> FloatArray:
     row, column = np.nonzero(_checks(columns, rows, first))
     return np.asarray(side * np.stack([column, row, column + 1, row + 1], axis=1))
+
+
+def _rims(discs: FloatArray, count: int) -> FloatArray:
+    """Points ``(D * count, 3)`` evenly about discs."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rims = (discs[:, None, :2] + discs[:, None, 2:] * circle).reshape(-1, 2)
+    return np.column_stack([rims, np.zeros(len(rims))])
 
 
 def _in_rectangles(xy: FloatArray, rectangles: FloatArray) -> BoolArray:

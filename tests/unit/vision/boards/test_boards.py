@@ -126,6 +126,28 @@ def test_circles_of_which_a_row_is_hidden_are_no_whole_board(kind):
     assert not detect_board(picture, board).is_ok
 
 
+@pytest.mark.parametrize("step", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+@pytest.mark.parametrize(("columns", "rows"), [(10, 7), (8, 7), (8, 8), (9, 7)])
+@pytest.mark.parametrize("across", [False, True])
+def test_a_row_of_corners_in_the_white_is_none_of_a_chessboard(
+    monkeypatch, columns, rows, step, across
+):
+    """OpenCV saw one in a rehearsal, and the board was refused as a larger one."""
+    board = make_board("chessboard", columns=columns, rows=rows, square_m=0.025)
+    picture, truth = picture_of(board, margin=1.5)
+    plane = cv2.findHomography(board.points[:, :2], truth - 0.5)[0]
+    xy = board.points[:, :2] + 0.025 * np.array(step)
+    if across and columns - rows == 1:  # a row more is seen, and a column less
+        xy = np.array([[x, y] for x in range(columns - 2) for y in range(rows)])
+        xy = 0.025 * (xy + np.array([max(step[0], 0), min(sum(step), 0)]))
+    found = cv2.perspectiveTransform(xy[None], plane)[0, :, None].astype(np.float32)
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, flags: (True, found))
+    sighting = detect_board(picture, board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    off = [sighting.pixels - way for way in (truth, truth[::-1])]
+    assert min(np.abs(each).max() for each in off) < 0.2
+
+
 @pytest.mark.parametrize(("kind", "columns", "rows"), [("chessboard", 6, 8), ("circles", 8, 5)])
 @pytest.mark.parametrize("more", [(1, 0), (0, 1), (-1, -1), (1, 1)])
 def test_a_board_of_another_size_is_named_by_it(kind, columns, rows, more):

@@ -202,6 +202,17 @@ def test_errors_in_one_line(there, glance, words, said):
     assert found.err.count("error:") == 1
 
 
+def test_where_the_camera_is_stands_in_the_cell(there, glance):
+    """These pictures are by a camera on the flange: the other set-up is told, and can be said."""
+    text = (there / "cell.toml").read_text().replace('kind = "touch-up"', 'kind = "board"')
+    (there / "cell.toml").write_text(text + '\n[camera]\nmount = "fixed"\n')
+    words = ("camera", "cell.toml", "pictures", "--joints", "joints.csv")
+    found = glance(*words)
+    assert found.code == 2
+    assert "camera on the flange" in found.err
+    assert glance(*words, "--camera", "on-flange").code == 0
+
+
 def test_a_cell_without_a_board_is_refused(there, glance):
     (there / "cell.toml").write_text(cell_template("ur10e", surroundings=False))
     found = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv")

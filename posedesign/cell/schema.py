@@ -246,8 +246,8 @@ class CameraSection(Section):
     border_px: NotNegative = 30.0
     """Margin kept between the target and the edge of the image."""
     share_in_view: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.6
-    """Least share of the points of a board that is in the image; of chessboards and grids of
-    circles, which are found whole or not at all, it is 1."""
+    """Least share of the points of a board that is in the image; of chessboards, grids of
+    circles and round targets, which are found whole or not at all, it is 1."""
     largest_tilt_deg: Annotated[float, Field(strict=True, gt=0, lt=90)] = 70.0
     """Largest angle between the target's normal and the line of sight."""
     nearest_mm: NotNegative = 100.0

@@ -452,14 +452,17 @@ class BoardSection(Section):
         "chessboard",
         "circles",
         "asymmetric-circles",
+        "round-target",
     ]
     """``charuco``: a chessboard with markers in its white squares. ``aruco-grid`` and
     ``apriltag-grid``: rows and columns of markers; ``kalibr-aprilgrid``: as Kalibr prints them,
     with black squares at the corners of tags. ``chessboard``; ``circles``: rows and columns of
-    circles; ``asymmetric-circles``: every second row moved by half a step."""
-    columns: Across
-    """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across."""
-    rows: Across
+    circles; ``asymmetric-circles``: every second row moved by half a step. ``round-target``: a
+    circle with a cross, and a square that tells which way is up."""
+    columns: Across | None = None
+    """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across. A
+    ``round-target`` has neither columns nor rows."""
+    rows: Across | None = None
     """The same, down."""
     square_mm: Size | None = None
     """Side of the squares of ``charuco`` and ``chessboard``."""
@@ -469,7 +472,7 @@ class BoardSection(Section):
     marker_mm: Size | None = None
     """Side of the black square of a marker."""
     diameter_mm: Size | None = None
-    """Of circles; half the distance of neighbours by default."""
+    """Of circles, where half the distance of neighbours is the default; of a ``round-target``."""
     dictionary: Name | None = None
     """Dictionary of the markers as OpenCV names it, DICT_5X5_100 or 5x5_100; that of
     ``apriltag-grid`` and ``kalibr-aprilgrid`` is 36h11 by default."""

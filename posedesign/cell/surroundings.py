@@ -130,7 +130,7 @@ def build_checker(
         found += sight_constraints(
             BoardSight(
                 lens=there.lens,
-                points=there.board.points,
+                points=there.board.extent,
                 outline=there.board.outline,
                 T_tip_own=there.X,
                 T_base_other=there.Z,

@@ -92,12 +92,12 @@ name = "T1"
 {surroundings}
 {board}[board]                         # a calibration board that a camera sees: posedesign board
 {board}kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
-{board}columns = 8                     # asymmetric-circles; squares (not inner corners), markers or
-{board}rows = 6                        # circles, across and down
+{board}columns = 8                     # asymmetric-circles, round-target; squares (not inner
+{board}rows = 6                        # corners), markers or circles, across and down
 {board}square_mm = {square}                # of charuco and chessboard;
 # spacing_mm = 35.0               # of the others: from marker to marker, from circle to circle
 {board}marker_mm = {marker}                # side of the black square of a marker
-# diameter_mm = 15.0              # of circles; default: half the distance of neighbours
+# diameter_mm = 15.0              # of circles, default: half of spacing_mm; of a round-target
 {board}dictionary = "DICT_5X5_100"     # of the markers
 # first_id = 0                    # of the left upper marker
 # legacy = false                  # true: a charuco of OpenCV before 4.6

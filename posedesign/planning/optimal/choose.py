@@ -8,11 +8,12 @@ box on top of a little of what the plan tells: what goes wrong there shows in th
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import CalibError, InputError
 from calib.identification import check_identifiable
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
@@ -70,6 +71,9 @@ ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 """Postures of which no joint differs by more from one that no clear way leads to are left out with
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
 
+
+MOST_ALONE = 4
+"""Targets of which it is said what each is worth by itself."""
 
 BESIDE_S = 120.0
 """Of a plan for a given time: what as much more, and less, would buy."""
@@ -443,6 +447,7 @@ class Planning:
             accuracy=accuracy,
             of_pool=of_pool,
             others=() if route is None else self._others(pool, selection, fewest),
+            alone={} if route is None or fewest is not None else self._alone(pool),
             box_words=self._box_words,
             robustness=None
             if route is None or self._cell.is_hand_eye
@@ -515,6 +520,34 @@ class Planning:
                     continue
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
+
+    def _alone(self, pool: CandidatePoses) -> dict[str, float]:
+        """Error of the tool point [m] if each target were the only one, for as much, by its name.
+
+        Infinite where it could not tell everything by itself.
+        """
+        if pool.cell is None or not self._request.beside:
+            return {}
+        seen = pool.cell.observations
+        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        names = list(dict.fromkeys(of.tolist()))
+        if not 1 < len(names) <= MOST_ALONE:
+            return {}
+        found = {}
+        for name in names:
+            part, alone = pool.take(of == name), copy(self)
+            try:
+                model = self._cell.model_for(part.of)
+                alone._take(told_by(self._cell, model, part.postures, part.of))
+                blocks, criterion = alone._blocks_and_criterion(part)
+                request = self._request
+                chosen = alone._select(
+                    part, blocks, criterion, request.count, request.budget_s, starts=1
+                )
+                found[name] = alone._accuracy(part.take(chosen.indices)).tcp_m
+            except CalibError:  # too few poses, or limits that this one cannot keep
+                found[name] = np.inf
+        return found
 
 
 def as_pose_set(pool: CandidatePoses) -> PoseSet:

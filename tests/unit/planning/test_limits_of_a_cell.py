@@ -1,5 +1,7 @@
 """Shares of targets, sides and zones, repeats, and times that differ: kept by the chosen poses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,16 @@ def test_the_fewest_poses_are_not_looked_for_within_limits():
     cell = cell_with('[[pool.limit]]\ntarget = "high"\nmost = 8\n')
     with pytest.raises(InputError, match="without limits and repeats"):
         plan_optimal(cell, Request(count=None, accuracy_m=1e-4))
+
+
+def test_what_the_tracker_buys_against_the_pin_is_said():
+    """Each target by itself, for as many poses: as a cell that has only that one."""
+    cell = cell_with("", "mixed")
+    both = plan_optimal(cell, Request(count=16, refine=False))
+    assert list(both.alone) == ["T1", "tracker"]
+    for name, part in zip(both.alone, cell.parts, strict=True):
+        pool = part.config.pool.model_copy(update={"candidates": 100})
+        own = replace(part, config=part.config.model_copy(update={"pool": pool}))
+        one = plan_optimal(own, Request(count=16, refine=False))
+        assert both.alone[name] == pytest.approx(one.accuracy.tcp_m, rel=0.02)
+    assert both.of_pool.tcp_m < min(both.alone.values()) * 1.05

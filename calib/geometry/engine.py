@@ -106,10 +106,10 @@ class Engine:
         capsules = [e.capsule for e in around]
         self._ends = np.array([end for end, _ in capsules]).reshape(-1, 3)
         self._radii = np.array([radius for _, radius in capsules])
+        self._balls = np.linalg.norm(self._ends, axis=1) + self._radii
         self.hulls = [hull_vertices(b.solid) if isinstance(b.solid, Mesh) else None for b in bodies]
         against_plane = self._half_space[pairs[:, 1]]
         self._plane_pairs = np.flatnonzero(against_plane)
-        self._other_pairs = np.flatnonzero(~against_plane)
         own = np.array([isinstance(b.solid, Capsule | Sphere) for b in bodies], dtype=bool)
         mesh = np.array([isinstance(b.solid, Mesh) for b in bodies], dtype=bool)
         self._no_depth = mesh[pairs].any(axis=-1) & ~against_plane
@@ -129,7 +129,9 @@ class Engine:
             origins[:, b] = (R @ self._origins[b]).reshape(-1, 3) + state.origins[:, link - 1]
         return Placed(rotations, origins)
 
-    def bounds(self, placed: Placed, done: BoolArray | None = None) -> Bounds:
+    def bounds(
+        self, placed: Placed, done: BoolArray | None = None, far_m: FloatArray | float = np.inf
+    ) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.
 
         Parameters
@@ -137,31 +139,41 @@ class Engine:
         placed : Placed
         done : array (S, P) of bool, optional
             Pairs that are looked at no more: they count as infinitely far.
+        far_m : array (S, P) or float
+            Pairs that the balls about them keep at least so far apart get that bound [m].
         """
-        S, P = len(placed.origins), len(self._pairs)
-        ends = (placed.rotations @ self._ends[..., None])[..., 0]
-        centres = (placed.rotations @ self._centres[..., None])[..., 0] + placed.origins
-        if done is None:
-            distance = np.empty((S, P))
-            a, b = self._pairs[self._other_pairs].T
-            apart = centres[:, b] - centres[:, a]
-            radii = self._radii[a] + self._radii[b]
-            distance[:, self._other_pairs] = segment_segment(apart, ends[:, a], ends[:, b]) - radii
-            for p in self._plane_pairs:
-                distance[:, p] = self._above_plane(placed, *self._pairs[p])
-            exact = np.broadcast_to(self._exact, distance.shape).copy()
-            return Bounds(distance, exact, exact.copy(), placed)
-        distance = np.full((S, P), np.inf)
-        rows, pairs = np.nonzero(~(done | self._half_space[self._pairs[:, 1]]))
-        a, b = self._pairs[pairs].T
-        apart = centres[rows, b] - centres[rows, a]
-        between = segment_segment(apart, ends[rows, a], ends[rows, b])
-        distance[rows, pairs] = between - self._radii[a] - self._radii[b]
-        for p in self._plane_pairs[~done[:, self._plane_pairs].all(axis=0)]:
-            some = np.flatnonzero(~done[:, p])
-            there = Placed(placed.rotations[some], placed.origins[some])
-            distance[some, p] = self._above_plane(there, *self._pairs[p])
-        exact = self._exact | done
+        # body by body, so that whole rows are worked on
+        ends, centres = (
+            np.ascontiguousarray((placed.rotations @ of[..., None])[..., 0].transpose(2, 1, 0))
+            for of in (self._ends, self._centres)
+        )
+        centres += placed.origins.transpose(2, 1, 0)  # shape (3, B, S)
+        a, b = self._pairs.T
+        square = np.zeros((len(self._pairs), centres.shape[-1]))
+        for along in centres:
+            square += (along[b] - along[a]) ** 2
+        between = self._balls[a] + self._balls[b]
+        distance = np.sqrt(square) - between[:, None]  # shape (P, S)
+        near = distance < np.broadcast_to(far_m, distance.T.shape).T
+        near[self._plane_pairs] = False
+        if done is not None:
+            near &= ~done.T
+            distance[done.T] = np.inf
+        pairs, rows = np.nonzero(near)
+        a, b = a[pairs], b[pairs]
+        apart = centres[:, b, rows] - centres[:, a, rows]
+        between = segment_segment(apart.T, ends[:, a, rows].T, ends[:, b, rows].T)
+        distance[pairs, rows] = between - self._radii[a] - self._radii[b]
+        looked_at = near.T if done is None else near.T | done
+        distance = np.ascontiguousarray(distance.T)
+        for p in self._plane_pairs:
+            some = np.arange(len(distance)) if done is None else np.flatnonzero(~done[:, p])
+            if len(some):
+                there = Placed(placed.rotations[some], placed.origins[some])
+                distance[some, p] = self._above_plane(there, *self._pairs[p])
+        exact = self._exact & (looked_at | self._half_space[self._pairs[:, 1]])
+        if done is not None:
+            exact |= done
         return Bounds(distance, exact, exact.copy(), placed)
 
     def settle(

@@ -160,11 +160,14 @@ def check_ways(
             rows = slice(first, first + chunk)
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
-            known = engine.bounds(engine.place(chain.forward(q)), done[rows] if half else None)
+            motion = speed[way] * half
+            placed = engine.place(chain.forward(q))
+            far_m = np.maximum(cap_m, keep_m + motion)
+            known = engine.bounds(placed, done[rows] if half else None, far_m)
             engine.settle(known, 0.0, np.minimum(found.distance_m[way], cap_m))
             found.take(way, middle, *nearest(known.distance_m, cap_m))
             here = found.distance_m[way] >= keep_m
-            motion = speed[way[here]] * half
+            motion = motion[here]
             # a pair that can no longer move noticeably is decided by its distance at the middle
             beyond = np.where(motion > tolerance_m, motion, -np.inf)
             done[first + np.flatnonzero(here)] = ~_undecided(

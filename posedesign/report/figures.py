@@ -63,6 +63,8 @@ def draw(out: Results, files: Sequence[Claim], figure: Callable[[], Figure | Non
     picture, drawing = files
     data = io.BytesIO()
     drawn.savefig(data, format="png")
+    # where everything stands is now known, and takes longer than drawing
+    drawn.set_layout_engine("none")
     write_bytes_atomic(picture, data.getvalue())
     write_bytes_atomic(drawing, as_svg(drawn).encode())
 

@@ -69,11 +69,6 @@ class Bounds:
     refined: BoolArray
     placed: Placed
 
-    def rows(self, which: BoolArray) -> Bounds:
-        """The same for some of the postures, by a mask (S,)."""
-        placed = Placed(self.placed.rotations[which], self.placed.origins[which])
-        return Bounds(self.distance_m[which], self.exact[which], self.refined[which], placed)
-
 
 class Engine:
     """Distances of given pairs of bodies.
@@ -116,18 +111,24 @@ class Engine:
         self._exact = against_plane | own[pairs].all(axis=-1)
         self._oracle = _Oracle(bodies, pairs)
 
-    def place(self, state: ChainState) -> Placed:
-        """Where the bodies are at S states of the chain."""
+    def place(self, state: ChainState, done: BoolArray | None = None) -> Placed:
+        """Where the bodies are at S states of the chain: all but those of ``done`` pairs (S, P)."""
         S, B = len(state.origins), len(self._links)
-        rotations, origins = np.empty((S, B, 3, 3)), np.empty((S, B, 3))
-        for b, link in enumerate(self._links.tolist()):  # a product of all rows with one matrix
+        rotations, origins = np.zeros((S, B, 3, 3)), np.zeros((S, B, 3))
+        for b in range(B) if done is None else self._left(done):
+            link = self._links[b]
             if link == 0:
                 rotations[:, b], origins[:, b] = self._rotations[b], self._origins[b]
                 continue
+            # a product of all rows with one matrix
             R = state.rotations[:, link - 1].reshape(-1, 3)
             rotations[:, b] = (R @ self._rotations[b]).reshape(-1, 3, 3)
             origins[:, b] = (R @ self._origins[b]).reshape(-1, 3) + state.origins[:, link - 1]
         return Placed(rotations, origins)
+
+    def _left(self, done: BoolArray) -> IntArray:
+        """Rows of the bodies of pairs that are not done everywhere, of (S, P)."""
+        return np.unique(self._pairs[~done.all(axis=0)])
 
     def bounds(
         self, placed: Placed, done: BoolArray | None = None, far_m: FloatArray | float = np.inf
@@ -142,39 +143,49 @@ class Engine:
         far_m : array (S, P) or float
             Pairs that the balls about them keep at least so far apart get that bound [m].
         """
-        # body by body, so that whole rows are worked on
-        ends, centres = (
-            np.ascontiguousarray((placed.rotations @ of[..., None])[..., 0].transpose(2, 1, 0))
-            for of in (self._ends, self._centres)
-        )
-        centres += placed.origins.transpose(2, 1, 0)  # shape (3, B, S)
-        a, b = self._pairs.T
-        square = np.zeros((len(self._pairs), centres.shape[-1]))
-        for along in centres:
-            square += (along[b] - along[a]) ** 2
-        between = self._balls[a] + self._balls[b]
-        distance = np.sqrt(square) - between[:, None]  # shape (P, S)
-        near = distance < np.broadcast_to(far_m, distance.T.shape).T
-        near[self._plane_pairs] = False
-        if done is not None:
-            near &= ~done.T
-            distance[done.T] = np.inf
-        pairs, rows = np.nonzero(near)
-        a, b = a[pairs], b[pairs]
-        apart = centres[:, b, rows] - centres[:, a, rows]
-        between = segment_segment(apart.T, ends[:, a, rows].T, ends[:, b, rows].T)
-        distance[pairs, rows] = between - self._radii[a] - self._radii[b]
-        looked_at = near.T if done is None else near.T | done
-        distance = np.ascontiguousarray(distance.T)
+        (a, b), planes = self._pairs.T, self._half_space[self._pairs[:, 1]]
+        distance = np.full((len(placed.origins), len(a)), np.inf)
+        if done is None:
+            ends, centres = self._within(placed, slice(None))
+            exact = np.broadcast_to(planes, distance.shape).copy()
+            between = np.sqrt(sum((along[b] - along[a]) ** 2 for along in centres))
+            distance[:] = (between - (self._balls[a] + self._balls[b])[:, None]).T
+            rows, pairs = np.nonzero((distance < far_m) & ~planes)
+        else:
+            left = self._left(done)
+            ends, centres = self._within(placed, left)
+            a, b = np.searchsorted(left, a), np.searchsorted(left, b)  # of others nobody asks
+            exact = done | planes
+            rows, pairs = np.nonzero(~exact)
+            apart = centres[:, b[pairs], rows] - centres[:, a[pairs], rows]
+            balls = self._balls[self._pairs].sum(axis=1)
+            distance[rows, pairs] = np.sqrt((apart * apart).sum(axis=0)) - balls[pairs]
+            near = (distance < far_m)[rows, pairs]
+            rows, pairs = rows[near], pairs[near]
+        apart = centres[:, b[pairs], rows] - centres[:, a[pairs], rows]
+        first, second = (ends[:, of[pairs], rows].T for of in (a, b))
+        between = segment_segment(apart.T, first, second)
+        distance[rows, pairs] = between - self._radii[self._pairs].sum(axis=1)[pairs]
+        exact[rows, pairs] = self._exact[pairs]
         for p in self._plane_pairs:
             some = np.arange(len(distance)) if done is None else np.flatnonzero(~done[:, p])
             if len(some):
                 there = Placed(placed.rotations[some], placed.origins[some])
                 distance[some, p] = self._above_plane(there, *self._pairs[p])
-        exact = self._exact & (looked_at | self._half_space[self._pairs[:, 1]])
-        if done is not None:
-            exact |= done
         return Bounds(distance, exact, exact.copy(), placed)
+
+    def _within(self, placed: Placed, some: IntArray | slice) -> tuple[FloatArray, FloatArray]:
+        """Ends and centres (3, K, S) of what encloses some bodies [m]: ends from the centres.
+
+        Posture last, so that whole rows are worked on.
+        """
+        R = placed.rotations[:, some]
+        ends, centres = (
+            np.ascontiguousarray((R @ of[some, :, None])[..., 0].transpose(2, 1, 0))
+            for of in (self._ends, self._centres)
+        )
+        centres += placed.origins[:, some].transpose(2, 1, 0)
+        return ends, centres
 
     def settle(
         self,

@@ -82,7 +82,7 @@ def as_png(figure: Figure) -> bytes:
     if engine is not None:
         engine.execute(figure)  # twice, with drawing it, until nothing moves any more
     # `savefig` would draw all of it once more before
-    FigureCanvasAgg(figure).print_png(data)
+    FigureCanvasAgg(figure).print_png(data)  # type: ignore[no-untyped-call]
     return data.getvalue()
 
 
@@ -94,7 +94,7 @@ def as_svg(figure: Figure) -> str:
     text = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "posedesign"}):
         # the same, of which `savefig` would draw all before
-        FigureCanvasSVG(figure).print_svg(
+        FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
             text, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
         )
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)

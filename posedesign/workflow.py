@@ -10,10 +10,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.robot_world import Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import (
     MEASURED,
@@ -27,18 +27,7 @@ from posedesign.files import (
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.origin import checksum
-from posedesign.hand_eye import CAMERA_FILES, Asked, Calibrated, as_calibrated, calibrate_camera
-from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
-from posedesign.hand_eye.pictures import PictureSet
-from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
-from posedesign.identification.comparison import without_repeats
-from posedesign.identification.file import IdentificationFile, residual_rows
-from posedesign.identification.measurement_set_up import check_readings, far_rows
-from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
 from posedesign.motion.route import Route
-from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
-from posedesign.pairs.tables import DEFAULT_METHODS
-from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import (
@@ -53,17 +42,21 @@ from posedesign.planning.optimal.choose import Advance
 from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
-from posedesign.programs import DIALECTS
-from posedesign.programs.reading import MOST_BYTES
 from posedesign.report.figures import draw
-from posedesign.report.hand_eye import figure_of_camera
-from posedesign.report.pairs import solve_and_draw
 from posedesign.report.plots import (
     figure_of_identification,
     figure_of_plan,
 )
 from posedesign.selection import Indices
-from posedesign.simulation import AccuracyStudy, SimulatedRobot
+
+# what only one step needs is loaded there: most commands take one, and all of it takes a second
+if TYPE_CHECKING:
+    from calib.robot_world import Noise, NoiseShown, PairNoise
+    from posedesign.hand_eye import Asked, Calibrated
+    from posedesign.hand_eye.pictures import PictureSet
+    from posedesign.identification import Identified
+    from posedesign.pairs import SolverOutcome
+    from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
 POSES = ("poses.csv", "measuring poses")
 NEXT_POSES = ("poses.csv", "next measuring poses")
@@ -113,6 +106,9 @@ def depending(poses: Path) -> str:
     found, own = _FINGERPRINT.search(head_of(poses)), checksum(poses)
     if found is None:
         return ""
+    from posedesign.programs import DIALECTS
+    from posedesign.programs.reading import MOST_BYTES
+
     names = [
         path.name
         for path in map(poses.with_name, MEASURED)
@@ -270,6 +266,8 @@ def _plan_next_views(
     accuracy_m: float | None,
     trust_units: bool,
 ) -> NextPoses:
+    from posedesign.hand_eye import as_calibrated
+
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[taken])
     if taken.suffix == ".json":
         cell, postures = as_calibrated(cell, taken)
@@ -308,6 +306,9 @@ def simulate(
     touched, and there are pairs only; without a camera there are none. The noise depends on the
     seed alone: the one of the cell, unless another is given.
     """
+    from posedesign.pairs import Pairs, write_pairs
+    from posedesign.simulation import SimulatedRobot
+
     claims = Results.of(out, "simulate").claim("simulated", *simulated_files(cell))
     check_fit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
@@ -345,6 +346,12 @@ def identify_file(
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
+    from posedesign.identification import identify_models, results_as_dict, summed_up
+    from posedesign.identification.comparison import without_repeats
+    from posedesign.identification.file import IdentificationFile, residual_rows
+    from posedesign.identification.measurement_set_up import check_readings, far_rows
+    from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
+
     results = Results.of(out, "identify")
     inputs = [measurements] if joints is None else [measurements, joints]
     foreign = joints is not None or is_of_instrument(cell, measurements)
@@ -396,11 +403,16 @@ def identify_file(
 def solve_file(
     pairs: Path,
     out: Path | Results,
-    methods: Sequence[str] = DEFAULT_METHODS,
+    methods: Sequence[str] | None = None,
     noise: Noise | NoiseShown | None = None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`~posedesign.pairs.tables.solve_and_write`."""
-    return solve_and_draw(read_pairs(pairs), out, methods, noise, inputs=[pairs])
+    from posedesign.pairs import read_pairs
+    from posedesign.pairs.tables import DEFAULT_METHODS
+    from posedesign.report.pairs import solve_and_draw
+
+    asked = DEFAULT_METHODS if methods is None else methods
+    return solve_and_draw(read_pairs(pairs), out, asked, noise, inputs=[pairs])
 
 
 def calibrate_from_pictures(
@@ -425,6 +437,11 @@ def calibrate_from_pictures(
     list of Path
         Files that were written.
     """
+    from posedesign.hand_eye import CAMERA_FILES, calibrate_camera
+    from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
+    from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.report.hand_eye import figure_of_camera
+
     results = Results.of(out, "camera")
     drawn = results.claim("computed", *CAMERA_DRAWN)
     for_others = results.claim("computed", *LENS_FILES) if transforms else []
@@ -445,6 +462,8 @@ def calibrate_from_pictures(
 
 def camera_noise(cell: Cell) -> PairNoise:
     """Noise of the simulated camera, for the covariance of X and Z."""
+    from calib.robot_world import PairNoise
+
     section = cell.config.measurement
     return PairNoise(
         rotation_rad=float(np.deg2rad(section.camera_three_sigma_deg) / 3.0),

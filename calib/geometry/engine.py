@@ -69,11 +69,6 @@ class Bounds:
     refined: BoolArray
     placed: Placed
 
-    def rows(self, which: BoolArray) -> Bounds:
-        """The same for some of the postures, by a mask (S,)."""
-        placed = Placed(self.placed.rotations[which], self.placed.origins[which])
-        return Bounds(self.distance_m[which], self.exact[which], self.refined[which], placed)
-
 
 class Engine:
     """Distances of given pairs of bodies.
@@ -106,30 +101,38 @@ class Engine:
         capsules = [e.capsule for e in around]
         self._ends = np.array([end for end, _ in capsules]).reshape(-1, 3)
         self._radii = np.array([radius for _, radius in capsules])
+        self._balls = np.linalg.norm(self._ends, axis=1) + self._radii
         self.hulls = [hull_vertices(b.solid) if isinstance(b.solid, Mesh) else None for b in bodies]
         against_plane = self._half_space[pairs[:, 1]]
         self._plane_pairs = np.flatnonzero(against_plane)
-        self._other_pairs = np.flatnonzero(~against_plane)
         own = np.array([isinstance(b.solid, Capsule | Sphere) for b in bodies], dtype=bool)
         mesh = np.array([isinstance(b.solid, Mesh) for b in bodies], dtype=bool)
         self._no_depth = mesh[pairs].any(axis=-1) & ~against_plane
         self._exact = against_plane | own[pairs].all(axis=-1)
         self._oracle = _Oracle(bodies, pairs)
 
-    def place(self, state: ChainState) -> Placed:
-        """Where the bodies are at S states of the chain."""
+    def place(self, state: ChainState, done: BoolArray | None = None) -> Placed:
+        """Where the bodies are at S states of the chain: all but those of ``done`` pairs (S, P)."""
         S, B = len(state.origins), len(self._links)
-        rotations, origins = np.empty((S, B, 3, 3)), np.empty((S, B, 3))
-        for b, link in enumerate(self._links.tolist()):  # a product of all rows with one matrix
+        rotations, origins = np.zeros((S, B, 3, 3)), np.zeros((S, B, 3))
+        for b in range(B) if done is None else self._left(done):
+            link = self._links[b]
             if link == 0:
                 rotations[:, b], origins[:, b] = self._rotations[b], self._origins[b]
                 continue
+            # a product of all rows with one matrix
             R = state.rotations[:, link - 1].reshape(-1, 3)
             rotations[:, b] = (R @ self._rotations[b]).reshape(-1, 3, 3)
             origins[:, b] = (R @ self._origins[b]).reshape(-1, 3) + state.origins[:, link - 1]
         return Placed(rotations, origins)
 
-    def bounds(self, placed: Placed, done: BoolArray | None = None) -> Bounds:
+    def _left(self, done: BoolArray) -> IntArray:
+        """Rows of the bodies of pairs that are not done everywhere, of (S, P)."""
+        return np.unique(self._pairs[~done.all(axis=0)])
+
+    def bounds(
+        self, placed: Placed, done: BoolArray | None = None, far_m: FloatArray | float = np.inf
+    ) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.
 
         Parameters
@@ -137,32 +140,52 @@ class Engine:
         placed : Placed
         done : array (S, P) of bool, optional
             Pairs that are looked at no more: they count as infinitely far.
+        far_m : array (S, P) or float
+            Pairs that the balls about them keep at least so far apart get that bound [m].
         """
-        S, P = len(placed.origins), len(self._pairs)
-        ends = (placed.rotations @ self._ends[..., None])[..., 0]
-        centres = (placed.rotations @ self._centres[..., None])[..., 0] + placed.origins
+        (a, b), planes = self._pairs.T, self._half_space[self._pairs[:, 1]]
+        distance = np.full((len(placed.origins), len(a)), np.inf)
         if done is None:
-            distance = np.empty((S, P))
-            a, b = self._pairs[self._other_pairs].T
-            apart = centres[:, b] - centres[:, a]
-            radii = self._radii[a] + self._radii[b]
-            distance[:, self._other_pairs] = segment_segment(apart, ends[:, a], ends[:, b]) - radii
-            for p in self._plane_pairs:
-                distance[:, p] = self._above_plane(placed, *self._pairs[p])
-            exact = np.broadcast_to(self._exact, distance.shape).copy()
-            return Bounds(distance, exact, exact.copy(), placed)
-        distance = np.full((S, P), np.inf)
-        rows, pairs = np.nonzero(~(done | self._half_space[self._pairs[:, 1]]))
-        a, b = self._pairs[pairs].T
-        apart = centres[rows, b] - centres[rows, a]
-        between = segment_segment(apart, ends[rows, a], ends[rows, b])
-        distance[rows, pairs] = between - self._radii[a] - self._radii[b]
-        for p in self._plane_pairs[~done[:, self._plane_pairs].all(axis=0)]:
-            some = np.flatnonzero(~done[:, p])
-            there = Placed(placed.rotations[some], placed.origins[some])
-            distance[some, p] = self._above_plane(there, *self._pairs[p])
-        exact = self._exact | done
+            ends, centres = self._within(placed, slice(None))
+            exact = np.broadcast_to(planes, distance.shape).copy()
+            between = np.sqrt(sum((along[b] - along[a]) ** 2 for along in centres))
+            distance[:] = (between - (self._balls[a] + self._balls[b])[:, None]).T
+            rows, pairs = np.nonzero((distance < far_m) & ~planes)
+        else:
+            left = self._left(done)
+            ends, centres = self._within(placed, left)
+            a, b = np.searchsorted(left, a), np.searchsorted(left, b)  # of others nobody asks
+            exact = done | planes
+            rows, pairs = np.nonzero(~exact)
+            apart = centres[:, b[pairs], rows] - centres[:, a[pairs], rows]
+            balls = self._balls[self._pairs].sum(axis=1)
+            distance[rows, pairs] = np.sqrt((apart * apart).sum(axis=0)) - balls[pairs]
+            near = (distance < far_m)[rows, pairs]
+            rows, pairs = rows[near], pairs[near]
+        apart = centres[:, b[pairs], rows] - centres[:, a[pairs], rows]
+        first, second = (ends[:, of[pairs], rows].T for of in (a, b))
+        between = segment_segment(apart.T, first, second)
+        distance[rows, pairs] = between - self._radii[self._pairs].sum(axis=1)[pairs]
+        exact[rows, pairs] = self._exact[pairs]
+        for p in self._plane_pairs:
+            some = np.arange(len(distance)) if done is None else np.flatnonzero(~done[:, p])
+            if len(some):
+                there = Placed(placed.rotations[some], placed.origins[some])
+                distance[some, p] = self._above_plane(there, *self._pairs[p])
         return Bounds(distance, exact, exact.copy(), placed)
+
+    def _within(self, placed: Placed, some: IntArray | slice) -> tuple[FloatArray, FloatArray]:
+        """Ends and centres (3, K, S) of what encloses some bodies [m]: ends from the centres.
+
+        Posture last, so that whole rows are worked on.
+        """
+        R = placed.rotations[:, some]
+        ends, centres = (
+            np.ascontiguousarray((R @ of[some, :, None])[..., 0].transpose(2, 1, 0))
+            for of in (self._ends, self._centres)
+        )
+        centres += placed.origins[:, some].transpose(2, 1, 0)
+        return ends, centres
 
     def settle(
         self,

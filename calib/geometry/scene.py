@@ -40,8 +40,11 @@ CAP_M = 0.5
 _TURNS = 73
 """Angles of the last joint at which a tool is looked at: every 5 deg of a turn."""
 
-_CHUNK_ENTRIES = 200_000
-"""Postures times pairs that are held at once; bounds the memory to some 50 MB."""
+_CHUNK_ENTRIES = 50_000
+"""Postures times pairs that are held at once: what a cache holds, and 10 MB at most."""
+
+_WAYS = 2
+"""Times as many on ways, where most pairs are done with soon."""
 
 
 class Scene:
@@ -191,7 +194,7 @@ class Scene:
         distance = np.empty(len(postures))
         pair = np.empty(len(postures), dtype=np.intp)
         for rows in self._chunks(len(postures)):
-            known = self._engine.bounds(self._place(postures, state, rows))
+            known = self._engine.bounds(self._place(postures, state, rows), far_m=cap_m)
             self._engine.settle(known, 0.0, cap_m)
             if depths:
                 self._engine.measure(known)
@@ -212,7 +215,7 @@ class Scene:
         _check_length(cap_m, "cap_m", 0.0)
         distance = np.empty((len(postures), len(self.pairs)))
         for rows in self._chunks(len(postures)):
-            known = self._engine.bounds(self._place(postures, None, rows))
+            known = self._engine.bounds(self._place(postures, None, rows), far_m=cap_m)
             self._engine.settle_all(known, cap_m)
             distance[rows] = np.minimum(known.distance_m, cap_m)
         return distance
@@ -258,7 +261,7 @@ class Scene:
             ends,
             keep_m=keep_m,
             cap_m=max(cap_m, keep_m + 1e-6),
-            chunk=self._chunk,
+            chunk=_WAYS * self._chunk,
         )
 
     def sight(

@@ -160,16 +160,17 @@ def check_ways(
             rows = slice(first, first + chunk)
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
-            known = engine.bounds(engine.place(chain.forward(q)), done[rows] if half else None)
+            motion = speed[way] * half
+            before = done[rows] if half else None
+            placed = engine.place(chain.forward(q), before)
+            known = engine.bounds(placed, before, np.maximum(cap_m, keep_m + motion))
             engine.settle(known, 0.0, np.minimum(found.distance_m[way], cap_m))
             found.take(way, middle, *nearest(known.distance_m, cap_m))
-            here = found.distance_m[way] >= keep_m
-            motion = speed[way[here]] * half
-            # a pair that can no longer move noticeably is decided by its distance at the middle
-            beyond = np.where(motion > tolerance_m, motion, -np.inf)
-            done[first + np.flatnonzero(here)] = ~_undecided(
-                engine, known.rows(here), beyond, keep_m
-            )
+            here = (found.distance_m[way] >= keep_m)[:, None]
+            # a pair that can no longer move noticeably is decided by its distance at the middle,
+            # and a way that is blocked is not looked at any further
+            beyond = np.where(here & (motion > tolerance_m), motion, -np.inf)
+            done[rows] = here & ~_undecided(engine, known, beyond, keep_m)
         open_ = ~done.all(axis=1) & (found.distance_m[ways] >= keep_m)
         if half == 0.0:
             half = 0.5

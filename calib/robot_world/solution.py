@@ -22,7 +22,7 @@ from calib.robot_world.identifiability import (
     turned_by_translations,
 )
 from calib.robot_world.methods import Method
-from calib.robot_world.methods.robust import WIDENING
+from calib.robot_world.methods.robust import widening
 from calib.robot_world.noise import Noise, PairNoise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets
 from calib.robot_world.scale import by_rotations_first, likeliest, scaled
@@ -112,7 +112,7 @@ class Solution:
         X, Z, used = self.found.X, self.found.Z, self.used
         if not self.is_sound:
             return None
-        shown = settled(self.pairs, X, Z, used, WIDENING if self.method.robust else 1.0)
+        shown = settled(self.pairs, X, Z, used, widening() if self.method.robust else 1.0)
         if shown is None:
             return None
         far = standing_out(self.sizes(None), used)

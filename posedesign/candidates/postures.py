@@ -39,6 +39,9 @@ MOST_PER_POSE = 8
 """Postures of one pose that a redundant arm gives a pool: as many as a six-axis arm has branches.
 It has a hundred and more of each, most of which differ by a few degrees of its elbow."""
 
+LOOKED_AT_PER_POSE = 2 * MOST_PER_POSE
+"""Postures of one pose that are looked at first."""
+
 _AT_ONCE = 10_000
 """Poses solved at once, so that what is looked at stays within some 20 MB."""
 
@@ -99,11 +102,27 @@ def feasible_postures(
             rows = row[row >= 0]
         else:
             rows = np.flatnonzero(solutions.inside & asked_for(solutions, configurations))
-            rows = rows[checker.check(solutions.postures[rows], every=False).feasible]
-            rows = rows[evenly(solutions.pose[rows], MOST_PER_POSE)]
+            rows = _some_feasible(checker, solutions, rows)
         postures.append(solutions.postures[rows])
         pose.append(solutions.pose[rows] + start)
     return np.concatenate(postures), np.concatenate(pose)
+
+
+def _some_feasible(checker: Checker, solutions: InverseSolutions, rows: IntArray) -> IntArray:
+    """Of some rows those that keep every constraint, at most :data:`MOST_PER_POSE` of each pose.
+
+    Of the hundreds of a redundant arm some of all kinds are looked at first, and the others only of
+    poses of which these were not enough.
+    """
+    pose = solutions.pose[rows]
+    first = evenly(pose, LOOKED_AT_PER_POSE)
+    good = np.zeros(len(rows), dtype=bool)
+    good[first] = checker.check(solutions.postures[rows[first]], every=False).feasible
+    few = np.bincount(pose[good], minlength=len(solutions.gap_m)) < MOST_PER_POSE
+    more = ~first & few[pose]
+    good[more] = checker.check(solutions.postures[rows[more]], every=False).feasible
+    rows = rows[good]
+    return np.asarray(rows[evenly(solutions.pose[rows], MOST_PER_POSE)])
 
 
 def asked_for(solutions: InverseSolutions, configurations: Configurations) -> BoolArray:

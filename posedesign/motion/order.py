@@ -20,10 +20,13 @@ give none; arms of 5 to 200 kg payload take 0.1 to 0.5 s. It is taken to be the 
 programmed speed, as with controllers that filter their commands over a fixed time; who ramps at the
 full acceleration is faster than predicted."""
 
+LIBRARY_S_PER_PAIR = 2e-5
 LIBRARY_S_PER_PLACE = 4e-3
-"""Time that the library has to find an order of more than twenty places, for each [s]. It stops by
-the clock and its chances cannot be seeded, so that its answer could differ from run to run: those
-for 27, 60 and 100 planned poses did not in 12 runs each, those for 200 did in some."""
+"""Time that the library has to find an order of more than twenty places [s]: so much for each two
+of them, and at most for each. It stops by the clock and its chances cannot be seeded, so that its
+answer could differ from run to run: those for 28, 60, 100 and 150 poses of a plan's pool did not,
+six sets of each, nor by twice and four times as much time or half of it; those for 200 did in
+some."""
 
 WORTH = 1e-4
 """Share by which the library's order must be shorter to be taken: an order that depends on no clock
@@ -79,7 +82,7 @@ def shortest_order(
     The nearest place next, then improved by turning stretches round and by moving up to three
     places elsewhere until neither gains; beside it, the order of the library ``fast-tsp`` improved
     in the same way, where that is shorter. Up to 20 places the library's order is the best for
-    symmetric costs; beyond, it is a search of limited time (:data:`LIBRARY_S_PER_PLACE`).
+    symmetric costs; beyond, it is a search of limited time (:data:`LIBRARY_S_PER_PAIR`).
 
     ``cost`` (N, N): from each place (row) to each; infinite where there is no way. Need not be
     symmetric. ``closed``: whether the way back to place 0 counts. ``thorough``: False: without the
@@ -220,7 +223,7 @@ def _by_library(cost: FloatArray, path: IntArray, closed: bool) -> IntArray:
     else:
         whole[end, 1:end] = whole[1:end, end] = _STEPS
         whole[0, end] = whole[end, 0] = 0
-    seconds = LIBRARY_S_PER_PLACE * len(whole)
+    seconds = len(whole) * min(LIBRARY_S_PER_PAIR * len(whole), LIBRARY_S_PER_PLACE)
     tour = fast_tsp.find_tour(whole, seconds, max_threads=1, candidates="nearest")
     start = tour.index(0)
     tour = [*tour[start:], *tour[:start]]

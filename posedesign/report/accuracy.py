@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from posedesign.report.drawing import (
     log_y,
     set_answer,
 )
+from posedesign.report.figures import as_png
 from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 
 if TYPE_CHECKING:
@@ -34,9 +34,7 @@ WORST = "plate distance worst"
 def draw_accuracy(study: AccuracyStudy, path: StrPath) -> Path:
     """Draw the study into a PNG file; see :func:`accuracy_figure`."""
     figure = accuracy_figure(study.findings, study.plan.model.robot.name)
-    data = io.BytesIO()
-    figure.savefig(data, format="png")
-    return write_bytes_atomic(path, data.getvalue())
+    return write_bytes_atomic(path, as_png(figure))
 
 
 def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:

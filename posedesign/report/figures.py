@@ -61,9 +61,9 @@ def draw(out: Results, files: Sequence[Claim], figure: Callable[[], Figure | Non
         out.remove(*((file.path.name, file.origin.purpose) for file in files))
         return
     picture, drawing = files
-    data = io.BytesIO()
-    drawn.savefig(data, format="png")
-    write_bytes_atomic(picture, data.getvalue())
+    write_bytes_atomic(picture, as_png(drawn))
+    # where everything stands is now known, and takes longer than drawing
+    drawn.set_layout_engine("none")
     write_bytes_atomic(drawing, as_svg(drawn).encode())
 
 
@@ -73,14 +73,29 @@ def rows_of(figure: Figure, heights: Sequence[float]) -> list[SubFigure]:
     return [part for (part,) in parts]
 
 
+def as_png(figure: Figure) -> bytes:
+    """The figure as a picture."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    data = io.BytesIO()
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)  # twice, with drawing it, until nothing moves any more
+    # `savefig` would draw all of it once more before
+    FigureCanvasAgg(figure).print_png(data)  # type: ignore[no-untyped-call]
+    return data.getvalue()
+
+
 def as_svg(figure: Figure) -> str:
     """The figure as an element of a page, its texts as texts; the same bytes each time."""
     import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     text = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "posedesign"}):
-        figure.savefig(
-            text, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        # the same, of which `savefig` would draw all before
+        FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
+            text, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
         )
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 

@@ -20,13 +20,14 @@ from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, functions_over_box
 from posedesign.cell import Cell
 from posedesign.cell.task_box import BoxAccuracy, predict_box
-from posedesign.identification.file import IdentificationFile
 from posedesign.planning.optimal import NextPoses, OptimalPlan
 from posedesign.planning.pose_plan import PosePlan
 from posedesign.report import figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from posedesign.identification.file import IdentificationFile
 
 SINGULAR = 1e12
 """Condition of the normalised information from which on poses do not suffice."""

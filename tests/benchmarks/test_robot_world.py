@@ -173,7 +173,10 @@ def test_all_that_is_said_of_thousands_of_pairs(capsys, method):
 
 
 def test_the_command_on_thousands_of_pairs(tmp_path, capsys):
-    """All methods that it takes by default, files and figure: seconds of the processor in all."""
+    """All methods that it takes by default, files and figure: seconds of the processor in all.
+
+    5,000 pairs to be below 10 s; 1,000 below 2 s, which they are not yet.
+    """
     seconds = []
     for N in (1_000, 5_000):
         A, B = (T[0] for T in pairs(1, N))
@@ -186,6 +189,7 @@ def test_the_command_on_thousands_of_pairs(tmp_path, capsys):
         seconds.append(spent - before.children_user - before.children_system)
     with capsys.disabled():
         print(f"\nrobot-world: 1,000 pairs {seconds[0]:.1f} s, 5,000 pairs {seconds[1]:.1f} s")
+    assert seconds[1] < 10.0
     assert seconds[1] < 5.0 * seconds[0]
 
 

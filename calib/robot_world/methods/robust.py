@@ -9,6 +9,8 @@ what the chosen pairs show, made up for what choosing by size cuts off.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from calib.chance import chi2_quantile, chi2_tail, f_bound
@@ -41,15 +43,21 @@ _ROUNDS = 30
 _SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 100_000
 
 _KEPT = 1.0 - CHANCE
-WIDENING = float(np.sqrt(_KEPT / (1.0 - chi2_tail(chi2_quantile(_KEPT, 6), 8))))
-"""Standard deviation over what those of six normal numbers show that are left when the sum of their
-squares may not exceed its quantile: E[s | s < c] / 6 = F_8(c) / F_6(c)."""
 
-_MEDIAN = float(np.sqrt(chi2_quantile(0.5, 3)))
-"""Median length of three normal numbers."""
 
-_MEDIAN_SQUARE = float(chi2_quantile(0.5, 6))
-"""Median sum of the squares of six."""
+@cache
+def widening() -> float:
+    """Standard deviation over what those of six normal numbers show that are left.
+
+    The sum of their squares may not exceed its quantile: E[s | s < c] / 6 = F_8(c) / F_6(c).
+    """
+    return float(np.sqrt(_KEPT / (1.0 - chi2_tail(chi2_quantile(_KEPT, 6), 8))))
+
+
+@cache
+def _median_square(count: int) -> float:
+    """Median sum of the squares of so many normal numbers."""
+    return float(chi2_quantile(0.5, count))
 
 
 _TINY_SHARE = 1e-9
@@ -96,7 +104,7 @@ def _fitted(
     """Adjust X and Z to the pairs used, and the noise where it is unknown."""
     weights = used.astype(float)
     if noise is None:
-        return with_estimated_noise(pairs, X, Z, weights, WIDENING)
+        return with_estimated_noise(pairs, X, Z, weights, widening())
     return adjust(pairs, noise.model(pairs), X, Z, weights=weights), None
 
 
@@ -184,7 +192,7 @@ def _shown(pairs: PairSets, X: FloatArray, Z: FloatArray) -> FloatArray:
     """Noise of rotation and translation ``(2, T)`` by the median residual of candidates."""
     error = residuals(pairs.A, pairs.B, X, Z)
     sizes = [np.linalg.norm(error[..., part], axis=-1) for part in (slice(0, 3), slice(3, 6))]
-    return np.stack([np.median(size, axis=1) / _MEDIAN for size in sizes])
+    return np.stack([np.median(size, axis=1) / np.sqrt(_median_square(3)) for size in sizes])
 
 
 def _near(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> BoolArray:
@@ -224,7 +232,7 @@ def _explained(
         return np.asarray(square <= _more(square) * chi2_quantile(_KEPT, 6))
     # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
     freedom = 6.0 * used.sum(axis=1, keepdims=True) - 12.0
-    left = freedom / WIDENING**2 - np.where(used, square, 0.0)
+    left = freedom / widening() ** 2 - np.where(used, square, 0.0)
     others = freedom - 6.0 * used
     told = others > 0.0
     bound = f_bound(CHANCE, 6.0, np.where(told, others, 1.0))
@@ -246,4 +254,4 @@ def _divided(r: FloatArray, spread: FloatArray) -> FloatArray:
 def _more(square: FloatArray) -> FloatArray:
     """Factor ``(T, 1)`` by which the median of sums of six squares ``(T, N)`` exceeds its own."""
     median = np.median(square, axis=-1, keepdims=True)
-    return np.asarray(np.maximum(median / _MEDIAN_SQUARE, 1.0))
+    return np.asarray(np.maximum(median / _median_square(6), 1.0))

@@ -70,6 +70,23 @@ def test_distances_are_those_of_the_triangles(ring, monkeypatch):
     np.testing.assert_allclose(here[free, 0], away[free] - 0.05, atol=2e-6)
 
 
+@pytest.mark.parametrize("far_m", [0.0, 0.05, 0.2, 0.6])
+def test_pairs_that_are_far_are_told_by_the_balls_about_them(ring, far_m):
+    bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate([*SOLIDS, ring])]
+    rng = np.random.default_rng(6)
+    rotations = rotation_exp(rng.normal(size=(80, len(bodies), 3)))
+    placed = Placed(rotations, rng.uniform(-0.5, 0.5, size=(80, len(bodies), 3)))
+    found = Engine(bodies, np.array([[a, b] for b in range(len(bodies)) for a in range(b)]))
+    known, whole = found.bounds(placed, far_m=far_m), found.bounds(placed)
+    found.settle_all(known, far_m)
+    found.settle_all(whole, np.inf)
+    assert (known.distance_m <= whole.distance_m + 1e-9).all()
+    np.testing.assert_array_equal(
+        np.minimum(known.distance_m, far_m), np.minimum(whole.distance_m, far_m)
+    )
+    assert far_m > 0.5 or not known.exact.all()
+
+
 def test_bounds_are_none_too_large(ring):
     solids = [ring, *SOLIDS]
     bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate(solids)]

@@ -22,6 +22,7 @@ from posedesign.candidates import (
     joint_candidates,
     local_poses,
     offset_targets,
+    postures,
 )
 from posedesign.candidates.building import viewing_poses
 from posedesign.candidates.postures import even_points, evenly, once
@@ -291,6 +292,27 @@ def test_a_redundant_arm_gives_some_of_its_postures():
         if most > 1:
             first = pool.postures[:most]
             assert np.ptp(first, axis=0).max() > np.deg2rad(60.0)
+
+
+def test_as_many_of_a_redundant_arm_as_if_all_its_postures_were_looked_at(monkeypatch):
+    cell = Cell.from_text(cell_template("panda"))
+    few, looked_at = [], []
+    check = type(cell.checker).check
+
+    def counted(checker, q, **how):
+        looked_at[-1] += len(q)
+        return check(checker, q, **how)
+
+    monkeypatch.setattr(type(cell.checker), "check", counted)
+    for most in (postures.LOOKED_AT_PER_POSE, 10**6):
+        monkeypatch.setattr(postures, "LOOKED_AT_PER_POSE", most)
+        looked_at.append(0)
+        pool = cone_candidates(cell, 0.6, 30, rng(), "front")
+        few.append(np.unique(pool.orientations.round(9), axis=0, return_counts=True))
+    np.testing.assert_allclose(few[0][0], few[1][0], atol=1e-8)
+    np.testing.assert_array_equal(few[0][1], few[1][1])
+    assert few[0][1].max() == 8
+    assert looked_at[0] < 0.8 * looked_at[1]
 
 
 @pytest.mark.parametrize(

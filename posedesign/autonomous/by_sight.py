@@ -36,6 +36,7 @@ from posedesign.autonomous.record import LOG, PICTURES, USUAL_MB, Record, Record
 from posedesign.autonomous.video_camera import VideoCamera
 from posedesign.cell import Cell
 from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
+from posedesign.planning import check_plain
 from posedesign.report.answer import Answer, Table
 from posedesign.report.identification import answer_of_identification
 from posedesign.simulation import PLATE_PITCH_M, PlateTest, target_of, true_cell, true_observer
@@ -387,6 +388,7 @@ def _check_kind(cell: Cell) -> None:
             hint='set measurement.kind = "touch-up"',
             name="measurement.kind",
         )
+    check_plain(cell, "a calibration by sight")
 
 
 def _check_results(out: Path) -> None:

@@ -34,6 +34,7 @@ def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, ob
         "tcp_worst_rms_mm": 1e3 * outlook.tcp_worst_m,
         "chosen_tcp_rms_mm": None if chosen is None else 1e3 * chosen,
         "task_box": outlook.box_words,
+        "would_buy_more": outlook.advice,
     }
 
 
@@ -93,6 +94,8 @@ def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:
         "validation": 0 if result.validation is None else len(result.validation.names),
         "scaling": scaling_of(result.model),
         "target": cell.whereabouts.as_dict(),
+        "each_target_alone_tcp_rms_mm": {k: 1e3 * v for k, v in result.alone.items()},
+        "unused_targets": result.unused,
     }
 
 

@@ -265,7 +265,8 @@ def import_positions(
     (claimed,) = results.claim("measured", TOUCH_UPS)
     with progress("reading programs"):
         imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
-    path = write_measurements(claimed, imported.touch_ups)
+    loads = [load.name for load in loaded.config.payload]
+    path = write_measurements(claimed, imported.touch_ups, payloads=loads)
     content = {
         "path": str(path),
         "touch_ups": imported.touch_ups.count,

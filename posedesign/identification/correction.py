@@ -39,7 +39,7 @@ from calib.errors import FileFormatError, InputError, near_names
 from calib.identification import Carried, check_enough, covariance_of, part_of
 from calib.identification.identifiability import check_identifiable_at
 from calib.model import CalibrationModel, Setup
-from calib.model.measurements import Measurements, touch_ups
+from calib.model.measurements import Measurements
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.cell import Cell, TaskBox
@@ -61,7 +61,7 @@ from posedesign.identification.correction_routes import (
 from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import candidates, model_of
-from posedesign.planning import check_not_hand_eye
+from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
 
@@ -353,13 +353,16 @@ def predict(
     """
     (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
     check_not_hand_eye(cell, "a prediction over a box")
-    model, q = cell.model(), poses.measured.postures
-    data = touch_ups(q, targets=model.targets)
+    q, which = poses.measured.postures, cell.which(poses.measured.labels)
+    model = told_by(cell, cell.model_for(which), q, which)
+    data = to_be_measured(cell, model, q, which)
     if name is not None:
+        check_plain(cell, "a prediction of a model by its name")
         model = _listed_model(cell, data, name)
     check_enough(model, data)
     check_identifiable_at(model, data, model.nominal)
-    covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
+    weighted = cell.config.measurement.weighted
+    covariance = covariance_of(model, data.postures, setup=data.setup, weighted=weighted)
     found = predict_box(cell, model, covariance, box)
     write_table(file, [*COLUMNS, "reason"], found.rows())
     return found

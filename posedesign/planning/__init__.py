@@ -11,10 +11,11 @@ if TYPE_CHECKING:
         NEAR_TARGET_M,
         check_fit,
         check_not_hand_eye,
+        check_plain,
         off_target,
         outside_limits,
     )
-    from posedesign.planning.loop import plan, scaling_of
+    from posedesign.planning.loop import plan, scaling_of, to_be_measured, told_by
     from posedesign.planning.pose_plan import PosePlan, Round, displayed, fingerprint
     from posedesign.planning.poses_file import (
         POSE_AXES,
@@ -36,6 +37,7 @@ __all__ = [
     "Round",
     "check_fit",
     "check_not_hand_eye",
+    "check_plain",
     "displayed",
     "fingerprint",
     "off_target",
@@ -44,5 +46,7 @@ __all__ = [
     "read_poses",
     "read_robot_poses",
     "scaling_of",
+    "to_be_measured",
+    "told_by",
     "write_pose_list",
 ]

@@ -96,6 +96,17 @@ def check_not_hand_eye(cell: Cell, what: str) -> None:
         )
 
 
+def check_plain(cell: Cell, what: str) -> None:
+    """Refuse to do with instruments, or several targets, what is of one target that is touched."""
+    if not cell.is_hand_eye and not cell.is_plain:
+        raise InputError(
+            f"{what} is of one target that the tool point touches, and this cell measures "
+            + "; ".join(map(str, cell.observations[:4])),
+            hint='make a cell with one [target] and measurement.kind = "touch-up" for it',
+            name="measurement.kind",
+        )
+
+
 def _refuse(poses: Sequence[str], hint: str) -> None:
     if poses:
         more = f", and {len(poses) - 1} more" if len(poses) > 1 else ""

@@ -208,6 +208,13 @@ def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     NotIdentifiableError: no poses can identify some of the parameters, which are named.
     """
     check_type(cell, Cell, "cell")
+    if not cell.is_hand_eye and cell.observations[0].kind in ("plane", "distance"):
+        raise InputError(
+            "the loop turns the tool about one point, which shows no more of a "
+            f"{cell.observations[0].kind} than its place does",
+            hint="choose poses all over it: take the method exchange",
+            name="method",
+        )
     return _Loop(cell, progress).run()
 
 
@@ -528,12 +535,19 @@ def told_by(
     """
     if cell.is_hand_eye or cell.config.parameters.planned == ("zero_offsets",):
         return model
+    data = to_be_measured(cell, model, postures, which)
+    return reduce(model, data, model.nominal).model
+
+
+def to_be_measured(
+    cell: Cell, model: CalibrationModel, postures: FloatArray, which: IntArray
+) -> Measurements:
+    """What is measured at postures ``(N, n)`` [rad] of observations ``(N,)``, nothing read yet."""
     rows, setup = cell.one_by_one(model, postures, which)
     read = None
     if any(kind.reads for kind in model.measurements):
         read = np.zeros((len(rows), model.rows))
-    data = Measurements(postures[rows], setup, model.targets, model.tools, read)
-    return reduce(model, data, model.nominal).model
+    return Measurements(postures[rows], setup, model.targets, model.tools, read)
 
 
 def regressor(linear: Linearisation) -> FloatArray:

@@ -125,7 +125,8 @@ class Recording:
         if doubts:
             raise InputError(doubts[0], hint="is it the program of another plan?")
         row = dict(zip(joint_columns(arm.n), np.degrees(q[0]).tolist(), strict=True))
-        rows = [*self.rows, {"target": TARGET, **row, "pose": name}]
+        of = self.plan.labels[number - 1].get("target") or TARGET
+        rows = [*self.rows, {"target": of, **row, "pose": name}]
         write_table(self.file, self.columns, rows, [self.by_hand] if self.by_hand else [])
         self.rows = rows
         return name, float(tool_moved_m(self.cell, q, planned)[0])

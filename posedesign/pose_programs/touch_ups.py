@@ -222,13 +222,31 @@ def import_touch_ups(
     step = max(part.step_rad for part in parts)
     warnings += rounding_words(cell, q, step)
     return Imported(
-        Measurements(q, Setup.of(len(q)), names=labels),
+        _as_measured(cell, q, labels, plan),
         1e3 * tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
         tuple(names[i] for i in np.flatnonzero(unmoved)),
         tuple(n for n in (plan.measured.names if plan else ()) if n not in names),
         tuple(warnings),
         bool(implausible),
     )
+
+
+def _as_measured(
+    cell: Cell, q: FloatArray, names: Sequence[str], plan: PoseList | None
+) -> Measurements:
+    """Touch-ups at postures ``(N, n)`` [rad], each of what the plan says by its name."""
+    if cell.is_hand_eye or len(cell.observations) == 1:
+        return Measurements(q, Setup.of(len(q)), names=tuple(names))
+    if plan is None:
+        raise InputError(
+            "a program does not say which of several targets a position is of",
+            hint="give the list that it was written from: `poses`",
+            name="poses",
+        )
+    said = dict(zip(plan.names, plan.labels, strict=True))
+    model = cell.model()
+    _, setup = cell.one_by_one(model, q, cell.which([said[name] for name in names]))
+    return Measurements(q, setup, model.targets, model.tools, names=tuple(names))
 
 
 def _check_together(files: Sequence[Path], dialect: str | None) -> None:

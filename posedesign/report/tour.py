@@ -6,7 +6,7 @@ All in plain arrays and words: :mod:`posedesign.report.scene` draws it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -99,6 +99,10 @@ class Tour:
                 np.vstack([listed.postures, poses.postures]),
                 np.append(listed.via, poses.via),
             )
+        if not cell.is_hand_eye and len(cell.observations) > 1:
+            first, others = cell.observations[0].labels, [] if poses is None else poses.labels
+            extra = {c: (first[c], *(given.get(c, "") for given in others)) for c in first}
+            listed = replace(listed, extra=extra)
         frames, stops = interpolate(listed.postures)
         measured = np.zeros(len(frames), dtype=bool)
         measured[stops] = ~listed.via

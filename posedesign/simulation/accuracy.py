@@ -22,7 +22,7 @@ from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.robot_world import PAPER_METHODS, solve_batch
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
-from posedesign.planning import PosePlan, Round, check_not_hand_eye, plan
+from posedesign.planning import PosePlan, Round, check_not_hand_eye, check_plain, plan
 from posedesign.simulation.plate import PlateTest, try_plate
 from posedesign.simulation.rehearsal import SimulatedRobot
 
@@ -147,6 +147,7 @@ def accuracy_study(
             bound=FEWEST_DRAWS,
         )
     check_not_hand_eye(cell, "the study")
+    check_plain(cell, "the study")
     history = plan(to_the_widest(cell))
     sets = improving_rounds(history)
     if not sets:

@@ -1,5 +1,6 @@
 """Plans for trackers, distances, planes, several targets, pins and payloads: what they promise."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +10,25 @@ from calib.errors import CalibError, InputError, NotIdentifiableError, Unreachab
 from calib.identification import covariance_of
 from calib.model.measurements import Point
 from calib.se3 import apply
+from posedesign.autonomous.by_sight import run_by_sight
 from posedesign.candidates import (
     away_from_singularities,
+    box_of_cell,
     candidates_of,
     functions_over_box,
 )
 from posedesign.cell import Cell
+from posedesign.identification.correction import predict
 from posedesign.instruments import read_measured
 from posedesign.planning import plan
 from posedesign.planning.checks import check_poses, score_poses
 from posedesign.planning.optimal import OptimalPlan, Request, plan_next, plan_optimal
 from posedesign.planning.optimal.sequential import BEFORE_MEASURING
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
+from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.report.plots import figure_of_plan, plot
-from posedesign.simulation import SimulatedRobot
+from posedesign.report.tour import Tour
+from posedesign.simulation import SimulatedRobot, accuracy_study
 from tests.measured_cells import (
     ARMS,
     KINDS,
@@ -392,3 +398,59 @@ def test_the_file_of_a_tracker_is_read_by_the_names_of_the_plan(tmp_path):
     assert read.targets == ("tracker",)
     assert set(read.tools) <= {"R1", "R2", "R3"}
     assert read.count == data.count
+
+
+def test_what_is_of_one_touched_target_is_refused_for_others(tmp_path):
+    cell = measured_cell("two targets", ARM)
+    with pytest.raises(InputError, match="the study is of one target that the tool point touches"):
+        accuracy_study(cell)
+    with pytest.raises(InputError, match="a calibration by sight is of one target"):
+        (tmp_path / "cell.toml").write_text(
+            cell_text("two targets", f'preset = "{ARM}"', ARMS[ARM])
+        )
+        run_by_sight(tmp_path / "cell.toml", tmp_path / "out")
+    with pytest.raises(InputError, match="shows no more of a distance than its place does"):
+        plan(measured_cell("distances", ARM))
+
+
+def test_the_accuracy_over_a_box_is_predicted_for_whatever_is_measured(tmp_path):
+    cell = measured_cell("mixed", ARM)
+    chosen = plan_optimal(cell, Request(count=POSES))
+    box, _ = box_of_cell(cell)
+    found = predict(cell, listed_of(chosen), box, tmp_path)
+    assert np.sqrt(np.mean(found.rms_m[found.reached] ** 2)) == pytest.approx(
+        chosen.accuracy.tcp_m, rel=0.05
+    )
+
+
+def test_a_scene_has_every_pose_of_several_targets():
+    cell = measured_cell("two targets", ARM)
+    chosen = plan_optimal(cell, Request(count=10))
+    listed = listed_of(chosen)
+    tour = Tour.of(cell, listed)
+    assert len(tour.verdicts) == len(listed.names) + 1
+    assert all(verdict.feasible for verdict in tour.verdicts[1:])
+    assert Tour.of(cell).verdicts[0].feasible
+
+
+def test_imported_touch_ups_are_of_the_targets_of_the_plan(tmp_path):
+    text = cell_text("two targets", 'preset = "lrmate200id"', (0.0, 10.0, -10.0, 0.0, -60.0, 0.0))
+    cell = Cell.from_text(text)
+    chosen = plan_optimal(cell, Request(count=10))
+    listed = listed_of(chosen)
+    options = program_options(cell, listed, None)
+    written = write_program(listed, tmp_path, "fanuc-ls", options, "CALIB01", cell)
+    touched = re.sub(
+        r"J2=( *)(-?\d+\.\d+)",
+        lambda found: f"J2={found[1]}{float(found[2]) + 0.05:.3f}",
+        written.paths[0].read_text(),
+    )
+    path = tmp_path / "BACK.LS"
+    path.write_text(touched)
+    found = import_touch_ups(cell, [path], listed, None)
+    of = dict(zip(listed.names, listed.labels, strict=True))
+    assert [found.touch_ups.targets[k] for k in found.touch_ups.setup.target] == [
+        of[name]["target"] for name in found.touch_ups.names
+    ]
+    with pytest.raises(InputError, match="was written from the plan"):
+        import_touch_ups(cell, [path], None, None)

@@ -404,11 +404,10 @@ def test_what_is_of_one_touched_target_is_refused_for_others(tmp_path):
     cell = measured_cell("two targets", ARM)
     with pytest.raises(InputError, match="the study is of one target that the tool point touches"):
         accuracy_study(cell)
+    path = tmp_path / "cell.toml"
+    path.write_text(cell_text("two targets", f'preset = "{ARM}"', ARMS[ARM]))
     with pytest.raises(InputError, match="a calibration by sight is of one target"):
-        (tmp_path / "cell.toml").write_text(
-            cell_text("two targets", f'preset = "{ARM}"', ARMS[ARM])
-        )
-        run_by_sight(tmp_path / "cell.toml", tmp_path / "out")
+        run_by_sight(path, tmp_path / "out")
     with pytest.raises(InputError, match="shows no more of a distance than its place does"):
         plan(measured_cell("distances", ARM))
 

@@ -19,7 +19,6 @@ from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
 from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
-from posedesign.cell.moveit_scene import read_scene
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import (
     Checker,
@@ -77,6 +76,8 @@ def obstacles(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> l
             around.append(Body(section.name, 0, _placement(section), _solid(section, folder)))
             continue
         T_base_scene = robot.T_base_root @ _placement(section)
+        from posedesign.cell.moveit_scene import read_scene  # not loaded for cells without
+
         for name, T_scene_solid, solid in read_scene(folder / section.scene):
             around.append(Body(f"{section.name}/{name}", 0, T_base_scene @ T_scene_solid, solid))
     return around

@@ -76,7 +76,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 
 [target]                          # of several, each begins with [[target]]
 name = "T1"
-# kind = "touch-up"               # how it is measured; default: measurement.kind
+# kind = "plane"                  # how it is measured; default: measurement.kind
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
 {world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose

@@ -196,8 +196,10 @@ class Cell(CellData):
     @property
     def is_plain(self) -> bool:
         """Whether one target is touched by the tool point, with the load of the tool alone."""
-        seen = self.observations
-        return len(seen) == 1 and seen[0].tools == (TOOL,) and not seen[0].reads
+        if self.is_hand_eye:
+            return False
+        first, *others = self.observations
+        return not others and first.tools == (TOOL,) and not first.reads
 
     @cached_property
     def sights(self) -> tuple[MarkSight | None, ...]:

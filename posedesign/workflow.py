@@ -13,7 +13,21 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.robot_world import Noise, NoiseShown, PairNoise
+from posedesign.acceptance.drift import Recheck
+from posedesign.acceptance.file import (
+    RESULT,
+    RULE,
+    AcceptanceFile,
+    check_not_fitted,
+    read_rule,
+    rule_as_dict,
+    verdict_as_dict,
+)
+from posedesign.acceptance.judge import judge
+from posedesign.acceptance.places import AcceptancePlan, TestRequest, plan_acceptance
+from posedesign.acceptance.recheck import RecheckPlan, Watch, plan_recheck
 from posedesign.cell import Cell
 from posedesign.files import (
     MEASURED,
@@ -25,15 +39,21 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.files.measurements import (
+    MeasurementTable,
+    read_measurements,
+    write_measurements,
+)
 from posedesign.files.origin import checksum
 from posedesign.hand_eye import CAMERA_FILES, Asked, Calibrated, as_calibrated, calibrate_camera
 from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
-from posedesign.identification.file import IdentificationFile
+from posedesign.identification.file import IdentificationFile, read_identification
+from posedesign.identification.file import read_file as read_identification_file
 from posedesign.identification.measurement_set_up import check_readings, far_rows
+from posedesign.identification.models import FRAMES_ONLY
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
 from posedesign.pairs.tables import DEFAULT_METHODS
@@ -54,6 +74,7 @@ from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
+from posedesign.report.acceptance import figure_of_acceptance
 from posedesign.report.figures import draw
 from posedesign.report.hand_eye import figure_of_camera
 from posedesign.report.pairs import solve_and_draw
@@ -72,12 +93,17 @@ TOUCH_UPS = ("touchups.csv", "touch-ups")
 MEASUREMENTS = ("measurements.csv", "measurements")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
-PLANNED, IDENTIFIED, CAMERA_DRAWN = (
+ACCEPTANCE_POSES = ("poses.csv", "acceptance poses")
+ACCEPTANCE_RULE = (RULE, "acceptance test")
+ACCEPTANCE = (RESULT, "acceptance verdict")
+RECHECK_POSES = ("poses.csv", "recheck poses")
+PLANNED, IDENTIFIED, CAMERA_DRAWN, ACCEPTANCE_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
         ("plan", "figure of a plan"),
         ("identification", "figure of an identification"),
         ("camera", "figure of a calibrated camera"),
+        ("acceptance", "figure of an acceptance test"),
     )
 )
 """Figures, as picture and as drawing."""
@@ -218,14 +244,7 @@ def plan_next_poses(
         cell
     )  # the file of another kind of cell would be found wrong in other words
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
-    table = read_measurements(
-        measurements,
-        cell.robot.n,
-        kind=cell.config.measurement.kind,
-        payloads=[payload.name for payload in cell.config.payload],
-        controller=cell.robot.controller,
-        trust_units=trust_units,
-    )
+    table = _measured(cell, measurements, trust_units)
     result = plan_next(
         cell,
         table.data,
@@ -297,13 +316,23 @@ def simulated_files(cell: Cell) -> list[tuple[str, str]]:
 
 
 def simulate(
-    cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None
+    cell: Cell,
+    poses: PoseList,
+    out: Path | Results,
+    seed: int | None = None,
+    cycles: int = 1,
 ) -> SimulatedRobot:
     """Measure a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
     What instruments read goes to ``measurements.csv``. In a cell of hand-eye calibration nothing is
     touched, and there are pairs only; without a camera there are none. The noise depends on the
-    seed alone: the one of the cell, unless another is given.
+    seed alone: the one of the cell, unless another is given. ``cycles``: how often an instrument
+    reads all poses, one after another.
+
+    Raises
+    ------
+    InputError
+        Several cycles of what is touched: each touch has joint values of its own, and so a name.
     """
     claims = Results.of(out, "simulate").claim("simulated", *simulated_files(cell))
     check_fit(cell, poses)
@@ -311,12 +340,19 @@ def simulate(
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
     postures = poses.postures
+    if cycles > 1 and not all(seen.reads for seen in cell.observations):
+        raise InputError(
+            f"{cycles} cycles of poses that are touched",
+            hint="only what an instrument reads is repeated at the same joint values",
+            name="cycles",
+        )
     if not cell.is_hand_eye and cell.is_plain:
         touched = robot.touch_up(postures, rng)
         write_measurements(claims[0], replace(touched, names=poses.names))
         postures = touched.postures
     elif not cell.is_hand_eye:
-        data = robot.measure(postures, cell.which(poses.labels), poses.names, rng)
+        which = np.tile(cell.which(poses.labels), cycles)
+        data = robot.measure(np.tile(postures, (cycles, 1)), which, poses.names * cycles, rng)
         kinds = [kind.name for kind in robot.model.measurements]
         write_measurements(claims[0], data, kinds, [load.name for load in cell.config.payload])
     if cell.has_camera:
@@ -340,15 +376,7 @@ def identify_file(
     """
     results = Results.of(out, "identify")
     file, *drawn = results.claim("computed", IDENTIFICATION, *IDENTIFIED, inputs=[measurements])
-    robot = cell.robot
-    table = read_measurements(
-        measurements,
-        robot.n,
-        kind=cell.config.measurement.kind,
-        payloads=[payload.name for payload in cell.config.payload],
-        controller=robot.controller,
-        trust_units=trust_units,
-    )
+    table = _measured(cell, measurements, trust_units)
     if not trust_units:
         check_readings(cell, table)
     rows = [f"line {line}" for line in table.lines]
@@ -420,6 +448,129 @@ def calibrate_from_pictures(
     else:
         results.remove(*LENS_FILES, *TRANSFORMS)
     return found, files
+
+
+def plan_acceptance_test(
+    cell: Cell,
+    request: TestRequest,
+    out: Path | Results,
+    identification: Path | None = None,
+    model: str | None = None,
+) -> AcceptancePlan:
+    """Plan an acceptance test; write ``poses.csv`` and the rule, ``acceptance_test.json``.
+
+    ``identification``: what the arm is corrected by, a ``model`` of it; gives the chance to pass.
+    """
+    results = Results.of(out, "prove")
+    poses, rule = claim_plan(results, ACCEPTANCE_POSES, ACCEPTANCE_RULE)
+    used = known = None
+    if identification is not None:
+        used = read_identification(identification, cell, model)
+        known = read_identification(identification, cell, reference=True)
+    found = plan_acceptance(cell, request, used=used, known=known)
+    _write_poses(poses, cell, found.poses, found.route)
+    write_json_atomic(rule, rule_as_dict(found))
+    results.remove(ACCEPTANCE, *ACCEPTANCE_DRAWN)
+    return found
+
+
+def judge_acceptance_test(
+    cell: Cell,
+    measurements: Path,
+    out: Path | Results,
+    identification: Path | None = None,
+    model: str | None = None,
+    rule: Path | None = None,
+    *,
+    given_frame: bool = False,
+    trust_units: bool = False,
+) -> AcceptanceFile:
+    """Judge an arm by what was measured at the poses of a test; write ``acceptance.json``.
+
+    ``rule``: of the test; by default the one beside the measurements.
+    """
+    planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
+    read = [path for path in (measurements, planned, identification) if path is not None]
+    file, *drawn = Results.of(out, "prove").claim(
+        "computed", ACCEPTANCE, *ACCEPTANCE_DRAWN, inputs=read
+    )
+    asked, table = read_rule(planned), _measured(cell, measurements, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    used = before = None
+    notes: list[str] = []
+    if identification is not None:
+        used = read_identification(identification, cell, model)
+        content = read_identification_file(identification)
+        fitted = identification.with_name(Path(content.data.file).name)
+        there = fitted.is_file() and bool(content.data.file)
+        notes = check_not_fitted(
+            measurements,
+            table,
+            identification,
+            _measured(cell, fitted, trust_units) if there else None,
+        )
+        if any(each.name == FRAMES_ONLY and each.parameters for each in content.models):
+            before = read_identification(identification, cell, FRAMES_ONLY)
+    verdict = judge(
+        cell,
+        table,
+        asked.request,
+        planned=asked.poses,
+        used=used,
+        before=before,
+        given_frame=given_frame,
+    )
+    content_of = verdict_as_dict(asked, replace(verdict, notes=tuple(notes)))
+    write_json_atomic(file, content_of)
+    found = AcceptanceFile.model_validate(content_of)
+    draw(Results.of(out, "prove"), drawn, lambda: figure_of_acceptance(found))
+    return found
+
+
+def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
+    return read_measurements(
+        path,
+        cell.robot.n,
+        kind=cell.config.measurement.kind,
+        payloads=[payload.name for payload in cell.config.payload],
+        controller=cell.robot.controller,
+        trust_units=trust_units,
+    )
+
+
+def plan_recheck_poses(
+    cell: Cell, identification: Path, out: Path | Results, count: int, *, set_up_anew: bool = False
+) -> RecheckPlan:
+    """Choose the poses that tell best whether the arm is still the one identified; write them."""
+    (poses,) = claim_plan(Results.of(out, "recheck"), RECHECK_POSES, inputs=[identification])
+    kinds = list(dict.fromkeys(seen.kind for seen in cell.observations))
+    found = plan_recheck(cell, _watch(cell, identification, kinds, set_up_anew), count)
+    _write_poses(poses, cell, found.poses, found.route)
+    return found
+
+
+def recheck_file(
+    cell: Cell,
+    measurements: Path,
+    identification: Path,
+    *,
+    set_up_anew: bool = False,
+    trust_units: bool = False,
+) -> Recheck:
+    """Test by what was measured whether the arm is still the one that was identified."""
+    table = _measured(cell, measurements, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    check_not_fitted(measurements, table, identification, None)
+    return _watch(cell, identification, table.kinds, set_up_anew).test(table)
+
+
+def _watch(cell: Cell, identification: Path, kinds: Sequence[str], set_up_anew: bool) -> Watch:
+    known = read_identification(identification, cell, reference=True)
+    models = read_identification_file(identification).models
+    noise = {n.kind: n for model in models if model.name == known.name for n in model.noise}
+    return Watch.of(cell, known, noise, kinds, set_up_anew=set_up_anew)
 
 
 def camera_noise(cell: Cell) -> PairNoise:

@@ -46,7 +46,7 @@ from posedesign.acceptance.iso9283 import (
     distance_characteristics,
     pose_characteristics,
 )
-from posedesign.acceptance.places import ISO, ONE_POINT_M, TestRequest
+from posedesign.acceptance.places import ISO, TestRequest
 from posedesign.acceptance.sampling import content_proven
 from posedesign.cell import Cell
 from posedesign.cell.observations import instrument_frame, mark_named, place_of, target_named
@@ -56,6 +56,9 @@ from posedesign.identification.file import IdentifiedModel
 BEFORE, AFTER = "as described", "as identified"
 
 FEWEST_FOR_FRAME = 3
+
+ONE_POINT_M = 1e-3
+"""Extent of places that are one: touched up, they lie apart by what the touching scatters."""
 
 _RESAMPLED = 2000
 
@@ -253,7 +256,7 @@ def _judged(
     poses: dict[str, PoseCharacteristics] = {}
     for (name, mark), rows in groups.items():
         if kinds[rows[0]] == "distance":
-            continue
+            continue  # no position: its own characteristics are below
         seen = None if turns is None or np.isnan(turns[rows]).any() else turns[rows]
         found = pose_characteristics(errors[rows], seen)
         poses[f"{name} {mark}".rstrip()] = found
@@ -268,7 +271,7 @@ def _judged(
         errors,
         places,
         poses,
-        _distances(table, T, groups),
+        {**_from_feet(table, errors, groups), **_distances(table, T, groups)},
         _rms(places),
         beyond,
     )
@@ -390,6 +393,23 @@ def _foot(cell: Cell, label: str, at: FloatArray, read: FloatArray, given: bool)
 
     fit = least_squares(off, start)
     return np.asarray(fit.x)
+
+
+def _from_feet(
+    table: MeasurementTable, errors: FloatArray, groups: Mapping[tuple[str, str], IntArray]
+) -> dict[tuple[str, str], DistanceCharacteristics]:
+    """Distances from a foot, as they were read."""
+    data = table.data
+    measured = set(table.of_kind("distance").tolist())
+    found = {}
+    for (name, mark), rows in groups.items():
+        if data.observed is not None and measured.issuperset(rows.tolist()):
+            read = data.observed[rows, 0]
+            foot, commanded = data.targets[data.setup.target[rows[0]]], read - errors[rows, 0]
+            found[f"{name} {mark}".rstrip(), foot] = distance_characteristics(
+                read, float(commanded.mean())
+            )
+    return found
 
 
 def _distances(

@@ -26,6 +26,8 @@ from posedesign.acceptance.sampling import chance_to_pass, places_needed, spread
 from posedesign.candidates import box_of_cell, candidates_of
 from posedesign.candidates.postures import even_points
 from posedesign.cell import Cell, TaskBox, cone_rotations_at
+from posedesign.cell.measuring import noise_of_kind
+from posedesign.cell.observations import place_of, target_named
 from posedesign.constraints import nearest_postures
 from posedesign.identification.file import IdentifiedModel
 from posedesign.motion import Router
@@ -57,9 +59,6 @@ REDRAWN = 8
 
 ROUNDS = 6
 """Times that more parts are made of the box, where some were out of reach."""
-
-ONE_POINT_M = 1e-3
-"""Extent of places that are one: touched up, they lie apart by what the touching scatters."""
 
 DRAWN = 4000
 """Arms drawn for the chance to pass: known to a hundredth."""
@@ -145,6 +144,8 @@ class AcceptancePlan:
         To pass, by what the identification says of the arm; NaN without one.
     expected_m : float
         Root mean square error that it predicts at the poses [m]; NaN without one.
+    distances : bool
+        Whether distances alone are read: nothing is said of errors across them.
     """
 
     request: TestRequest
@@ -154,17 +155,21 @@ class AcceptancePlan:
     notes: tuple[str, ...] = ()
     chance: float = np.nan
     expected_m: float = np.nan
+    distances: bool = False
 
     @property
     def statement(self) -> str:
         """What the test proves where it is passed."""
         asked, limit = self.request, f"{1e3 * self.request.limit_m:.4g} mm"
         if asked.test == ISO:
-            return f"AP of ISO 9283 is at most {limit} at each of five poses"
-        return (
-            f"at least {100 * asked.content:g} % of the places are within {limit}, with confidence "
-            f"{100 * asked.confidence:g} %"
-        )
+            what = "AD" if self.distances else "AP"
+            said = f"{what} of ISO 9283 is at most {limit} at each of five poses"
+        else:
+            said = (
+                f"at least {100 * asked.content:g} % of the places are within {limit}, with "
+                f"confidence {100 * asked.confidence:g} %"
+            )
+        return said + ", by the distance from its foot alone" * self.distances
 
 
 def plan_acceptance(
@@ -204,6 +209,8 @@ def plan_acceptance(
         plan = _iso(cell, request, reading[0])
     else:
         plan = _spread(cell, request, reading[0]) if reading else _touched(cell, request)
+    kinds = {seen.kind for seen in cell.observations if seen.reads}
+    plan = replace(plan, distances=kinds == {"distance"})
     if known is None or used is None or known.covariance is None:
         return plan
     return _with_chance(plan, cell, used, known, known.covariance)
@@ -378,12 +385,12 @@ def _touched(cell: Cell, request: TestRequest) -> AcceptancePlan:
     return AcceptancePlan(request, poses, route, where)
 
 
-def frame_motions(points: FloatArray) -> FloatArray:
+def frame_motions(points: FloatArray, *, turning: bool) -> FloatArray:
     """Orthonormal displacements ``(3 K, r)`` of points that a frame placed anew takes up.
 
-    Those of a rigid body; of points that are one, and of a touched target, a shift alone.
+    Those of a rigid body; of a target that is touched a shift alone.
     """
-    if np.ptp(points, axis=0).max() > ONE_POINT_M:
+    if turning:
         return rigid_motions(points)
     return np.asarray(np.tile(np.eye(3), (len(points), 1)) / np.sqrt(len(points)))
 
@@ -404,12 +411,20 @@ def _with_chance(
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     rng = np.random.default_rng(0)
     off = lost + rng.standard_normal((DRAWN, known.model.p)) @ (J @ root).T
-    kind = next(kind for kind in cell.model().measurements if kind.rows >= kind.turns + 3)
-    sigma = np.tile(kind.sigma[:3], len(q)) / np.sqrt(plan.request.times)
-    off += sigma * rng.standard_normal(off.shape)
-    taken = frame_motions(points)  # the frame is placed where the test fits best
-    off -= (off @ taken) @ taken.T
-    errors = np.linalg.norm(off.reshape(DRAWN, -1, 3), axis=2)
+    first = cell.observations[0]
+    seen = next((each for each in cell.observations if each.reads), first)
+    sigma = noise_of_kind(cell, seen.kind).sigma[:3] / np.sqrt(plan.request.times)
+    if len(sigma) == 1:  # a distance: along the way from its foot, which the test places anew
+        target = target_named(cell.config, seen.target)
+        away = points - (cell.target_m if target is None else place_of(cell, target))
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        off, taken = np.einsum("tkr,kr->tk", off.reshape(DRAWN, -1, 3), away), away
+    else:  # the frame is placed where the test fits best
+        taken = frame_motions(points, turning=seen.reads or len(cell.config.targets) > 1)
+    off += np.resize(sigma, off.shape[1]) * rng.standard_normal(off.shape)
+    base = np.linalg.qr(taken)[0]
+    off -= (off @ base) @ base.T
+    errors = np.linalg.norm(off.reshape(DRAWN, len(q), -1), axis=2)
     allowed = plan.request.allowed if plan.request.test == PLACES else 0
     return replace(
         plan,

@@ -67,7 +67,8 @@ def answer_of_verdict(
     said = "passed" if found.passed else "NOT passed"
     worst = f"the largest error is {arm.worst_mm:.3g} mm, the limit {rule.limit_mm:.4g} mm"
     if rule.test == ISO:
-        proof = f"AP of ISO 9283 of the arm {arm.arm}: {worst}"
+        what = "AP" if arm.poses else "AD"
+        proof = f"{what} of ISO 9283 of the arm {arm.arm}: {worst}"
     else:
         count = len(found.poses) + len(found.missing)
         proof = (
@@ -93,7 +94,8 @@ def answer_of_verdict(
         )
     notes = list(found.notes)
     if rule.test == ISO and found.frame.startswith(_FITTED):
-        taken, of = 6, 3 * len(found.poses)
+        # a frame has six numbers, the foot of distances three
+        taken, of = (6, 3 * len(found.poses)) if arm.poses else (3, len(found.poses))
         notes.append(
             f"the frame of the instrument takes {taken} of the {of} coordinates of these poses up: "
             "in a frame that is known errors are larger"

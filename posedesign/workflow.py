@@ -26,7 +26,7 @@ from posedesign.acceptance.file import (
     verdict_as_dict,
 )
 from posedesign.acceptance.judge import judge
-from posedesign.acceptance.places import AcceptancePlan, TestRequest, plan_acceptance
+from posedesign.acceptance.places import AcceptancePlan, AcceptanceRequest, plan_acceptance
 from posedesign.acceptance.recheck import RecheckPlan, Watch, plan_recheck
 from posedesign.cell import Cell
 from posedesign.files import (
@@ -452,7 +452,7 @@ def calibrate_from_pictures(
 
 def plan_acceptance_test(
     cell: Cell,
-    request: TestRequest,
+    request: AcceptanceRequest,
     out: Path | Results,
     identification: Path | None = None,
     model: str | None = None,

@@ -36,6 +36,10 @@ ALIKE = 4.0
 """Difference of Akaike's criterion within which causes are not told apart: a likelihood ratio of
 e², some seven."""
 
+UNEXPLAINED = 0.01
+"""Chance of what the likeliest cause leaves, below which no single one explains what was measured:
+so rarely a true one is passed over."""
+
 _SEEN = 1e-9
 """Singular value, over the largest or over the noise, below which nothing shows."""
 
@@ -187,13 +191,13 @@ class Recheck:
     @property
     def possible(self) -> tuple[Explanation, ...]:
         """Single causes that explain it as well as the likeliest; none where none explains it."""
-        if self.same or self.explanations[0].p_left < FALSE_ALARM:
+        if self.same or not self.explanations or self.explanations[0].p_left < UNEXPLAINED:
             return ()
         best = self.explanations[0].akaike
         return tuple(e for e in self.explanations if e.akaike <= best + ALIKE)
 
 
-def test_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
+def judge_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
     """Test what was measured, and judge every single cause."""
     if told.y is None:
         raise InputError("nothing was measured", name="measurements")

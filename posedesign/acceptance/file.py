@@ -16,7 +16,7 @@ from pydantic import Field
 from calib.errors import InputError
 from posedesign.acceptance.iso9283 import Figure
 from posedesign.acceptance.judge import Judged, Verdict
-from posedesign.acceptance.places import AcceptancePlan, TestRequest
+from posedesign.acceptance.places import AcceptancePlan, AcceptanceRequest
 from posedesign.acceptance.sampling import MOST_PLACES
 from posedesign.files import origin_of, plain
 from posedesign.files.measurements import MeasurementTable
@@ -43,8 +43,8 @@ class Rule(ReadFromFile):
     chance: Number | None = None
 
     @property
-    def request(self) -> TestRequest:
-        return TestRequest(
+    def request(self) -> AcceptanceRequest:
+        return AcceptanceRequest(
             self.test,
             self.limit_mm / 1e3,
             self.content,

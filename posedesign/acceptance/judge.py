@@ -46,7 +46,7 @@ from posedesign.acceptance.iso9283 import (
     distance_characteristics,
     pose_characteristics,
 )
-from posedesign.acceptance.places import ISO, TestRequest
+from posedesign.acceptance.places import ISO, AcceptanceRequest
 from posedesign.acceptance.sampling import content_proven
 from posedesign.cell import Cell
 from posedesign.cell.observations import instrument_frame, mark_named, place_of, target_named
@@ -110,7 +110,7 @@ class Verdict:
     base frame. ``missing``: poses of the test that were not measured: they count as beyond.
     """
 
-    request: TestRequest
+    request: AcceptanceRequest
     names: tuple[str, ...]
     points_m: FloatArray
     judged: tuple[Judged, ...]
@@ -139,7 +139,7 @@ class Verdict:
 def judge(
     cell: Cell,
     table: MeasurementTable,
-    request: TestRequest,
+    request: AcceptanceRequest,
     *,
     planned: Sequence[str] = (),
     used: IdentifiedModel | None = None,
@@ -217,7 +217,7 @@ def _tool_frames(cell: Cell, table: MeasurementTable, arm: IdentifiedModel | Non
 def _judged(
     cell: Cell,
     table: MeasurementTable,
-    request: TestRequest,
+    request: AcceptanceRequest,
     label: str,
     arm: IdentifiedModel | None,
     names: Sequence[str],

@@ -65,7 +65,7 @@ DRAWN = 4000
 
 
 @dataclass(frozen=True)
-class TestRequest:
+class AcceptanceRequest:
     """What is to be proven.
 
     Attributes
@@ -148,7 +148,7 @@ class AcceptancePlan:
         Whether distances alone are read: nothing is said of errors across them.
     """
 
-    request: TestRequest
+    request: AcceptanceRequest
     poses: PoseSet
     route: Route
     where: str
@@ -174,7 +174,7 @@ class AcceptancePlan:
 
 def plan_acceptance(
     cell: Cell,
-    request: TestRequest,
+    request: AcceptanceRequest,
     *,
     used: IdentifiedModel | None = None,
     known: IdentifiedModel | None = None,
@@ -253,7 +253,7 @@ def _tip_poses(cell: Cell, R: FloatArray, points: FloatArray) -> FloatArray:
     return transform(np.broadcast_to(R, (len(points), 3, 3)), points - R @ cell.tool_m)
 
 
-def _iso(cell: Cell, request: TestRequest, which: int) -> AcceptancePlan:
+def _iso(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePlan:
     box, words = box_of_cell(cell)
     part, router, why = cell.parts[which], Router.of_cell(cell), ""
     planes = PLANES if request.plane is None else (request.plane,)
@@ -298,7 +298,7 @@ def _pose_set(cell: Cell, q: FloatArray, which: IntArray) -> PoseSet:
     return PoseSet.of_chosen(q, cell.robot.fk(q)[:, :3, :3], labels)
 
 
-def _spread(cell: Cell, request: TestRequest, which: int) -> AcceptancePlan:
+def _spread(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePlan:
     box, words = box_of_cell(cell)
     wanted = parts = request.count
     router, rng = Router.of_cell(cell), np.random.default_rng(request.seed)
@@ -325,7 +325,9 @@ def _spread(cell: Cell, request: TestRequest, which: int) -> AcceptancePlan:
             poses = _pose_set(cell, q[rows], np.full(len(rows), which))
             where = f"{len(rows)} places, one drawn in each of as many equal parts of {words}"
             return AcceptancePlan(request, poses, route, where, tuple(notes))
-        parts = min(4 * wanted, -(-parts * wanted // max(len(rows), 1)) + 1)
+        if not len(rows):
+            break
+        parts = min(4 * wanted, -(-parts * wanted // len(rows)) + 1)
     raise UnreachableError(
         f"no {wanted} places of the task box can be taken: {why}",
         hint="give a smaller [task_box], in front of the arm",
@@ -360,7 +362,7 @@ def _in_each(
     return q[np.isfinite(q[:, 0])], turned, why
 
 
-def _touched(cell: Cell, request: TestRequest) -> AcceptancePlan:
+def _touched(cell: Cell, request: AcceptanceRequest) -> AcceptancePlan:
     pool, wanted = candidates_of(cell), request.count
     router, rng = Router.of_cell(cell), np.random.default_rng(request.seed)
     order = rng.permutation(len(pool))

@@ -23,7 +23,7 @@ from posedesign.acceptance.drift import (
     Recheck,
     Whitened,
     choose,
-    test_change,
+    judge_change,
     whiten,
 )
 from posedesign.candidates import CandidatePoses, away_from_singularities, candidates_of
@@ -151,7 +151,7 @@ class Watch:
         J = linear.white_jacobian.reshape(-1, self.model.p)
         rows = linear.view.posture_first(linear.white_last[0]).reshape(-1)
         # rows are predictions less readings: a change shows with the other sign
-        return test_change(whiten(J, self.covariance, self.causes, self.anew, -rows), self.causes)
+        return judge_change(whiten(J, self.covariance, self.causes, self.anew, -rows), self.causes)
 
     def _in_own_words(self, table: MeasurementTable) -> Measurements:
         names = [kind.name for kind in self.model.measurements]

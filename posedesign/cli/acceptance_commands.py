@@ -30,7 +30,7 @@ from posedesign.cli.plan_commands import (
 
 if TYPE_CHECKING:
     from posedesign.acceptance.drift import Recheck
-    from posedesign.acceptance.places import TestRequest
+    from posedesign.acceptance.places import AcceptanceRequest
 
 Measured = Annotated[
     Path | None,
@@ -176,14 +176,14 @@ def _refuse(name: object, why: str) -> None:
         raise InputError(f"--{name} {why}", hint="leave it out", name=str(name))
 
 
-def _request(given: Mapping[str, object]) -> TestRequest:
-    from posedesign.acceptance.places import TestRequest
+def _request(given: Mapping[str, object]) -> AcceptanceRequest:
+    from posedesign.acceptance.places import AcceptanceRequest
     from posedesign.cli.plan_request import parse_length
 
     words: dict[str, object] = dict(given)
     if "limit" in words:
         words["limit_m"] = parse_length(str(words.pop("limit")))
-    return TestRequest(**words)  # type: ignore[arg-type]
+    return AcceptanceRequest(**words)  # type: ignore[arg-type]
 
 
 def recheck(

@@ -113,6 +113,7 @@ class AcceptanceRequest:
                 hint="one of " + ", ".join(PLANES),
                 name="plane",
             )
+        places_needed(self.content, self.confidence, self.allowed)  # refuses what cannot be
         if self.cycles is not None and not 1 <= self.cycles <= 1000:
             raise InputError(f"{self.cycles} cycles", hint="from 1 to 1000", name="cycles")
 

@@ -242,12 +242,11 @@ def check_not_fitted(
                 hint="leave them out, or measure others",
                 name="measurements",
             )
-        q = fitted.data.postures
-        off = np.abs(table.data.postures[:, None] - q).max(axis=2).min(axis=1)
-        if (off < 1e-6).any():
-            notes.append(
-                f"{int((off < 1e-6).sum())} measurements are at postures that were identified from"
-            )
+        n = fitted.data.postures.shape[1]
+        stood = {bytes(row[:n]) for row in _as_rows(fitted)}
+        at = sum(bytes(row[:n]) in stood for row in _as_rows(table))
+        if at:
+            notes.append(f"{at} measurements are at postures that were identified from")
     return notes
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -59,6 +59,9 @@ FEWEST_FOR_FRAME = 3
 
 ONE_POINT_M = 1e-3
 """Extent of places that are one: touched up, they lie apart by what the touching scatters."""
+
+_EVERY_DISTANCE = 30
+"""Poses of a test up to which the distances between all of them are judged."""
 
 _RESAMPLED = 2000
 
@@ -415,11 +418,16 @@ def _from_feet(
 def _distances(
     table: MeasurementTable, T: FloatArray, groups: Mapping[tuple[str, str], IntArray]
 ) -> dict[tuple[str, str], DistanceCharacteristics]:
-    """Distances between poses that one instrument read as often, cycle by cycle."""
+    """Distances between poses that one instrument read as often, cycle by cycle.
+
+    Of many poses those from each to the next.
+    """
     data = table.data
     read = set(table.of_kind("point", "pose").tolist())
     found: dict[tuple[str, str], DistanceCharacteristics] = {}
-    for ((first, mark), a), ((second, other), b) in combinations(groups.items(), 2):
+    items = list(groups.items())
+    pairs = combinations(items, 2) if len(items) <= _EVERY_DISTANCE else pairwise(items)
+    for ((first, mark), a), ((second, other), b) in pairs:
         together = np.concatenate([a, b])
         if mark != other or len(a) != len(b) or not read.issuperset(together.tolist()):
             continue
@@ -433,7 +441,7 @@ def _distances(
 
 
 def _rms(places: FloatArray) -> Figure:
-    """Root mean square of places and its interval by resampling them (BCa would need the same)."""
+    """Root mean square of places and its interval, by resampling them."""
     found = float(np.sqrt(np.mean(places**2)))
     if len(places) < 5:
         return Figure(found)

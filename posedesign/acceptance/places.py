@@ -54,6 +54,9 @@ SHRUNK = (1.0, 0.8, 0.6, 0.4)
 TURNS = 24
 """Orientations tried where that of the base pose cannot be taken."""
 
+FEWEST_PLACES = 4
+"""Of a proof: three give the frame of an instrument, in which a fourth is judged."""
+
 REDRAWN = 8
 """Times that places are drawn in a part of the box before it counts as out of reach."""
 
@@ -113,7 +116,12 @@ class AcceptanceRequest:
                 hint="one of " + ", ".join(PLANES),
                 name="plane",
             )
-        places_needed(self.content, self.confidence, self.allowed)  # refuses what cannot be
+        if (few := places_needed(self.content, self.confidence, self.allowed)) < FEWEST_PLACES:
+            raise InputError(
+                f"{few} places prove that, and they do not tell where the instrument is",
+                hint="ask for a larger part, or more confidence",
+                name="content",
+            )
         if self.cycles is not None and not 1 <= self.cycles <= 1000:
             raise InputError(f"{self.cycles} cycles", hint="from 1 to 1000", name="cycles")
 
@@ -427,7 +435,13 @@ def _with_chance(
     off += np.resize(sigma, off.shape[1]) * rng.standard_normal(off.shape)
     base = np.linalg.qr(taken)[0]
     off -= (off @ base) @ base.T
-    errors = np.linalg.norm(off.reshape(DRAWN, len(q), -1), axis=2)
+    each = off.reshape(DRAWN, len(q), -1)
+    if plan.request.test == PLACES and seen.kind != "distance":
+        # in the frame of the others: what a place has drawn the frame to itself comes back
+        own = base.reshape(len(q), -1, base.shape[1])
+        kept = np.linalg.inv(np.eye(own.shape[1]) - own @ np.swapaxes(own, -1, -2))
+        each = np.einsum("kij,tkj->tki", kept, each)
+    errors = np.linalg.norm(each, axis=2)
     allowed = plan.request.allowed if plan.request.test == PLACES else 0
     return replace(
         plan,

@@ -146,7 +146,7 @@ def _interval(figure: Interval) -> str:
 
 
 MOST_DISTANCES = 20
-"""Rows of a table of distances: 59 places have 1,711, the largest are shown."""
+"""Rows of a table of distances: those with the largest AD are shown."""
 
 
 def _tables(arm: Arm) -> list[Table]:
@@ -208,7 +208,7 @@ def answer_of_recheck_plan(cell: Cell, plan: RecheckPlan, files: Sequence[str] =
     weakest = max(told, key=lambda name: told[name])
     rows: list[dict[str, object]] = [
         {
-            "what": cause.name,
+            "cause": cause.name,
             "smallest change found": _smallest_shown(cause.unit, smallest[cause.name]),
         }
         for cause in plan.watch.causes

@@ -250,3 +250,15 @@ def test_rechecks_that_cannot_be_are_refused_in_a_line(tracked, refuse, words, s
 
 def test_a_recheck_needs_the_identification(tracked, refuse):
     refuse("recheck", "cell.toml").says("identification.json: cannot be read")
+
+
+def test_postures_that_were_identified_from_are_named(tracked, cli):
+    """Measured again they are no rows of the identification, and a weaker proof."""
+    assert cli("simulate", "cell.toml", "run/poses.csv", "--seed", "9", "--out", "more").code == 0
+    rule = json.loads(Path("proof/acceptance_test.json").read_text())
+    rows = [line.split(",") for line in Path("more/measurements.csv").read_text().splitlines()]
+    header = next(row for row in rows if row[0] == "target")
+    names = [row[header.index("pose")] for row in rows[rows.index(header) + 1 :]]
+    Path("more/acceptance_test.json").write_text(json.dumps(rule | {"poses": names}))
+    said = cli("prove", "cell.toml", "more/measurements.csv", *USED, "--out", "more")
+    assert "20 measurements are at postures that were identified from" in said.err

@@ -12,6 +12,7 @@ from calib.se3 import rotation_exp, transform
 from posedesign.acceptance.judge import best_frame, judge
 from posedesign.acceptance.places import AcceptanceRequest, plan_acceptance
 from posedesign.files.measurements import MeasurementTable
+from tests.marks import by_stage
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,26 @@ def test_the_true_arm_passes_and_the_one_as_described_does_not(found, iso):
     assert before.rms.value > 7 * after.rms.value
     assert set(after.poses) == set(names)
     assert {found.cycles for found in after.poses.values()} == {30}
+
+
+@pytest.mark.parametrize("trials", by_stage(100, 600, 600))
+def test_the_chance_to_pass_is_the_share_of_arms_that_pass(found, trials):
+    """Arms drawn from the identification, each measured and judged: within 3.5 deviations."""
+    known, cell = found.identified, found.cell
+    request = AcceptanceRequest(limit_m=5.5e-5, content=0.8)
+    plan = plan_acceptance(cell, request, used=known, known=known)
+    assert 0.2 < plan.chance < 0.8
+    q, names = plan.poses.kept, plan.poses.kept_names
+    rng = np.random.default_rng(12)
+    root = np.linalg.cholesky(known.covariance)
+    table, passed = found.measured(q, names, seed=None), 0
+    for _ in range(trials):
+        x = known.x + root @ rng.standard_normal(known.model.p)
+        read = known.model.predict(q, x) + 2e-5 * rng.standard_normal((len(q), 3))
+        data = replace(table.data, observed=read)
+        passed += judge(cell, replace(table, data=data), request, used=known).passed()
+    slack = 3.5 * np.sqrt(plan.chance * (1 - plan.chance) / trials)
+    assert passed / trials == pytest.approx(plan.chance, abs=slack + 0.01)
 
 
 def test_repeatability_is_that_of_the_readings_whatever_the_arm(found, iso):

@@ -121,6 +121,7 @@ def test_chance_to_pass_falls_with_the_limit_and_is_that_of_arms_drawn(found):
         ({"limit_m": float("nan")}, "a limit of nan mm"),
         ({"plane": "x=y"}, "there is no plane 'x=y'"),
         ({"cycles": 0}, "0 cycles"),
+        ({"content": 0.3, "confidence": 0.5}, "1 places prove that, and they do not tell where"),
     ],
 )
 def test_requests_that_cannot_be_are_refused(words, said):

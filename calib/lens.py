@@ -20,6 +20,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -44,6 +45,10 @@ DISTORTION: dict[str, tuple[str, ...]] = {
 NEAREST_M = 1e-3
 """Depth that points nearer to the lens, or behind it, are taken to have: a fit that starts badly
 then sees a large residual and not none."""
+
+
+Terms = Sequence[float] | FloatArray
+"""Distortion in OpenCV's order."""
 
 
 class Projection(NamedTuple):
@@ -151,10 +156,17 @@ class Lens:
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of points ``(..., 3)`` [m]; NaN behind the lens."""
-        flat = np.reshape(points, (-1, 3)).T[:, :, None]
-        pixels = project(self.name, np.array(self.values)[:, None], flat).pixels[:, :, 0].T
-        pixels = np.where(flat[2] > 0, pixels, np.nan)
-        return np.asarray(pixels.reshape(*np.shape(points)[:-1], 2))
+        x, y, z = np.asarray(points, dtype=float).T
+        depth = np.maximum(z, NEAREST_M)
+        x, y = x / depth, y / depth
+        if self.name == "fisheye":
+            r, _, far = _fisheye_angle(self.distortion, x, y)
+            image = x * (far / r), y * (far / r)
+        else:
+            image = distorted(self.distortion, x, y)
+        fx, fy, cx, cy = self.values[:4]
+        pixels = np.where(z > 0, [fx * image[0] + cx, fy * image[1] + cy], np.nan)
+        return np.ascontiguousarray(pixels.T)
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Where pixels ``(..., 2)`` lie on the plane z = 1, ``(..., 2)``, by OpenCV; NaN stays."""
@@ -196,11 +208,7 @@ def project(name: str, values: FloatArray, points: FloatArray) -> Projection:
         by_lens[k, k] = image[k]
         by_lens[2 + k, k] = 1.0
     by_lens[4:] = by_terms * f
-    by_point = np.empty((2, 3, *x.shape))
-    for row in range(2):
-        for k in range(2):
-            by_point[row, k] = f[row] * slope[row][k] / depth
-        by_point[row, 2] = -(by_point[row, 0] * x + by_point[row, 1] * y)
+    by_point = slope_by_point(f, slope, x, y, depth)
     by_point[:, 2] *= points[2] > NEAREST_M
     return Projection(pixels, by_point, by_lens)
 
@@ -210,61 +218,130 @@ BEYOND = 1.02
 polynomial of a distortion brings what is far outside back into the picture."""
 
 
-_Distorted = tuple[FloatArray, list[list[FloatArray]], FloatArray]
+Image = tuple[FloatArray, FloatArray]
+"""x and y of points in the image ``(...)``, in focal lengths."""
+
+
+class Slope(NamedTuple):
+    """Derivatives of a distorted image by x and y, ``(...)`` each: a symmetric matrix."""
+
+    xx: FloatArray
+    xy: FloatArray
+    yy: FloatArray
+
+
+_Distorted = tuple[FloatArray, Slope, FloatArray]
 """Image ``(2, K, S)`` in focal lengths, its derivative by x and y, and by the terms."""
 
 
-def _radial(terms: FloatArray, x: FloatArray, y: FloatArray) -> _Distorted:
-    """Brown's distortion, with a denominator where the terms are eight."""
-    k1, k2, p1, p2, k3 = terms[:5]
+def slope_by_point(
+    focal_px: FloatArray, slope: Slope, x: FloatArray, y: FloatArray, depth: FloatArray
+) -> FloatArray:
+    """Derivatives ``(2, 3, ...)`` [px/m] of pixels by points at ``x, y`` of a depth [m]."""
+    out = np.empty((2, 3, *x.shape))
+    for row in range(2):
+        for k in range(2):
+            out[row, k] = focal_px[row] * slope[row + k] / depth
+        out[row, 2] = -(out[row, 0] * x + out[row, 1] * y)
+    return out
+
+
+def distorted(terms: Terms, x: FloatArray, y: FloatArray) -> Image:
+    """Brown's distortion, with a denominator where the terms are eight.
+
+    With ``r² = x² + y²`` and the factor ``f = 1 + k1 r² + k2 r⁴ + k3 r⁶``, over ``1 + k4 r² + k5 r⁴
+    + k6 r⁶`` of eight terms: ``x' = x f + 2 p1 x y + p2 (r² + 2 x²)`` and ``y' = y f + p1 (r² + 2
+    y²) + 2 p2 x y`` [Brown1971]_.
+
+    Parameters
+    ----------
+    terms : sequence of float, or of arrays that go with the points
+        As :data:`DISTORTION` has them.
+    x, y : array (...)
+        Points over their depth.
+
+    Returns
+    -------
+    tuple of array (...)
+        x and y of the image in focal lengths.
+    """
     r2 = x * x + y * y
-    above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    above_slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)
-    below, below_slope = 1.0, 0.0
+    return _bent(terms, x, y, r2, _radial_factor(terms, r2)[0])
+
+
+def distorted_with_slope(terms: Terms, x: FloatArray, y: FloatArray) -> tuple[Image, Slope]:
+    """What :func:`distorted` gives, and its derivatives by x and y."""
+    k1, k2, p1, p2, k3 = terms[:5]
+    xx, yy = x * x, y * y
+    r2 = xx + yy
+    radial, below = _radial_factor(terms, r2)
+    by_r2 = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3))
     if len(terms) > 5:
         k4, k5, k6 = terms[5:]
-        below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        below_slope = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6)
-    radial = above / below
-    slope = 2.0 * (above_slope - radial * below_slope) / below  # of the factor, over x or y
-    xy, xx, yy = x * y, x * x, y * y
-    image = np.stack(
-        [
-            x * radial + 2.0 * p1 * xy + p2 * (r2 + 2.0 * xx),
-            y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * xy,
-        ]
+        by_r2 = (by_r2 - radial * (k4 + r2 * (2.0 * k5 + r2 * (3.0 * k6)))) / below
+    by_r2 = 2.0 * by_r2
+    along_x, along_y = p2 * x, p1 * y
+    slope = Slope(
+        radial + xx * by_r2 + 2.0 * along_y + 6.0 * along_x,
+        x * y * by_r2 + 2.0 * (p1 * x + p2 * y),
+        radial + yy * by_r2 + 6.0 * along_y + 2.0 * along_x,
     )
-    cross = xy * slope + 2.0 * (p1 * x + p2 * y)
-    by_xy = [
-        [radial + xx * slope + 2.0 * p1 * y + 6.0 * p2 * x, cross],
-        [cross, radial + yy * slope + 6.0 * p1 * y + 2.0 * p2 * x],
-    ]
+    return _bent(terms, x, y, r2, radial), slope
+
+
+def _radial_factor(terms: Terms, r2: FloatArray) -> tuple[FloatArray, FloatArray | float]:
+    """By how much points lie further out, and its denominator."""
+    k1, k2, _, _, k3 = terms[:5]
+    above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    if len(terms) == 5:
+        return above, 1.0
+    k4, k5, k6 = terms[5:]
+    below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    return above / below, below
+
+
+def _bent(terms: Terms, x: FloatArray, y: FloatArray, r2: FloatArray, radial: FloatArray) -> Image:
+    p1, p2 = terms[2:4]
+    factor = radial + 2.0 * (p1 * y + p2 * x)
+    return x * factor + p2 * r2, y * factor + p1 * r2
+
+
+def _radial(terms: FloatArray, x: FloatArray, y: FloatArray) -> _Distorted:
+    image, slope = distorted_with_slope(terms, x, y)
+    r2 = x * x + y * y
     by_terms = np.empty((len(terms), 2, *x.shape))
+    radial, below = _radial_factor(terms, r2)
     powers = (r2 / below, r2 * r2 / below, r2**3 / below)
     for k, power in zip((0, 1, 4), powers, strict=True):
         by_terms[k] = x * power, y * power
-    by_terms[2] = 2.0 * xy, r2 + 2.0 * yy
-    by_terms[3] = r2 + 2.0 * xx, 2.0 * xy
+    xy = 2.0 * x * y
+    by_terms[2] = xy, r2 + 2.0 * y * y
+    by_terms[3] = r2 + 2.0 * x * x, xy
     for k, power in zip(range(5, len(terms)), powers, strict=False):
         by_terms[k] = -radial * x * power, -radial * y * power
-    return image, by_xy, by_terms
+    return np.stack(image), slope, by_terms
 
 
 def _fisheye(terms: FloatArray, x: FloatArray, y: FloatArray) -> _Distorted:
     """Kannala's distortion: the image is as far out as a polynomial of the angle says."""
-    r2 = np.maximum(x * x + y * y, 1e-24)
-    r = np.sqrt(r2)
+    r, angle, far = _fisheye_angle(terms, x, y)
+    k1, k2, k3, k4 = terms
+    a2 = angle * angle
+    far_slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
+    factor, r2 = far / r, r * r
+    by_r2 = (far_slope / (1.0 + r2) - factor) / r2  # of the factor, over x or y
+    slope = Slope(factor + x * x * by_r2, x * y * by_r2, factor + y * y * by_r2)
+    powers = np.stack([angle ** (2 * k + 3) / r for k in range(4)])
+    by_terms = np.stack([powers * x, powers * y], axis=1)
+    return np.stack([x * factor, y * factor]), slope, by_terms
+
+
+def _fisheye_angle(
+    terms: Terms, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distance from the axis, its angle, and that of the image."""
+    r = np.sqrt(np.maximum(x * x + y * y, 1e-24))
     angle = np.arctan(r)
     a2 = angle * angle
     k1, k2, k3, k4 = terms
-    far = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-    far_slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
-    factor = far / r
-    slope = (far_slope / (1.0 + r2) - factor) / r2  # of the factor, over x or y
-    by_xy = [
-        [factor + x * x * slope, x * y * slope],
-        [x * y * slope, factor + y * y * slope],
-    ]
-    powers = np.stack([angle ** (2 * k + 3) / r for k in range(4)])
-    by_terms = np.stack([powers * x, powers * y], axis=1)
-    return np.stack([x * factor, y * factor]), by_xy, by_terms
+    return r, angle, angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))

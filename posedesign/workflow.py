@@ -50,10 +50,15 @@ from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
-from posedesign.identification.file import IdentificationFile, read_identification
+from posedesign.identification.file import (
+    IdentificationFile,
+    read_identification,
+    residual_rows,
+)
 from posedesign.identification.file import read_file as read_identification_file
 from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.identification.models import FRAMES_ONLY
+from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, write_pairs
 from posedesign.pairs.tables import DEFAULT_METHODS
@@ -93,6 +98,8 @@ TOUCH_UPS = ("touchups.csv", "touch-ups")
 MEASUREMENTS = ("measurements.csv", "measurements")
 PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
+JOINED = ("joined.csv", "measurements with their joints")
+RESIDUALS = ("residuals.csv", "residuals of measurements")
 ACCEPTANCE_POSES = ("poses.csv", "acceptance poses")
 ACCEPTANCE_RULE = (RULE, "acceptance test")
 ACCEPTANCE = (RESULT, "acceptance verdict")
@@ -366,21 +373,35 @@ def identify_file(
     measurements: Path,
     out: Path | Results,
     *,
+    joints: Path | None = None,
     trust_units: bool = False,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Identified:
     """Identify from a ``touchups.csv`` or ``measurements.csv``; write ``identification.json``.
 
+    From the file of an instrument with the ``joints`` of its poses, too, which are joined in
+    ``joined.csv``; what is left of its readings is in ``residuals.csv``.
+
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
     results = Results.of(out, "identify")
-    file, *drawn = results.claim("computed", IDENTIFICATION, *IDENTIFIED, inputs=[measurements])
-    table = _measured(cell, measurements, trust_units)
+    inputs = [measurements] if joints is None else [measurements, joints]
+    foreign = joints is not None or is_of_instrument(cell, measurements)
+    own = (IDENTIFICATION, *IDENTIFIED, *((JOINED, RESIDUALS) if foreign else ()))
+    file, png, svg, *more = results.claim("computed", *own, inputs=inputs)
+    facts = {}
+    if foreign:
+        found = read_measured(cell, measurements, joints, trust_units=trust_units)
+        cell, facts = found.cell, found.facts
+        table = replace(found.table, notes=found.notes)
+        write_measurements(more[0], table.data, table.kinds, extra=table.extra)
+    else:
+        table = _measured(cell, measurements, trust_units)
     if not trust_units:
         check_readings(cell, table)
-    rows = [f"line {line}" for line in table.lines]
-    outside = outside_limits(cell, rows, table.data.postures)
+    lines = [f"line {line}" for line in table.lines]
+    outside = outside_limits(cell, lines, table.data.postures)
     for line in summed_up(outside, "rows outside the joint limits"):
         warn(f"{measurements}: {line}")
     for line in summed_up(far_rows(cell, table), "rows far from the others"):
@@ -388,7 +409,12 @@ def identify_file(
     table, repeated = without_repeats(table)
     for line in repeated:
         warn(f"{measurements}: {line}")
-    identified = identify_models(cell, table)
+    identified = replace(identify_models(cell, table), measured=facts)
+    warmed = goes_with_temperature(table, identified.best.residuals)
+    identified = replace(identified, warnings=(*identified.warnings, *([warmed] if warmed else [])))
+    if foreign:
+        rows = residual_rows(identified)
+        write_table(more[1], list(rows[0]), rows)
     for line in identified.warnings:
         warn(f"{measurements}: {line}")
     source = origin_of(measurements)
@@ -396,7 +422,7 @@ def identify_file(
     content = {"data": data, **results_as_dict(cell, identified)}
     write_json_atomic(file, content)
     shown, q_deg = IdentificationFile.model_validate(content), np.rad2deg(table.data.postures)
-    draw(results, drawn, lambda: figure_of_identification(shown, q_deg))
+    draw(results, (png, svg), lambda: figure_of_identification(shown, q_deg))
     return identified
 
 
@@ -503,6 +529,8 @@ def judge_acceptance_test(
         used = read_identification(identification, cell, model)
         content = read_identification_file(identification)
         fitted = identification.with_name(Path(content.data.file).name)
+        if fitted.is_file() and is_of_instrument(cell, fitted):
+            fitted = identification.with_name(JOINED[0])
         there = fitted.is_file() and bool(content.data.file)
         notes = check_not_fitted(
             measurements,
@@ -529,6 +557,9 @@ def judge_acceptance_test(
 
 
 def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
+    """Measurements of a table, or of an instrument's that has the joints, too."""
+    if is_of_instrument(cell, path):
+        return read_measured(cell, path, None, trust_units=trust_units).table
     return read_measurements(
         path,
         cell.robot.n,

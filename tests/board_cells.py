@@ -35,6 +35,8 @@ def board_cell(
     raw.setdefault("camera", {}).setdefault("farthest_mm", 700.0)
     if fixed:
         raw["camera"]["mount"] = "fixed"
+    if kind == "round-target":
+        raw["board"] = {"kind": kind, "diameter_mm": ROWS * square_mm}
     for name, section in sections.items():
         raw.setdefault(name, {}).update(section)
     return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
@@ -47,7 +49,7 @@ def true_frames(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
     the tip, and looks from the stand-off at the middle of the board.
     """
     config = cell.config
-    square, away = config.board.square_mm / 1e3, config.tool.camera_stand_off_mm / 1e3
+    square, away = (config.board.square_mm or 0.0) / 1e3, config.tool.camera_stand_off_mm / 1e3
     tool = np.array(config.tool.point_mm) / 1e3
     corner = -0.5 * square * np.array([COLUMNS, ROWS, 0.0])  # from the middle, in board axes
     if config.board.kind == "chessboard":

@@ -29,6 +29,7 @@ BOARDS = {
     "chessboard": make_board("chessboard", columns=10, rows=7, square_m=0.025),
     "circles": make_board("circles", columns=7, rows=6, spacing_m=0.03),
     "asymmetric-circles": make_board("asymmetric-circles", columns=4, rows=11, spacing_m=0.02),
+    "round-target": make_board("round-target", diameter_m=0.15),
 }
 """One of each kind."""
 

@@ -257,12 +257,18 @@ def candidate_pairs(
     """Pairs ``(P, 2)`` of rows of arm, tool and obstacles in a row that can come together.
 
     Neighbouring links touch at their joint and are left out, so is the tool against the last link,
-    which carries it, and the base, which stands on the floor, against obstacles.
+    which carries it, and the base, which stands on the floor, against obstacles. Another branch of
+    the tree is no neighbour of the first link.
     """
+
+    def can_meet(a: Body, b: Body) -> bool:
+        apart = abs(a.link - b.link)
+        return apart >= 2 or (apart == 1 and (a.of_other_branch or b.of_other_branch))
+
     arms = list(enumerate(arm))
     tools = [len(arm) + i for i in range(len(tool))]
     fixed = [len(arm) + len(tool) + i for i in range(len(obstacles))]
-    pairs = [(i, k) for i, a in arms for k, b in arms[i + 1 :] if abs(a.link - b.link) >= 2]
+    pairs = [(i, k) for i, a in arms for k, b in arms[i + 1 :] if can_meet(a, b)]
     pairs += [(i, t) for t in tools for i, a in arms if a.link < n]
     pairs += [(i, o) for o in fixed for i, a in arms if a.link >= 1]
     pairs += [(t, o) for o in fixed for t in tools]

@@ -47,7 +47,8 @@ _CHUNK_ENTRIES = 200_000
 class Scene:
     """The bodies of a cell and the pairs of them that must not meet.
 
-    Checked are links of the arm at least two apart, the tool against all links but the last, and
+    Checked are links of the arm at least two apart (another branch of the tree is apart from the
+    first link, too), the tool against all links but the last, and
     obstacles against the tool and the moving links. Pairs of the arm's own bodies that touch in
     the zero posture are left out, since descriptions overlap at the joints; so are a body of the
     tool and one of the last link but one that touch at every angle of the last joint.

@@ -13,10 +13,15 @@ lies on the axis of J1 at the height of J2, that of Universal Robots is turned b
 Signs are not taken on trust: the directions of the joint axes at zero are compared with those that
 the maker counts positive about, so that a description with other signs is read rightly, and one
 with another zero posture is refused.
+
+Arms with a parallel linkage have such a coupling with other makers, too: the motor of joint 3 turns
+the forearm against the base, and an IRB 4400 shows ``J3 = q3 + q2`` in ABB's signs (ros-industrial/
+abb, abb_driver/src/abb_utils.cpp, ``J23_coupled``). No description says so: it is to be given.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +55,10 @@ but for J3)."""
 _SAME_DIRECTION = 1.0 - 1e-3
 """Cosine from which two axes are one, 2.6 deg: URDFs round their angles to three decimals or more,
 and those of calibrated arms have zero offsets of half a degree in them, one joint upon another."""
+
+
+_LEAST_DETERMINANT = 1e-6
+"""Of the shares of joints in what is shown: without couplings in a ring it is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +108,39 @@ class Controller:
         return array
 
 
-def controller_of(maker: str, chain: SerialChain, T_base_world: FloatArray | None) -> Controller:
+@dataclass(frozen=True)
+class Coupling:
+    """A joint that the controller shows with a part of another one in it.
+
+    Attributes
+    ----------
+    joint, of : str
+        Names in the description.
+    ratio : float
+        Part of ``of`` that is added to what is shown of ``joint``, both in the signs of the
+        controller: FANUC's J3 has -1 of J2. Zero for none.
+    """
+
+    joint: str
+    of: str
+    ratio: float
+
+
+def controller_of(
+    maker: str,
+    chain: SerialChain,
+    T_base_world: FloatArray | None,
+    couplings: Sequence[Coupling] = (),
+    joint_names: Sequence[str] = (),
+) -> Controller:
     """The view of a maker's controller on a chain.
 
     Parameters
     ----------
+    couplings : sequence of Coupling
+        In place of what the maker's controllers usually have between these joints.
+    joint_names : sequence of str
+        Of the chain, which couplings name.
     T_base_world : array (4, 4) or None
         Where the description places the controller's world; None where it does not say.
 
@@ -134,10 +171,37 @@ def controller_of(maker: str, chain: SerialChain, T_base_world: FloatArray | Non
             hint="is the zero posture of the description that of the controller?",
             name=maker,
         )
-    matrix = np.diag(np.sign(cosine))
+    signs = np.diag(np.sign(cosine))
+    shares = np.eye(chain.n)  # what is shown, of joint values in the maker's signs
     if maker == "fanuc":
-        matrix[2] -= matrix[1]
-    return Controller(maker, matrix, world)
+        shares[2, 1] = -1.0
+    for coupling in couplings:
+        shares[_places(coupling, joint_names)] = coupling.ratio
+    if abs(np.linalg.det(shares)) < _LEAST_DETERMINANT:
+        raise RobotModelError(
+            "with these couplings what the controller shows does not tell where the joints are",
+            hint="a joint is shown with a part of one that comes before it",
+            name="coupling",
+        )
+    return Controller(maker, shares @ signs, world)
+
+
+def _places(coupling: Coupling, joint_names: Sequence[str]) -> tuple[int, int]:
+    """Row and column of a coupling."""
+    for name in (coupling.joint, coupling.of):
+        if name not in joint_names:
+            raise RobotModelError(
+                f"there is no joint {name!r} to couple",
+                hint=near_names(name, joint_names),
+                name=name,
+            )
+    if coupling.joint == coupling.of or not np.isfinite(coupling.ratio):
+        raise RobotModelError(
+            f"{coupling.joint} cannot be coupled with {coupling.ratio:g} of {coupling.of}",
+            hint="name two joints, and a number",
+            name=coupling.joint,
+        )
+    return list(joint_names).index(coupling.joint), list(joint_names).index(coupling.of)
 
 
 def _usual_world(maker: str, origins: FloatArray) -> FloatArray:

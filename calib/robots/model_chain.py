@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -94,6 +95,106 @@ def joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
     return sorted(set(found))
 
 
+def values_held(
+    model: pin.Model,
+    locked: Sequence[int],
+    held_rad: Mapping[str, float],
+    held_m: Mapping[str, float],
+    state: Mapping[str, float],
+    led: Mapping[str, tuple[str, float, float]],
+    flaws: Mapping[str, RobotModelError],
+) -> dict[int, float]:
+    """Values other than zero [rad, m] of locked joints: as asked, or as their leader has it.
+
+    Parameters
+    ----------
+    held_rad, held_m : mapping of str to float
+        As asked, of joints that turn and of joints that slide.
+    state : mapping of str to float
+        Of joints of either kind, where nothing else is asked; those that are not locked do not
+        matter.
+    led : mapping of str to (str, float, float)
+        Joints that follow another: its name, the factor and the offset.
+    flaws : mapping of str to RobotModelError
+        Joints whose limits mean nothing.
+
+    Raises
+    ------
+    RobotModelError
+        A joint cannot be held at one value, or not at this one.
+    """
+    for name in (*held_rad, *held_m):
+        if not model.existJointName(name):  # one that is fixed passes where joints are locked
+            raise RobotModelError(
+                f"{model.name}: joint {name} is fixed, and has no value to be held at",
+                hint="leave it out",
+                name=name,
+            )
+    held = {**state, **held_rad, **held_m}
+    values = {name: float(held.get(name, 0.0)) for name in names_of(model, locked)}
+    for name, (leader, factor, offset) in led.items():
+        if name in values and name not in held and leader in values:
+            values[name] = factor * values[leader] + offset
+    found = {}
+    for name, value in values.items():
+        i = int(model.getJointId(name))
+        joint = model.joints[i]
+        if name in held and (joint.nq, joint.nv) != (1, 1):
+            raise RobotModelError(
+                f"{model.name}: joint {name} has no one value to be held at",
+                hint="only revolute and prismatic joints have",
+                name=name,
+            )
+        unit, scale = _unit(model, i)
+        if name in (held_rad if unit == "mm" else held_m):
+            raise RobotModelError(
+                f"{model.name}: joint {name} {'slides' if unit == 'mm' else 'turns'}",
+                hint=f"give its value in {unit}",
+                name=name,
+            )
+        lower, upper = (float(b[joint.idx_q]) for b in _limits(model))
+        if not math.isfinite(value) or (
+            name in held and name not in flaws and not lower - 1e-9 <= value <= upper + 1e-9
+        ):
+            raise RobotModelError(
+                f"{model.name}: joint {name} is to be held at {scale * value:g} {unit}, and its "
+                f"limits are {scale * lower:g} and {scale * upper:g}",
+                hint="hold it inside its limits",
+                name=name,
+                value=value,
+            )
+        if value:
+            found[i] = value
+    return found
+
+
+def held_in_words(model: pin.Model, values: Mapping[int, float]) -> list[str]:
+    """Each joint with the value that it is held at [rad, m], in degrees or mm."""
+    units = {i: _unit(model, i) for i in values}
+    return [
+        f"{model.names[i]} at {units[i][1] * value:.6g} {units[i][0]}"
+        for i, value in values.items()
+    ]
+
+
+def configuration(model: pin.Model, values: Mapping[int, float]) -> FloatArray:
+    """A configuration of a whole model: joints at values [rad, m], all others at zero."""
+    q = np.array(pin.neutral(model))
+    for i, value in values.items():
+        q[model.joints[i].idx_q] = value
+    return q
+
+
+def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
+    return np.asarray(model.lowerPositionLimit), np.asarray(model.upperPositionLimit)
+
+
+def _unit(model: pin.Model, joint: int) -> tuple[str, float]:
+    """Unit that people give a joint's value in, and the factor from [rad, m]."""
+    is_slide = model.joints[joint].shortname().startswith("JointModelP")
+    return ("mm", 1e3) if is_slide else ("deg", math.degrees(1.0))
+
+
 def joints_between(
     model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()
 ) -> list[int]:
@@ -138,7 +239,8 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
         if name in flaws:
             raise flaws[name]
         place = model.joints[i].idx_q  # a floating joint before it has seven values for six speeds
-        if not model.lowerPositionLimit[place] < model.upperPositionLimit[place]:
+        lower, upper = _limits(model)
+        if not lower[place] < upper[place]:
             raise RobotModelError(
                 f"{model.name}: joint {name} has no range: its limits are the same",
                 hint="correct the limits, make the joint fixed, or hold it at zero with lock",
@@ -146,13 +248,29 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
             )
 
 
-def body_of(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
-    """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
+def links_of_other_branches(model: pin.Model, first: int) -> frozenset[str]:
+    """Links that are not fixed to the one that the first joint of a chain hangs on.
+
+    Those that the chain carries are among them.
+    """
+    bodies = (f for f in model.frames if f.type == pin.FrameType.BODY)
+    return frozenset(f.name for f in bodies if f.parentJoint != model.parents[first])
+
+
+def body_of(
+    model: pin.Model, shape: LinkShape, joints: list[int], base_id: int, others: frozenset[str]
+) -> Body:
+    """A solid of a link on the joint of the chain that moves it; of other links, on the base.
+
+    ``others`` are links that are not fixed to the one that the chain hangs on.
+    """
     mover = link_number(model, shape.link, joints)
     T_mover_link = model.frames[frame_id(model, shape.link)].placement
     if not mover:
         T_mover_link = model.frames[base_id].placement.inverse() * T_mover_link
-    return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
+    T_mover_body = T_mover_link.homogeneous @ shape.T_link_shape
+    other = not mover and shape.link in others
+    return Body(shape.name, mover, T_mover_body, shape.solid, other)
 
 
 def link_number(model: pin.Model, link: str, joints: list[int]) -> int:

@@ -21,25 +21,30 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, SerialChain
-from calib.robots.controller import Controller, controller_of
+from calib.robots.controller import Controller, Coupling, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
+from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
     body_of,
     chain_of,
     check_joints,
+    configuration,
     frame_id,
     gravity_at,
+    held_in_words,
     joints_between,
     joints_to_lock,
     link_names,
     link_number,
+    links_of_other_branches,
     names_of,
     root_id,
     usual_tip,
+    values_held,
 )
 from calib.robots.presets import load_preset
 from calib.robots.shapes import Body, LinkShape
@@ -84,6 +89,8 @@ class Robot:
         Links whose solids are estimated from the chain (:mod:`calib.robots.arm_shapes`).
     coupled_limits : tuple of CoupledLimit
         Limits that several joints have together.
+    allowed_contacts : tuple of (str, str)
+        Names of bodies that may touch, by the semantic description.
     controller : Controller or None
         What the pendant shows; None where the maker is not known.
     """
@@ -105,6 +112,7 @@ class Robot:
     lost_shapes: tuple[tuple[int, str], ...] = ()
     fitted_links: tuple[str, ...] = ()
     coupled_limits: tuple[CoupledLimit, ...] = ()
+    allowed_contacts: tuple[tuple[str, str], ...] = ()
     controller: Controller | None = None
     model: pin.Model = field(default=None, repr=False, compare=False)
 
@@ -116,12 +124,16 @@ class Robot:
         base: str | None = None,
         *,
         lock: Iterable[str] = (),
+        held_rad: Mapping[str, float] = MappingProxyType({}),
+        held_m: Mapping[str, float] = MappingProxyType({}),
+        state: Mapping[str, float] = MappingProxyType({}),
         packages: Iterable[Path] = (),
         xacro_args: Iterable[str] = (),
     ) -> Robot:
         """Read a robot from a URDF file, or from a xacro file.
 
-        Joints that do not lie between base and tip are held at zero, which a notice says.
+        The arm may be a branch of a bigger tree. Joints that do not lie between base and tip are
+        held, at zero where nothing else is said, and what they carry stands still with the base.
         Collision geometry is read, with the meshes that lie in the packages of the file
         (:mod:`calib.robots.description.packages`); visual geometry is not.
 
@@ -135,6 +147,12 @@ class Robot:
             Link that positions are given in; the root of the tree by default.
         lock : names, optional
             Further joints to hold at zero: a rail or a lift between base and tip.
+        held_rad, held_m : mappings of str to float, optional
+            Joints that turn, and joints that slide, to hold at other values, wherever they are.
+            Those that follow one of them (mimic) are where it brings them.
+        state : mapping of str to float, optional
+            Values [rad, m] for joints of either kind that do not lie between base and tip, as a
+            named state of the whole tree has them.
         packages : paths, optional
             Folders to search for packages that the file names and that do not lie around it.
         xacro_args : names with values, optional
@@ -157,6 +175,10 @@ class Robot:
             tip=tip,
             base=base,
             lock=lock,
+            held_rad=held_rad,
+            held_m=held_m,
+            state=state,
+            led=urdf.led,
             notices=urdf.notices,
             joint_notices=urdf.joint_notices,
             flaws=urdf.flaws,
@@ -194,6 +216,10 @@ class Robot:
         tip: str | None = None,
         base: str | None = None,
         lock: Iterable[str] = (),
+        held_rad: Mapping[str, float] = MappingProxyType({}),
+        held_m: Mapping[str, float] = MappingProxyType({}),
+        state: Mapping[str, float] = MappingProxyType({}),
+        led: Mapping[str, tuple[str, float, float]] = MappingProxyType({}),
         notices: Sequence[str] = (),
         joint_notices: Mapping[str, str] = MappingProxyType({}),
         flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
@@ -203,22 +229,29 @@ class Robot:
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
-        asked = joints_to_lock(model, lock)
+        to_lock = [lock] if isinstance(lock, str) else list(lock)
+        asked = joints_to_lock(model, [*to_lock, *held_rad, *held_m])
         base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
         joints = joints_between(model, base_id, tip_id, asked)
         check_joints(model, joints, flaws)
         said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
+        others = links_of_other_branches(model, joints[0])
+        state = {name: value for name, value in state.items() if name not in to_lock}
+        at = values_held(model, locked, held_rad, held_m, state, led, flaws)
+        still = [i for i in locked if i not in at]
         for why, which in (
-            ("not between base and tip", [i for i in locked if i not in asked]),
-            ("as asked", asked),
+            ("not between base and tip", [i for i in still if i not in asked]),
+            ("as asked", [i for i in still if i in asked]),
         ):
             if which:
                 said.append(f"locked at zero, {why}: {', '.join(names_of(model, which))}")
+        if at:
+            said.append(f"held: {', '.join(held_in_words(model, at))}")
         if locked:
             frames = model.frames[base_id].name, model.frames[tip_id].name
-            model = pin.buildReducedModel(model, locked, pin.neutral(model))
+            model = pin.buildReducedModel(model, locked, configuration(model, at))
             base_id, tip_id = (frame_id(model, name) for name in frames)
             joints = joints_between(model, base_id, tip_id)
         names = tuple(names_of(model, joints))
@@ -244,18 +277,24 @@ class Robot:
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
-            bodies=tuple(body_of(model, shape, joints, base_id) for shape in shapes),
+            bodies=tuple(body_of(model, shape, joints, base_id, others) for shape in shapes),
             lost_shapes=tuple((link_number(model, name, joints), name) for name in lost_shapes),
             model=model,
         )
 
-    def controlled_by(self, maker: str) -> Robot:
+    def controlled_by(self, maker: str, couplings: Sequence[Coupling] = ()) -> Robot:
         """The same robot with the controller of a maker (``calib.robots.POSITIVE_AXES``).
+
+        Parameters
+        ----------
+        couplings : sequence of Coupling
+            Joints that are shown with a part of another: of arms with a parallel linkage.
 
         Raises
         ------
         RobotModelError
-            The maker is unknown, or its arms have other axes or another zero posture.
+            The maker is unknown, its arms have other axes or another zero posture, or there are
+            no joints that couple so.
         """
         world = None
         if self.model.existFrame(_WORLD, pin.FrameType.BODY):
@@ -263,7 +302,8 @@ class Robot:
             pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
             base, there = (frame_id(self.model, name) for name in (self.base_frame, _WORLD))
             world = (data.oMf[base].inverse() * data.oMf[there]).homogeneous
-        return replace(self, controller=controller_of(maker, self.chain, world))
+        seen = controller_of(maker, self.chain, world, couplings, self.joint_names)
+        return replace(self, controller=seen)
 
     def __getstate__(self) -> dict[str, object]:
         # the closed-form solver lives in C++ and cannot be sent to a worker, which makes its own
@@ -278,6 +318,13 @@ class Robot:
     def link_names(self) -> tuple[str, ...]:
         """The link that the first joint hangs on, and the link that each joint moves."""
         return link_names(self.model, self.joint_names, self.base_frame)
+
+    @property
+    def T_base_root(self) -> FloatArray:
+        """Root link of the description in the base frame, ``(4, 4)`` [m]; no joint is between."""
+        base = self.model.frames[frame_id(self.model, self.base_frame)].placement
+        root = self.model.frames[root_id(self.model)].placement
+        return np.asarray((base.inverse() * root).homogeneous)
 
     @property
     def joint_range(self) -> FloatArray:
@@ -318,8 +365,8 @@ class Robot:
         Each branch is given once, each joint in that full turn which lies inside the limits and
         nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
         branch is given at steps of its redundant joint, and the postures nearest to ``near``.
-        Where there is no closed form, what iteration falls to is given, from ``near`` and from a
-        dozen other starts.
+        Of arms that nothing else is known for (six axes that are neither parallel nor meet, eight
+        and more) what iteration falls to is given, from ``near`` and from a dozen other starts.
 
         Parameters
         ----------
@@ -352,7 +399,12 @@ class Robot:
     def _inverse(self) -> InverseKinematics:
         """The solver that gives most of the postures of the chain."""
         chain = self.chain
-        return ClosedForm.of(chain) or RedundantArm.of(chain) or DampedIteration(chain)
+        return (
+            ClosedForm.of(chain)
+            or OffsetWrist.of(chain)
+            or RedundantArm.of(chain)
+            or DampedIteration(chain)
+        )
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""

@@ -76,12 +76,15 @@ class Body:
     T_link_body : array (4, 4)
         The solid in the base frame (link 0), or in the frame of joint j, as
         :class:`~calib.robots.chain.ChainState` has it.
+    of_other_branch : bool
+        Stands still with the base, but on no link next to the first joint: another arm, a lift.
     """
 
     name: str
     link: int
     T_link_body: FloatArray
     solid: Solid
+    of_other_branch: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from posedesign.cell.schema import CameraSection
 if TYPE_CHECKING:
     from calib.vision.boards import Board
 
-FOUND_WHOLE = ("chessboard", "circles", "asymmetric-circles")
+FOUND_WHOLE = ("chessboard", "circles", "asymmetric-circles", "round-target")
 """Boards that are found with all of their points or not at all."""
 
 

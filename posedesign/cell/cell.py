@@ -16,6 +16,8 @@ from calib.model.measurements import BoardView, CameraPose, Measurement
 from calib.model.parameters import TargetPoints, ZeroOffsets
 from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
+from calib.robots.controller import Coupling
+from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
@@ -95,24 +97,40 @@ class Cell(CellData):
     @classmethod
     def from_config(cls, config: CellConfig, path: Path) -> Cell:
         """Build the cell; relative paths in it are relative to the folder of ``path``."""
-        source = config.robot
+        source, srdf = config.robot, None
+        state: dict[str, float] = {}
+        base, tip = source.base, source.tip
+        if source.srdf is not None:
+            with naming(path, "robot.srdf"):
+                srdf = load_srdf(
+                    path.parent / source.srdf, [path.parent / name for name in source.packages]
+                )
+                if source.group is not None:
+                    chain = srdf.chain(source.group)
+                    base, tip = base or chain[0], tip or chain[1]
+                for name in source.held_states:
+                    state |= srdf.state(name)
         with naming(path, "robot"):
             if source.preset is not None:
-                robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
+                robot = Robot.preset(source.preset, tip=tip, base=base)
             else:
                 urdf = path.parent / str(source.urdf)
                 robot = Robot.from_urdf(
                     urdf,
-                    tip=source.tip,
-                    base=source.base,
+                    tip=tip,
+                    base=base,
                     lock=source.lock,
+                    held_rad={name: np.deg2rad(v) for name, v in source.held_deg.items()},
+                    held_m={name: v / 1e3 for name, v in source.held_mm.items()},
+                    state=state,
                     packages=[path.parent / folder for folder in source.packages],
                     xacro_args=source.xacro_args,
                 )
         robot = _with_shapes(robot, source, path)
-        if source.controller is not None:
-            with naming(path, "robot.controller"):
-                robot = robot.controlled_by(source.controller)
+        if srdf is not None:
+            robot = replace(robot, allowed_contacts=allowed_contacts(robot.bodies, srdf))
+        config = _with_posture_of_state(config, robot, srdf, path)
+        robot = _with_controller(robot, source, path)
         robot = _with_coupled_limits(robot, source, path)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
@@ -122,7 +140,7 @@ class Cell(CellData):
         with naming(path, "tool.body"):
             carried = tool_bodies(config.tool.body, robot, path.parent)
         with naming(path, "obstacle"):
-            around = obstacles(config.obstacle, path.parent)
+            around = obstacles(config.obstacle, robot, path.parent)
         cell = cls(
             config=config,
             robot=robot,
@@ -407,6 +425,24 @@ def _with_shapes(robot: Robot, section: RobotSection, path: Path) -> Robot:
     return robot
 
 
+def _with_controller(robot: Robot, section: RobotSection, path: Path) -> Robot:
+    maker = section.controller
+    if maker is None and section.coupling:
+        if robot.controller is None:
+            raise FileFormatError(
+                "a coupling is what a controller shows, and the controller is not known",
+                path=path,
+                key="robot.coupling",
+                hint="set robot.controller",
+            )
+        maker = robot.controller.maker
+    if maker is None:
+        return robot
+    couplings = [Coupling(given.joint, given.of, given.ratio) for given in section.coupling]
+    with naming(path, "robot.coupling" if couplings else "robot.controller"):
+        return robot.controlled_by(maker, couplings)
+
+
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:
     limits = [*robot.coupled_limits] if section.keep_coupled_limits else []
     for given in section.coupled_limit:
@@ -420,6 +456,36 @@ def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Rob
         lower, upper = np.deg2rad([given.lower_deg, given.upper_deg]).tolist()
         limits.append(CoupledLimit(given.name, np.array(given.coefficients), lower, upper))
     return replace(robot, coupled_limits=tuple(limits))
+
+
+def _with_posture_of_state(
+    config: CellConfig, robot: Robot, srdf: Srdf | None, path: Path
+) -> CellConfig:
+    """The same with the posture of the base pose written out, where it names a group state."""
+    name = config.base_pose.state
+    if name is None:
+        return config
+    key = "base_pose.state"
+    if srdf is None:
+        raise FileFormatError(
+            f"{name!r} is the name of a group state, and the cell has no SRDF",
+            path=path,
+            key=key,
+            hint="give robot.srdf, or posture_deg",
+        )
+    with naming(path, key):
+        values = srdf.state(name, config.robot.group)
+    missing = [joint for joint in robot.joint_names if joint not in values]
+    if missing:
+        raise FileFormatError(
+            f"the state {name!r} has no value of {', '.join(missing)}",
+            path=path,
+            key=key,
+            hint="name a state of all joints of the arm, or give posture_deg",
+        )
+    degrees = tuple(np.rad2deg([values[joint] for joint in robot.joint_names]).tolist())
+    pose = config.base_pose.model_copy(update={"posture_deg": degrees, "state": None})
+    return config.model_copy(update={"base_pose": pose})
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -88,7 +89,12 @@ class CellData:
         given = section.model_dump(exclude_none=True)
         lengths = {key: given.pop(key) for key in list(given) if key.endswith("_mm")}
         metres = {f"{key.removesuffix('mm')}m": length / 1e3 for key, length in lengths.items()}
-        return make_board(**given, **metres)
+        try:
+            return make_board(**given, **metres)
+        except InputError as error:  # its arguments are in metres, the keys of a cell are not
+            raise InputError(
+                re.sub(r"_m\b", "_mm", error.message), hint=error.hint, name=error.name
+            ) from error
 
     @property
     def is_hand_eye(self) -> bool:

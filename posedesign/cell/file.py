@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ from posedesign.cell.schema_sections import Section
 from posedesign.files import read_bytes_bounded
 
 LARGEST_CELL_BYTES = 1_000_000
+
+_BARE_KEY = re.compile("[A-Za-z0-9_-]+")
 
 _IN_WORDS = {
     "tuple_type": "should be a list in [ ]",
@@ -128,17 +131,21 @@ def _in_full(content: dict[str, Any], folder: Path) -> None:
     robot = content.get("robot", {})
     if "urdf" in robot:
         robot["urdf"] = str((folder / robot["urdf"]).resolve())
+    if "srdf" in robot:
+        robot["srdf"] = str((folder / robot["srdf"]).resolve())
     if "packages" in robot:
         robot["packages"] = [str((folder / name).resolve()) for name in robot["packages"]]
     for solid in (*content.get("tool", {}).get("body", ()), *content.get("obstacle", ())):
-        if "mesh" in solid:
-            solid["mesh"] = str((folder / solid["mesh"]).resolve())
+        for key in ("mesh", "scene"):
+            if key in solid:
+                solid[key] = str((folder / solid[key]).resolve())
 
 
 def _table(name: str, content: Mapping[str, Any]) -> list[str]:
     """Lines of a table: its own keys first, then the tables in it."""
     lines, inner = [], []
     for key, value in content.items():
+        key = key if _BARE_KEY.fullmatch(key) else _value(key)  # joints have names of their own
         path = f"{name}.{key}" if name else key
         if isinstance(value, Mapping):
             inner += ["", f"[{path}]", *_table(path, value)]

@@ -15,8 +15,10 @@ from posedesign.cell.schema_sections import (
     BoxSteps,
     Finite,
     ImagingSection,
+    InstrumentSection,
     KindOrBoard,
     KnownDistanceSection,
+    LimitSection,
     Line,
     MarkSection,
     Name,
@@ -45,6 +47,7 @@ _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "sphere": ("radius_mm",),
     "half-space": (),
     "mesh": ("mesh",),
+    "scene": ("scene",),
 }
 """What each kind of solid is described by."""
 
@@ -80,6 +83,18 @@ class CoupledLimitSection(Section):
         return self
 
 
+class CouplingSection(Section):
+    """A joint that the controller shows with a part of another: of arms with a parallel linkage."""
+
+    joint: Line
+    """Its name in the description."""
+    of: Line
+    """The other joint: joint 2 for joint 3."""
+    ratio: Annotated[float, Field(strict=True, ge=-100, le=100)]
+    """Part of the other that is added, both in the signs of the controller: 1 for an IRB 4400, -1
+    is what every FANUC has, 0 is none."""
+
+
 class RobotSection(Section):
     """Which arm: a preset or a URDF file, and the shapes of its links where the URDF has none."""
 
@@ -91,10 +106,20 @@ class RobotSection(Section):
     """Link that positions are given in; the root by default."""
     tip: Line | None = None
     """Link at the end of the chain, which carries the tool; the last one by default."""
+    srdf: Line | None = None
+    """Path of an SRDF file, as MoveIt has it: links that may touch, and what the next two name."""
+    group: Line | None = None
+    """Group of the SRDF that is a chain, for ``base`` and ``tip`` where they are not given."""
+    held_states: tuple[Line, ...] = ()
+    """Named states of the SRDF in which joints beside the arm are held."""
     controller: Line | None = None
     """Maker of the controller: what the pendant shows, and the language of programs."""
     lock: tuple[Line, ...] = ()
     """Joints of a URDF that are held at zero."""
+    held_deg: dict[Line, Finite] = Field(default_factory=dict)
+    """Joints of a URDF that are held at other angles, by their names."""
+    held_mm: dict[Line, Finite] = Field(default_factory=dict)
+    """The same of joints that slide: a lift, a finger."""
     packages: tuple[Line, ...] = ()
     """Folders to search for packages that a URDF names."""
     xacro_args: tuple[Line, ...] = ()
@@ -107,12 +132,17 @@ class RobotSection(Section):
     keep_coupled_limits: StrictBool = True
     """Keep the limits that joints of the preset have together, as FANUC's J2 and J3."""
     coupled_limit: tuple[CoupledLimitSection, ...] = ()
+    coupling: tuple[CouplingSection, ...] = ()
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
-        if self.preset is not None and self.lock:
+        if (self.group is not None or self.held_states) and self.srdf is None:
+            raise ValueError("group and held_states are of an SRDF: give srdf, too")
+        if self.preset is not None and (
+            self.lock or self.held_deg or self.held_mm or self.held_states
+        ):
             raise ValueError("joints can be locked in a urdf only, not in a preset")
         if self.preset is not None and (self.packages or self.xacro_args):
             raise ValueError("packages and xacro_args are of a urdf, not of a preset")
@@ -126,8 +156,9 @@ class SolidSection(Section):
 
     name: Name
     """What it is called in answers, and in ``constraints.ignore``."""
-    kind: Literal["box", "cylinder", "sphere", "half-space", "mesh"] = "box"
-    """Its shape. A half-space is everything below ``at_mm``, for obstacles only."""
+    kind: Literal["box", "cylinder", "sphere", "half-space", "mesh", "scene"] = "box"
+    """Its shape. A half-space is everything below ``at_mm``, and a scene all objects of a MoveIt
+    scene: both for obstacles only."""
     at_mm: Vector = (0.0, 0.0, 0.0)
     """Its centre: in the axes of the tip for the tool, in the base frame for an obstacle."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
@@ -140,13 +171,16 @@ class SolidSection(Section):
     """Height of a cylinder, along its z."""
     mesh: Line | None = None
     """File of a mesh: .stl, .obj, .ply or .dae."""
+    scene: Line | None = None
+    """File of a MoveIt scene: .scene. ``at_mm`` and ``wpr_deg`` put it in the frame of the root
+    link of the description."""
     scale: Size = 1.0
     """Factor that turns the unit of the mesh into mm."""
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> SolidSection:
         needed = _SHAPE_KEYS[self.kind]
-        for key in ("size_mm", "radius_mm", "height_mm", "mesh"):
+        for key in ("size_mm", "radius_mm", "height_mm", "mesh", "scene"):
             if (getattr(self, key) is None) == (key in needed):
                 verb = "needs" if key in needed else "has no"
                 raise ValueError(f"a {self.kind} {verb} {key}")
@@ -179,8 +213,8 @@ class ToolSection(Section):
         if not any(self.axis):
             raise ValueError("axis has no length: the tool comes to the target along it")
         for body in self.body:
-            if body.kind == "half-space":
-                raise ValueError(f"{body.name}: a tool cannot be a half-space")
+            if body.kind in ("half-space", "scene"):
+                raise ValueError(f"{body.name}: a tool cannot be a {body.kind}")
         return self
 
 
@@ -212,8 +246,8 @@ class CameraSection(Section):
     border_px: NotNegative = 30.0
     """Margin kept between the target and the edge of the image."""
     share_in_view: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.6
-    """Least share of the points of a board that is in the image; of chessboards and grids of
-    circles, which are found whole or not at all, it is 1."""
+    """Least share of the points of a board that is in the image; of chessboards, grids of
+    circles and round targets, which are found whole or not at all, it is 1."""
     largest_tilt_deg: Annotated[float, Field(strict=True, gt=0, lt=90)] = 70.0
     """Largest angle between the target's normal and the line of sight."""
     nearest_mm: NotNegative = 100.0
@@ -235,8 +269,16 @@ class CameraSection(Section):
 class BasePoseSection(Section):
     """The posture with the tool point on the target that poses are varied around."""
 
-    posture_deg: tuple[Finite, ...]
+    posture_deg: tuple[Finite, ...] = ()
     """Joint values of the base pose, from the base on, in the signs of the description."""
+    state: Line | None = None
+    """In its place the name of a group state in ``robot.srdf``."""
+
+    @model_validator(mode="after")
+    def _is_one_posture(self) -> BasePoseSection:
+        if bool(self.posture_deg) == (self.state is not None):
+            raise ValueError("give either posture_deg or state")
+        return self
 
 
 class VariationSection(Section):
@@ -511,6 +553,10 @@ class PoolSection(Section):
     """Distance kept from singularities, where a touch-up moves joints far."""
     seed: Seed = 0
     """Seed of the drawing."""
+    repeats: Annotated[int, Field(strict=True, ge=1, le=100)] = 1
+    """Times that a pose may be measured, where that tells more than another pose."""
+    limit: tuple[LimitSection, ...] = ()
+    """What a choice has to keep."""
 
 
 class TaskBoxSection(Section):
@@ -551,6 +597,7 @@ class CellConfig(Section):
     measurement: MeasurementSection = MeasurementSection()
     touch_up: TouchUpSection = TouchUpSection()
     noise: tuple[NoiseSection, ...] = ()
+    instrument: InstrumentSection = InstrumentSection()
     payload: tuple[PayloadSection, ...] = ()
     known_distance: tuple[KnownDistanceSection, ...] = ()
     truth: TruthSection = TruthSection()

@@ -179,6 +179,97 @@ class NoiseSection(Section):
         return self
 
 
+class ColumnSection(Section):
+    """Columns of an instrument's file by their names, where its layout is not known."""
+
+    place: tuple[Line, Line, Line] | None = None
+    """x, y and z; by default columns that are called so."""
+    turn: Annotated[tuple[Line, ...], Field(max_length=9)] = ()
+    """The orientation, in the order of ``instrument.turn``."""
+    reflector: Line | None = None
+    """Name of the reflector that was read; by default ``tool``."""
+    pose: Line | None = None
+    """Name of the pose; by default ``pose``."""
+    time: Line | None = None
+    """When it was read, as a number or a date; by default ``time_s``."""
+    temperature: Line | None = None
+    """Temperature in deg C; by default ``temperature_c``."""
+    joints: tuple[Line, ...] = ()
+    """Joint values from the base on, in the same file or in that of the joints."""
+
+
+class InstrumentSection(Section):
+    """Files of trackers, measuring arms and motion capture, and of the joints that go with them.
+
+    ``still_deg`` is far above what encoders flicker by, and far below a motion between poses;
+    ``still_mm`` allows for the noise of motion capture.
+    """
+
+    kind: Literal["point", "pose"] = "point"
+    """What is taken of each reading: a place, or a place and an orientation."""
+    frame: Name = "tracker"
+    """Name of the instrument among the targets."""
+    unit: Literal["um", "mm", "cm", "m", "in"] | None = None
+    """Unit of lengths, where the file does not say it."""
+    turn: (
+        Literal[
+            "quaternion-wxyz",
+            "quaternion-xyzw",
+            "vector-deg",
+            "vector-rad",
+            "wpr-deg",
+            "wpr-rad",
+            "matrix",
+        ]
+        | None
+    ) = None
+    """Form of the orientation: rotation vector, W P R about fixed x, y, z, or a matrix by rows."""
+    header: tuple[Line, ...] = ()
+    """Names of the columns, of a file without a line of them."""
+    columns: ColumnSection = ColumnSection()
+    reflectors: tuple[Name, ...] = ()
+    """Names of those on the tool; without them there is one, and names of points are of poses."""
+    references: tuple[Name, ...] = ()
+    """Names of reflectors that stand still around the arm: drift is tested by them."""
+    joint_header: tuple[Line, ...] = ()
+    """Names of the columns of the file of joints, where it has no line of them."""
+    joint_unit: Literal["deg", "rad"] | None = None
+    """Unit of ``columns.joints``."""
+    pendant: StrictBool = False
+    """``columns.joints`` are as the controller shows them, not in the signs of the description."""
+    match: Literal["auto", "pose", "time", "order"] = "auto"
+    """How joints are found to readings: by names of poses, by time, or in order."""
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    """Unit of ``columns.time``."""
+    clock_offset_s: Finite = 0.0
+    """What is added to times of the instrument to have those of the joints."""
+    tolerance_s: Annotated[float, Field(strict=True, ge=0, le=3600)] = 1.0
+    """Largest time between a reading and a row of joints that is no record."""
+    still_s: Annotated[float, Field(strict=True, ge=1e-3, le=3600)] = 0.5
+    """Least time that an arm stands still at a pose."""
+    still_deg: Annotated[float, Field(strict=True, ge=1e-4, le=5)] = 0.05
+    """Range within which joints of a record stand still in this time."""
+    still_mm: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 2.0
+    """The same of places that are read without end."""
+    noise: Literal["stated", "repeats"] = "stated"
+    """``repeats``: repeated readings give the noise of ``kind``, in place of ``[[noise]]``."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> InstrumentSection:
+        both = set(self.reflectors) & set(self.references)
+        if both:
+            raise ValueError(f"{min(both)!r} is in reflectors and in references")
+        numbers = {"quaternion": (4,), "matrix": (9,)}.get((self.turn or "").split("-")[0], (3,))
+        if self.columns.turn and (self.turn is None or len(self.columns.turn) not in numbers):
+            raise ValueError(
+                f"columns.turn has {len(self.columns.turn)} names"
+                + (f", a {self.turn} {numbers[0]}" if self.turn else ": say their form by turn")
+            )
+        if self.columns.joints and self.joint_unit is None:
+            raise ValueError("joint_unit is missing: columns.joints in deg or rad")
+        return self
+
+
 class PayloadSection(Section):
     """Something else that the flange carries in some of the measurements."""
 
@@ -275,6 +366,8 @@ class TargetSection(Section):
     """Least distance of the tool from an instrument; shortest length of a ball bar or a wire."""
     farthest_mm: Annotated[float, Field(strict=True, gt=0, le=1e6)] | None = None
     """Largest distance, or length; of a ball bar or a wire it has to be given."""
+    dwell_s: NotNegative | None = None
+    """Time at each pose of it, what is aimed anew included; ``plan.dwell_s`` by default."""
     size_mm: tuple[Size, Size] = (200.0, 200.0)
     """Lengths of the part of a plane that may be touched, about its position."""
     normal: Vector | None = None
@@ -303,6 +396,44 @@ class TargetSection(Section):
         return self
 
 
+Side = Literal["front", "behind"]
+"""Of the arm: whether the first joint is turned by less than 90 deg from the base pose."""
+
+
+class LimitSection(Section):
+    """How many of the chosen poses are of a target, of a side of the arm, in a zone.
+
+    What is not said does not matter: without anything it counts all poses.
+    """
+
+    target: Name | None = None
+    """Name of the target."""
+    tool: Name | None = None
+    """Name of the mark that touches."""
+    payload: Annotated[Line, Field(max_length=40)] | None = None
+    """Name of the payload; empty for the tool alone."""
+    side: Side | None = None
+    """``front``: the first joint within 90 deg of the base pose. ``behind``: the others."""
+    lowest_mm: Vector | None = None
+    """Lowest corner, in the base frame, of the zone that the tool point is in."""
+    highest_mm: Vector | None = None
+    """Highest corner."""
+    least: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    """Poses that there are at least."""
+    most: Annotated[int, Field(strict=True, ge=0, le=1000)] | None = None
+    """Poses that there are at most."""
+
+    @model_validator(mode="after")
+    def _limits_something(self) -> LimitSection:
+        if self.most is None and not self.least:
+            raise ValueError("a limit has least, most, or both")
+        if self.most is not None and self.most < self.least:
+            raise ValueError(f"least {self.least} is above most {self.most}")
+        if (self.lowest_mm is None) != (self.highest_mm is None):
+            raise ValueError("give both lowest_mm and highest_mm")
+        return self
+
+
 Across = Annotated[int, Field(strict=True, ge=1, le=100)]
 
 
@@ -321,14 +452,17 @@ class BoardSection(Section):
         "chessboard",
         "circles",
         "asymmetric-circles",
+        "round-target",
     ]
     """``charuco``: a chessboard with markers in its white squares. ``aruco-grid`` and
     ``apriltag-grid``: rows and columns of markers; ``kalibr-aprilgrid``: as Kalibr prints them,
     with black squares at the corners of tags. ``chessboard``; ``circles``: rows and columns of
-    circles; ``asymmetric-circles``: every second row moved by half a step."""
-    columns: Across
-    """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across."""
-    rows: Across
+    circles; ``asymmetric-circles``: every second row moved by half a step. ``round-target``: a
+    circle with a cross, and a square that tells which way is up."""
+    columns: Across | None = None
+    """Squares, not inner corners, of ``charuco`` and ``chessboard``; markers or circles, across. A
+    ``round-target`` has neither columns nor rows."""
+    rows: Across | None = None
     """The same, down."""
     square_mm: Size | None = None
     """Side of the squares of ``charuco`` and ``chessboard``."""
@@ -338,7 +472,7 @@ class BoardSection(Section):
     marker_mm: Size | None = None
     """Side of the black square of a marker."""
     diameter_mm: Size | None = None
-    """Of circles; half the distance of neighbours by default."""
+    """Of circles, where half the distance of neighbours is the default; of a ``round-target``."""
     dictionary: Name | None = None
     """Dictionary of the markers as OpenCV names it, DICT_5X5_100 or 5x5_100; that of
     ``apriltag-grid`` and ``kalibr-aprilgrid`` is 36h11 by default."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
 from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
+from posedesign.cell.moveit_scene import read_scene
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import (
     Checker,
@@ -45,6 +47,9 @@ NOTEWORTHY_M = 0.01
 FARTHEST_M = 100.0
 """Nothing of a cell is farther away."""
 
+_COUPLED_ABB = "irb_?(2400|4400|5400)"
+"""Arms with a parallel linkage for which ROS-Industrial's abb packages have J23_coupled."""
+
 SMALL_SOLID_M = 0.002
 """Of a body of a cell the largest extent is larger: others were given in metres."""
 
@@ -58,9 +63,23 @@ def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) ->
     return [Body(s.name, robot.n, T_link_tip @ _placement(s), _solid(s, folder)) for s in sections]
 
 
-def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
-    """What stands around; places in the file are in the base frame."""
-    return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
+def obstacles(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
+    """What stands around; places in the file are in the base frame, those of scenes in the root.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read, or two solids have one name.
+    """
+    around: list[Body] = []
+    for section in sections:
+        if section.scene is None:
+            around.append(Body(section.name, 0, _placement(section), _solid(section, folder)))
+            continue
+        T_base_scene = robot.T_base_root @ _placement(section)
+        for name, T_scene_solid, solid in read_scene(folder / section.scene):
+            around.append(Body(f"{section.name}/{name}", 0, T_base_scene @ T_scene_solid, solid))
+    return around
 
 
 def meeting_pairs(cell: CellData) -> tuple[tuple[str, str], ...]:
@@ -87,7 +106,7 @@ def build_scene(cell: CellData, ignore: Sequence[tuple[str, str]]) -> Scene:
         arm=robot.bodies,
         tool=cell.tool_bodies,
         obstacles=cell.obstacles,
-        ignore=ignore,
+        ignore=[*ignore, *cell.robot.allowed_contacts],
         zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
         last_range=(float(robot.lower[-1]), float(robot.upper[-1])),
     )
@@ -111,7 +130,7 @@ def build_checker(
         found += sight_constraints(
             BoardSight(
                 lens=there.lens,
-                points=there.board.points,
+                points=there.board.extent,
                 outline=there.board.outline,
                 T_tip_own=there.X,
                 T_base_other=there.Z,
@@ -302,6 +321,13 @@ def what_may_be_wrong(cell: CellData) -> list[str]:
             "the tool point"
         )
     said += _overload(cell)
+    section, controller = cell.config.robot, cell.robot.controller
+    name = re.search(_COUPLED_ABB, cell.robot.name.lower())
+    if name and controller and controller.maker == "abb" and not section.coupling:
+        said.append(
+            f"the controller of an IRB {name[1]} shows J3 with J2 in it, and [[robot.coupling]] "
+            "does not say so (ratio = 1.0, or 0.0 if yours does not)"
+        )
     for body in (*cell.tool_bodies, *cell.obstacles):
         size = _largest_m(body.solid)
         if isinstance(body.solid, Mesh):
@@ -417,6 +443,8 @@ def _unseen_collisions(cell: CellData, excluded: Sequence[tuple[str, str]]) -> l
     ):
         if pairs:
             said.append(f"{', '.join(f'{one} against {other}' for one, other in pairs)}: {why}")
+    if robot.allowed_contacts:
+        said.append(f"{len(robot.allowed_contacts)} pairs of links: robot.srdf lets them touch")
     return said
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,9 +37,18 @@ _TEMPLATE = """\
 # base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
+# held_deg = {{ torso = 30.0 }}     # or at other values: a torso, a head, another arm
+# held_mm = {{ lift = 250.0 }}      # of what slides
+# srdf = {srdf}
+# group = "arm"                   # of the SRDF: its base and tip
+# held_states = ["tucked"]        # of the SRDF: other joints are held as these states have them
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
 # xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
+# [[robot.coupling]]              # parallel linkages: the controller shows a joint with another in
+# joint = "joint_3"               # it, as an IRB 4400 has J3 = q3 + q2; FANUC's J3 - J2 is known
+# of = "joint_2"
+# ratio = 1.0                     # in the signs of the controller
 # [[robot.coupled_limit]]         # one of your own: coefficients times joint values stay inside
 # name = "J2 plus J3"
 # coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
@@ -63,6 +72,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
 {pendant}posture_deg = {posture_deg}
+# state = "home"                  # in its place: a group state of robot.srdf
 
 [target]                          # of several, each begins with [[target]]
 name = "T1"
@@ -78,15 +88,16 @@ name = "T1"
 # nearest_mm = 500.0              # and its range; of a ball bar or a wire its lengths
 # farthest_mm = 10000.0
 # size_mm = [200.0, 200.0]        # of a plane: the part of it that may be touched
+# dwell_s = 20.0                  # at each pose of it; default: plan.dwell_s
 {surroundings}
 {board}[board]                         # a calibration board that a camera sees: posedesign board
 {board}kind = "charuco"                # or aruco-grid, apriltag-grid, chessboard, circles,
-{board}columns = 8                     # asymmetric-circles; squares (not inner corners), markers or
-{board}rows = 6                        # circles, across and down
+{board}columns = 8                     # asymmetric-circles, round-target; squares (not inner
+{board}rows = 6                        # corners), markers or circles, across and down
 {board}square_mm = {square}                # of charuco and chessboard;
 # spacing_mm = 35.0               # of the others: from marker to marker, from circle to circle
 {board}marker_mm = {marker}                # side of the black square of a marker
-# diameter_mm = 15.0              # of circles; default: half the distance of neighbours
+# diameter_mm = 15.0              # of circles, default: half of spacing_mm; of a round-target
 {board}dictionary = "DICT_5X5_100"     # of the markers
 # first_id = 0                    # of the left upper marker
 # legacy = false                  # true: a charuco of OpenCV before 4.6
@@ -134,6 +145,16 @@ candidates = 1500                 # poses that are looked at
 configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
 smallest_singular_value = 0.03    # distance from singularities, where a touch-up moves joints far
 seed = 0
+# repeats = 3                     # times that a pose may be measured, where that tells more
+# [[pool.limit]]                  # of the poses chosen: at least, at most so many, counted by
+# target = "T1"                   # target, tool (mark), payload, side of the arm, zone of the tool
+# tool = "R1"
+# payload = "weight"
+# side = "behind"                 # the first joint beyond 90 deg from the base pose; or "front"
+# lowest_mm = [1000.0, -500.0, 0.0]    # corners of a zone, in the base frame
+# highest_mm = [2000.0, 500.0, 800.0]
+# least = 3
+# most = 8
 
 [parameters]
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
@@ -191,6 +212,34 @@ estimate_lens = true              # from these pictures; false: it was calibrate
 # targets = ["T1", "T2"]
 # length_mm = 500.0
 # three_sigma_mm = 0.03
+
+# [instrument]                    # files of trackers, measuring arms, motion capture, with joints
+# kind = "point"                  # or "pose"
+# frame = "tracker"               # its name among the targets
+# unit = "mm"                     # where the file does not say it
+# turn = "quaternion-wxyz"        # of poses: also -xyzw, vector-deg, wpr-deg, -rad, matrix
+# header = ["name", "x", "y", "z"]        # of a file without names of columns
+# reflectors = ["SMR1", "SMR2"]   # names on the tool, if there are several
+# references = ["REF1"]           # names that stand still: drift is tested by them
+# joint_header = ["q1", "q2", "q3", "q4", "q5", "q6"]  # of a file of joints without
+# joint_unit = "deg"
+# pendant = false                 # true: joints as the controller shows them
+# match = "auto"                  # by "pose" (names), "time" or "order"
+# time_unit = "s"
+# clock_offset_s = 0.0            # added to times of the instrument
+# tolerance_s = 1.0               # between a reading and a row of joints
+# still_s = 0.5                   # an arm of a record stands so long within
+# still_deg = 0.05
+# still_mm = 2.0
+# noise = "stated"                # or "repeats": the noise is that of repeated readings
+# [instrument.columns]            # where the layout of the file is not known
+# place = ["X", "Y", "Z"]
+# turn = ["Q0", "Qx", "Qy", "Qz"]
+# reflector = "Target"
+# pose = "Point"
+# time = "Time"
+# temperature = "Temp"
+# joints = ["q1", "q2", "q3", "q4", "q5", "q6"]
 
 [touch_up]
 # The loop of visual touch-up: posedesign calibrate.
@@ -355,7 +404,7 @@ _NO_SURROUNDINGS = """
 # focal_px = 1800.0
 
 # [[obstacle]]                    # what stands around, in the base frame: box (size_mm), cylinder
-# name = "table"                  # (radius_mm, height_mm), sphere, mesh (mesh = "file.stl")
+# name = "table"                  # (radius_mm, height_mm), sphere, mesh, scene
 # kind = "half-space"             # a half-space is everything below at_mm
 # at_mm = [0.0, 0.0, 0.0]
 """
@@ -378,6 +427,30 @@ class _Setup:
     board_square_mm: float | None = None
 
 
+class _ReadWith(NamedTuple):
+    """What a description is read with, by the names that :meth:`Robot.from_urdf` has for it."""
+
+    packages: tuple[Path, ...]
+    xacro_args: tuple[str, ...]
+    tip: str | None
+    base: str | None
+    lock: tuple[str, ...]
+
+    def lines(self) -> str:
+        """Lines of the cell, so that it reads the same; the tip has its own."""
+        listed = {
+            "packages": [str(f.resolve()) for f in self.packages],
+            "xacro_args": self.xacro_args,
+            "lock": self.lock,
+        }
+        base = "" if self.base is None else f"base = {_quoted(self.base)}\n"
+        return base + "".join(
+            f"{key} = [{', '.join(map(_quoted, values))}]\n"
+            for key, values in listed.items()
+            if values
+        )
+
+
 def cell_template(
     robot: str | None = None,
     *,
@@ -385,6 +458,9 @@ def cell_template(
     camera: Mount | None = None,
     packages: Sequence[Path] = (),
     xacro_args: Sequence[str] = (),
+    tip: str | None = None,
+    base: str | None = None,
+    lock: Sequence[str] = (),
 ) -> str:
     """Text of a ``cell.toml``, commented, for a preset or a URDF file.
 
@@ -402,6 +478,10 @@ def cell_template(
         Folders to search for packages that a URDF names.
     xacro_args : sequence of str
         Arguments of a xacro file, each ``NAME:=VALUE``.
+    tip, base : str, optional
+        Links of a URDF that the arm ends and begins at, where it is a branch of a bigger tree.
+    lock : sequence of str
+        Joints of a URDF between them that are held.
 
     Raises
     ------
@@ -413,10 +493,12 @@ def cell_template(
     name = robot or REFERENCE
     path = Path(name)
     if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
-        return _for_urdf(path, packages, xacro_args, camera)
-    if packages or xacro_args:
+        read_with = _ReadWith(tuple(packages), tuple(xacro_args), tip, base, tuple(lock))
+        return _for_urdf(path, read_with, camera)
+    if packages or xacro_args or tip or base or lock:
         raise InputError(
-            f"packages and arguments are of a URDF; {name!r} is none", hint="leave them out"
+            f"packages, arguments, tip, base and joints to lock are of a URDF; {name!r} is none",
+            hint="leave them out",
         )
     try:
         preset = find_preset(name)
@@ -451,14 +533,10 @@ def _for_preset(name: str, surroundings: bool, camera: Mount | None) -> str:
     )
 
 
-def _for_urdf(
-    path: Path, packages: Sequence[Path], xacro_args: Sequence[str], camera: Mount | None
-) -> str:
-    robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
-    source = (
-        f"urdf = {_quoted(str(path.resolve()))}\n"
-        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}"
-    )
+def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
+    robot = Robot.from_urdf(path, **read_with._asdict())
+    source = f"urdf = {_quoted(str(path.resolve()))}\n"
+    source += read_with.lines() + _controller_line(robot)
     decide, shapes = _shape_lines(robot)
     if camera is not None:
         return _camera_cell(robot, camera, source=source, decide=decide, shapes=shapes)
@@ -479,16 +557,9 @@ def _for_urdf(
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
+        srdf=srdf_beside(path),
         decide=decide,
         shapes=shapes,
-    )
-
-
-def _read_with(packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
-    """Lines of what a description was read with, so that the cell reads the same."""
-    listed = {"packages": [str(f.resolve()) for f in packages], "xacro_args": list(xacro_args)}
-    return "".join(
-        f"{key} = [{', '.join(map(_quoted, values))}]\n" for key, values in listed.items() if values
     )
 
 
@@ -654,6 +725,11 @@ def _camera_and_board(
     }
 
 
+def srdf_beside(urdf: Path) -> Path | None:
+    """A semantic description that lies in the folder of a URDF; not taken unasked."""
+    return next(iter(sorted(urdf.resolve().parent.glob("*.srdf"))), None)
+
+
 def _controller_line(robot: Robot) -> str:
     """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC.
 
@@ -742,6 +818,7 @@ def _fill(
     posture: Sequence[float],
     three_sigma: Sequence[float],
     deflection: bool,
+    srdf: Path | None = None,
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
@@ -756,6 +833,7 @@ def _fill(
         world=_world_line(robot),
         notices="".join(f"# {_printed(said)}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
+        srdf=_quoted(str(srdf or "arm.srdf")).ljust(22) + " # what MoveIt knows of the URDF",
         point_mm=list(setup.point_mm),
         mass_kg=setup.mass_kg,
         com_mm=list(setup.com_mm),

@@ -100,8 +100,20 @@ def simulate(
 def identify(
     cell: CellFile,
     measurements: Annotated[
-        Path, typer.Argument(help="touchups.csv, or any kinds: target, j1_deg, .., kind, x_mm, ..")
+        Path,
+        typer.Argument(
+            help="touchups.csv, or any kinds: target, j1_deg, .., kind, x_mm, ..; or the file of "
+            "an instrument, as [instrument] of the cell says"
+        ),
     ],
+    joints: Annotated[
+        Path | None,
+        typer.Option(
+            "--joints",
+            help="Joints for the file of an instrument: a table (j1_deg ..), a log (RTDE, EGM, "
+            "RSI, ROS), a program.",
+        ),
+    ] = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -122,6 +134,7 @@ def identify(
             Cell.load(cell),
             measurements,
             results_in(out, "identify", cell, overwrite=overwrite),
+            joints=joints,
             trust_units=trust_units,
             warn=lambda text: note(f"warning: {text}"),
         )
@@ -134,7 +147,10 @@ def identify(
             command_line("correct", cell, file, "--out", out) if identified.is_of_this_robot else ""
         )
         drawn = file.with_suffix(".png")
-        files = [str(path) for path in (file, drawn) if path.is_file()]
+        beside = [out / name for name in ("joined.csv", "residuals.csv")] * bool(
+            identified.measured
+        )
+        files = [str(path) for path in (file, drawn, *beside) if path.is_file()]
         answer = answer_of_identification(identified, files)
         tell(answer, verbose=verbose, then=then, first=rehearsed)
     return DONE if identified.is_of_this_robot else NOT_REACHED

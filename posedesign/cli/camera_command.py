@@ -32,8 +32,11 @@ JointsOption = Annotated[
     ),
 ]
 CameraOption = Annotated[
-    CameraPlace,
-    typer.Option(help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange."),
+    CameraPlace | None,
+    typer.Option(
+        help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange. Default: as "
+        "camera.mount of the cell says."
+    ),
 ]
 LensOption = Annotated[
     str,
@@ -91,7 +94,7 @@ def camera(
     cell: CellFile,
     pictures: PicturesArgument,
     joints: JointsOption = None,
-    camera: CameraOption = "on-flange",
+    camera: CameraOption = None,
     lens: LensOption = "pinhole",
     free: FreeOption = "",
     target: TargetOption = None,
@@ -123,7 +126,7 @@ def camera(
     loaded = Cell.load(cell)
     board = board_of(loaded) if target is None else kalibr_board(target)  # said before all else
     asked = Asked(
-        camera,
+        camera or ("fixed" if loaded.camera_stands else "on-flange"),
         lens_of(lens),
         tuple(listed(free)),
         tuple(listed(board_errors)),

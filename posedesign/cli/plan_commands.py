@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.files import Results
     from posedesign.planning import PosePlan
-    from posedesign.planning.optimal.choose import Outlook
+    from posedesign.planning.optimal.outlook import Outlook
     from posedesign.report.answer import Answer
 
 LARGEST_SEED = 2**63 - 1
@@ -114,18 +114,30 @@ def new(
             "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; may be repeated."
         ),
     ] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF that carries the tool.")] = None,
+    base: Annotated[
+        str | None, typer.Option(help="Link of the URDF that positions are given in.")
+    ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint of the URDF between them that is held; may be repeated."),
+    ] = None,
 ) -> int:
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
     from calib.robots import preset_info
     from calib.robots.arm_shapes import makers_like
     from posedesign.cell import Cell, cell_template
+    from posedesign.cell.template import srdf_beside
 
     text = cell_template(
         robot,
         camera=camera,
         packages=packages or (),
         xacro_args=xacro_arg or (),
+        tip=tip,
+        base=base,
+        lock=lock or (),
     )
     made = Cell.from_text(text)
     if robot is None:
@@ -136,6 +148,9 @@ def new(
         )
     for said in made.robot.notices:
         note(f"note: {said}")
+    beside = made.config.robot.urdf and srdf_beside(Path(made.config.robot.urdf))
+    if beside:
+        note(f"note: {beside.name} lies beside the URDF: robot.srdf takes it, if you want it")
     try:
         made.solid  # noqa: B018
     except RobotModelError as error:
@@ -331,7 +346,7 @@ def next_poses(
 def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verbose: bool) -> int:
     """The loop of the paper."""
     from posedesign.cli.plan_json import plan_as_dict
-    from posedesign.planning.optimal.choose import outlook_of
+    from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.workflow import plan_poses
 
     largest = max(loaded.config.variations.largest_deg)

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
-    from posedesign.planning.optimal.choose import Outlook
+    from posedesign.planning.optimal.outlook import Outlook
 
 
 def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:

@@ -231,7 +231,7 @@ _TRUTH = (
 def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
     """The story of the demo, with the tables of its steps."""
     from posedesign.cell import Cell
-    from posedesign.planning.optimal.choose import outlook_of
+    from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.report.accuracy import answer_of_study
     from posedesign.report.answer import Answer, Table
     from posedesign.report.identification import answer_of_identification

@@ -36,7 +36,7 @@ class BoardSight:
     ----------
     lens : Lens
     points : array (K, 3)
-        What is found of the board, in its frame [m].
+        What of the board has to be seen, in its frame [m].
     outline : array (4, 3)
         Corners of what is printed, in order.
     T_tip_own, T_base_other : array (4, 4)

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -101,10 +101,17 @@ def write_table(
         run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
         commas such a line can be cut and put together again (:func:`read_table`).
     """
+    return write_text_atomic(path, table_text(columns, rows, comments))
+
+
+def table_text(
+    columns: Sequence[str], rows: Iterable[Mapping[str, object]], comments: Sequence[str] = ()
+) -> str:
+    """The text of such a file."""
     lines = ["# " + comment_text(text) for text in comments]
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
-    return write_text_atomic(path, "\n".join([*lines, ""]))
+    return "\n".join([*lines, ""])
 
 
 def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:
@@ -140,9 +147,22 @@ def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -
     return parse_table(path, text, header, loose=loose)
 
 
-def parse_table(path: Path, text: str, header: Sequence[str] = (), *, loose: bool = False) -> Table:
-    """The table in a text that is the content of a file; see :func:`read_table`."""
-    mark = _separator(text) if loose else ","
+def parse_table(
+    path: Path,
+    text: str,
+    header: Sequence[str] = (),
+    *,
+    loose: bool = False,
+    only: Collection[str] | None = None,
+) -> Table:
+    """The table in a text that is the content of a file; see :func:`read_table`.
+
+    Parameters
+    ----------
+    only : collection of str, optional
+        Columns whose cells are kept; recordings have hundreds that are not read. All by default.
+    """
+    mark = separator_of(text) if loose else ","
     if mark == " ":
         text = "\n".join(" ".join(line.split()) for line in text.split("\n"))
     reader = csv.reader(io.StringIO(text), strict=True, delimiter=mark)
@@ -171,7 +191,9 @@ def parse_table(path: Path, text: str, header: Sequence[str] = (), *, loose: boo
                     row=reader.line_num,
                     hint="use commas between cells and a point in numbers",
                 )
-            rows.append(Row(reader.line_num, dict(zip(columns, stripped, strict=True))))
+            named = zip(columns, stripped, strict=True)
+            kept = {name: cell for name, cell in named if only is None or name in only}
+            rows.append(Row(reader.line_num, kept))
     except csv.Error as error:
         raise FileFormatError(
             f"is no valid CSV: {error}",
@@ -201,7 +223,7 @@ def is_number(text: str) -> bool:
     return bool(_NUMBER.fullmatch(text) or _WITH_COMMA.fullmatch(text))
 
 
-def _separator(text: str) -> str:
+def separator_of(text: str) -> str:
     """What stands between the cells, by the first line that is no comment."""
     lines = (line.strip() for line in text.splitlines())
     first = next((line for line in lines if line and not line.startswith("#")), "")

@@ -264,15 +264,19 @@ def _check_names(path: Path, rows: Sequence[Row]) -> None:
                 hint="name the point that was touched, or the instrument",
             )
         for column in _LABELS:
-            name = row.cells.get(column, "")
-            if _CONTROL.search(name):
-                raise FileFormatError(
-                    f"{name[:LONGEST_SHOWN]!r} has a character that cannot be shown",
-                    path=path,
-                    row=row.line,
-                    column=column,
-                    hint="name it with letters and digits",
-                )
+            check_label(path, row.line, row.cells.get(column, ""), column)
+
+
+def check_label(path: Path, line: int, name: str, column: str | None = None) -> None:
+    """Refuse a name that would steer the terminal that it is shown on."""
+    if _CONTROL.search(name):
+        raise FileFormatError(
+            f"{name[:LONGEST_SHOWN]!r} has a character that cannot be shown",
+            path=path,
+            row=line,
+            column=column,
+            hint="name it with letters and digits",
+        )
 
 
 def _check_kinds(

@@ -4,9 +4,9 @@ A table says them by the names of the pictures (column ``picture``), or in their
 one of their names (2 before 10), or that of the times in their EXIF. A robot program or a list for
 ROS or RoboDK says them in order. What is taken for granted in this is said in a note.
 
-Of an arm that moved the table is a record of its joints by the column ``time_s``, by one clock:
-rows of joints as they were recorded, and rows of pictures with the time that each was taken at,
-with or without joints. The joints of a picture are those of the record at its time.
+Of an arm that moved the table is a record of its joints, or of the poses of its flange, by the
+column ``time_s``, by one clock: rows as they were recorded, and rows of pictures with the time that
+each was taken at, with or without joints. Those of a picture are those of the record at its time.
 """
 
 from __future__ import annotations
@@ -22,14 +22,13 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError
 from calib.hand_eye.pictures import FEWEST_NEAR, NEAR_S, motion_at, rows_near
-from calib.robots import Robot
+from calib.robots import Robot, flange_robot, posture_of_pose
 from calib.se3 import FloatArray, IntArray
 from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, read_table
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
-from posedesign.programs import Arm, find_dialect, postures_of
-from posedesign.programs.registry import dialect_of
+from posedesign.programs.registry import read_joints
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -64,7 +63,8 @@ class PictureSet:
     T_base_flange : array (N, 4, 4) or None
         Poses of the flange in the base frame [m], likewise.
     motion : array (N, 2, n) or None
-        Velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them.
+        Velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
+        postures of :func:`calib.robots.flange_robot`, where it is of poses.
     notes : tuple of str
         What is odd about them, or was taken for granted, in words.
     """
@@ -320,13 +320,13 @@ class _Poses:
         values[full] = found
         pictures = _pictures_of(path, columns, rows)
         given = cls(path, joints, values, [row.line for row in rows], pictures, notes)
-        if joints and pictures and "time_s" in columns:
+        if pictures and "time_s" in columns:
             return given._out_of_record(numbers_of(path, rows, ["time_s"])[:, 0])
         return given
 
     def _out_of_record(self, times: FloatArray) -> _Poses:
-        """The rows of pictures, with the joints of a record at their times."""
-        recorded = np.asarray(np.isfinite(self.values).all(axis=1))
+        """The rows of pictures, with the joints or poses of a record at their times."""
+        recorded = np.asarray(np.isfinite(self.values).reshape(len(times), -1).all(axis=1))
         rise, first = np.unique(times[recorded], return_index=True)
         record = self.values[recorded][first]
         named = np.flatnonzero([bool(picture) for picture in self.pictures])
@@ -335,15 +335,17 @@ class _Poses:
             return self._rows(named)  # an arm that stood still, and when it did
         if not fine.all():
             raise FileFormatError(
-                f"has no {FEWEST_NEAR} rows of joints within {NEAR_S:g} s of this picture",
+                f"has no {FEWEST_NEAR} rows of {'joints' if self.joints else 'poses'} within "
+                f"{NEAR_S:g} s of this picture",
                 path=self.path,
                 row=self.lines[named[~fine][0]],
                 column="time_s",
-                hint="record joints more often, from before the first picture to after the last, "
+                hint="record them more often, from before the first picture to after the last, "
                 "by the same clock in seconds",
             )
-        q, motion = motion_at(rise, record, times[named])
-        return replace(self._rows(named), values=q, motion=motion)
+        find = motion_at if self.joints else _flange_motion_at
+        values, motion = find(rise, record, times[named])
+        return replace(self._rows(named), values=values, motion=motion)
 
     def _rows(self, some: IntArray) -> _Poses:
         lines, pictures = ([of[i] for i in some] for of in (self.lines, self.pictures))
@@ -351,24 +353,14 @@ class _Poses:
 
     @classmethod
     def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
-        chosen = find_dialect(dialect) if dialect else dialect_of(path)
-        positions = chosen.read(path).measured
-        lines = [position.line for position in positions]
-        posed = [line for p, line in zip(positions, lines, strict=True) if p.shown_deg is None]
-        if posed:
-            raise FileFormatError(
-                "is the pose of a tool, whose place on the flange it does not say",
-                path=path,
-                row=posed[0],
-                hint="give joint values, or poses of the flange in a table",
-            )
         if robot is None:
             raise InputError(
                 f"{path} gives joint values, and the robot is not known",
                 hint="name the robot, or give poses of its flange in a table",
                 name="robot",
             )
-        postures = postures_of(positions, chosen.seen(Arm.of(robot)))
+        hint = "give joint values, or poses of the flange in a table"
+        postures, lines = read_joints(path, robot, dialect, hint=hint)
         return cls(path, True, postures, lines, [])
 
     def of_pictures(self, paths: Sequence[Path], order: Order, notes: list[str]) -> _Poses:
@@ -433,6 +425,37 @@ class _Poses:
             column="picture",
             hint="name each picture in one row, by its file with the ending",
         )
+
+
+def _flange_motion_at(
+    times_s: FloatArray, T_base_flange: FloatArray, at_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As :func:`calib.hand_eye.motion_at`, of poses ``(M, 4, 4)``: poses, and how postures move.
+
+    Each rotation has two vectors of less than a whole turn. Of the rows about a picture those are
+    taken that belong to the shorter one of the picture, which its posture is.
+    """
+    robot = flange_robot()
+    T, motion = np.empty((len(at_s), 4, 4)), np.empty((len(at_s), 2, robot.n))
+    for i, time in enumerate(at_s.tolist()):
+        near = rows_near(times_s, time)
+        rows = posture_of_pose(T_base_flange[near])
+        about = rows[np.argmin(np.abs(times_s[near] - time))]
+        for _ in range(2):  # the picture itself may be on the other side of half a turn
+            q, moved = motion_at(times_s[near], _near_vectors(rows, about), np.array([time]))
+            T[i], motion[i] = robot.fk(q[0]), moved[0]
+            about = posture_of_pose(T[i])
+    return T, motion
+
+
+def _near_vectors(postures: FloatArray, about: FloatArray) -> FloatArray:
+    """Postures ``(M, 6)`` with that of both rotation vectors that is nearer to a posture's."""
+    out = postures.copy()
+    angle = np.linalg.norm(out[:, 3:], axis=1, keepdims=True)
+    other = out[:, 3:] * (1.0 - 2.0 * np.pi / np.maximum(angle, np.finfo(float).tiny))
+    far, near = (np.linalg.norm(v - about[3:], axis=1) for v in (out[:, 3:], other))
+    out[near < far, 3:] = other[near < far]
+    return out
 
 
 def _picked(rows: FloatArray, which: IntArray) -> FloatArray:

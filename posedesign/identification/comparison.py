@@ -99,6 +99,8 @@ class Identified:
         Models that were not tried, since nothing measured sees the scale of their links.
     probabilities : dict of str to float
         Of errors that the arm may have, as models with priors: what the others were judged by.
+    measured : dict of str to str
+        What the file of an instrument has, in words by what it is about.
     """
 
     comparison: Comparison
@@ -109,6 +111,7 @@ class Identified:
     workplace: str = ""
     held_only: tuple[str, ...] = ()
     probabilities: dict[str, float] = field(default_factory=dict)
+    measured: dict[str, str] = field(default_factory=dict)
 
     @property
     def nominal_rms_m(self) -> float:

@@ -2,8 +2,9 @@
 
 =======================  ========================================================================
 ``corrected.urdf``       the robot with the joint frames that are best for a description
-``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning``: the zero
-                         offsets that are best where nothing else is corrected
+``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning,
+                         shown_at_zero_deg``: the zero offsets that are best where nothing else is
+                         corrected, and what the pendant shows where a joint really is at zero
 ``corrected_poses.csv``  as ``poses.csv``: the commands that bring the real tool point to where
                          the poses have it; x, y, z, W, P, R are the Cartesian points to command.
                          A pose that cannot be reached so is dropped, with the reason.
@@ -21,6 +22,7 @@ q2``, so that its offset is that of joint 3 less that of joint 2.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,7 +44,7 @@ from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.cell import Cell, TaskBox
 from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
-from posedesign.files import Results, rehearsed, write_bytes_atomic
+from posedesign.files import Results, rehearsed, write_bytes_atomic, write_text_atomic
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.files.postures import joint_columns, pendant_columns
@@ -56,6 +58,7 @@ from posedesign.identification.correction_routes import (
     Routes,
     routes_of,
 )
+from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import candidates, model_of
 from posedesign.planning import check_not_hand_eye
@@ -150,6 +153,7 @@ def correct(
     name: str | None = None,
     tool: str | None = None,
     box: TaskBox | None = None,
+    exports: Sequence[str] = (),
     trust_units: bool = False,
 ) -> Correction:
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
@@ -169,6 +173,9 @@ def correct(
         Which tool point of the identification is that of the cell.
     box : TaskBox, optional
         Where the arm works; that of the cell by default.
+    exports : sequence of str
+        Other forms of the corrected description that are wanted, keys of
+        :data:`posedesign.identification.exports.EXPORTS`.
     trust_units : bool
         See :func:`posedesign.planning.poses_file.read_poses`.
 
@@ -181,7 +188,9 @@ def correct(
     UnreachableError
         No point of the box can be reached.
     """
+    forms = find_exports(exports)
     wanted = CORRECTION if poses is not None else CORRECTION[:2]
+    wanted += tuple((form.file, form.purpose) for form in forms)
     results = Results.of(out, "correct")
     claims = results.claim("computed", *wanted, inputs=[identification])
     identified = read_identification(identification, cell, name, reference=True)
@@ -226,14 +235,19 @@ def correct(
         section.xacro_args,
         said=routes.words(DESCRIPTION),
     )
+    heads = {way: [*([warned] if warned else []), *routes.words(way)] for way in FILES}
+    texts = [form.text(robot.robot, heads[DESCRIPTION]) for form in forms]
     files = [write_bytes_atomic(claims[0], text)]
-    heads = {way: [*([warned] if warned else []), *routes.words(way)] for way in (MASTERING, POSES)}
+    heads[MASTERING].append(zeroing_words(cell.robot))
     rows = table.rows()
     files.append(write_table(claims[1], list(rows[0]), rows, heads[MASTERING]))
     if poses is not None and listed is not None and compensated is not None:
         columns, corrected = _pose_rows(cell, poses, listed, compensated)
         files.append(write_table(claims[2], columns, corrected, heads[POSES]))
-    results.remove(*(entry for entry in CORRECTION if entry not in wanted))
+    for claim, content in zip(claims[len(claims) - len(forms) :], texts, strict=True):
+        files.append(write_text_atomic(claim, content))
+    known_files = (*CORRECTION, *((form.file, form.purpose) for form in EXPORTS.values()))
+    results.remove(*(entry for entry in known_files if entry not in wanted))
     return Correction(
         identified, routes, robot, table, listed, compensated, tuple(notes), tuple(files), warned
     )
@@ -434,6 +448,7 @@ class Mastering:
                 if self._is_corrected(j) and np.isfinite(self.sigma[j])
                 else None,
                 "meaning": self._meaning(j),
+                "shown_at_zero_deg": float(-np.rad2deg(self.correction[j])) + 0.0,
             }
             for j, name in enumerate(self.robot.joint_names)
         ]
@@ -453,7 +468,11 @@ class Mastering:
             return f"J{j + 1} was not identified: its zero is taken as it is"
         degrees = float(np.rad2deg(self.correction[j]))
         text = f"add {degrees:+.4f} deg to {shown} to get where the joint is"
-        parts = [f"{'less' if matrix[j, k] < 0 else 'plus'} the offset of J{k + 1}" for k in others]
+        parts = []
+        for k in others:
+            share = matrix[j, k] * matrix[k, k]  # both in the signs of the pendant
+            times = "" if abs(share) == 1.0 else f"{abs(share):g} of "
+            parts.append(f"{'less' if share < 0 else 'plus'} {times}the offset of J{k + 1}")
         if parts:
             text += f": its own offset {' and '.join(parts)}"
         if not self.identified[j]:

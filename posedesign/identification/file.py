@@ -19,6 +19,7 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.files import LARGEST_NUMBER, load_json, plain, read_bytes_bounded
+from posedesign.files.csv_tables import as_read
 from posedesign.identification.comparison import Identified, why_another
 from posedesign.identification.findings import as_dict
 from posedesign.identification.measurement_set_up import frames_of
@@ -371,6 +372,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "not_tried": list(identified.held_only),
         "contradictions": [each.said for each in identified.contradictions],
         "warnings": list(identified.warnings),
+        "measured": identified.measured,
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
     }
@@ -452,6 +454,30 @@ def _residuals_as_dicts(result: IdentificationResult, data: Measurements) -> lis
         }
         for i in range(data.count)
     ]
+
+
+def residual_rows(identified: Identified) -> list[dict[str, object]]:
+    """Residuals of the model that is shown, with what is kept beside the measurements.
+
+    ``residual_x_mm ..`` are those of lengths in the axes of what was measured from.
+    """
+    result, table = identified.best, identified.table
+    data, far = table.data, result.distances_m
+    return [
+        {
+            "pose": data.names[i],
+            "target": data.targets[data.setup.target[i]],
+            "tool": data.tools[data.setup.tool[i]],
+            "line": table.lines[i],
+            **{column: as_read(cells[i]) for column, cells in table.extra.items()},
+            **dict(zip(RESIDUALS, 1e3 * result.residuals[i, :3], strict=False)),
+            "residual_mm": 1e3 * far[i],
+        }
+        for i in range(data.count)
+    ]
+
+
+RESIDUALS = ("residual_x_mm", "residual_y_mm", "residual_z_mm")
 
 
 def _frames_as_dict(trial: Trial, result: IdentificationResult) -> dict[str, Any]:

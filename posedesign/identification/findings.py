@@ -118,8 +118,8 @@ _OF_ALL_ROWS: dict[Cause, tuple[str, str]] = {
     "sign and zero": ("as if {0} were counted the other way from a zero {off} deg off", _SIGNS),
     "coupling": (
         "as if {0} were shown {2} {1}, as on FANUC pendants",
-        "give the joints as pendant_j1_deg .. with the robot's controller in the cell, or in URDF "
-        "joints",
+        "give the joints as pendant_j1_deg .. with robot.controller in the cell (and "
+        "robot.coupling, if it is no FANUC), or in URDF joints",
     ),
     "swapped joints": ("as if {0} and {1} were exchanged", "put the columns in order"),
     "joint unit": ("as if joints were in {0}", "give them in degrees"),

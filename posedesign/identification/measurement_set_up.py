@@ -135,6 +135,8 @@ LARGEST_MISS_RAD = 0.05
 
 _TURN = "w_deg to r_deg"
 
+_SAID = ", or correct the unit where the cell says that of an instrument's file"
+
 
 def check_readings(cell: Cell, table: MeasurementTable) -> None:
     """Refuse places, distances and rotations that cannot be in the unit of their columns.
@@ -174,7 +176,8 @@ def _check_places(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
             f"{moved * 1e3:.3g} mm",
             path=table.path,
             column="x_mm to z_mm",
-            hint=f"if these are {unit}, multiply them by {factor:g}; else pass `trust_units`",
+            hint=f"if these are {unit}, multiply them by {factor:g}{_SAID}; else pass "
+            "`trust_units`",
             value=read,
             bound=moved,
         )
@@ -203,7 +206,7 @@ def _check_not_far(table: MeasurementTable, length: float, column: str) -> None:
             f"what was read spans {length:.3g} m",
             path=table.path,
             column=column,
-            hint="if these are micrometres, divide them by 1000; else pass `trust_units`",
+            hint=f"if these are micrometres, divide them by 1000{_SAID}; else pass `trust_units`",
             value=length,
             bound=FARTHEST_M,
         )

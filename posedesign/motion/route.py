@@ -81,13 +81,13 @@ class Route:
 
     ``lost``: poses that no clear way leads to, by index, and why. ``moving_s``: predicted time of
     all moves, from the base posture on [s]; NaN where no speed is known. ``dwell_s``: how long the
-    arm stands at each pose that is measured [s].
+    arm stands at each pose that is measured [s]; one number, or one for each (N,).
     """
 
     stops: tuple[Stop, ...]
     lost: dict[int, str]
     moving_s: float = float("nan")
-    dwell_s: float = 0.0
+    dwell_s: float | FloatArray = 0.0
 
     @property
     def order(self) -> IntArray:
@@ -102,7 +102,9 @@ class Route:
     @property
     def standing_s(self) -> float:
         """Time at the poses that are measured [s]."""
-        return self.dwell_s * len(self.order)
+        if isinstance(self.dwell_s, float):
+            return self.dwell_s * len(self.order)
+        return float(self.dwell_s[self.order].sum())
 
     @property
     def cycle_time_s(self) -> float:

@@ -100,7 +100,7 @@ from posedesign.files.postures import (
     postures_in_any_form,
     postures_of,
 )
-from posedesign.motion.route import Route
+from posedesign.motion.route import Passing, Route
 from posedesign.planning.pose_plan import PoseSet, PoseStatus, fingerprint, named_stops
 from posedesign.selection import Indices
 
@@ -251,13 +251,10 @@ class PoseList:
         passing = [str(stop.passing) for stop in route.stops]
         visited = {name for name, _, via in stops if not via}
         kept = poses.kept_labels
-        of = [{} if stop.pose is None else kept[stop.pose] for stop in route.stops]
-        load = ""
-        for i in reversed(
-            range(len(of))
-        ):  # on the way to a pose the arm carries what it does there
-            following = of[i].get("payload", load)
-            of[i], load = {**of[i], "payload": following}, following
+        of: list[Mapping[str, str]] = [
+            {} if stop.pose is None else kept[stop.pose] for stop in route.stops
+        ]
+        _tell_loads(of, route)
         columns = [column for column in OBSERVED if any(given.get(column) for given in of)]
         return cls(
             names=tuple(name for name, _, _ in stops),
@@ -385,6 +382,20 @@ class PoseList:
             f"the postures are others than those that were planned ({self.fingerprint}, not "
             f"{self.fingerprint_written}): what stands before the header is not of them"
         )
+
+
+def _tell_loads(of: list[Mapping[str, str]], route: Route) -> None:
+    """Say of stops that are passed what the arm carries: what it does at the next pose.
+
+    On the way back to the base posture it is what it did at the last, and is changed there.
+    """
+    load = ""
+    for i in reversed(range(len(of))):
+        load = of[i].get("payload", load)
+        of[i] = {**of[i], "payload": load}
+    for i, stop in enumerate(route.stops):
+        if i and stop.passing is Passing.RETURN:
+            of[i] = {**of[i], "payload": of[i - 1]["payload"]}
 
 
 def write_poses(

@@ -1,5 +1,6 @@
 """From a plan to the controller's program, and from the touched-up program back to touch-ups."""
 
+from posedesign.pose_programs.correcting import CorrectedProgram, correct_program
 from posedesign.pose_programs.from_plan import (
     WrittenProgram,
     chosen_dialect,
@@ -9,8 +10,10 @@ from posedesign.pose_programs.from_plan import (
 from posedesign.pose_programs.touch_ups import import_touch_ups
 
 __all__ = [
+    "CorrectedProgram",
     "WrittenProgram",
     "chosen_dialect",
+    "correct_program",
     "import_touch_ups",
     "program_options",
     "write_program",

@@ -11,6 +11,8 @@ import re
 from abc import ABC, abstractmethod
 from typing import ClassVar, Self
 
+import numpy as np
+
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
@@ -21,12 +23,15 @@ class Configuration(ABC):
 
     ``maker``: a key of ``calib.robots.POSITIVE_AXES``. ``form``: of the words; its groups are what
     `_of_groups` takes. ``called``, ``hint``: what the words are called, and how to write them.
+    ``counts``: fields that only count turns, quadrants or signs of joints, in the order of the
+    words.
     """
 
     maker: ClassVar[str]
     form: ClassVar[re.Pattern[str]]
     called: ClassVar[str]
     hint: ClassVar[str]
+    counts: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     @abstractmethod
@@ -57,6 +62,12 @@ class Configuration(ABC):
     @abstractmethod
     def _of_groups(cls, *groups: str) -> Self | None:
         """The arm position of the parts of the words; None where one is out of its range."""
+
+    @property
+    def counted(self) -> tuple[int, ...]:
+        """The numbers of the fields ``counts``."""
+        values = [getattr(self, name) for name in self.counts]
+        return tuple(np.hstack(values).tolist()) if values else ()
 
     @abstractmethod
     def allows(self, other: Configuration) -> bool:

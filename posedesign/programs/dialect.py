@@ -18,6 +18,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram
+from posedesign.programs.rewriting import Notation
 from posedesign.programs.sets import (
     MOST_PARTS,
     claim_set,
@@ -60,6 +61,8 @@ class Dialect:
         Whether it has postures that the arm only passes through.
     begins : pattern or None
         What stands in all of its programs, where other dialects have the same ending.
+    notation : Notation
+        How it writes the numbers of a position.
     writer, reader, rules : callable
         What `render`, `parse` and `check` do.
     """
@@ -78,6 +81,7 @@ class Dialect:
     joint_step_deg: ClassVar[float] = 0.0
     passes: ClassVar[bool] = True
     begins: ClassVar[re.Pattern[bytes] | None] = None
+    notation: ClassVar[Notation] = Notation()
     writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
     reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
     rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
@@ -104,6 +108,10 @@ class Dialect:
         Shares no code with the writer. Never fails, whatever the content.
         """
         return type(self).rules(data, path)
+
+    def notation_of(self, text: str) -> Notation:
+        """How the numbers of positions are written in this file."""
+        return self.notation
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Most poses of one file of such a program; None: any number."""

@@ -7,7 +7,10 @@ from os import PathLike
 from pathlib import Path
 
 from calib.errors import FileFormatError, InputError, check_type, near_names
+from calib.robots import Robot
+from calib.se3 import FloatArray
 from posedesign.programs.abb_rapid import AbbRapid
+from posedesign.programs.arm import Arm
 from posedesign.programs.denso_pac import DensoPac
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
@@ -17,7 +20,7 @@ from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
 from posedesign.programs.program import Planned, PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import Level, Problem, RecordedProgram
+from posedesign.programs.recorded import Level, Problem, RecordedProgram, postures_of
 from posedesign.programs.robodk_csv import RobodkCsv
 from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
 from posedesign.programs.staubli_val3 import StaubliVal3
@@ -196,3 +199,23 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
         name="path",
         value=str(path),
     )
+
+
+def read_joints(
+    path: Path, robot: Robot, dialect: str | None = None, *, hint: str
+) -> tuple[FloatArray, list[int]]:
+    """Postures ``(N, n)`` [rad] of the joint positions of a file, and their lines.
+
+    Raises FileFormatError: a position is the pose of a tool, with the hint what to give instead.
+    """
+    chosen = dialect_of(path, dialect)
+    positions = chosen.read(path).measured
+    posed = next((p.line for p in positions if p.shown_deg is None), None)
+    if posed is not None:
+        raise FileFormatError(
+            "is the pose of a tool, whose place on the flange it does not say",
+            path=path,
+            row=posed,
+            hint=hint,
+        )
+    return postures_of(positions, chosen.seen(Arm.of(robot))), [p.line for p in positions]

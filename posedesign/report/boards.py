@@ -47,6 +47,8 @@ class Sheet:
         Left, top, right and bottom of what is black.
     discs : ndarray (D, 3)
         Centre and radius of what is black and round.
+    cut_out : ndarray (C, 4)
+        Left, top, right and bottom of what is white in it.
     lines : ndarray (L, 4)
         Of the ruler, from x, y to x, y.
     texts : tuple of (float, float, str)
@@ -57,6 +59,7 @@ class Sheet:
     height_mm: float
     rectangles: FloatArray
     discs: FloatArray
+    cut_out: FloatArray
     lines: FloatArray
     texts: tuple[tuple[float, float, str], ...]
 
@@ -96,6 +99,7 @@ class Sheet:
             height,
             1e3 * rectangles + np.tile(corner, 2),
             1e3 * discs + [*corner, 0.0],
+            1e3 * board.cut_out + np.tile(corner, 2),
             np.array(list(_ruler(start, base))),
             (
                 (start - 1.0, base - 4.5, "0"),
@@ -161,9 +165,12 @@ def as_svg(sheet: Sheet) -> str:
     """The sheet as SVG, in millimetres."""
     width, height = _number(sheet.width_mm), _number(sheet.height_mm)
     # one path: rectangles that touch leave no hair line between them
-    black = "".join(
-        f"M{_number(x0)} {_number(y0)}H{_number(x1)}V{_number(y1)}H{_number(x0)}Z"
-        for x0, y0, x1, y1 in sheet.rectangles
+    black, white = (
+        "".join(
+            f"M{_number(x0)} {_number(y0)}H{_number(x1)}V{_number(y1)}H{_number(x0)}Z"
+            for x0, y0, x1, y1 in rectangles
+        )
+        for rectangles in (sheet.rectangles, sheet.cut_out)
     )
     ruler = "".join(
         f"M{_number(x0)} {_number(y0)}L{_number(x1)} {_number(y1)}"
@@ -180,6 +187,7 @@ def as_svg(sheet: Sheet) -> str:
                 f'<circle cx="{_number(x)}" cy="{_number(y)}" r="{_number(r)}"/>'
                 for x, y, r in sheet.discs
             ),
+            *([f'<path d="{white}" fill="#fff"/>'] if white else []),
             f'<path d="{ruler}" fill="none" stroke="#000" stroke-width="{_LINE_MM:g}"/>',
             *(
                 f'<text x="{_number(x)}" y="{_number(y)}" font-family="sans-serif" '
@@ -203,12 +211,13 @@ def as_pdf(sheet: Sheet) -> bytes:
     figure = Figure(figsize=(sheet.width_mm / _MM_PER_INCH, sheet.height_mm / _MM_PER_INCH))
     panel = figure.add_axes((0.0, 0.0, 1.0, 1.0), frame_on=False)
     panel.set(xlim=(0.0, sheet.width_mm), ylim=(sheet.height_mm, 0.0), xticks=[], yticks=[])
-    if len(sheet.rectangles):
-        corners = sheet.rectangles[:, [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(-1, 2)
-        codes = [Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY] * len(sheet.rectangles)
-        panel.add_patch(PathPatch(Outline(corners, codes), facecolor="black", linewidth=0.0))
     for x, y, radius in sheet.discs:
         panel.add_patch(Circle((x, y), radius, facecolor="black", linewidth=0.0))
+    for color, rectangles in (("black", sheet.rectangles), ("white", sheet.cut_out)):
+        if len(rectangles):
+            corners = rectangles[:, [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(-1, 2)
+            codes = [Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY] * len(rectangles)
+            panel.add_patch(PathPatch(Outline(corners, codes), facecolor=color, linewidth=0.0))
     ends = sheet.lines.reshape(-1, 2, 2)
     panel.add_collection(LineCollection(list(ends), colors="black", linewidths=_LINE_MM * points))
     for x, y, text in sheet.texts:

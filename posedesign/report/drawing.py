@@ -127,7 +127,7 @@ def plain_numbers(panel: Axes) -> None:
 
     def between(value: float, _: object) -> str:
         low, high = panel.get_ylim()
-        shown = "25" if high > 10.0 * low else "235"
+        shown = "25" if high > 10.0 * low else "235" if high > 3.0 * low else "123456789"
         return f"{value:g}" if f"{value:e}"[0] in shown else ""
 
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -229,7 +229,7 @@ def _draw_arrows(panel: Axes, result: HandEyeResult) -> None:
     length = np.linalg.norm(off[known], axis=-1)
     typical = float(np.quantile(length, 0.99)) if length.size else 1.0
     longer = LONG_ARROW * result.lens.width_px / max(typical, 1e-9)
-    panel.quiver(
+    arrows = panel.quiver(
         *seen[known].T,
         *off[known].T,
         angles="xy",
@@ -245,8 +245,12 @@ def _draw_arrows(panel: Axes, result: HandEyeResult) -> None:
         xlabel="x [px]",
         ylabel="y [px]",
     )
+    known_px = float(f"{typical:.0e}")
+    panel.quiverkey(
+        arrows, 1.08, 0.97, known_px, f"{known_px:g} px", labelpos="E", fontproperties={"size": 9}
+    )
     panel.set_title(
-        f"points about the best board of each picture, {longer:.0f} times as long: a pattern is "
-        "what the lens misses",
+        "left over at the points, the board placed anew in each picture:\n"
+        "a pattern over the image is a lens that the model does not fit",
         fontsize=10,
     )

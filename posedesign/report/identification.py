@@ -73,6 +73,7 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
             "expected error": comparison.reason,
             "expected over": over,
             "noise": result.message,
+            **identified.measured,
             "largest residuals": _residuals(result),
             **_of_the_fit(result),
         },

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict, Score
     from posedesign.planning.optimal import NextPoses, OptimalPlan
-    from posedesign.planning.optimal.choose import Outlook
+    from posedesign.planning.optimal.outlook import Outlook
 
 PREDICTED = "Predicted before measuring, from the noise alone"
 
@@ -66,6 +66,7 @@ def answer_of_plan(
         {
             **_promised(cell, *error, result.sigma_displayed()),
             "better": better,
+            "would buy more": outlook.advice,
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
         },
@@ -140,6 +141,14 @@ def _what_time_buys(result: OptimalPlan) -> str:
     return ", ".join(said)
 
 
+def _alone_words(result: OptimalPlan) -> str:
+    """What the tool point's error would be with one target only, for as many poses or minutes."""
+    return ", ".join(
+        f"{name} {1e3 * tcp_m:.3g} mm" if math.isfinite(tcp_m) else f"{name} tells not all"
+        for name, tcp_m in result.alone.items()
+    )
+
+
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
@@ -151,6 +160,7 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
         result.verdict,
         {
             **_promised(cell, *error, displayed(result.model, found.sigma)),
+            "each target alone": _alone_words(result),
             "time": time,
             "pool": result.pool_words,
             "target": cell.whereabouts.words,

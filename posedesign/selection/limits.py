@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,9 +30,12 @@ MILP_SECONDS = 10.0
 class LinearLimit(Protocol):
     """``lb <= A w <= ub`` of the times ``w`` (N,): ``scipy.optimize.LinearConstraint`` is one."""
 
-    A: ArrayLike
-    lb: ArrayLike
-    ub: ArrayLike
+    @property
+    def A(self) -> Any: ...
+    @property
+    def lb(self) -> Any: ...
+    @property
+    def ub(self) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False)

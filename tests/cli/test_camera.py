@@ -202,6 +202,17 @@ def test_errors_in_one_line(there, glance, words, said):
     assert found.err.count("error:") == 1
 
 
+def test_where_the_camera_is_stands_in_the_cell(there, glance):
+    """These pictures are by a camera on the flange: the other set-up is told, and can be said."""
+    text = (there / "cell.toml").read_text().replace('kind = "touch-up"', 'kind = "board"')
+    (there / "cell.toml").write_text(text + '\n[camera]\nmount = "fixed"\n')
+    words = ("camera", "cell.toml", "pictures", "--joints", "joints.csv")
+    found = glance(*words)
+    assert found.code == 2
+    assert "camera on the flange" in found.err
+    assert glance(*words, "--camera", "on-flange").code == 0
+
+
 def test_a_cell_without_a_board_is_refused(there, glance):
     (there / "cell.toml").write_text(cell_template("ur10e", surroundings=False))
     found = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv")
@@ -237,9 +248,20 @@ dictionary = "DICT_4X4_50"
 """
 
 
-def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance):
+ROUND = (
+    REHEARSED[: REHEARSED.index("[board]")]
+    + """
+[board]
+kind = "round-target"
+diameter_mm = 100.0
+"""
+)
+
+
+@pytest.mark.parametrize("text", [REHEARSED, ROUND], ids=["charuco", "round target"])
+def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance, text):
     monkeypatch.chdir(tmp_path)
-    Path("cell.toml").write_text(REHEARSED)
+    Path("cell.toml").write_text(text)
     rng = np.random.default_rng(2)
     base = np.array([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
     off = rng.uniform(-1, 1, (8, 6)) * [2.0, 2.0, 2.0, 8.0, 8.0, 30.0]

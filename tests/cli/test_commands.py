@@ -83,7 +83,7 @@ def test_new_prints_a_cell(cli, preset):
     written = tomllib.loads(said.out)
     assert written["robot"]["preset"] == (preset or "r2000ic165f")
     # every section is there to be edited, and every key is said with its unit or its choices
-    commented = {"noise", "payload", "known_distance", "task_box", "board"}
+    commented = {"noise", "instrument", "payload", "known_distance", "task_box", "board"}
     assert all(f"[{name}]" in said.out for name in commented)
     left_out = commented | {"other_targets"}  # further tables of the target's
     assert list(written) == [name for name in CellConfig.model_fields if name not in left_out]

@@ -14,6 +14,8 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.identification.models import model_of
 from posedesign.planning.poses_file import read_poses
+from posedesign.pose_programs.from_plan import arm_of
+from posedesign.programs import postures_of, read
 from posedesign.simulation import SimulatedRobot
 from tests.cli.conftest import rows_of
 
@@ -602,3 +604,120 @@ def test_ways_that_leave_the_same_are_named_beside_the_plainest(cli, work, ident
         "best: mastering, the plainest of those that leave the same within 2 %: so do description "
         "and corrected poses (give poses.csv to have them)"
     )
+
+
+@pytest.fixture
+def program(cli, work) -> Callable[..., Path]:
+    """A program of the poses in a folder of its own."""
+
+    def written(form: str) -> Path:
+        folder = work / "programs"
+        typed = ("program", work / "poses.csv", "--cell", work / "cell.toml", "--name", "WELD")
+        said = cli(*typed, "--format", "fanuc-ls", "--form", form, "--out", folder)
+        assert said.code == 0, said
+        return folder / "WELD.LS"
+
+    return written
+
+
+def test_a_program_is_corrected_into_another_folder(cli, work, identified, program):
+    path = program("cartesian")
+    before = path.read_bytes()
+    typed = ("correct", work / "cell.toml", identified, path, "--out", work / "out")
+    said = cli(*typed)
+    assert said.code == 0, said
+    assert "28 positions keep their place on the real arm" in said.out
+    assert "taught on the arm are right already" in said.err
+    assert [p.name for p in (work / "out").iterdir()] == ["WELD.LS"]
+    assert path.read_bytes() == before
+    texts = [p.read_text().split("\n") for p in (path, work / "out" / "WELD.LS")]
+    changed = [a for a, b in zip(*texts, strict=True) if a != b]
+    assert len(changed) == 2 * 28
+    assert all(re.match(r"\t[XW] =", line) for line in changed)
+    # the simulated arm, with the errors that it has, stands where it should, all else being equal
+    cell = Cell.load(work / "cell.toml")
+    truth = SimulatedRobot.of(cell)
+    arm = arm_of(cell)
+    meant, now = (postures_of(read(p).positions, arm) for p in (path, work / "out" / "WELD.LS"))
+    wanted = cell.robot.state(meant).point(cell.tool_m)
+    off = truth.model.view(now, truth.values).tool_points - wanted
+    assert np.linalg.norm(off - off.mean(axis=0), axis=1).max() < 1e-4
+    # the same again is no other file
+    assert cli(*typed, "--json").code == 0
+
+
+def test_positions_of_a_program_in_numbers(cli, work, identified, program):
+    path = program("joint")
+    typed = ("correct", work / "cell.toml", identified, path, "--out", work / "out", "--json")
+    said = cli(*typed, "--joints", "--leave", "1, 2")
+    assert said.code == 0, said
+    content = json.loads(said.out)
+    assert [p["number"] for p in content["positions"]] == list(range(3, 29))
+    assert max(p["error_mm"] for p in content["positions"]) < 1e-9
+    assert max(p["written_mm"] for p in content["positions"]) < 0.04
+    assert max(p["without_mm"] for p in content["positions"]) > 1.0
+    assert any("2 of 28 positions are as they were" in said for said in content["notes"])
+    assert content["files"] == [str(work / "out" / "WELD.LS")]
+
+
+def test_programs_that_cannot_be_corrected_are_refused(refuse, cli, work, identified, program):
+    joint = program("joint")
+    typed = ("correct", work / "cell.toml", identified)
+    there = ("--out", work / "out")
+    refuse(*typed, joint, *there).says("has joint targets only", "--joints")
+    refuse(*typed, joint, "--joints", "--leave", "x", *there).says("no number of a position")
+    refuse(*typed, joint, "--joints", "--leave", "77", *there).says("no position 77")
+    refuse(*typed, joint, "--joints", "--out", joint.parent).says("would be replaced", "--out")
+    whole = joint.read_text()
+    joint.write_text(whole.replace("/END", ""))
+    refuse(*typed, joint, "--joints", *there).says("is cut off", "WELD.LS")
+    refuse(*typed, work / "NONE.LS", *there).says("cannot be read")
+    refuse(*typed, joint, "--format", "fanuc", *there).says("unknown dialect", "fanuc-ls")
+    (work / "out").mkdir()
+    (work / "out" / "WELD.LS").write_text("mine")
+    joint.write_text(whole)
+    refuse(*typed, joint, "--joints", *there).says("WELD.LS", "is not replaced")
+
+
+def test_options_that_would_do_nothing_are_refused(refuse, work, identified, program):
+    path, there = program("joint"), ("--out", work / "out")
+    typed = ("correct", work / "cell.toml", identified)
+    box = ("--box", "1000,0,500,1100,1,600")
+    refuse(*typed, path, "--joints", *box, *there).says("--box does nothing for a program")
+    refuse(*typed, path, "--export", "dh", *there).says("--export does nothing for a program")
+    refuse(*typed, work / "poses.csv", "--joints", *there).says("--joints does nothing for")
+    refuse(*typed, "--leave", "3", *there).says("--leave does nothing for anything but a program")
+
+
+def test_frames_that_nobody_says_are_refused(refuse, work, identified):
+    """A job of another maker, and a target in a frame that has only a number."""
+    path = work / "WELD.LS"
+    path.write_text(
+        "/PROG  WELD\n/ATTR\n/MN\n   1:J P[1] 10% FINE ;\n/POS\nP[1]{\n   GP1:\n"
+        "\tUF : F, UT : F,\t\tCONFIG : 'N U T, 0, 0, 0',\n"
+        "\tX =  1800.000  mm,\tY =     0.000  mm,\tZ =   900.000  mm,\n"
+        "\tW =   180.000 deg,\tP =   -30.000 deg,\tR =     0.000 deg\n};\n/END\n"
+    )
+    typed = ("correct", work / "cell.toml", identified)
+    refuse(*typed, path, "--out", work / "out").says("nothing says in which tool frame", "WELD.LS")
+    path.write_text(path.read_text().replace("UF : F, UT : F", "UF : 3, UT : 1"))
+    refuse(*typed, path, "--out", work / "out").says("user frame 3", "program.user")
+    other = work / "weld.script"
+    other.write_text("def weld():\n  movej([0, -1, 1, 0, 1, 0])\nend\n")
+    refuse(*typed, other, "--joints", "--out", work / "out").says("controller of fanuc")
+
+
+def test_other_forms_are_exported_beside_the_description(cli, refuse, work, identified):
+    typed = ("correct", work / "cell.toml", identified, "--out", work / "out")
+    refuse(*typed, "--export", "ur-kinematics").says("no arm of Universal Robots")
+    refuse(*typed, "--export", "denavit").says("unknown form 'denavit'", "dh")
+    said = cli(*typed, "--export", "dh-modified", "--export", "dh-hayati")
+    assert said.code == 0, said
+    written = ["corrected.urdf", "corrected_dh_hayati.csv", "corrected_dh_modified.csv"]
+    assert sorted(p.name for p in (work / "out").iterdir()) == [*written, "mastering.csv"]
+    text = (work / "out" / "corrected_dh_hayati.csv").read_text()
+    assert text.startswith("# origin: computed DH table with Hayati's rows by correct")
+    assert "the user frame is taught again" in text
+    assert "ZERO POSITION MASTER" in (work / "out" / "mastering.csv").read_text()
+    assert cli(*typed).code == 0  # what was asked for the last time only is removed
+    assert sorted(p.name for p in (work / "out").iterdir()) == ["corrected.urdf", "mastering.csv"]

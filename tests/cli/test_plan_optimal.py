@@ -7,7 +7,7 @@ import pytest
 
 from posedesign.cli import output
 from posedesign.cli.main import run
-from posedesign.planning.optimal.choose import _Planning
+from posedesign.planning.optimal.choose import Planning
 from posedesign.planning.poses_file import read_poses
 from tests.cli.conftest import strict_json, with_keys
 
@@ -229,7 +229,7 @@ def test_a_plan_that_is_stopped_leaves_the_last_one_whole(cli, cell, tmp_path, m
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(_Planning, "_with_validation", stop)
+        patch.setattr(Planning, "_with_validation", stop)
         said = cli(*words[:4], "--poses", 9, *words[6:])
     assert (said.code, said.err.splitlines()[-1]) == (output.STOPPED, "stopped")
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.file import parse_config
+from posedesign.cell.file import cell_text, parse_config
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
@@ -163,7 +163,7 @@ def take_pictures_of_the_page(cell: Path) -> None:
 def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = [words for _, block in blocks(PAGES[STEPS]) for words in commands_of(block)]
-    assert len(lines) == 18
+    assert len(lines) == 19
     for words in lines:
         if words[1] == "import":
             touched_up(Path("run/poses.csv"), Path("CALIB01.LS"))
@@ -179,6 +179,11 @@ def test_code_of_the_pages_that_say_how(glance, tmp_path, monkeypatch):
     ):
         check_columns_said(Path(written), other)
     take_pictures_of_the_page(Path("camera_cell.toml"))
+    tracker = next(
+        code for kind, code in blocks(PAGES["docs/how-to/measured_by.md"]) if kind == "toml"
+    )
+    raw = {**tomllib.loads(cell_template("ur10e", surroundings=False)), **tomllib.loads(tracker)}
+    Path("tracker.toml").write_text(cell_text(parse_config(raw, Path("cell.toml")), Path()))
     found = {name: run_page(glance, name) for name in HOW_TO}
     assert found["docs/how-to/by_sight.md"]["MyRobot"]() is not None
     python = found["docs/how-to/python.md"]

@@ -20,6 +20,7 @@ from calib.model.parameters import (
 from calib.robots import Robot
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import FloatArray
+from calib.vision.boards import make_board
 from studies.board_scenes import EXACT, FLANGE, SIGMA_PX, STOPS_OFF, Scene, draw_scene, reached
 
 PICTURES = 15
@@ -65,12 +66,18 @@ def squares(errors: FloatArray, covariances: FloatArray) -> FloatArray:
     return np.einsum("tp,tp->t", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
 
 
-def run(trials: int, carried: Carried, arm: tuple[float, float], seed: int) -> Trials:
+def run(
+    trials: int,
+    carried: Carried,
+    arm: tuple[float, float],
+    seed: int,
+    points: FloatArray | None = None,
+) -> Trials:
     """Sets of 15 pictures, each of another scene; lens and noise are found with X and Z."""
     found = []
     for trial in range(trials):
         rng = np.random.default_rng([seed, trial])
-        scene = draw_scene(rng, PICTURES, carried)
+        scene = draw_scene(rng, PICTURES, carried, points=points)
         result = calibrate(scene.shown(scene.seen(rng, arm=arm)))
         assert result.used.all()
         model = true_model(scene, arm, [])
@@ -129,6 +136,27 @@ def test_a_dozen_sets_are_as_near_as_they_say(carried, arm):
 def test_errors_are_those_of_the_bound_and_covariances_are_right(carried, arm):
     """Two hundred sets: the bars themselves, and each of X, Z and the lens in its band."""
     done = run(200, carried, arm, 51)
+    assert LOWEST < done.over_bound() < HIGHEST
+    assert 0.93 < done.inside.mean() < 0.97
+    check(done)
+    for part in GROUPS.values():
+        low, high = band(200, part.stop - part.start)
+        assert LOWEST * low < done.over_bound(part) < HIGHEST * high
+
+
+ROUND = make_board("round-target", diameter_m=0.16).points
+"""24 points on 115 mm, where the ChArUco has 35 on 180 mm x 120 mm."""
+
+
+@pytest.mark.parametrize(("carried", "arm"), [("camera", EXACT), ("board", STOPS_OFF)])
+def test_a_dozen_sets_of_a_round_target_are_as_near_as_they_say(carried, arm):
+    check(run(12, carried, arm, 55, ROUND))
+
+
+@pytest.mark.slow
+@CASES
+def test_errors_with_a_round_target_are_those_of_the_bound(carried, arm):
+    done = run(200, carried, arm, 56, ROUND)
     assert LOWEST < done.over_bound() < HIGHEST
     assert 0.93 < done.inside.mean() < 0.97
     check(done)

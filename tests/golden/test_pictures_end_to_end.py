@@ -9,12 +9,13 @@ from calib.chance import chi2_quantile
 from calib.hand_eye import HandEyeResult, calibrate
 from calib.lens import Lens
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.vision.boards import detect_board, make_board
+from calib.vision.boards import Board, detect_board, make_board
 from studies.board_scenes import EXACT, STOPS_OFF, Scene, draw_scene, pose_error
 from tests.board_pictures import Camera
 
 LENS = Lens("pinhole", 1280, 800, (1100.0, 1104.0, 652.0, 395.0, -0.12, 0.06, 8e-4, -5e-4, 0.0))
 BOARD = make_board("charuco", columns=8, rows=6, square_m=0.03, marker_m=0.022, dictionary="4X4_50")
+ROUND = make_board("round-target", diameter_m=0.15)  # its edges are whole pixels of the print
 CHANCE = 1e-4
 
 NEAREST_PX = 0.02
@@ -22,16 +23,16 @@ NEAREST_PX = 0.02
 
 
 def photographed(
-    count: int, carried: str, arm: tuple[float, float], seed: int
+    count: int, carried: str, arm: tuple[float, float], seed: int, board: Board = BOARD
 ) -> tuple[Scene, HandEyeResult, float]:
     """Scene, result, and the rms that the corners are off [px]."""
     rng = np.random.default_rng(seed)
-    scene = draw_scene(rng, count, carried, points=BOARD.points, lens=LENS, far_m=(0.4, 0.55))
+    scene = draw_scene(rng, count, carried, points=board.points, lens=LENS, far_m=(0.4, 0.55))
     # where the board is seen, of an arm that stops off
     there = replace(scene, flange=stopped(scene, arm, rng))
-    camera = Camera(LENS, BOARD)
+    camera = Camera(LENS, board)
     pixels = np.stack(
-        [detect_board(camera.take(T, rng), BOARD).pixels for T in there.poses(there.flange)]
+        [detect_board(camera.take(T, rng), board).pixels for T in there.poses(there.flange)]
     )
     truth = there.seen(rng, sigma_px=0.0)
     off = float(np.sqrt(np.nanmean((pixels - truth) ** 2)))
@@ -68,11 +69,17 @@ def test_a_handful_of_pictures_tells_where_the_camera_is(carried):
     assert np.linalg.norm(turn) < 2e-3
 
 
+@pytest.mark.parametrize("carried", ["camera", "board"])
+def test_a_round_target_does_with_its_24_corners(carried):
+    check(*photographed(8, carried, EXACT, 61, ROUND))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("carried", ["camera", "board"])
-def test_many_sets_of_pictures_are_as_near_as_they_say(carried):
+@pytest.mark.parametrize("board", [BOARD, ROUND], ids=["charuco", "round target"])
+def test_many_sets_of_pictures_are_as_near_as_they_say(carried, board):
     """Twelve sets of 15 pictures of an arm that stops off."""
     sets = 12
-    found = [check(*photographed(15, carried, STOPS_OFF, 100 + k)) for k in range(sets)]
+    found = [check(*photographed(15, carried, STOPS_OFF, 100 + k, board)) for k in range(sets)]
     low, high = chi2_quantile([CHANCE / 2, 1 - CHANCE / 2], 6 * sets)
     assert low < sum(found) < high

@@ -32,7 +32,14 @@ UNLIKELY: dict[Cause, float] = {"zero": 2.0, "sign and zero": 4.0, "turned axes"
 """Logarithms of how much less often mistakes are made than others: some look the same, such as a
 first joint that counts the other way, and half a turn of the second where their axes meet."""
 
-_UNITS = {"mm for m": 1e-3, "m for mm": 1e3, "inches for mm": 25.4, "mm for inches": 1 / 25.4}
+_UNITS = {
+    "mm for m": 1e-3,
+    "m for mm": 1e3,
+    "cm for mm": 10.0,
+    "mm for cm": 0.1,
+    "inches for mm": 25.4,
+    "mm for inches": 1 / 25.4,
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,6 +98,17 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
     vertices, triangles = _triangles(reader, _read(path), path)
     with np.errstate(invalid="ignore", over="ignore"):
         vertices = vertices * factors
+    return checked_mesh(vertices, triangles, path)
+
+
+def checked_mesh(vertices: FloatArray, triangles: IntArray, path: Path) -> Mesh:
+    """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file.
+
+    Raises
+    ------
+    FileFormatError
+        There are no triangles, too many, or some that cannot be.
+    """
     _check(vertices, triangles, path)
     return _merged(vertices, triangles)
 

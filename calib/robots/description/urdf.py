@@ -72,6 +72,8 @@ class Urdf:
         The same of single joints, which matters where the joint moves.
     flaws : mapping of str to RobotModelError
         Joints that can be held still but not moved, and why: no limits, or led by another joint.
+    led : mapping of str to (str, float, float)
+        Joints that follow another: its name, the factor and the offset [rad, m].
     shapes : tuple of LinkShape
         Collision geometry.
     lost_shapes : tuple of str
@@ -82,6 +84,7 @@ class Urdf:
     notices: tuple[str, ...]
     joint_notices: Mapping[str, str]
     flaws: Mapping[str, RobotModelError]
+    led: Mapping[str, tuple[str, float, float]]
     shapes: tuple[LinkShape, ...]
     lost_shapes: tuple[str, ...]
 
@@ -105,13 +108,20 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
         notices=(*description.notices, *missing),
         joint_notices=MappingProxyType(kinematics.notices),
         flaws=MappingProxyType(kinematics.flaws),
+        led=MappingProxyType(kinematics.led),
         shapes=shapes,
         lost_shapes=lost,
     )
 
 
+_WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"
+
+
 def read_description(
-    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+    path: Path,
+    packages: Iterable[Path] = (),
+    xacro_args: Iterable[str] = (),
+    hint: str = _WHAT_TO_GIVE,
 ) -> Description:
     """Read a URDF file, or a xacro file that expands to one, without looking at what it says.
 
@@ -122,6 +132,8 @@ def read_description(
         :mod:`calib.robots.description.packages`).
     xacro_args : iterable of str
         Arguments of a xacro file, each ``NAME:=VALUE``; those not given have their defaults.
+    hint : str
+        What to give in place of a file that is not there.
 
     Raises
     ------
@@ -130,7 +142,7 @@ def read_description(
         there are arguments for a file that is no xacro.
     """
     search, arguments = _folders(path, packages), _arguments(path, xacro_args)
-    text = _read(path)
+    text = _read(path, hint)
     known = Packages(path, search)
     root = _parse(text, path)
     notices: tuple[str, ...] = ()
@@ -186,18 +198,18 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
     return folders_to_search(given)
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, hint: str) -> bytes:
     try:
         text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise RobotModelError(
             f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
-            hint="give the path of a URDF file, or the name of a preset (posedesign robots)",
+            hint=hint,
             name=str(path),
         ) from error
     if len(text) > LARGEST_URDF_BYTES:
         raise RobotModelError(
-            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a URDF",
+            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a description",
             hint="give the kinematics only",
             name=str(path),
         )
@@ -209,7 +221,7 @@ def _parse(text: bytes, path: Path) -> Element:
         root: Element = fromstring(text, forbid_dtd=True)
     except defusedxml.DefusedXmlException as error:
         raise RobotModelError(
-            f"{path}: document types and entities are not accepted in a URDF",
+            f"{path}: document types and entities are not accepted in a description",
             hint="remove the <!DOCTYPE> part",
             name=str(path),
         ) from error

@@ -43,11 +43,14 @@ class Kinematics:
         By joint: what was read otherwise than it stands in the file.
     flaws : dict of str to RobotModelError
         By joint: why it cannot be moved.
+    led : dict of str to (str, float, float)
+        By joint that follows another (mimic): that joint, the factor and the offset [rad, m].
     """
 
     root: Element
     notices: dict[str, str]
     flaws: dict[str, RobotModelError]
+    led: dict[str, tuple[str, float, float]]
 
 
 def read_kinematics(root: Element, path: Path) -> Kinematics:
@@ -73,7 +76,7 @@ def read_kinematics(root: Element, path: Path) -> Kinematics:
             value=len(links),
             bound=MOST_LINKS,
         )
-    out = Kinematics(Element("robot", name=printable(root.get("name") or path.stem)), {}, {})
+    out = Kinematics(Element("robot", name=printable(root.get("name") or path.stem)), {}, {}, {})
     for joint in joints:
         _add_joint(joint, out, path)
     for link in links:
@@ -155,7 +158,11 @@ def _direction(values: list[float], fail: _Fail) -> list[float]:
 def _add_limits(joint: Element, written: Element, out: Kinematics, path: Path) -> None:
     """Write the limits of a moving joint; where they cannot be used, keep the reason."""
     name = written.get("name", "")
-    if joint.find("mimic") is not None:
+    mimic = joint.find("mimic")
+    if mimic is not None:
+        given = numbers(f"{mimic.get('multiplier', '1')} {mimic.get('offset', '0')}")
+        if len(given) == 2:
+            out.led[name] = mimic.get("joint", ""), given[0], given[1]
         out.flaws[name] = RobotModelError(
             f"{path}: joint {shown(name)} follows another joint (mimic)",
             hint="only independent joints can be calibrated: name another base or tip, or hold it "

@@ -317,10 +317,10 @@ def solve_parallel_arm(
     q[:, 1] = turns
     state = chain.forward(q)
     o2, o3, o4 = (at_zero.origins[:, j] for j in (1, 2, 3))
-    upper, fore = _flat(o3 - o2, n), _flat(o4 - o3, n)
+    upper, fore = across(o3 - o2, n), across(o4 - o3, n)
     a6, o6 = state.axes[:, 5], state.origins[:, 5]
-    centre = _flat(o6 + T_wanted[source, :3, 3] - state.p_base_tip - o2, n)
-    offset = _flat(state.origins[:, 3] - o6, n)
+    centre = across(o6 + T_wanted[source, :3, 3] - state.p_base_tip - o2, n)
+    offset = across(state.origins[:, 3] - o6, n)
     l2, l3 = np.linalg.norm(upper, axis=1), np.linalg.norm(fore, axis=1)
     more = np.where(line, _into_reach(centre, offset, n, np.abs(l2 - l3), l2 + l3), 0.0)
     turns, q[:, 5] = turns + more, roll - more * np.sign(_dot(a6, n))
@@ -329,8 +329,8 @@ def solve_parallel_arm(
     elbow = np.arccos(np.clip(cosine, -1.0, 1.0))
     found = []
     for side in (1.0, -1.0):
-        q3 = side * elbow - _angle(upper, fore, n)
-        q2 = _angle(upper + _rotated(fore, n, q3), goal, n)
+        q3 = side * elbow - angle_about(upper, fore, n)
+        q2 = angle_about(upper + _rotated(fore, n, q3), goal, n)
         posture = q.copy()
         posture[:, 1:4] = np.column_stack([q2, q3, turns - q2 - q3]) * way
         found.append(posture)
@@ -347,16 +347,16 @@ def _wrist(
     n, a5, a6 = (state.axes[:, j] for j in (1, 4, 5))
     wanted = T_wanted[:, :3, :3] @ (np.swapaxes(state.R_base_tip, -1, -2) @ a6[..., None])
     wanted = wanted[..., 0]  # axis 6
-    off = _flat(wanted, n)
+    off = across(wanted, n)
     size = np.linalg.norm(off, axis=1)
     line: BoolArray = size < 0.1 * CLOSURE_TOLERANCE
     a5_wanted = np.cross(n, off / np.where(line, 1.0, size)[:, None])
-    ahead = _angle(a5, a5_wanted, n)
+    ahead = angle_about(a5, a5_wanted, n)
     on, beside = np.flatnonzero(line), np.flatnonzero(~line)
     source = np.concatenate([on, beside, beside])
     turns = np.concatenate([np.zeros(len(on)), ahead[beside], ahead[beside] + np.pi])
     n, a5, a6, wanted = n[source], a5[source], a6[source], wanted[source]
-    bend = _angle(_rotated(a6, n, turns), wanted, _rotated(a5, n, turns))
+    bend = angle_about(_rotated(a6, n, turns), wanted, _rotated(a5, n, turns))
     q = q[source]
     q[:, 1], q[:, 4] = turns, bend
     q[: len(on), 5] = postures[on, 5]
@@ -387,18 +387,18 @@ def _into_reach(
         np.arccos(np.clip((d**2 - sides) / np.maximum(twice, _TINY), -1.0, 1.0))
         for d in (least, most)
     )
-    angle = _angle(centre, offset, n)
+    angle = angle_about(centre, offset, n)
     size = np.abs(angle)
     wanted = np.clip(size, farthest, nearest)
     return np.asarray(np.where(wanted == size, 0.0, np.copysign(wanted, angle) - angle))
 
 
-def _flat(v: FloatArray, n: FloatArray) -> FloatArray:
+def across(v: FloatArray, n: FloatArray) -> FloatArray:
     """The part of vectors (S, 3) across unit vectors."""
     return np.asarray(v - _dot(v, n)[:, None] * n)
 
 
-def _angle(a: FloatArray, b: FloatArray, n: FloatArray) -> FloatArray:
+def angle_about(a: FloatArray, b: FloatArray, n: FloatArray) -> FloatArray:
     """Angle (S,) [rad] about n from a to b."""
     return np.asarray(np.arctan2(_dot(n, np.cross(a, b)), _dot(a, b)))
 

@@ -1,9 +1,10 @@
 """Inverse kinematics: poses in, for each pose every posture that takes it.
 
 What solvers have in common: their interface and their answer. Six-axis arms are solved in closed
-form (:mod:`calib.robots.inverse.closed_form`), seven-axis arms by closed forms along their
-redundant joint (:mod:`calib.robots.inverse.redundant`), and what has no closed form by damped
-iteration (:mod:`calib.robots.inverse.solutions`).
+form (:mod:`calib.robots.inverse.closed_form`), those whose wrist has an offset by the zeros of a
+polynomial (:mod:`calib.robots.inverse.offset_wrist`), seven-axis arms by closed forms along their
+redundant joint (:mod:`calib.robots.inverse.redundant`), and others by damped iteration
+(:mod:`calib.robots.inverse.solutions`).
 """
 
 from __future__ import annotations

@@ -20,9 +20,11 @@ if TYPE_CHECKING:
         CharucoBoard,
         Chessboard,
         CircleGrid,
+        GridBoard,
         KalibrAprilGrid,
         MarkerBoard,
         MarkerGrid,
+        RoundTarget,
         make_board,
     )
     from calib.vision.boards.detection import detect_board
@@ -42,9 +44,11 @@ __all__ = [
     "CharucoBoard",
     "Chessboard",
     "CircleGrid",
+    "GridBoard",
     "KalibrAprilGrid",
     "MarkerBoard",
     "MarkerGrid",
+    "RoundTarget",
     "board_picture",
     "detect_board",
     "make_board",

@@ -7,7 +7,8 @@ camera. Its origin is
 - for ChArUco the left upper corner of the left upper square,
 - for grids of markers the left upper corner of the left upper marker,
 - for a chessboard the first inner corner, one square right of and below the left upper corner,
-- for grids of circles the centre of the left upper circle.
+- for grids of circles the centre of the left upper circle,
+- for a round target the middle of its circle.
 """
 
 from __future__ import annotations
@@ -44,23 +45,10 @@ centre and radius [m] in the board's frame."""
 
 @dataclass(frozen=True, eq=False)
 class Board(ABC):
-    """A flat calibration board, black on white.
-
-    Attributes
-    ----------
-    columns, rows : int
-        Squares of ChArUco and chessboards, markers, or circles, across and down.
-    """
+    """A flat calibration board, black on white."""
 
     name: ClassVar[str]
     """Kind of the board, as :func:`make_board` takes it."""
-
-    columns: int
-    rows: int
-
-    def __post_init__(self) -> None:
-        for key in ("columns", "rows"):
-            _check_count(getattr(self, key), key, self.name, least=1)
 
     @property
     @abstractmethod
@@ -78,6 +66,11 @@ class Board(ABC):
         """Left, top, right and bottom of the printed pattern ``(4,)`` [m] in its frame."""
 
     @property
+    def extent(self) -> FloatArray:
+        """What has to be in the picture of a board that is found whole ``(E, 3)`` [m]."""
+        return self.points
+
+    @property
     @abstractmethod
     def cell_m(self) -> float:
         """Distance between neighbouring points [m]."""
@@ -93,6 +86,11 @@ class Board(ABC):
         """The board in words, lengths in mm."""
 
     @property
+    def cut_out(self) -> FloatArray:
+        """Rectangles ``(C, 4)`` [m] that are white in what is black."""
+        return np.empty((0, 4))
+
+    @property
     def ambiguous_half_turn(self) -> bool:
         """Whether the board looks the same after half a turn about its normal."""
         return False
@@ -100,13 +98,10 @@ class Board(ABC):
     def is_black(self, xy: FloatArray) -> BoolArray:
         """Whether points ``(N, 2)`` [m] in the board's frame are black ``(N,)``."""
         rectangles, discs = self.printed
-        black = np.zeros(len(xy), dtype=bool)
-        for left, top, right, bottom in rectangles:
-            x, y = xy.T
-            black |= (x >= left) & (x < right) & (y >= top) & (y < bottom)
+        black = _in_rectangles(xy, rectangles)
         for x, y, radius in discs:
             black |= ((xy - [x, y]) ** 2).sum(axis=1) < radius**2
-        return black
+        return black & ~_in_rectangles(xy, self.cut_out)
 
     @cached_property
     def quadrants(self) -> FloatArray:
@@ -134,7 +129,25 @@ class Board(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class MarkerBoard(Board):
+class GridBoard(Board):
+    """A board of rows and columns.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Squares of ChArUco and chessboards, markers, or circles, across and down.
+    """
+
+    columns: int
+    rows: int
+
+    def __post_init__(self) -> None:
+        for key in ("columns", "rows"):
+            _check_count(getattr(self, key), key, self.name, least=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerBoard(GridBoard):
     """A board with markers, each of which tells which one it is.
 
     Attributes
@@ -423,7 +436,7 @@ class KalibrAprilGrid(AprilTagGrid):
 
 
 @dataclass(frozen=True, eq=False)
-class Chessboard(Board):
+class Chessboard(GridBoard):
     """A chessboard; its left upper square is black.
 
     Attributes
@@ -488,7 +501,7 @@ class Chessboard(Board):
 
 
 @dataclass(frozen=True, eq=False)
-class CircleGrid(Board):
+class CircleGrid(GridBoard):
     """Rows and columns of black circles.
 
     Attributes
@@ -541,6 +554,11 @@ class CircleGrid(Board):
         discs = self.points.copy()
         discs[:, 2] = self.diameter_m / 2
         return np.empty((0, 4)), discs
+
+    @property
+    def extent(self) -> FloatArray:
+        """Four points of the rim of each circle ``(4 K, 3)`` [m]."""
+        return _rims(self.printed[1], 4)
 
     @property
     def box(self) -> FloatArray:
@@ -604,25 +622,103 @@ class AsymmetricCircleGrid(CircleGrid):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class RoundTarget(Board):
+    """A black circle with a white cross in it, and white squares beside three of its corners.
+
+    The corner without a square, right below, tells which way is up. Points are the corners of cross
+    and squares. The middle of the circle is none: perspective and the lens move the middle of so
+    large an ellipse, and edges that meet in a corner they do not.
+
+    Attributes
+    ----------
+    diameter_m : float
+        Of the circle.
+    """
+
+    name: ClassVar[str] = "round-target"
+    diameter_m: float
+
+    def __post_init__(self) -> None:
+        _check_length(self.diameter_m, "diameter_m")
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Corners of the cross, then of the squares ``(24, 3)`` [m], all clockwise."""
+        long, half = _CROSS
+        arm = np.array([[half, -half], [long, -half], [long, half]])
+        cross = [arm @ turn for turn in QUARTER_TURNS]
+        corners = self.cut_out[2:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
+        xy = np.vstack([self.diameter_m * np.vstack(cross), corners])
+        return np.column_stack([xy, np.zeros(len(xy))])
+
+    @property
+    def printed(self) -> Print:
+        """The circle."""
+        return np.empty((0, 4)), np.array([[0.0, 0.0, self.diameter_m / 2]])
+
+    @property
+    def cut_out(self) -> FloatArray:
+        """The two bars of the cross, and three squares ``(5, 4)`` [m]."""
+        (long, half), (near, far) = _CROSS, _SQUARE
+        bars = [[-long, -half, long, half], [-half, -long, half, long]]
+        squares = [[-far, near, -near, far], [-far, -far, -near, -near], [near, -far, far, -near]]
+        return self.diameter_m * np.array(bars + squares)
+
+    @property
+    def extent(self) -> FloatArray:
+        """Points of the rim ``(24, 3)`` [m]."""
+        return _rims(self.printed[1], 24)
+
+    @property
+    def box(self) -> FloatArray:
+        """Left, top, right and bottom of the circle ``(4,)`` [m]."""
+        return self.diameter_m / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
+
+    @property
+    def cell_m(self) -> float:
+        """Width of the bars [m]."""
+        return 2 * _CROSS[1] * self.diameter_m
+
+    @property
+    def clear_m(self) -> tuple[float, float]:
+        """Half the end of a bar, and half of what is between a bar and a square."""
+        return 0.45 * self.cell_m, 0.45 * (_SQUARE[0] - _CROSS[1]) * self.diameter_m
+
+    @property
+    def words(self) -> str:
+        """The board in words."""
+        return f"round target of {1e3 * self.diameter_m:g} mm with a cross and three squares"
+
+
+_CROSS, _SQUARE = (0.36, 0.06), (0.16, 0.29)
+"""Half length and half width of the bars; how far the squares begin and end off both axes: in
+diameters. Wherever edges face each other, a tenth of the diameter or more is between them."""
+
+QUARTER_TURNS = [np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), k) for k in range(4)]
+"""Of row vectors, clockwise as y is down."""
+
 BOARDS: dict[str, type[Board]] = {
     kind.name: kind
     for kind in (
         CharucoBoard, ArucoGrid, AprilTagGrid, KalibrAprilGrid, Chessboard, CircleGrid,
-        AsymmetricCircleGrid,
+        AsymmetricCircleGrid, RoundTarget,
     )
 }  # fmt: skip
 """Kinds of boards by their names."""
 
-_LENGTHS = {
-    "charuco": ("square_m", "marker_m"),
-    "aruco-grid": ("spacing_m", "marker_m"),
-    "apriltag-grid": ("spacing_m", "marker_m"),
-    "kalibr-aprilgrid": ("spacing_m", "marker_m"),
-    "chessboard": ("square_m",),
-    "circles": ("spacing_m",),
-    "asymmetric-circles": ("spacing_m",),
+_ACROSS = ("columns", "rows")
+_NEEDED = {
+    "charuco": (*_ACROSS, "square_m", "marker_m"),
+    "aruco-grid": (*_ACROSS, "spacing_m", "marker_m"),
+    "apriltag-grid": (*_ACROSS, "spacing_m", "marker_m"),
+    "kalibr-aprilgrid": (*_ACROSS, "spacing_m", "marker_m"),
+    "chessboard": (*_ACROSS, "square_m"),
+    "circles": (*_ACROSS, "spacing_m"),
+    "asymmetric-circles": (*_ACROSS, "spacing_m"),
+    "round-target": ("diameter_m",),
 }
-"""Lengths that a kind has to be given."""
+"""What a kind has to be given."""
 
 _MARKED = ("charuco", "aruco-grid", "apriltag-grid", "kalibr-aprilgrid")
 
@@ -630,8 +726,8 @@ _MARKED = ("charuco", "aruco-grid", "apriltag-grid", "kalibr-aprilgrid")
 def make_board(
     kind: str,
     *,
-    columns: int,
-    rows: int,
+    columns: int | None = None,
+    rows: int | None = None,
     square_m: float | None = None,
     spacing_m: float | None = None,
     marker_m: float | None = None,
@@ -646,9 +742,9 @@ def make_board(
     ----------
     kind : str
         One of :data:`BOARDS`.
-    columns, rows : int
+    columns, rows : int, optional
         Across and down: squares of ``charuco`` and ``chessboard``, not their inner corners;
-        markers; circles.
+        markers; circles. A ``round-target`` has none.
     square_m : float, optional
         Side of a square of ``charuco`` and ``chessboard``.
     spacing_m : float, optional
@@ -656,7 +752,7 @@ def make_board(
     marker_m : float, optional
         Side of the black square of a marker.
     diameter_m : float, optional
-        Of circles; half the distance of neighbours by default.
+        Of circles, where half the distance of neighbours is the default; of a ``round-target``.
     dictionary : str, optional
         Of the markers, one of :data:`DICTIONARIES`, without ``DICT_`` if you like; that of
         AprilTag grids is 36h11 by default.
@@ -676,12 +772,15 @@ def make_board(
         raise InputError(
             f"there is no board {kind!r}", hint=near_names(kind, BOARDS), name="kind", value=kind
         )
-    given: dict[str, object] = {"square_m": square_m, "spacing_m": spacing_m, "marker_m": marker_m}
-    wanted: dict[str, object] = {key: given.pop(key) for key in _LENGTHS[kind]}
+    given: dict[str, object] = {
+        "columns": columns, "rows": rows, "square_m": square_m, "spacing_m": spacing_m,
+        "marker_m": marker_m, "diameter_m": diameter_m, "dictionary": dictionary,
+        "first_id": first_id,
+    }  # fmt: skip
+    wanted: dict[str, object] = {key: given.pop(key) for key in _NEEDED[kind]}
     for key, value in wanted.items():
         if value is None:
-            raise InputError(f"a {kind} needs {key}", hint="give this length", name=key)
-    given |= {"diameter_m": diameter_m, "dictionary": dictionary, "first_id": first_id}
+            raise InputError(f"a {kind} needs {key}", hint="give it", name=key)
     if kind in _MARKED:
         wanted |= {"dictionary": _dictionary_name(kind, given.pop("dictionary"))}
         wanted |= {"first_id": given.pop("first_id") or 0}
@@ -698,7 +797,7 @@ def make_board(
     for key, value in given.items():
         if value is not None:
             raise InputError(f"a {kind} has no {key}", hint="leave it out", name=key)
-    return BOARDS[kind](columns=columns, rows=rows, **wanted)
+    return BOARDS[kind](**wanted)
 
 
 def dictionary_of(name: str) -> cv2.aruco.Dictionary:
@@ -727,7 +826,7 @@ def _dictionary_name(kind: str, given: object) -> str:
     )
 
 
-def _refuse_quarter_turn(board: Board, what: str) -> None:
+def _refuse_quarter_turn(board: GridBoard, what: str) -> None:
     raise InputError(
         f"a board of {board.columns} x {board.rows} {what} looks the same after a quarter turn",
         hint="take one more column than rows",
@@ -749,12 +848,14 @@ def _check_count(
 
 def _check_length(value: object, key: str) -> None:
     number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-    if not number or not 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
-        raise InputError(
-            f"{key} of the board is {value!r}",
-            hint="give it in metres, from 0.0001 to 10",
-            name=key,
-        )
+    if number and 1e-4 <= float(value) <= 10.0:  # type: ignore[arg-type]
+        return
+    said = f"{1e3 * float(value):g} mm" if number else repr(value)  # type: ignore[arg-type]
+    raise InputError(
+        f"{key} of the board is {said}",
+        hint="lengths of boards are from 0.1 mm to 10 m",
+        name=key,
+    )
 
 
 def _lattice(
@@ -774,6 +875,22 @@ def _checks(columns: int, rows: int, first: bool) -> BoolArray:
 def _squares(columns: int, rows: int, side: float, first: bool) -> FloatArray:
     row, column = np.nonzero(_checks(columns, rows, first))
     return np.asarray(side * np.stack([column, row, column + 1, row + 1], axis=1))
+
+
+def _rims(discs: FloatArray, count: int) -> FloatArray:
+    """Points ``(D * count, 3)`` evenly about discs."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rims = (discs[:, None, :2] + discs[:, None, 2:] * circle).reshape(-1, 2)
+    return np.column_stack([rims, np.zeros(len(rims))])
+
+
+def _in_rectangles(xy: FloatArray, rectangles: FloatArray) -> BoolArray:
+    x, y = xy.T
+    inside = np.zeros(len(xy), dtype=bool)
+    for left, top, right, bottom in rectangles:
+        inside |= (x >= left) & (x < right) & (y >= top) & (y < bottom)
+    return inside
 
 
 def _runs(black: ArrayLike) -> FloatArray:

@@ -8,8 +8,16 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, check_type
-from calib.vision.boards.board import Board, Chessboard, CircleGrid, MarkerBoard, dictionary_of
-from calib.vision.boards.finding import find_markers, halved
+from calib.vision.boards.board import (
+    Board,
+    Chessboard,
+    CircleGrid,
+    MarkerBoard,
+    RoundTarget,
+    dictionary_of,
+)
+from calib.vision.boards.finding import find_markers, halved, shows_squares
+from calib.vision.boards.round_target import find_round_targets
 from calib.vision.boards.sighting import BoardSighting, Status, sight
 from calib.vision.camera.rendering import GreyImage
 
@@ -35,9 +43,9 @@ _FAMILIES = (
 def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """Find a board in a grey picture, and measure its points.
 
-    Boards with markers may be seen in part. Chessboards and grids of circles must be seen as a
-    whole; of those that look the same after half a turn, the way round is taken whose x runs to
-    the right of the picture.
+    Boards with markers may be seen in part. Chessboards, grids of circles and round targets must
+    be seen as a whole; of those that look the same after half a turn, the way round is taken whose
+    x runs to the right of the picture.
 
     Parameters
     ----------
@@ -88,6 +96,8 @@ def why_not(picture: GreyImage, board: Board) -> tuple[Status, str]:
     """Status and message for a picture in which the board is not found."""
     wrong = _other_markers(picture, board) if isinstance(board, MarkerBoard) else ""
     wrong = wrong or _other_size(picture, board)
+    if isinstance(board, RoundTarget) and find_round_targets(picture, board, squares=False):
+        wrong = "the round target in the picture has no three squares: print that of this cell"
     if wrong:
         return "another board", wrong
     if _is_found_smaller(picture, board):
@@ -139,6 +149,8 @@ def _other_size(picture: GreyImage, board: Board) -> str:
     if not isinstance(board, (Chessboard, CircleGrid)):
         return ""
     columns, rows = board.columns, board.rows
+    if isinstance(board, Chessboard) and not shows_squares(picture, min(columns, rows) - 1):
+        return ""
     near = [(columns - i, rows - j) for i in range(2) for j in range(2) if i or j]
     for size in [*near, (columns + 1, rows + 1), (rows, columns)]:
         try:

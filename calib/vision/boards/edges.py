@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.se3 import BoolArray, FloatArray
-from calib.vision.boards.board import Board
+from calib.vision.boards.board import Board, CircleGrid
 from calib.vision.boards.board_map import BoardMap
 
 SAMPLES = 15
@@ -197,7 +197,7 @@ def _lines(
     xy = board.points[which, :2]
     slope = board_map.slope(xy, board.cell_m / 10)
     wide = WIDEST_PX if sigma_px is None else np.clip(3.0 * sigma_px + 1.0, 3.0, WIDEST_PX)
-    make = _lines_of_circles if len(board.printed[1]) else _lines_of_corners
+    make = _lines_of_circles if isinstance(board, CircleGrid) else _lines_of_corners
     return make(board, which, xy, slope, board_map, float(wide), sigma_px or FIRST_SIGMA_PX)
 
 

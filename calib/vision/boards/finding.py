@@ -5,8 +5,8 @@ Coordinates are OpenCV's here, counted from the middle of the first pixel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 
 import cv2
@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from calib.se3 import FloatArray
 from calib.vision.boards.board import (
+    QUARTER_TURNS,
     AsymmetricCircleGrid,
     Board,
     CharucoBoard,
@@ -151,7 +152,7 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
     Looked for ``thoroughly`` where it is not found quickly: that takes some tenths of a second.
     """
     size = (board.columns - 1, board.rows - 1)
-    scales = (2, 1) if picture.size > HALVED_FROM_PX else (1,)
+    scales = _scales(picture)
     usual = cv2.CALIB_CB_NORMALIZE_IMAGE
     tries = [(scale, usual) for scale in scales]
     if thoroughly:
@@ -162,21 +163,38 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
         if found:
             at = np.asarray(corners, dtype=float).reshape(-1, 2)
             grid: FloatArray = (scale * (at + 0.5) - 0.5).reshape(*size[::-1], 2)
-            turns = [grid, grid[::-1, ::-1], grid[::-1], grid[:, ::-1]]
-            if size[0] == size[1]:
-                turns += [turn.transpose(1, 0, 2) for turn in turns]
-            every = np.arange(len(at))
-            return _in_order(picture, board, [(every, turn.reshape(-1, 2)) for turn in turns])
+            for each in (grid, grid[:, ::-1]):  # of which one is seen in a mirror
+                fitted = _fitted(board, np.arange(len(at)), each.reshape(-1, 2))
+                if fitted is not None:
+                    return _in_order(picture, board, _turned(board, fitted))
+            return None
     return None
+
+
+def shows_squares(picture: GreyImage, across: int) -> bool:
+    """Whether there are so many squares of a chessboard, across and down, or more."""
+    size = (max(across - 1, 3),) * 2
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_LARGER
+    shown = (picture if scale == 1 else halved(picture) for scale in _scales(picture))
+    return any(cv2.findChessboardCornersSB(each, size, flags=flags)[0] for each in shown)
+
+
+def _scales(picture: GreyImage) -> tuple[int, ...]:
+    return (2, 1) if picture.size > HALVED_FROM_PX else (1,)
 
 
 def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
     """The whole grid of circles."""
-    for blobs in _blobs(picture):
+    for ellipses in dark_ellipses(picture):
+        blobs = ellipses[:, :2]
+        if len(blobs):  # both sides of a ring are one
+            double = cKDTree(blobs).query_pairs(2.0, output_type="ndarray")[:, 1]
+            blobs = np.delete(blobs, double, axis=0)
         if len(board.points) <= len(blobs) <= _MOST_BLOBS:
             for cells in _lattices(blobs):
                 layouts = _layouts(board, cells)
-                found = _in_order(picture, board, [(which, blobs[b]) for which, b in layouts])
+                maps = (_fitted(board, which, blobs[b]) for which, b in layouts)
+                found = _in_order(picture, board, [(each, 0.0) for each in maps if each])
                 if found is not None:
                     return found
     return None
@@ -297,58 +315,87 @@ def is_face_up(board: Board, board_map: BoardMap, xy: FloatArray) -> bool:
     return bool((turned > 0.0).all())
 
 
+def _fitted(board: Board, which: NDArray[np.intp], at: FloatArray) -> BoardMap | None:
+    """The map that points of a board lie on, seen from its face."""
+    xy = board.points[which, :2]
+    near = float(np.median(np.asarray(cKDTree(at).query(at, k=[2])[0])))
+    fitted = fit_map(xy, at, near)
+    if fitted is None or not is_face_up(board, fitted[0], board.points[:, :2]):
+        return None
+    return fitted[0] if np.count_nonzero(fitted[1]) >= 0.8 * len(xy) else None
+
+
+def _turned(board: Chessboard, found: BoardMap) -> Iterator[tuple[BoardMap, float]]:
+    """Ways that a chessboard may lie on the corners that OpenCV found, and what they cost.
+
+    It may take corners of the outline for inner ones, in the white beside, and leave out as many on
+    the other side, of rows or of columns.
+    """
+    middle = board.points[:, :2].mean(axis=0)
+    across = board.columns != board.rows
+    for k, turn in enumerate(QUARTER_TURNS):
+        halves = bool(k % 2) and (board.columns - board.rows) % 2 == 1
+        for shift in product((-0.5, 0.5) if halves else (0.0, -1.0, 1.0), repeat=2):
+            step = np.eye(3)
+            step[:2, :2] = turn
+            step[:2, 2] = middle - turn @ middle + board.square_m * np.array(shift)
+            moved = replace(found, homography=found.homography @ step)
+            yield moved, _MOVED * (any(shift) or (bool(k % 2) and across))
+
+
+_MOVED = 0.02
+"""By how much a correlation has to be better for a row of corners not to be of the board: of twelve
+rows one in the white lowers it by twice that, and in a board that goes on it is the same."""
+
+
 def _in_order(
-    picture: GreyImage, board: Board, layouts: Sequence[tuple[NDArray[np.intp], FloatArray]]
+    picture: GreyImage, board: Board, maps: Iterable[tuple[BoardMap, float]]
 ) -> Found | None:
     """Which way round the grid was found: by colours, and upright where that leaves two ways."""
+    step = board.cell_m / 4 * np.array([-1.0, 0.0, 1.0])
+    offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    if not len(board.printed[1]):  # on the lines of a chessboard there is neither black nor white
+        offsets = offsets[np.abs(offsets).min(axis=1) > 0.0]
+    xy = (board.points[:, None, :2] + offsets).reshape(-1, 2)
+    white = np.where(board.is_black(xy), 0.0, 1.0)
     best, best_score = None, 0.0
-    for which, at in layouts:
-        xy = board.points[which, :2]
-        near = float(np.median(np.asarray(cKDTree(at).query(at, k=[2])[0])))
-        fitted = fit_map(xy, at, near)
-        if fitted is None or not is_face_up(board, fitted[0], board.points[:, :2]):
-            continue
-        if np.count_nonzero(fitted[1]) < 0.8 * len(xy):
-            continue
-        score = _colours(picture, board, fitted[0])
-        upright = fitted[0].slope(xy, board.cell_m / 10).mean(axis=0)
-        score += 1e-3 * float(upright[0, 0] / np.linalg.norm(upright[:, 0]))
+    for board_map, cost in maps:
+        upright = board_map.slope(board.points[:, :2], board.cell_m / 10).mean(axis=0)
+        in_doubt = 1e-3 * float(upright[0, 0] / np.linalg.norm(upright[:, 0]))
+        score = _colours(picture, board_map(xy), white) + in_doubt - cost
         if score > best_score:
-            best, best_score = fitted[0], score
+            best, best_score = board_map, score
     return None if best is None else Found(np.arange(len(board.points)), best)
 
 
-def _colours(picture: GreyImage, board: Board, board_map: BoardMap) -> float:
-    """Correlation of the picture with black and white of the board about its points."""
-    step = board.cell_m / 4 * np.array([-1.0, 0.0, 1.0])
-    offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    xy = (board.points[:, None, :2] + offsets).reshape(-1, 2)
-    at = np.rint(board_map(xy)).astype(np.intp)
+def _colours(picture: GreyImage, px: FloatArray, white: FloatArray) -> float:
+    """Correlation of the picture at pixels ``(M, 2)`` with white ``(M,)``."""
     height, width = picture.shape
+    at = np.rint(px).astype(np.intp)
     inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
-    # on the lines of a chessboard there is neither black nor white
-    told = np.tile(np.abs(offsets).min(axis=1) > 0.0, len(board.points))
-    if len(board.printed[1]):
-        told[:] = True
-    inside &= told
     if np.count_nonzero(inside) < 4:
         return 0.0
-    grey = picture[at[inside, 1], at[inside, 0]].astype(float)
-    white = 1.0 - board.is_black(xy[inside])
+    grey, white = picture[at[inside, 1], at[inside, 0]].astype(float), white[inside]
     if grey.std() == 0.0 or white.std() == 0.0:
         return 0.0
     return float(np.corrcoef(grey, white)[0, 1])
 
 
-def _blobs(picture: GreyImage) -> Iterator[FloatArray]:
-    """Centres ``(B, 2)`` of dark ellipses, by a mean of the surroundings, first of wide ones."""
+def dark_ellipses(picture: GreyImage) -> Iterator[FloatArray]:
+    """Dark ellipses ``(B, 5)``, by a mean of the surroundings, first of wide ones.
+
+    Centre, both axes [px], and the direction of the first of these [deg].
+    """
     for part in (6, 20):
         block = max(11, min(picture.shape) // part) | 1
-        binary = cv2.adaptiveThreshold(
-            picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, block, 10
-        )
+        binary = _binary(picture, block)
+        for blur_px in _BLURS_PX:
+            if np.count_nonzero(binary[:, 1:] != binary[:, :-1]) < _MOST_EDGES * picture.size:
+                break
+            calm = cv2.GaussianBlur(picture, (0, 0), blur_px)
+            binary = _binary(np.asarray(calm, dtype=np.uint8), block)
         contours, _ = cv2.findContours(binary, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        centers = []
+        ellipses = []
         for contour in contours:
             if len(contour) < 8:
                 continue
@@ -356,13 +403,22 @@ def _blobs(picture: GreyImage) -> Iterator[FloatArray]:
             area = cv2.contourArea(contour) + len(contour) / 2
             if area < _BLOB_PX:
                 continue
-            (x, y), (first, second), _ = cv2.fitEllipseDirect(contour)
+            (x, y), (first, second), turn = cv2.fitEllipseDirect(contour)
             whole = np.pi / 4 * (first + 1.0) * (second + 1.0)
             if not 0.0 < max(first, second) < 6.0 * min(first, second):
                 continue
             if abs(area - whole) < _ROUNDNESS * whole + 0.05 * len(contour):
-                centers.append((x, y))
-        found = np.array(centers).reshape(-1, 2)
-        if len(found):  # both sides of a ring are one
-            double = cKDTree(found).query_pairs(2.0, output_type="ndarray")[:, 1]
-            yield np.delete(found, double, axis=0)
+                ellipses.append((x, y, first + 1.0, second + 1.0, turn))
+        yield np.array(ellipses).reshape(-1, 5)
+
+
+_BLURS_PX, _MOST_EDGES = (1.5, 3.0), 0.15
+"""Noise is blurred until no more pixels than that, of all, differ from the one beside them: OpenCV
+takes seconds for the contours of more, and circles among them are not round. Circles that are as
+small and as near to each other as any that are found have fewer."""
+
+
+def _binary(picture: GreyImage, block: int) -> NDArray[np.uint8]:
+    """What is darker than its surroundings."""
+    kind, mean = cv2.THRESH_BINARY_INV, cv2.ADAPTIVE_THRESH_MEAN_C
+    return np.asarray(cv2.adaptiveThreshold(picture, 255, mean, kind, block, 10), dtype=np.uint8)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.se3 import FloatArray
 from calib.vision.boards.board import Board
 
 _FRACTION_BITS = 10
@@ -44,9 +45,7 @@ def board_picture(board: Board, px_per_m: float, margin_m: float = 0.0) -> NDArr
     # four times as fine, then averaged: edges between pixels come out grey by their share
     picture = np.full((4 * height, 4 * width), 255, dtype=np.uint8)
     rectangles, discs = board.printed
-    corners = np.rint((rectangles - [left, top, left, top]) * (4 * px_per_m)).astype(int)
-    for x0, y0, x1, y1 in corners:
-        picture[y0:y1, x0:x1] = 0
+    _fill(picture, (rectangles - [left, top, left, top]) * (4 * px_per_m), 0)
     scale = 4 * px_per_m * 2**_FRACTION_BITS
     for x, y, radius in discs:
         # OpenCV counts from the middle of a pixel
@@ -60,5 +59,11 @@ def board_picture(board: Board, px_per_m: float, margin_m: float = 0.0) -> NDArr
             cv2.LINE_AA,
             _FRACTION_BITS,
         )
+    _fill(picture, (board.cut_out - [left, top, left, top]) * (4 * px_per_m), 255)
     averaged = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(averaged, dtype=np.uint8)
+
+
+def _fill(picture: NDArray[np.uint8], rectangles: FloatArray, grey: int) -> None:
+    for x0, y0, x1, y1 in np.rint(rectangles).astype(int):
+        picture[y0:y1, x0:x1] = grey

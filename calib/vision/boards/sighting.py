@@ -14,7 +14,9 @@ from calib.vision.boards.board import (
     Board,
     Chessboard,
     CircleGrid,
+    GridBoard,
     MarkerBoard,
+    RoundTarget,
 )
 from calib.vision.boards.board_map import BoardMap, fit_map
 from calib.vision.boards.edges import Refined, read_grey, refine
@@ -26,6 +28,7 @@ from calib.vision.boards.finding import (
     is_face_up,
     match_markers,
 )
+from calib.vision.boards.round_target import find_round_targets
 from calib.vision.camera.rendering import GreyImage
 
 Status = Literal[
@@ -106,6 +109,15 @@ def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> Boar
         found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
         found = find_circles(picture, board)
+    elif isinstance(board, RoundTarget):
+        targets = find_round_targets(picture, board)
+        if len(targets) > 1:
+            return BoardSighting.failed(
+                board,
+                "ambiguous",
+                f"{len(targets)} round targets are seen: leave one in the picture",
+            )
+        found = targets[0] if targets else None
     return None if found is None else _measure(picture, board, found)
 
 
@@ -149,7 +161,7 @@ def _judged(
         return _too_few(board, measured)
     if not is_face_up(board, board_map, xy[good]):
         return None
-    if not isinstance(board, MarkerBoard) and _goes_on(grey, board, board_map):
+    if isinstance(board, (Chessboard, CircleGrid)) and _goes_on(grey, board, board_map):
         return BoardSighting.failed(
             board,
             "another board",
@@ -177,8 +189,8 @@ def _judged(
 
 
 def _too_few(board: Board, measured: Refined) -> BoardSighting | None:
-    """Where markers say that the board is there; without them, clutter was found."""
-    if not isinstance(board, MarkerBoard):
+    """Where its markers or its cross say that the board is there; else clutter was found."""
+    if not isinstance(board, (MarkerBoard, RoundTarget)):
         return None
     count = np.count_nonzero(measured.good)
     return BoardSighting.failed(
@@ -200,7 +212,7 @@ def _near_px(board: Board, board_map: BoardMap, xy: FloatArray) -> float:
     return float(board.cell_m * np.sqrt(np.median(area)))
 
 
-def _goes_on(grey: NDArray[np.float32], board: Board, board_map: BoardMap) -> bool:
+def _goes_on(grey: NDArray[np.float32], board: GridBoard, board_map: BoardMap) -> bool:
     """Whether the pattern goes on beyond the board, where it should end."""
     # two rows of an asymmetric grid are one step
     more = 4 if isinstance(board, AsymmetricCircleGrid) else 2

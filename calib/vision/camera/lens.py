@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
+from calib.lens import distorted, distorted_with_slope, slope_by_point
 from calib.se3 import FloatArray
 
 
@@ -74,9 +75,8 @@ _STEPS = 30
 class Camera(PinholeCamera):
     """A pinhole camera with the lens distortion of OpenCV's five-parameter model.
 
-    With ``x, y`` the point divided by its depth and ``r² = x² + y²``, the image is at ``center +
-    focal * (x', y')``, with ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)`` and
-    ``y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y`` [Brown1971]_.
+    The image is at ``center + focal * (x', y')``, with ``(x', y')`` of the point over its depth
+    (:func:`calib.lens.distorted`).
 
     Attributes
     ----------
@@ -94,10 +94,6 @@ class Camera(PinholeCamera):
     ------
     InputError
         A focal length or a size that is not positive, or numbers that are not finite.
-
-    References
-    ----------
-    .. [Brown1971] D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37.
     """
 
     focal_y_px: float | None = None
@@ -184,13 +180,14 @@ class Camera(PinholeCamera):
         From the left upper corner of the image; NaN for points that are not in front of the lens,
         and for those beyond :attr:`largest_radius`.
         """
-        points = np.asarray(points, dtype=float)
-        depth = points[..., 2:]
-        across = points[..., :2] / np.where(depth > 0.0, depth, np.nan)
+        x, y, depth = np.asarray(points, dtype=float).T
+        depth = np.where(depth > 0.0, depth, np.nan)
+        x, y = x / depth, y / depth
         if not self.is_ideal:
-            inside = (across**2).sum(axis=-1, keepdims=True) < self.largest_radius**2
-            across = self._distorted(np.where(inside, across, np.nan))
-        return np.asarray(self.center_px + self.focal_xy_px * across)
+            x = np.where(x * x + y * y < self.largest_radius**2, x, np.nan)
+            x, y = distorted(self.distortion, x, y)
+        (fx, fy), (cx, cy) = self.focal_xy_px, self.center_px
+        return np.ascontiguousarray(np.stack([cx + fx * x, cy + fy * y]).T)
 
     def rays(self, pixels: ArrayLike) -> FloatArray:
         """Directions ``(..., 3)`` with z = 1 in the camera frame of pixels ``(..., 2)``.
@@ -203,58 +200,24 @@ class Camera(PinholeCamera):
 
     def project_jacobian(self, points: FloatArray) -> FloatArray:
         """Derivatives ``(..., 2, 3)`` [px/m] of :meth:`project` by the points ``(..., 3)``."""
-        depth = points[..., 2:]
-        across = points[..., :2] / depth
-        by_point = np.concatenate(
-            [np.broadcast_to(np.eye(2), (*across.shape, 2)), -across[..., None]], axis=-1
-        )
-        by_point = by_point / depth[..., None]
-        return np.asarray(self.focal_xy_px[:, None] * (self._slope(across) @ by_point))
-
-    def _distorted(self, across: FloatArray) -> FloatArray:
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = across[..., 0], across[..., 1]
-        square = x * x + y * y
-        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
-        return np.stack(
-            [
-                x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
-                y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ],
-            axis=-1,
-        )
-
-    def _slope(self, across: FloatArray) -> FloatArray:
-        """Derivatives ``(..., 2, 2)`` of :meth:`_distorted`: a symmetric matrix."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = across[..., 0], across[..., 1]
-        square = x * x + y * y
-        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
-        by_square = k1 + square * (2.0 * k2 + square * 3.0 * k3)
-        out = np.empty((*across.shape, 2))
-        out[..., 0, 0] = radial + 2.0 * x * x * by_square + 2.0 * p1 * y + 6.0 * p2 * x
-        out[..., 1, 1] = radial + 2.0 * y * y * by_square + 6.0 * p1 * y + 2.0 * p2 * x
-        out[..., 0, 1] = out[..., 1, 0] = 2.0 * (x * y * by_square + p1 * x + p2 * y)
-        return out
+        x, y, depth = np.asarray(points, dtype=float).T
+        x, y = x / depth, y / depth
+        _, slope = distorted_with_slope(self.distortion, x, y)
+        by_point = slope_by_point(self.focal_xy_px, slope, x, y, depth)
+        return np.ascontiguousarray(np.swapaxes(by_point.T, -1, -2))
 
     def _undistorted(self, image: FloatArray) -> FloatArray:
-        across, step = image.copy(), np.full_like(image, np.inf)
+        wanted = image.T
+        across, step = wanted.copy(), np.full_like(wanted, np.inf)
         with np.errstate(all="ignore"):  # pixels that no point is seen at run away and become NaN
             for _ in range(_STEPS):
-                slope = self._slope(across)
-                miss = image - self._distorted(across)
-                xx, xy, yy = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 1]
-                step = np.stack(
-                    [
-                        yy * miss[..., 0] - xy * miss[..., 1],
-                        xx * miss[..., 1] - xy * miss[..., 0],
-                    ],
-                    axis=-1,
-                )
-                step /= (xx * yy - xy * xy)[..., None]
+                seen, (xx, xy, yy) = distorted_with_slope(self.distortion, *across)
+                x, y = wanted[0] - seen[0], wanted[1] - seen[1]
+                step = np.stack([yy * x - xy * y, xx * y - xy * x])
+                step /= xx * yy - xy * xy
                 across = across + step
                 if not (np.abs(step) > _UNDISTORTED).any():
                     break
-            found = (np.abs(step) <= _UNDISTORTED).all(axis=-1, keepdims=True)
-            found &= (across**2).sum(axis=-1, keepdims=True) < self.largest_radius**2
-        return np.asarray(np.where(found, across, np.nan))
+            found = (np.abs(step) <= _UNDISTORTED).all(axis=0)
+            found &= (across**2).sum(axis=0) < self.largest_radius**2
+        return np.ascontiguousarray(np.where(found, across, np.nan).T)

@@ -8,14 +8,14 @@ box on top of a little of what the plan tells: what goes wrong there shows in th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from calib.errors import CalibError, InputError
 from calib.identification import check_identifiable
 from calib.model import CalibrationModel
-from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import (
     CandidatePoses,
@@ -24,6 +24,7 @@ from posedesign.candidates import (
     functions_over_box,
 )
 from posedesign.candidates.building import with_kept
+from posedesign.candidates.limits import dwell_of, limits_of
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
@@ -36,8 +37,6 @@ from posedesign.planning.optimal.refinement import (
     robustness,
 )
 from posedesign.planning.optimal.request import (
-    IN_MM,
-    MOST_POSES,
     Accuracy,
     Request,
     accuracy_of,
@@ -55,6 +54,7 @@ from posedesign.selection import (
     select_fewest,
 )
 from posedesign.selection.criterion import over_scenarios
+from posedesign.selection.select import STARTS
 
 ATTEMPTS = 6
 """How often poses are chosen while no clear way leads to some of them."""
@@ -72,11 +72,8 @@ ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
 
 
-MOVING_S = 3.0
-"""First guess of what a move takes, where the number of poses is decided by the time."""
-
-TRIED_COUNTS = 6
-"""Numbers of poses that are planned with, until one more would take too long; three are seen."""
+MOST_ALONE = 4
+"""Targets of which it is said what each is worth by itself."""
 
 BESIDE_S = 120.0
 """Of a plan for a given time: what as much more, and less, would buy."""
@@ -87,13 +84,6 @@ Advance = Callable[[str, float], None]
 PART_OF_PLAN = 0.01
 """Part of the plan's information that is taken for known. Without any, fewer validation poses than
 parameters could not be judged; with all, nothing that they tell would count."""
-
-CANDIDATES = 300
-"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
-
-NOTICEABLE = 0.9
-"""Part of the predicted error below which a choice is worth a word."""
 
 
 def refined_with_way(
@@ -176,134 +166,11 @@ def no_clear_way(why: str) -> InputError:
     )
 
 
-def _silent(what: str, part: float) -> None:
+def silent(what: str, part: float) -> None:
     """No progress is shown."""
 
 
-@one_blas_thread
-def plan_optimal(
-    cell: Cell,
-    request: Request,
-    advance: Advance = _silent,
-    *,
-    keep: FloatArray | None = None,
-    keep_of: IntArray | None = None,
-) -> OptimalPlan:
-    """Choose the best poses of the cell's pool, or the fewest that reach what is wanted.
-
-    Parameters
-    ----------
-    advance : callable, optional
-        Called with what is being done and the part of all work that is done.
-    keep : ndarray (k, n), optional
-        Postures [rad] that are to be among the chosen, as they are; they touch the target.
-    keep_of : ndarray (k,), optional
-        Index of the cell's observation that each of them is of; the first by default.
-
-    Raises
-    ------
-    InputError
-        A request that cannot be met by this cell, such as a threshold that no choice reaches.
-    UnreachableError
-        The base pose itself cannot be taken, or no candidate.
-    NotIdentifiableError
-        The whole pool cannot identify some of the parameters, which are named.
-    """
-    kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
-    of = np.zeros(len(kept), dtype=np.intp) if keep_of is None else keep_of
-    if request.time_s is not None:
-        return _plan_in_time(cell, request, request.time_s, advance, kept, of)
-    return _Planning(cell, request, advance, kept, of).run()
-
-
-def _plan_in_time(
-    cell: Cell,
-    request: Request,
-    time_s: float,
-    advance: Advance,
-    kept: FloatArray,
-    of: IntArray,
-) -> OptimalPlan:
-    """The best of as many poses as a round has time for, by the route through them.
-
-    The number is looked for by the time that a pose takes in the plans before. It is compared with
-    what two minutes more, and two less, would buy.
-    """
-
-    def planned(count: int, **changes: object) -> OptimalPlan:
-        asked = replace(request, count=count, time_s=None, **changes)  # type: ignore[arg-type]
-        plan = _Planning(cell, asked, advance, kept, of).run()
-        return replace(plan, request=replace(asked, time_s=time_s))
-
-    model = cell.model()
-    least = max(-(-model.p // cell.rows(model)), len(kept), 1)
-    fits, too_many, best, each = 0, MOST_POSES + 1, None, 0.0
-    count = max(least, min(MOST_POSES, int(time_s / (cell.config.plan.dwell_s + MOVING_S))))
-    for _ in range(TRIED_COUNTS):
-        plan = planned(count, refine=False, validation=0)
-        if plan.cycle_time_s is None:
-            raise InputError(
-                f"nothing is known of the speeds of {cell.robot.name}: no time can be kept",
-                hint="give a number of poses, or the joints' velocity limits in the description",
-                name="time",
-            )
-        each = plan.cycle_time_s / count
-        if plan.cycle_time_s <= time_s:
-            fits, best = count, plan
-        elif count == least:
-            raise InputError(
-                f"{time_s / 60.0:.3g} min are not enough: {least} poses, the fewest that can tell "
-                f"all parameters, take {plan.cycle_time_s / 60.0:.3g} min",
-                hint="allow more time, or take a smaller plan.dwell_s",
-                name="time",
-            )
-        else:
-            too_many = count
-        count = min(max(int(time_s / each), fits + 1, least), too_many - 1, MOST_POSES)
-        if count <= fits:
-            break
-    if best is None:
-        best, fits = planned(least, refine=False, validation=0), least
-    final = planned(
-        fits,
-        beside=max(1, round(BESIDE_S / each)),
-        refine=request.refine,
-    )
-    late = final.cycle_time_s is None or final.cycle_time_s > time_s
-    return replace(best, request=replace(request, count=fits)) if late else final
-
-
-@one_blas_thread
-def plan_fewest(
-    cell: Cell,
-    sigma_m: float | None = None,
-    sigma_rad: float | None = None,
-    advance: Advance = _silent,
-) -> OptimalPlan:
-    """Choose the fewest poses whose predicted standard deviations are as small as wanted.
-
-    Parameters
-    ----------
-    sigma_m, sigma_rad : float, optional
-        Largest standard deviation of each parameter that is a length [m], and of each that is an
-        angle [rad]; at least one of the two.
-
-    Raises
-    ------
-    InputError
-        Nothing is wanted, or the cell's estimate is not weighted by its noise.
-    """
-    if sigma_m is None and sigma_rad is None:
-        raise InputError(
-            "no accuracy is wanted of anything that is identified",
-            hint="give `wanted_sigma_mm`, `wanted_sigma_deg`, or both",
-            name="wanted",
-        )
-    request = Request(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
-    return plan_optimal(cell, request, advance)
-
-
-class _Planning:
+class Planning:
     """One planning run."""
 
     def __init__(
@@ -449,7 +316,14 @@ class _Planning:
         """The best of the pool; what the whole of it cannot give is refused at the first choice."""
         objective, request = self._objective, self._request
         blocks, criterion = self._blocks_and_criterion(pool)
-        if request.count is None:
+        if request.count is None and request.budget_s is None:
+            if self._cell.config.pool.limit or self._cell.config.pool.repeats != 1:
+                raise InputError(
+                    "the fewest poses are looked for without limits and repeats",
+                    hint="give a number of poses, or minutes; or leave out pool.limit and "
+                    "pool.repeats",
+                    name="pool.limit",
+                )
             limit = 1.0 if objective.limit is None else objective.limit
             fewest = select_fewest(
                 blocks,
@@ -460,20 +334,48 @@ class _Planning:
                 keep=range(len(self._kept)),
             )
             return fewest.selection, fewest
+        count = request.count
+        if count is not None and not first:
+            count = min(count, len(pool))
         try:
-            found = select(
-                blocks,
-                request.count if first else min(request.count, len(pool)),
-                criterion,
-                request.method,
-                known=objective.known,
-                names=self._model.names,
-                threshold=objective.limit if first else None,
-                keep=range(len(self._kept)),
+            threshold = objective.limit if first else None
+            found = self._select(
+                pool, blocks, criterion, count, request.budget_s, threshold=threshold
             )
         except InputError as error:
             raise self._in_own_words(error) from error
         return found, None
+
+    def _select(
+        self,
+        pool: CandidatePoses,
+        blocks: FloatArray,
+        criterion: Criterion,
+        count: int | None,
+        budget_s: float | None,
+        *,
+        threshold: float | None = None,
+        starts: int = STARTS,
+    ) -> Selection:
+        """So many poses, or as many as a time is enough for, within the limits of the cell."""
+        costs = None
+        if budget_s is not None:
+            costs = dwell_of(self._cell, pool) + self._request.moving_s
+        return select(
+            blocks,
+            count,
+            criterion,
+            self._request.method,
+            costs=costs,
+            budget=budget_s,
+            constraints=limits_of(self._cell, pool),
+            repeats=self._cell.config.pool.repeats,
+            known=self._objective.known,
+            names=self._model.names,
+            threshold=threshold,
+            keep=range(len(self._kept)),
+            starts=starts,
+        )
 
     def _in_own_words(self, error: InputError) -> InputError:
         """A refused threshold of deviations: in what the user gave, and not in parts of it."""
@@ -513,6 +415,9 @@ class _Planning:
             dropped += [*route.lost.values(), *[self._why] * missing]
             rows, route = reached_of(self._router, chosen, route)
             chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
+            route = replace(route, dwell_s=dwell_of(self._cell, chosen))
+            if len(rows) * self._rows < self._model.p and not dropped:
+                self._refuse_few(len(rows), self._rows)
             if len(rows) * self._rows < self._model.p:
                 raise no_clear_way(dropped[-1])
         linear = chosen.linearise(self._model)
@@ -542,6 +447,7 @@ class _Planning:
             accuracy=accuracy,
             of_pool=of_pool,
             others=() if route is None else self._others(pool, selection, fewest),
+            alone={} if route is None or fewest is not None else self._alone(pool),
             box_words=self._box_words,
             robustness=None
             if route is None or self._cell.is_hand_eye
@@ -593,72 +499,57 @@ class _Planning:
     def _others(
         self, pool: CandidatePoses, selection: Selection, fewest: Fewest | None
     ) -> tuple[Accuracy, ...]:
-        """What the best choices of one pose fewer and one more promise."""
+        """What the best choices of a pose fewer and one more promise, or of less and more time."""
         found = []
         blocks, criterion = self._blocks_and_criterion(pool)
-        m = self._rows
-        beside = self._request.beside
-        for count in (selection.count - beside, selection.count + beside):
-            if not max(-(-self._model.p // m), len(self._kept)) <= count <= len(pool):
-                continue
+        beside, budget_s = self._request.beside, self._request.budget_s
+        for sign in (-1, 1) if beside else ():
+            count, time_s = None, None
+            if budget_s is None:
+                count = selection.count + sign * beside
+                if not max(-(-self._model.p // self._rows), len(self._kept)) <= count <= len(pool):
+                    continue
+            else:
+                time_s = budget_s + sign * BESIDE_S
             if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
                 other = fewest.fewer
             else:
-                keep = range(len(self._kept))
-                known = self._objective.known
-                other = select(
-                    blocks, count, criterion, self._request.method, known=known, starts=1, keep=keep
-                )
+                try:
+                    other = self._select(pool, blocks, criterion, count, time_s, starts=1)
+                except InputError:  # limits that as many poses cannot keep, or no time left
+                    continue
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
+
+    def _alone(self, pool: CandidatePoses) -> dict[str, float]:
+        """Error of the tool point [m] if each target were the only one, for as much, by its name.
+
+        Infinite where it could not tell everything by itself.
+        """
+        if pool.cell is None or not self._request.beside:
+            return {}
+        seen = pool.cell.observations
+        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        names = list(dict.fromkeys(of.tolist()))
+        if not 1 < len(names) <= MOST_ALONE:
+            return {}
+        found = {}
+        for name in names:
+            part, alone = pool.take(of == name), copy(self)
+            try:
+                model = self._cell.model_for(part.of)
+                alone._take(told_by(self._cell, model, part.postures, part.of))
+                blocks, criterion = alone._blocks_and_criterion(part)
+                request = self._request
+                chosen = alone._select(
+                    part, blocks, criterion, request.count, request.budget_s, starts=1
+                )
+                found[name] = alone._accuracy(part.take(chosen.indices)).tcp_m
+            except CalibError:  # too few poses, or limits that this one cannot keep
+                found[name] = np.inf
+        return found
 
 
 def as_pose_set(pool: CandidatePoses) -> PoseSet:
     """The postures of a pool as poses of a plan."""
     return PoseSet.of_chosen(pool.postures, pool.orientations, pool.labels)
-
-
-@dataclass(frozen=True)
-class Outlook:
-    """Predicted error of the tool point over the task box, from the noise alone.
-
-    ``tcp_m``, ``tcp_worst_m``: root mean square error of the poses, in the mean over the box and
-    where it is largest [m]; infinite where they do not identify everything. ``chosen_tcp_m``: in
-    the mean, of the best choice of as many poses out of a small pool that keeps all constraints but
-    those on the motions between poses; None where there is no such choice. ``box_words``: the task
-    box in words.
-    """
-
-    tcp_m: float
-    tcp_worst_m: float
-    chosen_tcp_m: float | None
-    box_words: str
-
-    @property
-    def chosen_is_better(self) -> bool:
-        """Whether chosen poses promise noticeably less error: by a tenth or more."""
-        return self.chosen_tcp_m is not None and self.chosen_tcp_m < NOTICEABLE * self.tcp_m
-
-
-def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
-    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
-
-    All are of the first observation of the cell, as those of the loop.
-    """
-    cell = cell if cell.is_hand_eye else cell.parts[0]
-    box, words = functions_over_box(cell, model)
-    count = len(postures)
-    objective = objective_of(Request(count=count), model, box)
-    own = accuracy_of(model, objective, box, cell.linearise(model, postures))
-    if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
-        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
-    pool_section = cell.config.pool.model_copy(update={"candidates": CANDIDATES})
-    smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
-    try:
-        blocks = objective.of_pool(model, candidates_of(away_from_singularities(smaller)))
-        found = select(
-            blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
-        )
-    except CalibError:  # no pool, or too small a one: there is nothing to compare with
-        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
-    return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

@@ -261,7 +261,8 @@ class Request:
     pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
     ``"average"``, ``"worst"``: for what is known of it before measuring. ``time_s``: what a round
     through the poses may take; it decides how many, in place of ``count``. ``beside``: how many
-    poses fewer and more a choice is compared with.
+    poses fewer and more a choice is compared with. ``budget_s``: what standing at the poses and
+    ``moving_s`` for each may take, in place of ``count``.
     """
 
     method: str = "exchange"
@@ -276,6 +277,8 @@ class Request:
     robust: str = "none"
     time_s: float | None = None
     beside: int = 1
+    budget_s: float | None = None
+    moving_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -309,7 +312,7 @@ class Request:
                 hint="one of " + ", ".join(ROBUST),
                 name="robust",
             )
-        if self.count is None and not self.has_limit:
+        if self.count is None and self.budget_s is None and not self.has_limit:
             raise InputError(
                 "auto takes the fewest poses that reach an accuracy, and none is given",
                 hint="give `target_accuracy` 0.2mm, `wanted_sigma_mm` or `threshold`, or a number "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class OptimalPlan(Planned):
     out of the fit. ``left_out``: candidates of the pool that were left out because no clear way to
     them is known, or to others like them. ``left_out_for``: what is in the way to one of them.
     ``unused``: targets of the cell that no pose is of, because others tell more of the arm.
+    ``alone``: error of the tool point [m] of as many poses, or as much time, of each target alone.
     """
 
     request: Request
@@ -65,6 +67,7 @@ class OptimalPlan(Planned):
     not_checked: tuple[str, ...] = ()
     setup: Setup | None = None
     unused: tuple[str, ...] = ()
+    alone: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def reached(self) -> bool:

@@ -8,6 +8,7 @@ from posedesign.programs.abb_rapid.reader import parse_abb_rapid
 from posedesign.programs.abb_rapid.rules import check_abb_rapid
 from posedesign.programs.abb_rapid.writer import NAMES, render_abb_rapid
 from posedesign.programs.dialect import Dialect
+from posedesign.programs.rewriting import QUATERNION, Notation
 
 __all__ = ["AbbRapid"]
 
@@ -21,6 +22,7 @@ class AbbRapid(Dialect):
     suffixes = (".mod", ".modx", ".prg")
     names = NAMES
     newline = "\r\n"
+    notation = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)
     begins = re.compile(rb"^[ \t]*MODULE[ \t]", re.IGNORECASE | re.MULTILINE)
     writer = render_abb_rapid
     reader = parse_abb_rapid

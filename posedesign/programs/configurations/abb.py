@@ -46,6 +46,7 @@ class AbbConfiguration(Configuration):
     form: ClassVar[re.Pattern[str]] = re.compile(
         r"\[" + r",".join([r"\s*([+-]?\d{1,3})\s*"] * 3) + r",\s*([0-7])\s*\]"
     )
+    counts: ClassVar[tuple[str, ...]] = ("cf1", "cf4", "cf6")
     cf1: int
     cf4: int
     cf6: int

@@ -54,6 +54,7 @@ class FanucConfiguration(Configuration):
     form: ClassVar[re.Pattern[str]] = re.compile(
         r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?"
     )
+    counts: ClassVar[tuple[str, ...]] = ("turns",)
     flip: bool
     down: bool
     back: bool

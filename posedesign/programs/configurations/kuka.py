@@ -60,6 +60,7 @@ class KukaConfiguration(Configuration):
     form: ClassVar[re.Pattern[str]] = re.compile(
         rf"S\s*{_NUMBER}\s*,\s*T\s*{_NUMBER}", re.IGNORECASE
     )
+    counts: ClassVar[tuple[str, ...]] = ("turn",)
     status: int
     turn: int
     loose: int = field(default=0, compare=False, repr=False)

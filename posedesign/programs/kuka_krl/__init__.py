@@ -8,6 +8,7 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.kuka_krl.reader import parse_kuka_krl
 from posedesign.programs.kuka_krl.rules import check_kuka_krl
 from posedesign.programs.kuka_krl.writer import NAMES, render_kuka_krl
+from posedesign.programs.rewriting import ABC, Notation
 
 __all__ = ["KukaKrl"]
 
@@ -22,6 +23,7 @@ class KukaKrl(Dialect):
     companions = (".src",)
     names = NAMES
     newline = "\r\n"
+    notation = Notation(joint=5, place=4, turned=5, turn=ABC, counts_at=7)
     begins = re.compile(rb"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEFDAT|DEF|DEFFCT)[ \t]", re.I | re.M)
     writer = render_kuka_krl
     reader = parse_kuka_krl

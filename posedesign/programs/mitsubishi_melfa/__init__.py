@@ -54,6 +54,7 @@ from posedesign.programs.recorded import (
     RecordedPosition,
     RecordedProgram,
 )
+from posedesign.programs.rewriting import Notation
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["MitsubishiMelfa"]
@@ -212,6 +213,7 @@ class MitsubishiMelfa(JointDialect):
         bare=('CallP "{call}"',),
     )
     head = ("Servo On", "Cnt 0", "JOvrd {percent}")
+    notation = Notation(joint=5)
     reader = parse_mitsubishi_melfa
     rules = check_mitsubishi_melfa
 

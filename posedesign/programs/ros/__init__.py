@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
+
+import numpy as np
 
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.ros.reader import read_list
+from posedesign.programs.rewriting import Notation
+from posedesign.programs.ros.reader import joints_of, read_list
 from posedesign.programs.ros.rules import CAPTURES, MOVEIT, TRAJECTORY, Layout, check_list
-from posedesign.programs.ros.writer import render_list
+from posedesign.programs.ros.writer import DECIMALS, render_list
 from posedesign.programs.writing import NameRule
 
 __all__ = ["MoveitJoints", "RobotCalibration", "RosTrajectory"]
@@ -32,6 +36,7 @@ class _RosList(Dialect):
     encoding = "utf-8"
     passes = False
     layout: ClassVar[Layout]
+    notation = Notation(DECIMALS, joint_units=np.pi / 180, literals=joints_of)
     known_by: ClassVar[tuple[tuple[bytes, ...], ...]]
     """Keys that such a file has: all of one of these sets."""
 
@@ -56,6 +61,7 @@ class RosTrajectory(_RosList):
     title = "ROS joint trajectory in YAML"
     passes = True
     layout = TRAJECTORY
+    notation = replace(_RosList.notation, repeated=True)
     known_by = ((b"joint_names", b"points"),)
 
 

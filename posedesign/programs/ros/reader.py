@@ -10,6 +10,7 @@ one. Where there are none, entries are counted from 1.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,7 @@ import numpy as np
 from posedesign.files.yaml_tree import Fault, Plain, documents, text_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.rewriting import Literal, literals_of
 from posedesign.programs.ros.rules import Entry, Layout, Walk
 
 _COMMENT = re.compile(r"^[ \t]*#+(.*)$", re.MULTILINE)
@@ -62,6 +64,21 @@ def read_list(data: bytes, path: Path, layout: Layout) -> RecordedProgram:
         mark = replace(mark, measured=min(passed) - 1)  # they are numbered behind all measured ones
     name = words.get("program") or path.stem
     return RecordedProgram(name, words.get("title", ""), mark, tuple(positions), None)
+
+
+_KEY = re.compile(r"""(?:^|(?<=[\s,{]))["']?(\w+)["']?[ \t]*:(?=\s|$)""", re.MULTILINE)
+
+
+def joints_of(text: str) -> Iterator[Literal]:
+    """The numbers of joint values in the text of a list: those behind their keys."""
+    code = re.sub(r"(?m)(^|(?<=\s))#.*$", lambda found: " " * len(found[0]), text)
+    keys = [*_KEY.finditer(code)]
+    ends = [*(key.start() for key in keys[1:]), len(code)]
+    for key, end in zip(keys, ends, strict=False):
+        if key[1] in ("positions", "position", "joint_values"):
+            for found in literals_of(code[key.end() : end]):
+                start = key.end() + found.start
+                yield Literal(start, start + len(found.text), found.text)
 
 
 def _comments(text: str) -> tuple[dict[str, str], PlanMark, list[_Label]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.staubli_val3.reader import parse_staubli_val3
+from posedesign.programs.rewriting import MOVING_XYZ, Notation
+from posedesign.programs.staubli_val3.reader import attributes_of, parse_staubli_val3
 from posedesign.programs.staubli_val3.rules import check_staubli_val3
 from posedesign.programs.staubli_val3.writer import NAMES, render_staubli_val3
 
@@ -21,6 +22,7 @@ class StaubliVal3(Dialect):
     in_folder = True
     names = NAMES
     encoding = "utf-8"
+    notation = Notation(joint=5, place=4, turned=5, turn=MOVING_XYZ, literals=attributes_of)
     writer = render_staubli_val3
     reader = parse_staubli_val3
     rules = check_staubli_val3

@@ -29,6 +29,7 @@ from posedesign.programs import reading
 from posedesign.programs.configurations import StaubliConfiguration
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.rewriting import Literal
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node
 
@@ -278,6 +279,28 @@ def _values(element: Node, label: str, path: Path) -> list[float]:
     """Numbers of a point [mm, deg]; what is left out is zero."""
     texts = [element.attributes.get(name, "0") for name in _POINT]
     return reading.pose_values(texts, _POINT, label, path, element.line)
+
+
+_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*", re.ASCII)
+_ATTRIBUTE = re.compile(
+    rf"""(?<=\s)({"|".join((*_JOINTS, *_POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
+)
+
+
+def attributes_of(text: str) -> Iterator[Literal]:
+    """The numbers of positions in the text of a data file, those that are left out as zeros.
+
+    Of each value those of a posture, and then those of a point.
+    """
+    for tag in _TAG.finditer(text):
+        found = {attribute[1]: attribute for attribute in _ATTRIBUTE.finditer(tag[0])}
+        end = tag.start() + len(tag[0].removesuffix("/").rstrip())
+        for name in (*_JOINTS, *_POINT):
+            if name in found:
+                start, stop = (tag.start() + place for place in found[name].span(2))
+                yield Literal(start, stop, found[name][2])
+            else:
+                yield Literal(end, end, "0", before=f' {name}="', after='"')
 
 
 def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:

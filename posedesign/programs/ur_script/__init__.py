@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
+from calib.errors import InputError
 from posedesign.programs.dialect import Dialect
+from posedesign.programs.rewriting import VECTOR, Notation
 from posedesign.programs.ur_script.reader import is_log, parse_ur_script
 from posedesign.programs.ur_script.rules import check_ur_script
 from posedesign.programs.ur_script.spec import NAMES
@@ -23,9 +27,16 @@ class UrScript(Dialect):
     maker = "ur"
     suffixes = (".script", ".urscript", ".log", ".txt")
     names = NAMES
+    notation = Notation(7, 7, 7, np.pi / 180, 1.0, VECTOR)
     writer = render_ur_script
     reader = parse_ur_script
     rules = check_ur_script
+
+    def notation_of(self, text: str) -> Notation:
+        """The usual one; a log of what was done is refused."""
+        if is_log(text.encode("latin-1")):
+            raise InputError("the log of a run is no program", hint="name the script", name="path")
+        return self.notation
 
     def recognises(self, data: bytes) -> bool:
         return is_log(data) or _SCRIPT.search(data) is not None

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import RecordedProgram
+from posedesign.programs.rewriting import Notation
 from posedesign.programs.yaskawa_jbi import writer
 from posedesign.programs.yaskawa_jbi.reader import parse_yaskawa_jbi
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
-from posedesign.programs.yaskawa_jbi.spec import NAMES, checked
+from posedesign.programs.yaskawa_jbi.spec import AXES, NAMES, checked, found_in
 
 __all__ = ["YaskawaJbi"]
 
@@ -52,6 +55,12 @@ class YaskawaJbi(Dialect):
 
     def reading(self, pulses_per_deg: Sequence[float]) -> YaskawaJbi:
         return YaskawaJbi(pulses_per_deg) if len(pulses_per_deg) else self
+
+    def notation_of(self, text: str) -> Notation:
+        """In the pulses of a degree that the job says, or that are known."""
+        said = dict(filter(None, (found_in(line.strip(" \t\r'")) for line in text.split("\n"))))
+        pulses = [said[axis] for axis in AXES if axis in said] or self.pulses_per_deg
+        return Notation(0, 3, 4, np.array(pulses) if len(pulses) == len(AXES) else 1.0)
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         return parse_yaskawa_jbi(data, path, self.pulses_per_deg)

@@ -49,7 +49,7 @@ def test_example_names_every_key():
     elsewhere = {("robot", "urdf"), ("robot", "controller")}
     # one kind of solid is shown for all; the guide to the file has the others
     elsewhere |= {
-        ("obstacle", key) for key in ("wpr_deg", "radius_mm", "height_mm", "mesh", "scale")
+        ("obstacle", key) for key in ("wpr_deg", "radius_mm", "height_mm", "mesh", "scale", "scene")
     }
     for name, field in CellConfig.model_fields.items():
         if name == "other_targets":  # further tables of the target's

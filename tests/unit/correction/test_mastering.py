@@ -9,6 +9,7 @@ from calib import CalibrationModel, Robot
 from calib.model.measurements import TouchUp
 from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import POSITIVE_AXES, preset_info, preset_names
+from calib.robots.controller import Coupling
 from posedesign.identification.correction import mastering
 from tests.arms import DESCRIPTIONS, robot_of
 
@@ -100,3 +101,20 @@ def test_an_unknown_controller_has_the_signs_of_the_description():
     rows = mastering(model, with_offsets(model, [0.1, 0.3])).rows()
     assert rows[2]["correction_deg"] == pytest.approx(0.3)
     assert "joint_3, in the signs of the description" in str(rows[2]["meaning"])
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.5, -1.0])
+def test_a_coupled_joint_of_any_maker_is_mastered_with_the_other(ratio):
+    """What is typed, less the correction, takes the arm where the nominal one goes."""
+    robot = Robot.preset("irb120")
+    robot = robot.controlled_by("abb", [Coupling("joint_3", "joint_2", ratio)])
+    model = model_of(robot, robot.joint_names)
+    x = with_offsets(model, [0.0, 0.1, 0.3, 0.0, 0.0, 0.0])
+    table = mastering(model, x)
+    np.testing.assert_allclose(np.rad2deg(table.correction[1:3]), [0.1, 0.3 + 0.1 * ratio])
+    word = {1.0: "plus the offset", 0.5: "plus 0.5 of the offset", -1.0: "less the offset"}[ratio]
+    assert table.rows()[2]["meaning"].endswith(f"its own offset {word} of J2")
+    shown_deg = np.random.default_rng(0).uniform(-60, 60, (20, 6))
+    typed = robot.controller.posture(shown_deg - np.rad2deg(table.correction))
+    nominal = robot.fk(robot.controller.posture(shown_deg))
+    np.testing.assert_allclose(model.view(typed, x).T_base_tip, nominal, atol=1e-12)

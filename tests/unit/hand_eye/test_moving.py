@@ -11,8 +11,8 @@ from calib.model import CalibrationModel, Setup
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.parameters import TargetFrame, TimeOffsets, ToolFrame, ZeroOffsets
 from calib.robots import Robot
-from calib.robots.flange_poses import posture_of_pose
-from calib.se3 import transform
+from calib.robots.flange_poses import flange_robot, posture_of_pose
+from calib.se3 import quaternion_from_rotation, rotation_exp, transform
 from posedesign.hand_eye.pictures import read_picture_set
 from studies.board_scenes import FLANGE, LENS, SIGMA_PX, STOPS_OFF, X, draw_scene, inner_corners
 from tests.unit.hand_eye.test_picture_sets import picture
@@ -153,6 +153,38 @@ def test_a_record_gives_joints_and_motion_of_pictures_between_its_rows(folder, w
     np.testing.assert_allclose(found.postures, wanted, atol=1e-7)
     speed = np.deg2rad([20, -10, 5, 0, 3, 1.0])
     np.testing.assert_allclose(found.motion[:, 0], np.tile(speed, (3, 1)), atol=1e-5)
+
+
+def pose_at(time):
+    """A camera that looks down, whose rotation goes through half a turn."""
+    turn = rotation_exp([np.pi - 0.05 + 0.1 * time, 0.2 * time, 0.1])
+    return transform(turn, np.array([0.5, 0.1, 0.4]) + time * np.array([0.05, -0.02, 0.01]))
+
+
+@pytest.mark.parametrize("with_poses", [False, True])
+def test_a_record_of_poses_of_the_flange_does_as_well(folder, with_poses):
+    """Against central differences of the pose itself, on both sides of half a turn."""
+    columns = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    lines = [",".join(["time_s", "picture", *columns])]
+    for time, name in [
+        *[(t, "") for t in np.arange(0.0, 2.0, 0.02) + 0.003],
+        *[(t, name) for name, t in TAKEN.items()],
+    ]:
+        T = pose_at(time)
+        values = [*1e3 * T[:3, 3], *quaternion_from_rotation(T[:3, :3])]
+        cells = [""] * 7 if name and not with_poses else [f"{value:.9f}" for value in values]
+        lines.append(",".join([f"{time:.4f}", name, *cells]))
+    (folder / "flange.csv").write_text("\n".join(lines) + "\n")
+    found = read_picture_set(folder / "pictures", folder / "flange.csv")
+    assert found.postures is None
+    T = np.array([pose_at(time) for time in TAKEN.values()])
+    np.testing.assert_allclose(found.T_base_flange, T, atol=1e-7)
+    robot, step = flange_robot(), 1e-3
+    for i, time in enumerate(TAKEN.values()):
+        q, (velocity, acceleration) = posture_of_pose(T[i]), found.motion[i]
+        for sign in (-1.0, 1.0):
+            moved = q + sign * step * velocity + step**2 / 2.0 * acceleration
+            np.testing.assert_allclose(robot.fk(moved), pose_at(time + sign * step), atol=1e-7)
 
 
 def test_times_of_single_stops_say_nothing_of_motion(folder):

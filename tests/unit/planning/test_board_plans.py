@@ -126,6 +126,24 @@ def test_the_constraints_are_those_that_a_few_lines_find(fixed):
     )
 
 
+@FIXED
+def test_the_circle_of_a_round_target_has_to_be_whole(fixed):
+    """It is found by its rim, which lies outside all of its points."""
+    cell = board_cell(kind="round-target", fixed=fixed)
+    rng = np.random.default_rng(3)
+    q = cell.base_posture + rng.uniform(-0.15, 0.15, (400, 6))
+    verdicts = cell.checker.check(q)
+    names = [constraint.name for constraint in verdicts.constraints]
+    T = cell.robot.fk(q)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    rim = 0.045 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
+    whole = inside(cell, seen(cell, T, rim)).all(axis=1)
+    points = inside(cell, seen(cell, T, cell.board.points)).all(axis=1)
+    kept = verdicts.margin[:, names.index("image border")] >= 0.0
+    assert 20 < whole.sum() < points.sum() - 5
+    assert (kept != whole).sum() <= 1  # between the points of the rim that are looked at
+
+
 def test_a_picture_that_lacks_points_says_how_many():
     cell = board_cell(square_mm=40.0, kind="chessboard")
     with pytest.raises(UnreachableError, match=r"25 of 35 points of the board in the image .* 35"):

@@ -62,7 +62,7 @@ def test_next_poses_that_no_way_leads_to_are_dropped(cell, six, monkeypatch):
     data, _ = six
     route = Router.route
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         lost = {1: "a wall"} if len(postures) > 2 else {}
         return replace(route(self, np.delete(postures, list(lost), axis=0)), lost=lost)
 

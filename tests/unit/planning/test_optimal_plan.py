@@ -21,7 +21,8 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
-from posedesign.planning.optimal.choose import outlook_of, without_alike
+from posedesign.planning.optimal.choose import without_alike
+from posedesign.planning.optimal.outlook import advice_for, outlook_of
 from posedesign.planning.optimal.refinement import (
     TRIALS,
     blocks_of_robots,
@@ -262,7 +263,7 @@ def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, asked, words):
 def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
     route, cut = Router.route, []
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         lost = np.flatnonzero(postures[:, 3] > 0.5).tolist()
         cut.append(len(lost))
         return replace(route(self, postures), lost=dict.fromkeys(lost, "a wall"))
@@ -319,7 +320,7 @@ def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkey
     own = planned.poses.kept[:2]
     route = Router.route
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         lost = np.flatnonzero((postures == own[1]).all(axis=1)).tolist()
         found = route(self, np.delete(postures, lost, axis=0))
         return replace(found, lost=dict.fromkeys(lost, "a wall"))
@@ -337,7 +338,7 @@ def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkey
 def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monkeypatch):
     route, first = Router.route, []
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         first.append(len(postures))
         lost = {} if len(first) == 1 or len(postures) < 3 else {0: "a wall"}
         found = route(self, np.delete(postures, list(lost), axis=0))
@@ -475,7 +476,7 @@ def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, fewest
     cut_off = first.poses.kept[0]
     route = Router.route
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         found = route(self, postures)
         lost = np.flatnonzero((postures == cut_off).all(axis=1)).tolist()
         return replace(found, lost=dict.fromkeys(lost, "no clear way to it: a wall"))
@@ -491,7 +492,7 @@ def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch)
     """Whatever is chosen, its first is cut off: it is dropped, and what is left is planned."""
     route, tries = Router.route, []
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         tries.append(postures)
         lost = {0: "no clear way to it: a wall"} if len(tries) <= 3 else {}
         kept = route(self, np.delete(postures, list(lost), axis=0))
@@ -512,7 +513,7 @@ def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch)
 def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
     route = Router.route
 
-    def losing(self, postures):
+    def losing(self, postures, loads=None):
         nothing = route(self, postures[:0])
         return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
 
@@ -525,3 +526,22 @@ def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
 def test_something_has_to_be_wanted(camera_cell):
     with pytest.raises(InputError, match="no accuracy is wanted"):
         plan_fewest(camera_cell)
+
+
+def test_what_would_buy_more_than_any_choice_is_said_with_what_it_buys(reference_cell):
+    """A second target high above the first: as a cell that has it promises."""
+    count = 12
+    said = advice_for(reference_cell, count).split("; ")
+    assert any("over" in words or "configurations" in words for words in said)
+    words = next(words for words in said if words.startswith("a second [[target]]"))
+    height, side = re.match(r"a second \S+ (\d+) mm (above|below) this one: about", words).groups()
+    target = reference_cell.config.target
+    x, y, z = (1e3 * reference_cell.target_m).tolist()
+    place = (x, y, z + float(height) * (1 if side == "above" else -1))
+    other = target.model_copy(update={"name": "T2", "position_mm": place})
+    config = reference_cell.config.model_copy(update={"other_targets": (other,)})
+    both = plan_optimal(replace(reference_cell, config=config), Request(count=count))
+    alone = plan_optimal(reference_cell, Request(count=count))
+    told = float(re.search(r"([\d.]+) times less", words)[1])
+    assert told == pytest.approx(alone.of_pool.tcp_m / both.of_pool.tcp_m, rel=0.3)
+    assert told > 1.25

@@ -8,7 +8,7 @@ import pytest
 from calib import se3
 from calib.errors import InputError, RobotModelError
 from calib.robots import POSITIVE_AXES, Robot, SerialChain, preset_names
-from calib.robots.controller import controller_of
+from calib.robots.controller import Coupling, controller_of
 from tests.arms import DESCRIPTIONS, robot_of
 
 
@@ -132,3 +132,55 @@ def test_wrong_number_of_joints():
     assert robot.controller is not None
     with pytest.raises(InputError, match="5 joint values, the arm 6"):
         robot.controller.posture(np.zeros(5))
+
+
+def test_a_parallel_linkage_holds_the_forearm_as_joint_2_moves():
+    """IRB 4400 and its kind: J3 is shown against the horizontal."""
+    robot = Robot.preset("irb120").controlled_by("abb", [Coupling("joint_3", "joint_2", 1.0)])
+    shown = np.array([10.0, -5.0, 20.0, 0.0, 45.0, 30.0])
+    moved = shown + np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
+    q = robot.controller.posture([shown, moved])
+    np.testing.assert_allclose(np.rad2deg(q[:, 2]), [20.0 + 5.0, 20.0 - 20.0])
+    axes = robot.state(q).axes[:, 3]
+    np.testing.assert_allclose(axes[0], axes[1], atol=1e-12)
+    np.testing.assert_allclose(robot.controller.pendant(q), [shown, moved], atol=1e-12)
+    assert robot.controller.differs
+
+
+def test_a_coupling_takes_the_place_of_the_maker_s_own():
+    robot = Robot.preset("r2000ic165f")
+    none = robot.controlled_by("fanuc", [Coupling("joint_3", "joint_2", 0.0)])
+    np.testing.assert_array_equal(none.controller.pendant_from_joints, np.eye(6))
+    half = robot.controlled_by("fanuc", [Coupling("joint_3", "joint_2", -0.5)])
+    assert half.controller.pendant_from_joints[2, 1] == -0.5
+
+
+def test_couplings_are_in_the_signs_of_the_controller(tmp_path):
+    """A KUKA whose description turns axis 2 the other way shows the same."""
+    robot = Robot.preset("kr6r900sixx")
+    axes = robot.chain.axes.copy()
+    axes[1] *= -1.0
+    other = replace(robot, chain=replace(robot.chain, axes=axes))
+    names = robot.joint_names
+    couplings = [Coupling(names[2], names[1], 1.0)]
+    q = np.random.default_rng(0).uniform(-1, 1, 6)
+    turned = q * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
+    shown = [r.controlled_by("kuka", couplings).controller for r in (robot, other)]
+    np.testing.assert_allclose(shown[0].pendant(q), shown[1].pendant(turned), atol=1e-12)
+    own = robot.controller.pendant(q)
+    own[2] += own[1]
+    np.testing.assert_allclose(shown[0].pendant(q), own, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("couplings", "message"),
+    [
+        ([("joint_3", "joint2", 1.0)], r"no joint 'joint2' to couple \(did you mean joint_2"),
+        ([("joint_3", "joint_3", 1.0)], "joint_3 cannot be coupled with 1 of joint_3"),
+        ([("joint_3", "joint_2", np.nan)], "cannot be coupled with nan"),
+        ([("joint_3", "joint_2", 1.0), ("joint_2", "joint_3", 1.0)], "does not tell where"),
+    ],
+)
+def test_couplings_that_cannot_be(couplings, message):
+    with pytest.raises(RobotModelError, match=message):
+        Robot.preset("irb120").controlled_by("abb", [Coupling(*c) for c in couplings])

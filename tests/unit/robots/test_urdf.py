@@ -391,5 +391,5 @@ def test_a_file_without_end_is_not_read_to_it(monkeypatch, tmp_path):
         Robot.from_urdf("/dev/zero")
     path = tmp_path / "arm.urdf"
     path.write_text(f'<robot name="arm">{ABC}{J1}{J2}{" " * 1000}</robot>')
-    with pytest.raises(RobotModelError, match="too large for a URDF"):
+    with pytest.raises(RobotModelError, match="too large for a description"):
         Robot.from_urdf(path)

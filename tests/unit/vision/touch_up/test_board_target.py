@@ -38,6 +38,7 @@ BOARDS = {
     "chessboard": {"columns": 8, "rows": 6, "square_m": 0.011},
     "circles": {"columns": 8, "rows": 6, "spacing_m": 0.011},
     "asymmetric-circles": {"columns": 4, "rows": 11, "spacing_m": 0.007},
+    "round-target": {"diameter_m": 0.07},
 }
 CAMERA = Camera(640, 512, 900.0)
 BENT = Camera(640, 512, 900.0, distortion=(-0.15, 0.05, 5e-4, -5e-4, 0.0))
@@ -61,7 +62,12 @@ def seen_at(tilt_deg: float, roll_deg: float = 0.0, z_m: float = 0.25) -> FloatA
 @pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["ideal", "bent"])
 @pytest.mark.parametrize("kind", BOARDS)
 def test_what_is_measured_is_the_slope_at_the_middle(kind, camera):
-    """In pictures with noise, squarely and at 40 deg, by a lens that nobody knows."""
+    """In pictures with noise, squarely and at 40 deg, by a lens that nobody knows.
+
+    Of a round target 24 points tell no bend of third order: 1.5e-3 of the size here, the same at
+    each touch-up.
+    """
+    bound = 2e-3 if (kind, camera) == ("round-target", BENT) else 1e-3
     target, rng = target_of_kind(kind), np.random.default_rng(1)
     observer = ImageObserver(camera, target, Imaging())
     for tilt_deg in (0.0, 40.0):
@@ -71,7 +77,7 @@ def test_what_is_measured_is_the_slope_at_the_middle(kind, camera):
         off = found - target.image(camera, T)
         assert np.linalg.norm(off[:2]) < 0.04
         size = ellipse_axes(found)[0] - ellipse_axes(target.image(camera, T))[0]
-        assert abs(size) < 1e-3 * ellipse_axes(found)[0]
+        assert abs(size) < bound * ellipse_axes(found)[0]
 
 
 def test_a_tilt_moves_neither_the_middle_nor_the_size():
@@ -88,7 +94,9 @@ def test_a_tilt_moves_neither_the_middle_nor_the_size():
     assert np.isnan(disc_image(CAMERA, 0.08, seen_at(180.0))).all()
 
 
-@pytest.mark.parametrize("kind", ["charuco", "chessboard", "circles", "apriltag-grid"])
+@pytest.mark.parametrize(
+    "kind", ["charuco", "chessboard", "circles", "apriltag-grid", "round-target"]
+)
 def test_its_pose(kind):
     """In OpenCV's frame of the board; the right way round where it is rolled by 120 deg."""
     target, rng = target_of_kind(kind), np.random.default_rng(2)

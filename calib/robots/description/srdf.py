@@ -1,0 +1,213 @@
+"""What an SRDF says beside a URDF: groups of joints, named postures, links that may touch.
+
+The semantic description of ROS (http://wiki.ros.org/srdf, and of MoveIt 2
+``disable_default_collisions`` and ``enable_collisions``). The file may come from anywhere: it is
+read with document types refused, and an element that is not known is refused by its name. What
+only MoveIt has a use for (virtual and passive joints, end effectors, spheres) is known and left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree.ElementTree import Element
+
+from calib.errors import RobotModelError, near_names
+from calib.robots.description.urdf import read_description
+from calib.robots.description.urdf_kinematics import numbers, shown
+from calib.robots.shapes import Body
+
+_KNOWN = (
+    "group",
+    "group_state",
+    "disable_collisions",
+    "disable_default_collisions",
+    "enable_collisions",
+    "virtual_joint",
+    "passive_joint",
+    "end_effector",
+    "link_sphere_approximation",
+    "joint_property",
+)
+
+MOST_ELEMENTS = 100_000
+"""Every pair of 400 links is 80,000."""
+
+
+@dataclass(frozen=True, eq=False)
+class Srdf:
+    """What an SRDF holds.
+
+    Attributes
+    ----------
+    chains : mapping of str to (str, str)
+        Base and tip link of each group that is one chain.
+    groups : tuple of str
+        Names of all groups.
+    states : mapping of (str, str) to mapping of str to float
+        Values of joints [rad, m], by group and name.
+    allowed : frozenset of frozenset of str
+        Pairs of links that may touch.
+    allowed_of : frozenset of str
+        Links that may touch all others.
+    enabled : frozenset of frozenset of str
+        Pairs that are checked all the same.
+    """
+
+    path: Path
+    chains: Mapping[str, tuple[str, str]]
+    groups: tuple[str, ...]
+    states: Mapping[tuple[str, str], Mapping[str, float]]
+    allowed: frozenset[frozenset[str]]
+    allowed_of: frozenset[str]
+    enabled: frozenset[frozenset[str]]
+
+    def chain(self, group: str) -> tuple[str, str]:
+        """Base and tip link of a group.
+
+        Raises
+        ------
+        RobotModelError
+            There is no such group, or it does not name a chain.
+        """
+        if group not in self.groups:
+            raise self._fail(f"has no group {shown(group)}", near_names(group, self.groups), group)
+        if group not in self.chains:
+            hint = "give base and tip themselves" + (
+                f"; groups that are a chain: {', '.join(self.chains)}" if self.chains else ""
+            )
+            raise self._fail(f"lists joints or links in the group {shown(group)}", hint, group)
+        return self.chains[group]
+
+    def state(self, name: str, group: str | None = None) -> Mapping[str, float]:
+        """Values of joints [rad, m] in a named state, of one group or of the only one that has it.
+
+        Raises
+        ------
+        RobotModelError
+            There is no such state, or several groups have one.
+        """
+        of = [g for g, state in self.states if state == name and group in (None, g)]
+        if not of:
+            known = [state for g, state in self.states if group in (None, g)]
+            where = "" if group is None else f" of the group {shown(group)}"
+            raise self._fail(f"has no state {shown(name)}{where}", near_names(name, known), name)
+        if len(of) > 1:
+            raise self._fail(
+                f"has a state {shown(name)} of the groups {', '.join(of)}", "name the group", name
+            )
+        return self.states[of[0], name]
+
+    def allows(self, one: str, other: str) -> bool:
+        """Whether two links may touch."""
+        pair = frozenset((one, other))
+        return pair not in self.enabled and (pair in self.allowed or bool(pair & self.allowed_of))
+
+    def _fail(self, what: str, hint: str, name: str) -> RobotModelError:
+        return RobotModelError(f"{self.path}: {what}", hint=hint, name=name)
+
+
+def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
+    """Read an SRDF file, or a xacro file that expands to one with its arguments at their defaults.
+
+    Parameters
+    ----------
+    packages : iterable of Path
+        Folders to search for packages that a xacro names.
+
+    Raises
+    ------
+    RobotModelError
+        The file is missing, too large or no SRDF, or something in it is not understood.
+    """
+    root = read_description(path, packages, hint="give the .srdf of a MoveIt configuration").root
+    if len(list(root.iter())) > MOST_ELEMENTS:
+        raise RobotModelError(
+            f"{path}: has more than {MOST_ELEMENTS} elements", hint="is it an SRDF?", name=str(path)
+        )
+    for element in root:
+        tag = str(element.tag)
+        if tag not in _KNOWN:
+            is_urdf = tag in ("link", "joint")
+            raise RobotModelError(
+                f"{path}: the element {shown(tag)} is not known in an SRDF",
+                hint="is it a URDF?" if is_urdf else near_names(tag, _KNOWN),
+                name=tag,
+            )
+
+    def pairs(tag: str) -> frozenset[frozenset[str]]:
+        found = root.iterfind(tag)
+        return frozenset(
+            frozenset(_word(e, key, path) for key in ("link1", "link2")) for e in found
+        )
+
+    chains = {}
+    for group in root.iterfind("group"):
+        parts = list(group)
+        if len(parts) == 1 and parts[0].tag == "chain":
+            ends = (_word(parts[0], key, path) for key in ("base_link", "tip_link"))
+            chains[_word(group, "name", path)] = next(ends), next(ends)
+    every_state = root.iterfind("group_state")
+    every = root.iterfind("disable_default_collisions")
+    return Srdf(
+        path=path,
+        chains=MappingProxyType(chains),
+        groups=tuple(_word(group, "name", path) for group in root.iterfind("group")),
+        states=MappingProxyType(dict(_state(state, path) for state in every_state)),
+        allowed=pairs("disable_collisions"),
+        allowed_of=frozenset(_word(element, "link", path) for element in every),
+        enabled=pairs("enable_collisions"),
+    )
+
+
+def _word(element: Element, key: str, path: Path) -> str:
+    value = element.get(key, "").strip()
+    if not value or not value.isprintable():
+        raise RobotModelError(
+            f"{path}: <{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
+            hint="add it",
+            name=str(element.tag),
+        )
+    return value
+
+
+def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, float]]:
+    name = _word(state, "name", path)
+    values = {}
+    for element in state.iterfind("joint"):
+        joint, value = _word(element, "name", path), numbers(element.get("value", ""))
+        if len(value) > 1:  # floating and planar joints have several; no arm has such joints
+            continue
+        if not value:
+            raise RobotModelError(
+                f"{path}: the state {shown(name)} has {shown(joint)} at "
+                f"{shown(element.get('value'))}, no number",
+                hint="give rad, or m",
+                name=joint,
+            )
+        values[joint] = value[0]
+    return (_word(state, "group", path), name), MappingProxyType(values)
+
+
+def allowed_contacts(bodies: Sequence[Body], srdf: Srdf) -> tuple[tuple[str, str], ...]:
+    """Names of the bodies of a robot that may touch by an SRDF."""
+    links = sorted(_links(srdf), key=len, reverse=True)
+    of = {body.name: _link_of(body.name, links) for body in bodies}
+    names = list(of)
+    return tuple(
+        (one, other)
+        for k, one in enumerate(names)
+        for other in names[k + 1 :]
+        if of[one] != of[other] and srdf.allows(of[one], of[other])
+    )
+
+
+def _links(srdf: Srdf) -> set[str]:
+    return {link for pair in srdf.allowed | srdf.enabled for link in pair} | srdf.allowed_of
+
+
+def _link_of(body: str, links: Iterable[str]) -> str:
+    """The link of a body: bodies have its name, with a number or a name of their own behind it."""
+    return next((link for link in links if body == link or body.startswith(f"{link}/")), body)

@@ -1,0 +1,438 @@
+"""Inverse kinematics of six-axis arms whose wrist has an offset.
+
+Axes 2 and 3 are parallel and axes 4 and 5 meet, but axis 6 does not pass through their point: the
+CRX of FANUC, the HC of Yaskawa, the CRB 15000 of ABB. Such arms have no closed form. But joint 6 at
+an angle fixes that point and the direction of axis 5. Joints 1 to 3 follow from the point, in four
+branches, and a branch is an answer where its axis 4 encloses with axis 5 the angle it should
+([Abbes2024]_ seeks that angle of joint 6 on a CRX).
+
+The product of the four misses has no square root left in it. Times its denominators it is a
+trigonometric polynomial of degree 8 in joint 6. Samples of it, of complex branches too, give its
+coefficients, and these all of its zeros at once: at most 16, none lost between the steps of a
+search.
+
+.. [Abbes2024] M. Abbes, G. Poisson, Geometric approach for inverse kinematics of the FANUC CRX
+   collaborative robot, Robotics 13 (2024) 91.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.robots.bounds import TURN, Bounds
+from calib.robots.chain import SerialChain, idealised
+from calib.robots.inverse.closed_form import across, angle_about, compare, repeated
+from calib.robots.inverse.solutions import (
+    CLOSURE_TOLERANCE,
+    InverseKinematics,
+    InverseSolutions,
+    close_in,
+)
+from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
+
+_DEGREE = 8
+_SAMPLES = 2 * _DEGREE + 4
+_FIRST_SAMPLE_RAD = 0.1234
+"""No round angle: there arms stand above their base, and a branch has no angle of joint 1."""
+
+_GRID = 128
+"""Angles of joint 6 at which the wrist's point is looked at for its place alone."""
+
+_NEAR_CIRCLE = 0.05
+"""Distance from the unit circle within which a root may be a zero: double ones lose half their
+digits, and those of a slightly different arm may have left it."""
+
+_MISS = 0.02
+"""Cosine by which axes 4 and 5 of a branch may miss their angle before it is closed in on. Joint 6
+loses half its digits where two branches merge, three quarters where four do, and more of an arm
+that is a little off the one that is solved."""
+
+_ABOVE_BASE = 2e-3
+"""Distance of the wrist's point from axis 1, of the arm's length, below which joint 1 is swept."""
+
+_SWEEP = 48
+"""Angles of joint 1 there."""
+
+_WENT_FAR_RAD = 0.02
+"""Step from a start to the posture that it closes in on that is worth looking on its other side."""
+
+_POLISHING = 20
+"""Steps: those that arrive take one to five, and near-singular ones more."""
+
+_PARALLEL = 1e-9
+"""Sine below which axes of a description are parallel, and gap [m] below which they meet."""
+
+_SHORT_M = 1e-3
+"""Length of a link, or offset of the wrist, below which the arm is of another kind."""
+
+_LEAST = 1e-14
+"""Of the largest coefficient of a polynomial, which is rounded to 1e-16 of it."""
+
+_POSES_AT_ONCE = 512
+"""Their companion matrices are 2 MB."""
+
+Numbers = NDArray[Any]
+"""Real ones, or those of complex branches."""
+
+
+class _Branch(NamedTuple):
+    """Joints 1 to 3 of one branch, and what its axis 4 misses by: arrays (K,)."""
+
+    turn_1: tuple[Numbers, Numbers]  # cosine and sine
+    turn_23: tuple[Numbers, Numbers]  # of the forearm about axis 2
+    p: tuple[Numbers, Numbers]  # from axis 2 to the wrist's point, across axis 2
+    miss: Numbers
+
+
+class OffsetWrist(InverseKinematics):
+    """Every branch of a six-axis arm with parallel axes 2 and 3, and axes 4 and 5 that meet."""
+
+    def __init__(self, chain: SerialChain, ideal: SerialChain, meeting: FloatArray) -> None:
+        super().__init__(chain)
+        self._ideal = ideal
+        zero = ideal.forward(np.zeros(6))
+        beside = np.linalg.svd(zero.axes[1][None])[2][1]
+        # axes of the frame in which axis 2 is the third
+        self._F = np.vstack([beside, np.cross(zero.axes[1], beside), zero.axes[1]])
+        self._axes, self._origins = zero.axes @ self._F.T, zero.origins @ self._F.T
+        self._meeting = self._F @ meeting
+        self._tip = zero.T_base_tip
+        self._upper = (self._origins[2] - self._origins[1])[:2]
+        self._fore = (self._meeting - self._origins[2])[:2]
+        self._l2, self._l3 = float(np.hypot(*self._upper)), float(np.hypot(*self._fore))
+        from_6 = np.cross(self._meeting - self._origins[5], self._axes[5])
+        self._offset = float(np.linalg.norm(from_6))
+        # without an offset of the shoulder, turned by half a turn it puts axis 4 on the same line
+        one, other = self._sides(*np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 20)))
+        self._mirrored = bool(np.allclose(one, other, rtol=1e-9))
+        steps = [*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]]
+        self._stretched_m = float(np.linalg.norm(steps, axis=1).sum())
+        self._grid = TURN * np.arange(_GRID) / _GRID
+
+    @classmethod
+    def of(cls, chain: SerialChain) -> OffsetWrist | None:
+        """The solver for a chain, or None where its axes lie otherwise.
+
+        A chain whose frames are slightly off is solved through its ideal: see
+        :func:`calib.robots.chain.idealised`.
+        """
+        if chain.n != 6:
+            return None
+        for ideal in (chain, idealised(chain)):
+            zero = ideal.forward(np.zeros(6))
+            a, o = zero.axes, zero.origins
+            normal = np.cross(a[3], a[4])
+            if (
+                np.linalg.norm(np.cross(a[1], a[2])) > _PARALLEL
+                or np.linalg.norm(np.cross(a[0], a[1])) < 0.1
+                or np.linalg.norm(normal) < 0.1
+                or np.linalg.norm(np.cross(a[4], a[5])) < 0.1
+            ):
+                continue
+            along, gap, _ = np.linalg.solve(np.column_stack([a[3], normal, -a[4]]), o[4] - o[3])
+            solver = cls(chain, ideal, o[3] + along * a[3])
+            lengths = solver._l2, solver._l3, solver._offset
+            if abs(gap) < _PARALLEL and min(lengths) > _SHORT_M:
+                return solver
+        return None
+
+    def solve(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
+    ) -> InverseSolutions:
+        postures, pose = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
+        gap_m = np.zeros(len(T_base_tip))
+        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
+            some = T_base_tip[start : start + _POSES_AT_ONCE]
+            q, of = self._every_branch(some)
+            postures.append(q)
+            pose.append(of + start)
+            lost = np.setdiff1d(np.arange(len(some)), of)
+            with np.errstate(over="ignore", invalid="ignore"):
+                gap_m[start + lost] = self._gap(some[lost])
+        return self._answer(
+            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
+        )
+
+    def _every_branch(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Postures ``(S, 6)`` of poses ``(N, 4, 4)`` in any turn, and their poses ``(S,)``."""
+        # farther than all lengths in a row nothing is reached, and numbers overflow at last
+        within = np.flatnonzero(np.abs(T_base_tip[:, :3, 3]).max(axis=1) <= self._stretched_m)
+        G = self._moved(T_base_tip)
+        row, angle = _zeros(self._polynomial(G[within]))
+        pose = within[row]
+        q, of, miss = self._from_joint_6(G[pose], angle)
+        kept = np.abs(miss) < _MISS
+        above, pose_above = self._above_base(G[within])
+        pose_above = within[pose_above]
+        q, of = np.concatenate([q[kept], above]), np.concatenate([pose[of[kept]], pose_above])
+        start = self._with_wrist(q, T_base_tip[of])
+        q, exact = self._closed_in(start, of, T_base_tip)
+        went = q - start
+        far = np.flatnonzero(np.abs(went).max(axis=1) > _WENT_FAR_RAD)
+        if len(far):  # two postures merge nearby, and only one of them was closed in on
+            again = np.concatenate([start[far] - went[far], start[far] + 3.0 * went[far]])
+            rows = np.tile(of[far], 2)
+            more, arrived = self._closed_in(again, rows, T_base_tip)
+            q, of = np.concatenate([q, more]), np.concatenate([of, rows])
+            exact = np.concatenate([exact, arrived])
+        q, of = q[exact], of[exact]
+        order = np.argsort(of, kind="stable")
+        q, of = q[order], of[order]
+        fresh = ~repeated(q, of)
+        return q[fresh], of[fresh]
+
+    def _closed_in(
+        self, q: FloatArray, of: IntArray, T_base_tip: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Postures ``(S, 6)`` that miss their poses, stepped until they do not; which arrived."""
+        distance, turn, _ = compare(self._chain, q, T_base_tip, of)
+        off = np.flatnonzero(np.maximum(distance, turn) > 0.01 * CLOSURE_TOLERANCE)
+        free, q = np.full(6, np.inf), q.copy()
+        q[off] = close_in(self._chain, q[off], T_base_tip[of[off]], -free, free, _POLISHING)
+        distance[off], turn[off], _ = compare(self._chain, q[off], T_base_tip, of[off])
+        return q, (distance < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
+
+    def _moved(self, T_base_tip: FloatArray) -> FloatArray:
+        """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""
+        G = self._F @ (T_base_tip @ inverse(self._tip))[:, :3]
+        return np.concatenate([G[..., :3] @ self._F.T, G[..., 3:]], axis=-1)
+
+    def _wrist(self, G: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The wrist's point and the direction of axis 5 ``(3, K)`` at angles ``(K,)`` of joint 6.
+
+        Of motions ``(K, 3, 4)``.
+        """
+        W, b = self._turned_back(angle)
+        W = (G[..., :3] @ W[..., None])[..., 0] + G[..., 3]
+        return W.T, (G[..., :3] @ b[..., None])[..., 0].T
+
+    def _around(self, G: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same ``(3, N K)`` of each of N motions at each of K angles of joint 6."""
+        W, b = self._turned_back(angle)
+        R = G[..., :3].transpose(1, 0, 2)
+        return (R @ W.T + G[..., 3].T[..., None]).reshape(3, -1), (R @ b.T).reshape(3, -1)
+
+    def _turned_back(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The wrist's point and axis 5 of the arm at zero, ``(K, 3)``, seen from its tip."""
+        R = rotation_exp(-angle[:, None] * self._axes[5])
+        return R @ (self._meeting - self._origins[5]) + self._origins[5], R @ self._axes[4]
+
+    def _shoulder(self, W: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The wrist's point about axis 1: from it, along it, and the equation of joint 1.
+
+        ``A cos - B sin = C``, which keeps the place along axis 2. Arrays (3, K), (3, K), (2, K)
+        with A and B, and (K,) with C.
+        """
+        a1, o1 = self._axes[0][:, None], self._origins[0][:, None]
+        along = a1 * (a1 * (W - o1)).sum(axis=0)
+        away = W - o1 - along
+        AB = np.stack([away[2], np.cross(a1, away, axis=0)[2]])
+        return away, along, AB, self._meeting[2] - o1[2] - along[2]
+
+    def _branches(
+        self, W: FloatArray, b: FloatArray, root: Callable[[Numbers], Numbers]
+    ) -> Iterator[_Branch]:
+        """The four branches, in which the square root of what is negative is as root has it."""
+        away, along, (A, B), C = self._shoulder(W)
+        square = A * A + B * B
+        D = root(square - C * C)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for side in (1.0, -1.0):
+                turn_1 = (A * C + side * B * D) / square, (side * A * D - B * C) / square
+                yield from self._elbows(away, along, b, turn_1, root)
+
+    def _elbows(
+        self,
+        away: FloatArray,
+        along: FloatArray,
+        b: FloatArray,
+        turn_1: tuple[Numbers, Numbers],
+        root: Callable[[Numbers], Numbers],
+    ) -> Iterator[_Branch]:
+        """Both branches of joints 2 and 3 with joint 1 at a turn."""
+        a1, (cosine, sine) = self._axes[0][:, None], turn_1
+        b_along = a1 * (a1 * b).sum(axis=0)
+        u = along + away * cosine - np.cross(a1, away, axis=0) * sine
+        v = b_along + (b - b_along) * cosine - np.cross(a1, b, axis=0) * sine
+        x, y = (u[k] + self._origins[0][k] - self._origins[1][k] for k in (0, 1))
+        f, (a4x, a4y, a4z) = self._fore, self._axes[3]
+        l2, l3, right = self._l2**2, self._l3**2, self._axes[3] @ self._axes[4]
+        square = x * x + y * y
+        K = (square + l3 - l2) / 2.0
+        S = root(square * l3 - K * K)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for side in (1.0, -1.0):
+                # the forearm turned, times the distance
+                fx, fy = K * x - side * S * y, K * y + side * S * x
+                c, s = (fx * f[0] + fy * f[1]), (fy * f[0] - fx * f[1])
+                c, s = c / (square * l3), s / (square * l3)
+                miss = (c * a4x - s * a4y) * v[0] + (s * a4x + c * a4y) * v[1] + a4z * v[2]
+                yield _Branch(turn_1, (c, s), (x, y), miss - right)
+
+    def _polynomial(self, G: FloatArray) -> NDArray[np.complex128]:
+        """Coefficients ``(N, degree + 1)`` of the polynomial: see :func:`_zeros`.
+
+        A general six-axis arm has at most 16 postures (E. J. F. Primrose, Mechanism and Machine
+        Theory 21 (1986) 509-512), so that degree 8 is what is to be expected. With mirrored sides
+        the product is a square, and one side of degree 4 has the same zeros.
+        """
+        W, b = self._around(G, _FIRST_SAMPLE_RAD + TURN * np.arange(_SAMPLES) / _SAMPLES)
+        one, other = self._sides(W, b)
+        product = one if self._mirrored else one * other
+        degree = _DEGREE // 2 if self._mirrored else _DEGREE
+        samples = np.nan_to_num(product.real, posinf=0.0, neginf=0.0).reshape(len(G), _SAMPLES)
+        found = np.fft.fft(samples, axis=1)[:, : degree + 1]
+        found *= np.exp(-1j * _FIRST_SAMPLE_RAD * np.arange(degree + 1)) / _SAMPLES
+        found[:, 1:] *= 2.0
+        return np.asarray(found)
+
+    def _sides(self, W: FloatArray, b: FloatArray) -> list[Numbers]:
+        """Product of the misses of both elbows, of each side of the shoulder: two arrays (K,)."""
+        square = (self._shoulder(W)[2] ** 2).sum(axis=0)
+        branches = list(self._branches(W, b, _complex_root))
+        return [
+            one.miss * other.miss * (one.p[0] ** 2 + one.p[1] ** 2) * square
+            for one, other in (branches[:2], branches[2:])
+        ]
+
+    def _from_joint_6(
+        self, G: FloatArray, angle: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Postures ``(4 K, 6)`` without joints 4 and 5, their rows, and what they miss by."""
+        branches = list(self._branches(*self._wrist(G, angle), _real_root))
+        q = np.concatenate([self._posture(branch, angle) for branch in branches])
+        miss = np.concatenate([branch.miss for branch in branches])
+        return q, np.tile(np.arange(len(angle)), 4), miss
+
+    def _posture(self, branch: _Branch, joint_6: FloatArray) -> FloatArray:
+        (c, s), (x, y), f = branch.turn_23, branch.p, self._fore
+        ux, uy = x - (c * f[0] - s * f[1]), y - (s * f[0] + c * f[1])
+        q = np.zeros((len(joint_6), 6))
+        q[:, 0] = np.arctan2(branch.turn_1[1], branch.turn_1[0])
+        q[:, 1] = np.arctan2(uy, ux) - np.arctan2(self._upper[1], self._upper[0])
+        way = np.sign(self._axes[2][2])  # of axis 3, along or against axis 2
+        q[:, 2] = way * (np.arctan2(s, c) - q[:, 1])
+        q[:, 5] = joint_6
+        return q
+
+    def _with_wrist(self, q: FloatArray, T_wanted: FloatArray) -> FloatArray:
+        """Postures with joints 4 and 5, from the rotation that joints 1 to 3 and 6 leave."""
+        q = q.copy()
+        for joint, ahead in ((3, 4), (4, 5)):
+            state = self._ideal.forward(q)
+            R = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
+            wanted = (R @ state.axes[:, ahead][..., None])[..., 0]  # where the next axis points
+            axis = state.axes[:, joint]
+            q[:, joint] += angle_about(state.axes[:, ahead], across(wanted, axis), axis)
+        return q
+
+    def _above_base(self, G: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Starts where the wrist's point comes so close to axis 1 that joint 1 can be any angle."""
+        square = (self._shoulder(self._around(G, self._grid)[0])[2] ** 2).sum(axis=0)
+        square = square.reshape(len(G), _GRID)
+        before, after = np.roll(square, 1, axis=1), np.roll(square, -1, axis=1)
+        row, k = np.nonzero((square <= before) & (square < after))
+        low, mid, high = before[row, k], square[row, k], after[row, k]
+        angle = self._grid[k] + 0.5 * TURN / _GRID * (low - high) / (low - 2.0 * mid + high)
+        W, b = self._wrist(G[row], angle)
+        away, along, AB, _ = self._shoulder(W)
+        close = (AB**2).sum(axis=0) < (_ABOVE_BASE * (self._l2 + self._l3)) ** 2
+        row, angle = row[close], np.repeat(angle[close], _SWEEP)
+        away, along, b = (np.repeat(v[:, close], _SWEEP, axis=1) for v in (away, along, b))
+        turn = np.tile(TURN * np.arange(_SWEEP) / _SWEEP, len(row))
+        q, of = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
+        for branch in self._elbows(away, along, b, (np.cos(turn), np.sin(turn)), _real_root):
+            miss = branch.miss.reshape(-1, _SWEEP)
+            low, mid, high = (np.roll(miss, k, axis=1).ravel() for k in (1, 0, -1))
+            found = np.flatnonzero((np.abs(mid) <= np.abs(low)) & (np.abs(mid) <= np.abs(high)))
+            for step in _parabola_zeros(low[found], mid[found], high[found]):
+                posture = self._posture(branch, angle)[found]
+                posture[:, 0] += step * TURN / _SWEEP
+                q.append(posture)
+                of.append(row[found // _SWEEP])
+        return np.concatenate(q), np.concatenate(of)
+
+    def _gap(self, T_base_tip: FloatArray) -> FloatArray:
+        """Distance [m] from the wrist's point to where joints 1 to 3 can bring it, at best.
+
+        NaN where they reach it at some angle of joint 6, but axis 5 does not follow, and for arms
+        whose axes 1 and 2 are not at right angles.
+        """
+        if abs(self._axes[0][2]) > _PARALLEL:
+            return np.full(len(T_base_tip), np.nan)
+        W = self._around(self._moved(T_base_tip), self._grid)[0]
+        _, _, (A, B), C = self._shoulder(W)
+        size = np.hypot(A, B)
+        beside = np.maximum(np.abs(C) - size, 0.0)
+        gap = np.full(W.shape[1], np.inf)
+        for branch in self._branches(W, W, _real_root):
+            far = np.hypot(*branch.p)
+            short = np.maximum(far - self._l2 - self._l3, abs(self._l2 - self._l3) - far)
+            gap = np.fmin(gap, np.hypot(np.maximum(short, 0.0), beside))
+        gap = gap.reshape(-1, _GRID).min(axis=1)
+        return np.where(gap > 0.0, gap, np.nan)
+
+
+def _parabola_zeros(low: FloatArray, mid: FloatArray, high: FloatArray) -> list[FloatArray]:
+    """Zeros between -1 and 1 of parabolas through values at -1, 0 and 1, or the nearest to them."""
+    a, b = (low + high) / 2.0 - mid, (high - low) / 2.0
+    half = -(b + np.copysign(_real_root(b * b - 4.0 * a * mid), b)) / 2.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zeros = half / a, mid / half
+    return [np.clip(np.nan_to_num(x), -1.0, 1.0) for x in zeros]
+
+
+def _complex_root(x: Numbers) -> Numbers:
+    return np.asarray(np.sqrt(x.astype(complex)))
+
+
+def _real_root(x: Numbers) -> Numbers:
+    """The root of what a rounding may have brought below zero."""
+    return np.asarray(np.sqrt(np.maximum(x, 0.0)))
+
+
+def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
+    """Zeros of trigonometric polynomials ``Re sum c_k exp(i k x)``, and what almost is one.
+
+    Eigenvalues of the companion matrix of the polynomial in ``z = exp(i x)``: zeros lie on the
+    unit circle, and leave it in pairs where they cease to exist.
+
+    Parameters
+    ----------
+    c : array (N, degree + 1) of complex
+
+    Returns
+    -------
+    row : array (S,)
+        Which of the N.
+    x : array (S,)
+        [rad]
+    """
+    degree = c.shape[1] - 1
+    p = np.concatenate([c[:, :0:-1].conj(), 2.0 * c[:, :1].real, c[:, 1:]], axis=1)
+    least = _LEAST * np.abs(p).max(axis=1)
+    p[:, -1] = np.where(np.abs(p[:, -1]) > least, p[:, -1], np.where(least > 0, least, 1.0))
+    companion = np.zeros((len(c), 2 * degree, 2 * degree), dtype=complex)
+    companion[:, np.arange(1, 2 * degree), np.arange(2 * degree - 1)] = 1.0
+    companion[:, 0] = -p[:, -2::-1] / p[:, -1:]
+    z = np.linalg.eigvals(companion)
+    row, k = np.nonzero(np.abs(np.abs(z) - 1.0) < _NEAR_CIRCLE)
+    x = np.angle(z[row, k])
+    p = c[row]
+    slopes = p * 1j * np.arange(degree + 1)
+    value, slope = _value(p, x), _value(slopes, x)
+    step = np.where(np.abs(value) < _NEAR_CIRCLE * np.abs(slope), value / slope, 0.0)
+    return row, x - step
+
+
+def _value(c: Numbers, x: FloatArray) -> FloatArray:
+    """Value ``(K,)`` of ``Re sum c_k exp(i k x)``, of coefficients ``(K, degree + 1)``."""
+    z = np.exp(1j * x)
+    total = c[:, -1]
+    for k in range(c.shape[1] - 2, -1, -1):
+        total = total * z + c[:, k]
+    return np.asarray(total.real)

@@ -1,0 +1,139 @@
+"""What poses are worth beside chosen ones, and what else would be worth more than any choice.
+
+On arms that are touched up, two targets a metre apart in height and postures over the back of the
+arm told more than any variation of W, P and R: see the studies of what buys accuracy. Whether that
+is so in a cell, a choice out of a small pool of each says in a tenth of a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.candidates import away_from_singularities, candidates_of, functions_over_box
+from posedesign.candidates.postures import MOST_PER_POSE
+from posedesign.cell import Cell
+from posedesign.planning.optimal.request import IN_MM, Request, accuracy_of, objective_of
+from posedesign.selection import select
+
+CANDIDATES = 300
+"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
+second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all. Of a
+redundant arm, which gives several postures of each, so many fewer."""
+
+NOTICEABLE = 0.9
+"""Part of the predicted error below which a choice is worth a word."""
+
+WORTH_MORE = 0.8
+"""The same for a change of the cell, which takes more than another option of a command."""
+
+APART_M = 1.0
+"""Height of a second target over the first, or below it; of small arms less."""
+
+APART_OF_REACH = 0.3
+"""The most of it, as a part of the arm's reach."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """Predicted error of the tool point over the task box, from the noise alone.
+
+    ``tcp_m``, ``tcp_worst_m``: root mean square error of the poses, in the mean over the box and
+    where it is largest [m]; infinite where they do not identify everything. ``chosen_tcp_m``: in
+    the mean, of the best choice of as many poses out of a small pool that keeps all constraints but
+    those on the motions between poses; None where there is no such choice. ``box_words``: the task
+    box in words. ``advice``: what would lower the error of the best choice, with the error of as
+    many poses chosen then.
+    """
+
+    tcp_m: float
+    tcp_worst_m: float
+    chosen_tcp_m: float | None
+    box_words: str
+    advice: str = ""
+
+    @property
+    def chosen_is_better(self) -> bool:
+        """Whether chosen poses promise noticeably less error: by a tenth or more."""
+        return self.chosen_tcp_m is not None and self.chosen_tcp_m < NOTICEABLE * self.tcp_m
+
+
+def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
+    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
+
+    All are of the first observation of the cell, as those of the loop.
+    """
+    cell = cell if cell.is_hand_eye else cell.parts[0]
+    box, words = functions_over_box(cell, model)
+    count = len(postures)
+    objective = objective_of(Request(count=count), model, box)
+    own = accuracy_of(model, objective, box, cell.linearise(model, postures))
+    if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
+        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
+    chosen = _chosen_tcp_m(cell, count)
+    return Outlook(own.tcp_m, own.tcp_worst_m, chosen, words, advice_for(cell, count, chosen))
+
+
+def advice_for(cell: Cell, count: int, chosen_m: float | None = None) -> str:
+    """What of the cell would have to change for clearly less error, in words; or nothing.
+
+    ``chosen_m``: error [m] of as many poses chosen in the cell as it is, where it is known.
+    """
+    if not cell.is_plain or not cell.config.measurement.weighted:
+        return ""
+    before = _chosen_tcp_m(cell, count) if chosen_m is None else chosen_m
+    if before is None:
+        return ""
+    found = [
+        (tcp_m, words) for words, other in _changes(cell) if (tcp_m := _chosen_tcp_m(other, count))
+    ]
+    said = [
+        f"{words}: about {1e3 * tcp_m:.2g} mm, {before / tcp_m:.2g} times less"
+        for tcp_m, words in sorted(found)
+        if tcp_m < WORTH_MORE * before
+    ]
+    return "; ".join(said)
+
+
+def _changes(cell: Cell) -> Iterator[tuple[str, Cell]]:
+    """Cells that differ in what is worth most, in words."""
+    if cell.config.pool.configurations != "all":
+        pool = cell.config.pool.model_copy(update={"configurations": "all"})
+        yield 'pool.configurations = "all"', _with(cell, pool=pool)
+    apart_m = min(APART_M, APART_OF_REACH * cell.robot.chain.reach_m)
+    for sign, words in ((1.0, "above"), (-1.0, "below")):
+        x, y, z = (1e3 * cell.target_m).tolist()
+        place = x, y, z + sign * 1e3 * apart_m
+        other = cell.config.target.model_copy(
+            update={"name": f"{cell.config.target.name} {words}", "position_mm": place}
+        )
+        second = f"a second [[target]] {1e3 * apart_m:.0f} mm {words} this one"
+        yield second, _with(cell, other_targets=(other,))
+
+
+def _with(cell: Cell, **sections: object) -> Cell:
+    return replace(cell, config=cell.config.model_copy(update=sections))
+
+
+def _chosen_tcp_m(cell: Cell, count: int) -> float | None:
+    """Error of the tool point [m] of the best of a small pool; None where there is no such pool."""
+    draws = CANDIDATES if cell.robot.n <= 6 else CANDIDATES // MOST_PER_POSE
+    pool = cell.config.pool.model_copy(update={"candidates": draws})
+    try:
+        model = cell.model()
+        box, _ = functions_over_box(cell, model)
+        objective = objective_of(Request(count=count), model, box)
+        blocks = objective.of_pool(
+            model, candidates_of(away_from_singularities(_with(cell, pool=pool)))
+        )
+        found = select(
+            blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
+        )
+    except CalibError:  # no pool, or too small a one: there is nothing to compare with
+        return None
+    return found.value / IN_MM if np.isfinite(found.value) else None

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calib.errors import InputError
 from posedesign.acceptance.iso9283 import Figure
@@ -104,8 +104,15 @@ class AcceptanceFile(ReadFromFile):
     poses: list[str]
     places_mm: list[tuple[float, float, float]]
     missing: tuple[str, ...] = ()
-    arms: Annotated[list[Arm], Field(min_length=1)]
+    arms: Annotated[list[Arm], Field(min_length=1, max_length=2)]
     notes: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _as_many(self) -> AcceptanceFile:
+        counts = {len(self.poses), len(self.places_mm), *(len(a.errors_mm) for a in self.arms)}
+        if len(counts) > 1:
+            raise ValueError("poses, places and errors are not as many")
+        return self
 
     @property
     def final(self) -> Arm:

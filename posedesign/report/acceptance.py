@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from posedesign.acceptance.recheck import RecheckPlan
     from posedesign.cell import Cell
 
-ISO_PAIR = ("P02", "P04")
+ISO_PAIR = {"P02", "P04"}
 """Poses between which ISO 9283 has distances measured (7.3.1)."""
 
 _FITTED = "fitted"
@@ -129,7 +129,7 @@ def _characteristics(arm: Arm, *, iso: bool) -> dict[str, str]:
     if not arm.distances:
         return said
     pair = next(
-        (row for row in arm.distances if iso and (row.first, row.second) == ISO_PAIR),
+        (row for row in arm.distances if iso and {row.first, row.second} == ISO_PAIR),
         max(arm.distances, key=lambda row: abs(row.ad_mm[0] or 0.0)),
     )
     which = f"between {pair.first} and {pair.second}, {pair.commanded_mm:.1f} mm apart"

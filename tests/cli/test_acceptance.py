@@ -105,7 +105,7 @@ def test_cycles_of_the_standard_are_rehearsed_and_judged(tracked, cli):
     assert said.code == 0
     assert "AP of ISO 9283 of the arm as identified" in said.out
     assert re.search(r"RP: 0\.\d+ \(0\.\d+ to 0\.\d+\) mm at P0\d", said.out)
-    assert re.search(r"AD: .* between P0\d and P0\d", said.out)
+    assert re.search(r"AD: .* between P0[24] and P0[24], 415\.\d mm apart", said.out)
     assert "takes 6 of the 15 coordinates" in said.err
     rows = strict_json((tracked / "iso/acceptance.json").read_text())["arms"][1]["poses"]
     assert {row["cycles"] for row in rows} == {30}
@@ -262,3 +262,17 @@ def test_postures_that_were_identified_from_are_named(tracked, cli):
     Path("more/acceptance_test.json").write_text(json.dumps(rule | {"poses": names}))
     said = cli("prove", "cell.toml", "more/measurements.csv", *USED, "--out", "more")
     assert "20 measurements are at postures that were identified from" in said.err
+
+
+def test_a_verdict_that_is_none_is_refused_in_a_line(tracked, cli, refuse):
+    judged(cli)
+    path = tracked / "proof/acceptance.json"
+    content = strict_json(path.read_text())
+    for change, said in (
+        ({"places_mm": [[0.0, 0.0, 0.0]]}, "poses, places and errors are not as many"),
+        ({"arms": []}, "key arms"),
+        ({"arms": content["arms"] * 2}, "key arms"),
+        ({"passed": None}, "key passed"),
+    ):
+        path.write_text(json.dumps(content | change))
+        refuse("report", "proof", "--out", "proof").says("acceptance.json", said)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
 from calib.se3 import FloatArray
@@ -216,7 +216,7 @@ def plan_recheck(cell: Cell, watch: Watch, count: int = USUAL, *, seed: int = 0)
     """
     if not 1 <= count <= MOST:
         raise InputError(f"{count} poses", hint=f"ask for 1 to {MOST}", name="poses")
-    pool = candidates_of(away_from_singularities(cell))
+    pool = _of_identified(cell, watch, candidates_of(away_from_singularities(cell)))
     rng = np.random.default_rng(seed)
     if len(pool) > AT_ONCE:
         pool = pool.take(np.sort(rng.choice(len(pool), AT_ONCE, replace=False)))
@@ -252,19 +252,31 @@ def _setup(cell: Cell, watch: Watch, pool: CandidatePoses) -> Setup:
     """What is measured at poses, in the words of the watch."""
     if cell.is_plain:  # the one target may have another name in the identification
         return Setup.of(len(pool))
-    model = watch.model
-    for seen in (cell.observations[k] for k in np.unique(pool.of)):
-        for what, label, known in (
-            ("target", seen.target, model.targets),
-            *(("tool", label, model.tools) for label in seen.tools),
-        ):
-            if label not in known:
-                raise InputError(
-                    f"the {what} {label!r} was not identified",
-                    hint=near_names(label, known) or "identify with it first",
-                    name=what,
-                )
-    return pool.setup(model)
+    return pool.setup(watch.model)
+
+
+def _of_identified(cell: Cell, watch: Watch, pool: CandidatePoses) -> CandidatePoses:
+    """The poses of targets and tools that were identified: others have nothing to be held against.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    if cell.is_plain:
+        return pool
+    tools, targets = watch.model.tools, watch.model.targets
+    known = np.array(
+        [seen.target in targets and set(seen.tools) <= {*tools} for seen in cell.observations]
+    )
+    if not known[pool.of].any():
+        raise InputError(
+            f"nothing that the cell measures was identified: that was of {', '.join(targets)} by "
+            f"{', '.join(tools)}",
+            hint="give the cell that was identified",
+            name="target",
+        )
+    return pool.take(known[pool.of])
 
 
 def _arrays(cell: Cell, watch: Watch, pool: CandidatePoses) -> tuple[Pool, tuple[str, ...]]:

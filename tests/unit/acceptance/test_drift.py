@@ -23,7 +23,7 @@ from posedesign.acceptance.recheck import Watch, plan_recheck
 from posedesign.cell import Cell, cell_template
 from posedesign.files.measurements import MeasurementTable
 from tests.marks import by_stage
-from tests.unit.acceptance.conftest import identified_in
+from tests.unit.acceptance.conftest import TRACKER_CELL, identified_in
 
 
 def a_pool(rng: np.random.Generator, anew: int = 0, N: int = 12) -> Pool:
@@ -210,6 +210,20 @@ def test_touched_targets_are_watched_as_well():
         robot.values[k] -= add
         assert outcome.same == same
     assert outcome.possible[0].cause == "zero of joint_3"
+
+
+def test_targets_that_were_not_identified_are_left_out(found, watch):
+    """Of two trackers the one is rechecked that the arm was identified by; of none, nothing."""
+    text = TRACKER_CELL.replace("three_sigma_deg_if_pose", "")
+    head, _, rest = text.partition("[target]")
+    own, _, tail = rest.partition("[task_box]")
+    other = own.replace('"tracker"', '"other"').replace("3000.0", "3500.0")
+    both = f"{head}[[target]]{own}[[target]]{other}[task_box]{tail}"
+    plan = plan_recheck(Cell.from_text(both), watch, 4)
+    assert {each["target"] for each in plan.poses.kept_labels} == {"tracker"}
+    neither = both.replace('"tracker"', '"another"')
+    with pytest.raises(InputError, match="nothing that the cell measures was identified"):
+        plan_recheck(Cell.from_text(neither), watch, 4)
 
 
 def test_an_outcome_needs_measurements(watch, plan):

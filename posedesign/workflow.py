@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.errors import InputError
 from posedesign.cell import Cell
 from posedesign.files import (
     MEASURED,
@@ -25,7 +26,11 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.files.measurements import (
+    MeasurementTable,
+    read_measurements,
+    write_measurements,
+)
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
@@ -52,6 +57,9 @@ from posedesign.selection import Indices
 # what only one step needs is loaded there: most commands take one, and all of it takes a second
 if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown, PairNoise
+    from posedesign.acceptance import AcceptancePlan, AcceptanceRequest, RecheckPlan, Watch
+    from posedesign.acceptance.drift import Recheck
+    from posedesign.acceptance.file import AcceptanceFile
     from posedesign.hand_eye import Asked, Calibrated
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
@@ -68,12 +76,17 @@ PAIRS = ("pairs.csv", "pairs")
 IDENTIFICATION = ("identification.json", "identification")
 JOINED = ("joined.csv", "measurements with their joints")
 RESIDUALS = ("residuals.csv", "residuals of measurements")
-PLANNED, IDENTIFIED, CAMERA_DRAWN = (
+ACCEPTANCE_POSES = ("poses.csv", "acceptance poses")
+ACCEPTANCE_RULE = ("acceptance_test.json", "acceptance test")
+ACCEPTANCE = ("acceptance.json", "acceptance verdict")
+RECHECK_POSES = ("poses.csv", "recheck poses")
+PLANNED, IDENTIFIED, CAMERA_DRAWN, ACCEPTANCE_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
         ("plan", "figure of a plan"),
         ("identification", "figure of an identification"),
         ("camera", "figure of a calibrated camera"),
+        ("acceptance", "figure of an acceptance test"),
     )
 )
 """Figures, as picture and as drawing."""
@@ -217,14 +230,7 @@ def plan_next_poses(
         cell
     )  # the file of another kind of cell would be found wrong in other words
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
-    table = read_measurements(
-        measurements,
-        cell.robot.n,
-        kind=cell.config.measurement.kind,
-        payloads=[payload.name for payload in cell.config.payload],
-        controller=cell.robot.controller,
-        trust_units=trust_units,
-    )
+    table = _measured(cell, measurements, trust_units)
     result = plan_next(
         cell,
         table.data,
@@ -298,13 +304,23 @@ def simulated_files(cell: Cell) -> list[tuple[str, str]]:
 
 
 def simulate(
-    cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None
+    cell: Cell,
+    poses: PoseList,
+    out: Path | Results,
+    seed: int | None = None,
+    cycles: int = 1,
 ) -> SimulatedRobot:
     """Measure a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
     What instruments read goes to ``measurements.csv``. In a cell of hand-eye calibration nothing is
     touched, and there are pairs only; without a camera there are none. The noise depends on the
-    seed alone: the one of the cell, unless another is given.
+    seed alone: the one of the cell, unless another is given. ``cycles``: how often an instrument
+    reads all poses, one after another.
+
+    Raises
+    ------
+    InputError
+        Several cycles of what is touched: each touch has joint values of its own, and so a name.
     """
     from posedesign.pairs import Pairs, write_pairs
     from posedesign.simulation import SimulatedRobot
@@ -315,12 +331,19 @@ def simulate(
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
     postures = poses.postures
+    if cycles > 1 and not all(seen.reads for seen in cell.observations):
+        raise InputError(
+            f"{cycles} cycles of poses that are touched",
+            hint="only what an instrument reads is repeated at the same joint values",
+            name="cycles",
+        )
     if not cell.is_hand_eye and cell.is_plain:
         touched = robot.touch_up(postures, rng)
         write_measurements(claims[0], replace(touched, names=poses.names))
         postures = touched.postures
     elif not cell.is_hand_eye:
-        data = robot.measure(postures, cell.which(poses.labels), poses.names, rng)
+        which = np.tile(cell.which(poses.labels), cycles)
+        data = robot.measure(np.tile(postures, (cycles, 1)), which, poses.names * cycles, rng)
         kinds = [kind.name for kind in robot.model.measurements]
         write_measurements(claims[0], data, kinds, [load.name for load in cell.config.payload])
     if cell.has_camera:
@@ -357,21 +380,14 @@ def identify_file(
     foreign = joints is not None or is_of_instrument(cell, measurements)
     own = (IDENTIFICATION, *IDENTIFIED, *((JOINED, RESIDUALS) if foreign else ()))
     file, png, svg, *more = results.claim("computed", *own, inputs=inputs)
-    robot, facts = cell.robot, {}
+    facts = {}
     if foreign:
         found = read_measured(cell, measurements, joints, trust_units=trust_units)
         cell, facts = found.cell, found.facts
         table = replace(found.table, notes=found.notes)
         write_measurements(more[0], table.data, table.kinds, extra=table.extra)
     else:
-        table = read_measurements(
-            measurements,
-            robot.n,
-            kind=cell.config.measurement.kind,
-            payloads=[payload.name for payload in cell.config.payload],
-            controller=robot.controller,
-            trust_units=trust_units,
-        )
+        table = _measured(cell, measurements, trust_units)
     if not trust_units:
         check_readings(cell, table)
     lines = [f"line {line}" for line in table.lines]
@@ -458,6 +474,163 @@ def calibrate_from_pictures(
     else:
         results.remove(*LENS_FILES, *TRANSFORMS)
     return found, files
+
+
+def plan_acceptance_test(
+    cell: Cell,
+    request: AcceptanceRequest,
+    out: Path | Results,
+    identification: Path | None = None,
+    model: str | None = None,
+) -> AcceptancePlan:
+    """Plan an acceptance test; write ``poses.csv`` and the rule, ``acceptance_test.json``.
+
+    ``identification``: what the arm is corrected by, a ``model`` of it; gives the chance to pass.
+    """
+    from posedesign.acceptance import plan_acceptance
+    from posedesign.acceptance.file import rule_as_dict
+    from posedesign.identification.file import read_identification
+
+    results = Results.of(out, "prove")
+    poses, rule = claim_plan(results, ACCEPTANCE_POSES, ACCEPTANCE_RULE)
+    used = known = None
+    if identification is not None:
+        used = read_identification(identification, cell, model)
+        known = read_identification(identification, cell, reference=True)
+    found = plan_acceptance(cell, request, used=used, known=known)
+    _write_poses(poses, cell, found.poses, found.route)
+    write_json_atomic(rule, rule_as_dict(found))
+    results.remove(ACCEPTANCE, *ACCEPTANCE_DRAWN)
+    return found
+
+
+def judge_acceptance_test(
+    cell: Cell,
+    measurements: Path,
+    out: Path | Results,
+    identification: Path | None = None,
+    model: str | None = None,
+    rule: Path | None = None,
+    *,
+    given_frame: bool = False,
+    trust_units: bool = False,
+) -> AcceptanceFile:
+    """Judge an arm by what was measured at the poses of a test; write ``acceptance.json``.
+
+    ``rule``: of the test; by default the one beside the measurements.
+    """
+    from posedesign.acceptance import judge
+    from posedesign.acceptance.file import (
+        AcceptanceFile,
+        check_not_fitted,
+        read_rule,
+        verdict_as_dict,
+    )
+    from posedesign.identification.file import read_file as read_identification_file
+    from posedesign.identification.file import read_identification
+    from posedesign.identification.measurement_set_up import check_readings
+    from posedesign.identification.models import FRAMES_ONLY
+    from posedesign.instruments import is_of_instrument
+    from posedesign.report.acceptance import figure_of_acceptance
+
+    planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
+    read = [path for path in (measurements, planned, identification) if path is not None]
+    file, *drawn = Results.of(out, "prove").claim(
+        "computed", ACCEPTANCE, *ACCEPTANCE_DRAWN, inputs=read
+    )
+    asked, table = read_rule(planned), _measured(cell, measurements, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    used = before = None
+    notes: list[str] = []
+    if identification is not None:
+        used = read_identification(identification, cell, model)
+        content = read_identification_file(identification)
+        fitted = identification.with_name(Path(content.data.file).name)
+        if fitted.is_file() and is_of_instrument(cell, fitted):
+            fitted = identification.with_name(JOINED[0])
+        there = fitted.is_file() and bool(content.data.file)
+        notes = check_not_fitted(
+            measurements,
+            table,
+            identification,
+            _measured(cell, fitted, trust_units) if there else None,
+        )
+        if any(each.name == FRAMES_ONLY and each.parameters for each in content.models):
+            before = read_identification(identification, cell, FRAMES_ONLY)
+    verdict = judge(
+        cell,
+        table,
+        asked.request,
+        planned=asked.poses,
+        used=used,
+        before=before,
+        given_frame=given_frame,
+    )
+    content_of = verdict_as_dict(asked, replace(verdict, notes=tuple(notes)))
+    write_json_atomic(file, content_of)
+    found = AcceptanceFile.model_validate(content_of)
+    draw(Results.of(out, "prove"), drawn, lambda: figure_of_acceptance(found))
+    return found
+
+
+def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
+    """Measurements of a table, or of an instrument's that has the joints, too."""
+    from posedesign.instruments import is_of_instrument, read_measured
+
+    if is_of_instrument(cell, path):
+        return read_measured(cell, path, None, trust_units=trust_units).table
+    return read_measurements(
+        path,
+        cell.robot.n,
+        kind=cell.config.measurement.kind,
+        payloads=[payload.name for payload in cell.config.payload],
+        controller=cell.robot.controller,
+        trust_units=trust_units,
+    )
+
+
+def plan_recheck_poses(
+    cell: Cell, identification: Path, out: Path | Results, count: int, *, set_up_anew: bool = False
+) -> RecheckPlan:
+    """Choose the poses that tell best whether the arm is still the one identified; write them."""
+    from posedesign.acceptance import plan_recheck
+
+    (poses,) = claim_plan(Results.of(out, "recheck"), RECHECK_POSES, inputs=[identification])
+    kinds = list(dict.fromkeys(seen.kind for seen in cell.observations))
+    found = plan_recheck(cell, _watch(cell, identification, kinds, set_up_anew), count)
+    _write_poses(poses, cell, found.poses, found.route)
+    return found
+
+
+def recheck_file(
+    cell: Cell,
+    measurements: Path,
+    identification: Path,
+    *,
+    set_up_anew: bool = False,
+    trust_units: bool = False,
+) -> Recheck:
+    """Test by what was measured whether the arm is still the one that was identified."""
+    from posedesign.acceptance.file import check_not_fitted
+    from posedesign.identification.measurement_set_up import check_readings
+
+    table = _measured(cell, measurements, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    check_not_fitted(measurements, table, identification, None)
+    return _watch(cell, identification, table.kinds, set_up_anew).test(table)
+
+
+def _watch(cell: Cell, identification: Path, kinds: Sequence[str], set_up_anew: bool) -> Watch:
+    from posedesign.acceptance import Watch
+    from posedesign.identification.file import read_file as read_identification_file
+    from posedesign.identification.file import read_identification
+
+    known = read_identification(identification, cell, reference=True)
+    models = read_identification_file(identification).models
+    noise = {n.kind: n for model in models if model.name == known.name for n in model.noise}
+    return Watch.of(cell, known, noise, kinds, set_up_anew=set_up_anew)
 
 
 def camera_noise(cell: Cell) -> PairNoise:

@@ -46,6 +46,9 @@ def simulate(
     seed: Annotated[
         int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise; default: the cell's.")
     ] = None,
+    cycles: Annotated[
+        int, typer.Option(min=1, max=1000, help="Times that an instrument reads all poses.")
+    ] = 1,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
@@ -78,7 +81,7 @@ def simulate(
             say(f"next: {command_line(*then)}")
         return DONE
     with progress("rehearsing"):
-        workflow.simulate(loaded, listed, results, seed)
+        workflow.simulate(loaded, listed, results, seed, cycles)
     count = len(listed.measured.names)
     written = workflow.simulated_files(loaded)
     files, (_, what) = [str(out / name) for name, _ in written], written[0]

@@ -15,6 +15,7 @@ import typer
 
 from posedesign import __version__
 from posedesign.cli import (
+    acceptance_commands,
     board_command,
     calibrate_commands,
     camera_command,
@@ -45,6 +46,7 @@ plan_commands.register(app)
 program_commands.register(app)
 calibrate_commands.register(app)
 correct_commands.register(app)
+acceptance_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
 view_command.register(app)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -41,11 +41,13 @@ Text = Annotated[str, Field(strict=True, min_length=1)]
 Number = Annotated[float, Field(strict=True, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 
 
-class _Read(BaseModel):
+class ReadFromFile(BaseModel):
+    """What is read of a file of others; keys that are not known do not matter."""
+
     model_config = ConfigDict(frozen=True)
 
 
-class Residual(_Read):
+class Residual(ReadFromFile):
     """A measurement as one model leaves it."""
 
     pose: str
@@ -56,7 +58,7 @@ class Residual(_Read):
     outlier: bool = False
 
 
-class Parameter(_Read):
+class Parameter(ReadFromFile):
     """A parameter in the unit that it says."""
 
     name: Text
@@ -68,7 +70,17 @@ class Parameter(_Read):
     high: float | None = None
 
 
-class FittedModel(_Read):
+class Noise(ReadFromFile):
+    """Noise that a kind of measurement was weighed by, and what the residuals say of it."""
+
+    kind: Text
+    sigma_si: list[Annotated[Number, Field(gt=0.0)]]
+    estimated: bool = False
+    doubted: bool = False
+    residuals_over_noise: Annotated[Number, Field(gt=0.0)] | None = None
+
+
+class FittedModel(ReadFromFile):
     """A model; one that was refused has no parameters."""
 
     name: Text
@@ -79,23 +91,24 @@ class FittedModel(_Read):
     leave_one_out_rms_mm: float | None = None
     expected_box_mm: float | None = None
     noise_scale: float | None = None
+    noise: list[Noise] = []
     held_by_prior: tuple[str, ...] = ()
     covariance_si: list[list[Number]] | None = None
 
 
-class Source(_Read):
+class Source(ReadFromFile):
     """What was identified from."""
 
     file: str = ""
 
 
-class NamedFinding(_Read):
+class NamedFinding(ReadFromFile):
     """What explains the residuals by name."""
 
     text: str
 
 
-class IdentificationFile(_Read):
+class IdentificationFile(ReadFromFile):
     """What is read of an identification.json."""
 
     robot: Text | None = None
@@ -115,6 +128,9 @@ class IdentificationFile(_Read):
         return next((model for model in self.models if model.name == self.recommended), None)
 
 
+M = TypeVar("M", bound=BaseModel)
+
+
 def read_file(path: Path) -> IdentificationFile:
     """Read an ``identification.json``.
 
@@ -123,9 +139,20 @@ def read_file(path: Path) -> IdentificationFile:
     FileFormatError
         It is none.
     """
+    return read_json(path, IdentificationFile, _WRITTEN)
+
+
+def read_json(path: Path, what: type[M], hint: str) -> M:
+    """Read a JSON file that holds what a pydantic model says; ``hint`` says who writes such a file.
+
+    Raises
+    ------
+    FileFormatError
+        It does not.
+    """
     data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
     try:
-        return IdentificationFile.model_validate(load_json(data))
+        return what.model_validate(load_json(data))
     except UnicodeDecodeError as error:
         raise FileFormatError(
             "is not UTF-8 text", path=path, hint="is it the right file?"
@@ -137,11 +164,11 @@ def read_file(path: Path) -> IdentificationFile:
             "is below zero" if negative else _IN_WORDS.get(first["type"], first["msg"]),
             path=path,
             key=".".join(map(str, first["loc"])) or None,
-            hint=_WRITTEN,
+            hint=hint,
         ) from error
     except ValueError as error:
         raise FileFormatError(
-            f"is no valid JSON: {str(error).splitlines()[0][:100]}", path=path, hint=_WRITTEN
+            f"is no valid JSON: {str(error).splitlines()[0][:100]}", path=path, hint=hint
         ) from error
 
 

@@ -28,10 +28,11 @@ from calib.model.parameters import (
     ToolFrame,
     ZeroOffsets,
 )
-from calib.se3 import transform
+from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
 from posedesign.cell.arm_errors import PRIORS, WEIGH, has_weight, payloads_of, robot_blocks
 from posedesign.cell.measuring import measured_with
+from posedesign.cell.observations import instrument_frame, target_named
 from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.measurement_set_up import set_up_blocks
 
@@ -291,12 +292,23 @@ def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
 
 
 def _frames_named(cell: Cell, names: Sequence[str]) -> list[ParameterBlock]:
-    """Frames of the tools and targets that names speak of, at the origin; one of each at least."""
+    """Frames of the tools and targets that names speak of, at the origin; one of each at least.
+
+    Turned as the cell has them: rotations that were identified are from there.
+    """
     tools = dict.fromkeys(m[1] or TOOL for name in names if (m := _TOOL_AXIS.fullmatch(name)))
     targets = dict.fromkeys(m[1] for name in names if (m := _TARGET_AXIS.fullmatch(name)))
-    there, on_tip = np.eye(4), transform(np.eye(3), cell.tool_m)
+    on_tip = transform(np.eye(3), cell.tool_m)
     return [
         *(ToolFrame(on_tip, label) for label in tools or (TOOL,)),
-        *(TargetFrame(there, label) for label in targets or ("T1",)),
+        *(TargetFrame(_turned(cell, label), label) for label in targets or ("T1",)),
         LengthOffsets([n.removeprefix("length.") for n in names if n.startswith("length.")]),
     ]
+
+
+def _turned(cell: Cell, label: str) -> FloatArray:
+    """A frame ``(4, 4)`` at the origin, turned as the cell has the target."""
+    known = target_named(cell.config, label)
+    if known is None:
+        return np.eye(4)
+    return transform(instrument_frame(cell, known)[:3, :3], np.zeros(3))

@@ -17,6 +17,7 @@ import numpy as np
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.identification import covariance_of
 from calib.se3 import FloatArray
+from posedesign.acceptance.file import RESULT, read_result
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.task_box import predict_box
@@ -43,6 +44,7 @@ from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.loop import told_by
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
+from posedesign.report.acceptance import answer_of_verdict, figure_of_acceptance, rule_lines
 from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
@@ -142,6 +144,7 @@ def _sections(folder: Path) -> Iterator[Section]:
             yield from _sections_of_poses(cell, listed, folder)
     for name, section_of in (
         (IDENTIFICATION, _section_of_identification),
+        (RESULT, _section_of_acceptance),
         (ROBOT_WORLD, _section_of_pairs),
         (CAMERA, _section_of_camera),
     ):
@@ -353,6 +356,15 @@ def _measured_deg(folder: Path, content: IdentificationFile) -> FloatArray | Non
     if path.name not in MEASUREMENTS or not path.is_file():
         return None
     return np.rad2deg(read_measurements(path, len(content.joints)).data.postures)
+
+
+def _section_of_acceptance(folder: Path) -> Section:
+    found = read_result(folder / RESULT)
+    section = _section_of_answer("Acceptance test", answer_of_verdict(found))
+    section.lines += rule_lines(found.rule)
+    svg = figures.as_svg(figure_of_acceptance(found))
+    section.figures.append(("Error at each place, before and after, with the limit", svg))
+    return section
 
 
 def _section_of_pairs(folder: Path) -> Section:

@@ -44,7 +44,7 @@ Refuse = Callable[..., Refusal]
 
 ANSWERING = frozenset(
     ("plan", "next", "check", "score", "program", "import", "identify", "calibrate", "correct")
-) | {"predict", "robot-world", "demo", "robots"}
+) | {"predict", "robot-world", "demo", "robots", "prove", "recheck"}
 """Commands that say at a glance what they found, and all of it where that is asked for."""
 
 

@@ -106,6 +106,10 @@ program run/poses.csv --cell cell.toml --out run
 simulate cell.toml run/poses.csv
 identify cell.toml rehearsal/touchups.csv --out rehearsal
 correct cell.toml rehearsal/identification.json run/poses.csv --out rehearsal
+prove cell.toml --identification rehearsal/identification.json --content 0.8 --limit 1mm --out proof
+simulate cell.toml proof/poses.csv --seed 5 --out proof
+prove cell.toml proof/touchups.csv --identification rehearsal/identification.json --out proof
+recheck cell.toml --identification rehearsal/identification.json --out again
 next cell.toml rehearsal/touchups.csv --out further
 robot-world rehearsal/pairs.csv --certify --out rehearsal
 calibrate cell.toml --no-images --out auto

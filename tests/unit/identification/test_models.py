@@ -304,3 +304,32 @@ def test_joints_that_carry_much_are_taken_to_be_stiff() -> None:
     block = robot_blocks(light, ("compliance", "priors"))[0]
     assert (block.prior <= 50.001e-6).all()
     assert (block.prior > 30e-6).all()
+
+
+def test_models_by_name_are_turned_as_the_cell_has_the_instrument():
+    """Rotations that were identified are from there: 170 deg of a tracker are no parameter."""
+    cell = Cell.from_text(
+        """
+        [robot]
+        preset = "kr6r900sixx"
+        [tool]
+        point_mm = [30.0, 0.0, 120.0]
+        [base_pose]
+        posture_deg = [0.0, -60.0, 85.0, 0.0, 65.0, 0.0]
+        [target]
+        name = "tracker"
+        position_mm = [3000.0, 500.0, 800.0]
+        wpr_deg = [10.0, -20.0, 170.0]
+        [measurement]
+        kind = "point"
+        [[noise]]
+        kind = "point"
+        three_sigma_mm = 0.06
+        """
+    )
+    planned = cell.model()
+    by_name = model_of(cell, planned.names)
+    x = planned.nominal + np.random.default_rng(0).normal(0.0, 1e-3, planned.p)
+    order = [planned.names.index(name) for name in by_name.names]
+    q = cell.base_posture + np.random.default_rng(1).uniform(-0.3, 0.3, (5, 6))
+    assert by_name.predict(q, x[order]) == pytest.approx(planned.predict(q, x))

@@ -1,0 +1,260 @@
+"""Commands after identifying: prove, recheck."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    command_line,
+    knowing,
+    progress,
+    rehearsed_words,
+    results_in,
+    tell,
+)
+from posedesign.cli.plan_commands import (
+    LARGEST_SEED,
+    AsJson,
+    CellFile,
+    OutFolder,
+    Overwrite,
+    TrustUnits,
+    Verbose,
+)
+
+if TYPE_CHECKING:
+    from posedesign.acceptance.drift import Recheck
+    from posedesign.acceptance.places import AcceptanceRequest
+
+Measured = Annotated[
+    Path | None,
+    typer.Argument(help="What was measured at these poses; none: plan them."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command()(prove)
+    app.command()(recheck)
+
+
+def prove(
+    cell: CellFile,
+    measurements: Measured = None,
+    identification: Annotated[
+        Path | None,
+        typer.Option(help="What the arm is corrected by; default: the arm as described is judged."),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="A model of it; default: the recommended one.")
+    ] = None,
+    test: Annotated[
+        str | None,
+        typer.Option(
+            help="places: as many as prove the limit over the task box (default); iso: the five "
+            "poses of ISO 9283."
+        ),
+    ] = None,
+    limit: Annotated[
+        str | None, typer.Option(help="Of the error of position, such as 0.2mm (default).")
+    ] = None,
+    content: Annotated[
+        float | None, typer.Option(help="Part of all places to be within it; default: 0.95.")
+    ] = None,
+    confidence: Annotated[float | None, typer.Option(help="Of saying so; default: 0.95.")] = None,
+    allowed: Annotated[
+        int | None, typer.Option(help="Places of the test that may be beyond; default: none.")
+    ] = None,
+    plane: Annotated[
+        str | None, typer.Option(help="Of the cube of ISO 9283: x=z, x=-z, y=z or y=-z.")
+    ] = None,
+    cycles: Annotated[
+        int | None, typer.Option(help="Times that each pose is measured; default: 30 of iso, or 1.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the places; default: 1.")
+    ] = None,
+    rule: Annotated[
+        Path | None,
+        typer.Option(help="The planned test; default: acceptance_test.json at the measurements."),
+    ] = None,
+    frame: Annotated[
+        str, typer.Option(help="Of the instrument: fit, or given as the cell has it.")
+    ] = "fit",
+    out: OutFolder = Path("proof"),
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Prove the accuracy: plan an acceptance test, then judge what was measured at its poses.
+
+    The rule is fixed when the test is planned; whatever the identification was made from is refused
+    as a proof of it.
+    """
+    from posedesign import workflow
+    from posedesign.acceptance.file import rule_as_dict
+    from posedesign.cell import Cell
+    from posedesign.report.acceptance import answer_of_acceptance_plan, answer_of_verdict
+
+    asked = {
+        "test": test,
+        "limit": limit,
+        "content": content,
+        "confidence": confidence,
+        "allowed": allowed,
+        "plane": plane,
+        "cycles": cycles,
+        "seed": seed,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    given_frame = _frame_is_given(frame)
+    loaded = Cell.load(cell)
+    results = results_in(
+        out, "prove", cell, measurements, identification, rule, overwrite=overwrite
+    )
+    if measurements is None:
+        only = "frame" if given_frame else "rule" if rule else None
+        _refuse(only, "is of measurements, and none are given")
+        request = _request(given)
+        with progress("planning"), knowing(loaded):
+            plan = workflow.plan_acceptance_test(loaded, request, results, identification, model)
+        files = [str(out / name) for name in (workflow.POSES[0], workflow.ACCEPTANCE_RULE[0])]
+        tell(
+            answer_of_acceptance_plan(loaded, plan, files),
+            verbose=verbose,
+            then=command_line("program", files[0], "--cell", cell, "--out", out),
+            first=rehearsed_words(identification),
+            content={**rule_as_dict(plan), "notes": plan.notes, "files": files}
+            if as_json
+            else None,
+        )
+        return DONE
+    _refuse(next(iter(given), None), "was fixed when the test was planned")
+    with progress("judging"):
+        found = workflow.judge_acceptance_test(
+            loaded,
+            measurements,
+            results,
+            identification,
+            model,
+            rule,
+            given_frame=given_frame,
+            trust_units=trust_units,
+        )
+    names = (workflow.ACCEPTANCE[0], workflow.ACCEPTANCE_DRAWN[0][0])
+    tell(
+        answer_of_verdict(found, [str(out / name) for name in names]),
+        verbose=verbose,
+        then=command_line("report", out),
+        first=rehearsed_words(measurements, identification),
+        content=found.model_dump() if as_json else None,
+    )
+    return DONE if found.passed else NOT_REACHED
+
+
+def _frame_is_given(frame: str) -> bool:
+    from calib.errors import InputError
+
+    if frame not in ("fit", "given"):
+        raise InputError(
+            f"there is no frame {frame[:40]!r}", hint="one of fit, given", name="frame"
+        )
+    return frame == "given"
+
+
+def _refuse(name: object, why: str) -> None:
+    from calib.errors import InputError
+
+    if name:
+        raise InputError(f"--{name} {why}", hint="leave it out", name=str(name))
+
+
+def _request(given: Mapping[str, object]) -> AcceptanceRequest:
+    from posedesign.acceptance.places import AcceptanceRequest
+    from posedesign.cli.plan_request import parse_length
+
+    words: dict[str, object] = dict(given)
+    if "limit" in words:
+        words["limit_m"] = parse_length(str(words.pop("limit")))
+    return AcceptanceRequest(**words)  # type: ignore[arg-type]
+
+
+def recheck(
+    cell: CellFile,
+    measurements: Measured = None,
+    identification: Annotated[
+        Path, typer.Option(help="The identification that the arm is held against.")
+    ] = Path("identification.json"),
+    poses: Annotated[int, typer.Option(help="How many to measure at.")] = 4,
+    set_up_anew: Annotated[
+        bool,
+        typer.Option(
+            "--set-up-anew", help="Target or instrument stand elsewhere than in the identification."
+        ),
+    ] = False,
+    out: OutFolder = Path("recheck"),
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Is it still the robot that was identified? Plan a few poses, then test what was measured."""
+    from posedesign import workflow
+    from posedesign.cell import Cell
+    from posedesign.report.acceptance import answer_of_recheck, answer_of_recheck_plan
+
+    loaded = Cell.load(cell)
+    if measurements is None:
+        results = results_in(out, "recheck", cell, identification, overwrite=overwrite)
+        with progress("choosing poses"), knowing(loaded):
+            plan = workflow.plan_recheck_poses(
+                loaded, identification, results, poses, set_up_anew=set_up_anew
+            )
+        files = [str(out / workflow.POSES[0])]
+        tell(
+            answer_of_recheck_plan(loaded, plan, files),
+            verbose=verbose,
+            then=command_line("program", files[0], "--cell", cell, "--out", out),
+            first=rehearsed_words(identification),
+            content={"smallest_si": plan.smallest(), "blind": plan.blind, "files": files}
+            if as_json
+            else None,
+        )
+        return DONE
+    found = workflow.recheck_file(
+        loaded, measurements, identification, set_up_anew=set_up_anew, trust_units=trust_units
+    )
+    tell(
+        answer_of_recheck(found),
+        verbose=verbose,
+        first=rehearsed_words(measurements, identification),
+        content=_as_dict(found) if as_json else None,
+    )
+    return DONE if found.same else NOT_REACHED
+
+
+def _as_dict(found: Recheck) -> dict[str, object]:
+    return {
+        "same": found.same,
+        "p_value": found.p_value,
+        "sum_of_squares": found.square,
+        "degrees_of_freedom": found.freedom,
+        "possible": [each.cause for each in found.possible],
+        "causes": [
+            {
+                "cause": each.cause,
+                "unit": each.unit,
+                "change_si": each.change.tolist(),
+                "sigma_si": each.sigma.tolist(),
+                "p_left": each.p_left,
+            }
+            for each in found.explanations
+        ],
+    }

@@ -1,0 +1,278 @@
+"""prove and recheck as a person types them."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from posedesign.cli.main import run
+from tests.cli.conftest import empty_pictures, strict_json
+from tests.unit.acceptance.conftest import TRACKER_CELL
+
+CELL = TRACKER_CELL.replace("three_sigma_deg_if_pose", "")
+
+
+@pytest.fixture(scope="session")
+def _tracked(tmp_path_factory) -> Path:
+    """A cell with a tracker, an identification, and a test of 14 places that was measured."""
+    folder = tmp_path_factory.mktemp("tracked")
+    (folder / "cell.toml").write_text(CELL)
+
+    def typed(*words: str) -> None:
+        assert (
+            run([str(folder / w) if w in NAMES or w.endswith(ENDINGS) else w for w in words]) == 0
+        )
+
+    with empty_pictures():
+        typed("plan", "cell.toml", "--method", "greedy", "--poses", "20", "--out", "run")
+        typed("simulate", "cell.toml", "run/poses.csv", "--out", "run")
+        typed("identify", "cell.toml", "run/measurements.csv", "--out", "run")
+        typed("prove", "cell.toml", *USED, "--content", "0.8", "--out", "proof")
+        typed("simulate", "cell.toml", "proof/poses.csv", "--seed", "7", "--out", "proof")
+        typed("recheck", "cell.toml", *USED, "--out", "again")
+        typed("simulate", "cell.toml", "again/poses.csv", "--seed", "8", "--out", "again")
+    return folder
+
+
+NAMES, ENDINGS = ("run", "proof", "again"), (".toml", ".csv", ".json")
+USED = ("--identification", "run/identification.json")
+
+
+@pytest.fixture
+def tracked(_tracked, tmp_path, monkeypatch) -> Path:
+    """The same in a folder of the test's own, where the commands are typed."""
+    shutil.copytree(_tracked, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def judged(cli, *words: str):
+    return cli("prove", "cell.toml", "proof/measurements.csv", *USED, "--out", "proof", *words)
+
+
+def test_a_test_is_planned_with_its_statement_and_its_chance(tracked, cli):
+    said = cli(
+        "prove", "cell.toml", *USED, "--content", "0.8", "--limit", "150um", "--out", "other"
+    )
+    assert said.code == 0
+    assert "at least 80 % of the places are within 0.15 mm, with confidence 95 %" in said.out
+    assert "poses: 14 places, at most 0 of them beyond the limit" in said.out
+    assert re.search(r"chance to pass: \d+ %, with 0\.\d+ mm rms to expect", said.out)
+    rule = strict_json((tracked / "other/acceptance_test.json").read_text())
+    assert rule["limit_mm"] == pytest.approx(0.15)
+    assert len(rule["poses"]) == 14
+    assert rule["origin"]["purpose"] == "acceptance test"
+    # the list is one that the other commands take
+    assert cli("check", "cell.toml", "other/poses.csv").code == 0
+    wrote = cli("program", "other/poses.csv", "--cell", "cell.toml", "--out", "other")
+    assert wrote.code == 0
+
+
+def test_a_test_is_passed_after_and_says_what_is_proven(tracked, cli):
+    said = judged(cli)
+    assert said.code == 0
+    assert "passed: 14 of 14 places within 0.2 mm by the arm as identified" in said.out
+    assert "at least 80.7 % of all are, with confidence 95 %" in said.out  # .05 ** (1 / 14)
+    assert "frame: fitted to this test" in said.out
+    found = strict_json((tracked / "proof/acceptance.json").read_text())
+    before, after = found["arms"]
+    assert found["passed"]
+    assert (before["arm"], after["arm"]) == ("as described", "as identified")
+    assert after["rms_mm"][0] < before["rms_mm"][0]
+    assert len(found["places_mm"]) == 14
+    as_json = judged(cli, "--json")
+    assert strict_json(as_json.out)["passed"]
+    assert (tracked / "proof/acceptance.png").is_file()
+
+
+def test_the_verdict_is_a_part_of_the_page(tracked, cli, rendered):
+    judged(cli)
+    assert cli("report", "proof").code == 0
+    page = (tracked / "proof/report.html").read_text()
+    assert "Acceptance test" in page
+    assert "passed: 14 of 14 places within 0.2 mm" in page
+    assert "planned: at least 80 % of the places are within 0.2 mm" in page
+    assert "limit 0.2 mm" in page
+
+
+def test_cycles_of_the_standard_are_rehearsed_and_judged(tracked, cli):
+    assert cli("prove", "cell.toml", "--test", "iso", "--out", "iso").code == 0
+    made = cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "30", "--out", "iso")
+    assert made.code == 0
+    said = cli("prove", "cell.toml", "iso/measurements.csv", *USED, "--out", "iso")
+    assert said.code == 0
+    assert "AP of ISO 9283 of the arm as identified" in said.out
+    assert re.search(r"RP: 0\.\d+ \(0\.\d+ to 0\.\d+\) mm at P0\d", said.out)
+    assert re.search(r"AD: .* between P0[24] and P0[24], 415\.\d mm apart", said.out)
+    assert "takes 6 of the 15 coordinates" in said.err
+    rows = strict_json((tracked / "iso/acceptance.json").read_text())["arms"][1]["poses"]
+    assert {row["cycles"] for row in rows} == {30}
+    fewer = cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "3", "--out", "few")
+    assert fewer.code == 0
+    shutil.copy("iso/acceptance_test.json", "few")
+    said = cli("prove", "cell.toml", "few/measurements.csv", *USED, "--out", "few")
+    assert "3 cycles were measured where the test has 30" in said.err
+
+
+def test_a_test_that_is_not_passed_says_so_by_its_exit_code(tracked, cli):
+    rule = json.loads((tracked / "proof/acceptance_test.json").read_text())
+    rule["limit_mm"] = 0.001
+    (tracked / "strict.json").write_text(json.dumps(rule))
+    said = judged(cli, "--rule", "strict.json")
+    assert said.code == 1
+    assert "NOT passed: 0 of 14 places within 0.001 mm" in said.out
+
+
+def test_what_was_identified_from_proves_nothing(tracked, refuse):
+    own = ("--rule", "proof/acceptance_test.json", "--out", "other")
+    refuse("prove", "cell.toml", "run/measurements.csv", *USED, *own).says(
+        "is what identification.json was identified from", "it proves nothing"
+    )
+    # nor do rows of it under another name
+    lines = Path("run/measurements.csv").read_text().splitlines(keepends=True)
+    header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    Path("some.csv").write_text("".join(lines[header : header + 6]))
+    refuse("prove", "cell.toml", "some.csv", *USED, *own).says("5 of 5 rows", "identified from")
+    refuse("recheck", "cell.toml", "run/measurements.csv", *USED).says("it proves nothing")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--test", "izo"), ("there is no test 'izo'", "iso")),
+        (("--limit", "0"), ("'0' is no accuracy",)),
+        (("--content", "95"), ("a content of 95", "between 0 and 1")),
+        (("--plane", "up", "--test", "iso"), ("there is no plane 'up'", "x=z")),
+        (("--frame", "free"), ("there is no frame 'free'", "fit, given")),
+        (("--frame", "given"), ("--frame is of measurements",)),
+        (("--identification", "none.json"), ("none.json: cannot be read",)),
+        (("--out", "run"), ("run/poses.csv holds", "another output folder")),
+    ],
+)
+def test_plans_that_cannot_be_are_refused_in_a_line(tracked, refuse, words, said):
+    refuse("prove", "cell.toml", "--out", "none", *words).says(*said)
+
+
+def test_the_rule_is_not_changed_once_something_is_measured(tracked, refuse):
+    for words in (("--limit", "1mm"), ("--allowed", "3"), ("--test", "iso")):
+        refuse("prove", "cell.toml", "proof/measurements.csv", *words).says(
+            f"{words[0]} was fixed when the test was planned"
+        )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", ("is no valid JSON",)),
+        ("[]", ("acceptance_test.json",)),
+        ("{}", ("key test: is missing", "plan the test first")),
+        (None, ("acceptance_test.json: cannot be read",)),
+    ],
+)
+def test_a_rule_that_is_none_is_refused_in_a_line(tracked, refuse, text, said):
+    path = tracked / "proof/acceptance_test.json"
+    path.unlink()
+    if text is not None:
+        path.write_text(text)
+    refuse("prove", "cell.toml", "proof/measurements.csv", *USED).says(*said)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace("P01", "Q99"), ("Q99 is no pose of the test",)),
+        (lambda text: text.replace(",point,", ",plane,"), ("a plane does not tell where",)),
+        (lambda text: text.replace("x_mm", "x"), ("x_mm",)),
+    ],
+)
+def test_measurements_that_are_no_test_are_refused_in_a_line(tracked, refuse, change, said):
+    path = tracked / "proof/measurements.csv"
+    path.write_text(change(path.read_text()))
+    refuse("prove", "cell.toml", "proof/measurements.csv", *USED).says(*said)
+
+
+def test_poses_that_were_left_out_count_against_the_arm(tracked, cli):
+    path = tracked / "proof/measurements.csv"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-3]))
+    said = judged(cli)
+    assert said.code == 1
+    assert "3 poses of the test were not measured, and count as beyond the limit" in said.err
+
+
+def test_touch_ups_are_not_repeated_in_cycles(work, refuse):
+    refuse(
+        "simulate", work / "cell.toml", work / "poses.csv", "--cycles", "2", "--out", work / "new"
+    ).says("2 cycles of poses that are touched")
+
+
+def test_a_recheck_says_which_changes_it_will_find(tracked, cli):
+    said = cli("recheck", "cell.toml", *USED, "--poses", "3", "--out", "three")
+    assert said.code == 0
+    assert re.search(r"3 poses find any zero that has moved by 0\.\d+ deg", said.out)
+    assert "with a chance of 90 %, at 5 % of false alarms in all" in said.out
+    assert re.search(r"by number: 3 poses .* deg; 4 poses .* deg; 5 poses", said.out)
+    moved = cli("recheck", "cell.toml", *USED, "--set-up-anew", "--out", "moved", "--json")
+    assert strict_json(moved.out)["blind"] == ["zero of joint_a1"]
+
+
+def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli):
+    same = cli("recheck", "cell.toml", "again/measurements.csv", *USED)
+    assert same.code == 0
+    assert "still the same robot, as far as these poses tell (p = 0." in same.out
+    hit = CELL.replace(
+        "[truth]", "[truth]\nzero_offsets_deg = [0.03, 0.08, 0.04, 0.05, 0.1, -0.04]"
+    )
+    (tracked / "hit.toml").write_text(hit)  # joint 3 by a tenth of a degree
+    made = cli("simulate", "hit.toml", "again/poses.csv", "--out", "hit", "--seed", "8")
+    assert made.code == 0
+    said = cli("recheck", "cell.toml", "hit/measurements.csv", *USED)
+    assert said.code == 1
+    assert "NOT the same robot (p < 1e-12)" in said.out
+    found = re.search(r"likeliest single cause: zero of joint_a3, by (\S+) \(", said.out)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(0.1, abs=0.01)
+    as_json = cli("recheck", "cell.toml", "hit/measurements.csv", *USED, "--json")
+    assert strict_json(as_json.out)["possible"][0] == "zero of joint_a3"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--poses", "0"), ("0 poses",)),
+        (("--poses", "1", "--set-up-anew"), ("nothing besides where the set-up stands",)),
+    ],
+)
+def test_rechecks_that_cannot_be_are_refused_in_a_line(tracked, refuse, words, said):
+    refuse("recheck", "cell.toml", *USED, *words, "--out", "none").says(*said)
+
+
+def test_a_recheck_needs_the_identification(tracked, refuse):
+    refuse("recheck", "cell.toml").says("identification.json: cannot be read")
+
+
+def test_postures_that_were_identified_from_are_named(tracked, cli):
+    """Measured again they are no rows of the identification, and a weaker proof."""
+    assert cli("simulate", "cell.toml", "run/poses.csv", "--seed", "9", "--out", "more").code == 0
+    rule = json.loads(Path("proof/acceptance_test.json").read_text())
+    rows = [line.split(",") for line in Path("more/measurements.csv").read_text().splitlines()]
+    header = next(row for row in rows if row[0] == "target")
+    names = [row[header.index("pose")] for row in rows[rows.index(header) + 1 :]]
+    Path("more/acceptance_test.json").write_text(json.dumps(rule | {"poses": names}))
+    said = cli("prove", "cell.toml", "more/measurements.csv", *USED, "--out", "more")
+    assert "20 measurements are at postures that were identified from" in said.err
+
+
+def test_a_verdict_that_is_none_is_refused_in_a_line(tracked, cli, refuse):
+    judged(cli)
+    path = tracked / "proof/acceptance.json"
+    content = strict_json(path.read_text())
+    for change, said in (
+        ({"places_mm": [[0.0, 0.0, 0.0]]}, "poses, places and errors are not as many"),
+        ({"arms": []}, "key arms"),
+        ({"arms": content["arms"] * 2}, "key arms"),
+        ({"passed": None}, "key passed"),
+    ):
+        path.write_text(json.dumps(content | change))
+        refuse("report", "proof", "--out", "proof").says("acceptance.json", said)

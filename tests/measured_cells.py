@@ -77,6 +77,7 @@ KINDS = (
     "two pins",
     "planes",
     "reflectors",
+    "one reflector",
     "point",
     "pose",
     "distances",
@@ -87,7 +88,8 @@ KINDS = (
 
 def cell_text(kind: str, robot: str, posture_deg: tuple[float, ...]) -> str:
     """Text of a cell; ``robot`` is its line in the section."""
-    marks = {"reflectors": MARKS, "two pins": PINS}.get(kind, "")
+    one = MARKS.partition('[[tool.mark]]\nname = "R2"')[0]
+    marks = {"reflectors": MARKS, "one reflector": one, "two pins": PINS}.get(kind, "")
     head = (
         f"[robot]\n{robot}\n[tool]\npoint_mm = [40.0, 10.0, 120.0]\n{marks}"
         f"[base_pose]\nposture_deg = {list(posture_deg)}\n"
@@ -118,6 +120,7 @@ def cell_text(kind: str, robot: str, posture_deg: tuple[float, ...]) -> str:
         + "".join(target(n, f"normal = {v}\nsize_mm = [300.0, 300.0]\n") for n, v in faces.items())
         + plane.partition("\n")[2],
         "reflectors": measured("point") + target("tracker", "wpr_deg = [0, 0, 150]\n") + TRACKER,
+        "one reflector": measured("point") + target("tracker") + TRACKER,
         "point": measured("point") + target("tracker") + TRACKER,
         "pose": measured("pose")
         + target("tracker")

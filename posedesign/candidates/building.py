@@ -44,6 +44,7 @@ from posedesign.cell import (
 from posedesign.cell.board_set_up import rotations_to
 from posedesign.cell.observations import normal_of, place_of
 from posedesign.cell.task_box import BOX_OF_REACH, box_functions
+from posedesign.files.measurements import TOOL
 
 LEVELS = 16
 """Grids of W, P and R, from the first to the widest angles: 417 poses."""
@@ -418,7 +419,7 @@ def candidates_of(cell: Cell) -> CandidatePoses:
             lost[k] = error
     _check_all_reached(cell, lost)
     pools = list(found.values())
-    if parts == (cell,) and len(cell.observations[0].tools) == 1:
+    if parts == (cell,) and cell.observations[0].tools == (TOOL,):
         return pools[0]
     which = [np.full(len(pool), k) for k, pool in found.items()]
     said = dict.fromkeys(pool.description for pool in pools)

@@ -145,7 +145,10 @@ def measured_cell(kind: str, arm: str, folder: Path | None = None) -> Cell:
     if folder is None:
         text = cell_text(kind, f'preset = "{arm}"', ARMS[arm])
     else:
-        text = cell_text(kind, f'urdf = "{folder / arm}"', URDFS[arm])
+        # without shapes of its own
+        robot = f'urdf = "{folder / arm}"\ncapsule_radius_mm = 60.0'
+        # touch-ups move the tool by millimetres: farther from singularities than usual
+        text = cell_text(kind, robot, URDFS[arm]) + "[pool]\nsmallest_singular_value = 0.06\n"
     return Cell.from_text(text)
 
 

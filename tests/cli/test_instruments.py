@@ -89,6 +89,17 @@ def instrument(request) -> Instrument:
     return INSTRUMENTS[request.param]
 
 
+QUICK = ("spatial analyzer", "motive")
+"""Layouts that are identified with in every run: a table of points, and a body with rotations."""
+
+
+@pytest.fixture(
+    params=[n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in INSTRUMENTS]
+)
+def identified_with(request) -> Instrument:
+    return INSTRUMENTS[request.param]
+
+
 def edited(path: Path, edit: Callable[[list[str]], list[str]]) -> Path:
     """The file with other lines."""
     lines = edit(path.read_text(encoding="utf-8").split("\n"))
@@ -114,12 +125,12 @@ def values(content: dict) -> np.ndarray:
     return np.array([p["value"] for p in model["parameters"]])
 
 
-def test_the_result_is_that_of_the_own_table(cli, measured, instrument, tmp_path):
+def test_the_result_is_that_of_the_own_table(cli, measured, identified_with, tmp_path):
     """And the tables that are written beside it say the same, with what was kept."""
-    cell, file, joints = written(instrument, measured, tmp_path)
+    cell, file, joints = written(identified_with, measured, tmp_path)
     found = identified(cli, tmp_path / "a", cell, file, "--joints", joints)
-    table = measured.native(instrument.kind, instrument.reflectors)
-    own = write_measurements(tmp_path / "own.csv", table, [instrument.kind])
+    table = measured.native(identified_with.kind, identified_with.reflectors)
+    own = write_measurements(tmp_path / "own.csv", table, [identified_with.kind])
     expected = identified(cli, tmp_path / "b", cell, own)
     np.testing.assert_allclose(values(found), values(expected), rtol=1e-5, atol=1e-5)
     assert found["recommended"] == expected["recommended"] == "offsets"
@@ -185,12 +196,12 @@ def test_another_unit_than_the_cell_says(cli, measured, tmp_path, unit, factor, 
     assert [line for line in said.err.split("\n") if words in line], said
 
 
-def test_exchanged_axes(cli, measured, instrument, tmp_path):
+def test_exchanged_axes(cli, measured, identified_with, tmp_path):
     """Y and z exchanged are a mirrored frame, which no reader sees: the fit says it."""
     order = [0, 2, 1]
     poses = np.concatenate([measured.poses[:, order], measured.poses[:, 3:]], axis=1)
     other = replace(measured, points=measured.points[:, :, order], poses=poses)
-    cell, file, joints = written(instrument, other, tmp_path)
+    cell, file, joints = written(identified_with, other, tmp_path)
     said = cli("identify", cell, file, "--joints", joints, "--out", tmp_path / "out")
     assert said.code != 0
     lines = [line for line in (said.err + said.out).split("\n") if "as if" in line]
@@ -199,9 +210,9 @@ def test_exchanged_axes(cli, measured, instrument, tmp_path):
     assert "right-handed frame" in lines[0]
 
 
-def test_rows_that_are_there_twice(cli, measured, instrument, tmp_path):
+def test_rows_that_are_there_twice(cli, measured, identified_with, tmp_path):
     """Are left out and named; of a recording they are frames at one time."""
-    cell, file, joints = written(instrument, measured, tmp_path)
+    cell, file, joints = written(identified_with, measured, tmp_path)
     before = identified(cli, tmp_path / "a", cell, file, "--joints", joints)
     edited(file, lambda lines: [*lines[:15], *lines[10:15], *lines[15:]])
     after = identified(cli, tmp_path / "b", cell, file, "--joints", joints)
@@ -211,10 +222,10 @@ def test_rows_that_are_there_twice(cli, measured, instrument, tmp_path):
     assert "left out" in said[0]
 
 
-def test_a_gap(cli, measured, instrument, tmp_path):
+def test_a_gap(cli, measured, identified_with, tmp_path):
     """Poses that were not recorded are named; of a recording in order, their number is."""
-    cell, file, joints = written(instrument, measured, tmp_path)
-    if instrument.is_stream:
+    cell, file, joints = written(identified_with, measured, tmp_path)
+    if identified_with.is_stream:
 
         def without(lines: list[str]) -> list[str]:
             return [*lines[:400], *lines[500:]]

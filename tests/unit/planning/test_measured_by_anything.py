@@ -48,7 +48,13 @@ def listed_of(chosen: OptimalPlan) -> PoseList:
     return PoseList.of_route(chosen.poses, chosen.route)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+QUICK = ("two pins", "planes", "reflectors", "mixed")
+"""What every run simulates; the others are of the same parts, or of those that other tests have."""
+
+
+@pytest.mark.parametrize(
+    "kind", [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS]
+)
 def test_parameters_scatter_as_predicted(kind):
     check_scatter(scatter_over_predicted(measured_cell(kind, ARM)))
 

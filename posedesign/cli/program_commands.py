@@ -266,7 +266,9 @@ def import_positions(
     with progress("reading programs"):
         imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
     loads = [load.name for load in loaded.config.payload]
-    path = write_measurements(claimed, imported.touch_ups, payloads=loads)
+    kinds = [] if loaded.is_hand_eye else list(dict.fromkeys(o.kind for o in loaded.observations))
+    several = kinds if len(kinds) > 1 else []
+    path = write_measurements(claimed, imported.touch_ups, several, payloads=loads)
     content = {
         "path": str(path),
         "touch_ups": imported.touch_ups.count,

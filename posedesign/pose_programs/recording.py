@@ -66,6 +66,8 @@ class Recording:
         Raises FileFormatError: what is in the file cannot be read.
         """
         columns = ["target", *joint_columns(cell.robot.n), "pose"]
+        if not cell.is_plain:
+            columns += ["kind", "tool", "payload"]
         rows: list[dict[str, object]] = []
         by_hand = ""
         there, intact = read_whole(file.path)
@@ -73,7 +75,8 @@ class Recording:
             file.origin.command,
             file.origin.inputs,
         ):
-            read_measurements(file.path, cell.robot.n)  # says what is wrong in it
+            loads = [load.name for load in cell.config.payload]
+            read_measurements(file.path, cell.robot.n, payloads=loads)  # says what is wrong in it
             table = read_table(file.path)
             columns += [column for column in table.columns if column not in columns]
             rows = [{c: as_read(cell) for c, cell in row.cells.items()} for row in table.rows]
@@ -90,6 +93,19 @@ class Recording:
         """Poses of the plan that have no row yet."""
         there = {str(row.get("pose")) for row in self.rows}
         return tuple(name for name in self.plan.names if name not in there)
+
+    def _of(self, number: int) -> dict[str, object]:
+        """What a pose is of, by column, where the cell measures more than one thing."""
+        if self.cell.is_plain:
+            return {}
+        (k,) = self.cell.which([self.plan.labels[number - 1]])
+        seen = self.cell.observations[int(k)]
+        if seen.reads:
+            raise InputError(
+                f"{self.plan.names[number - 1]} is read by {seen.target}, and not touched up",
+                hint="its reading comes in the file of the instrument",
+            )
+        return {**seen.labels, "kind": seen.kind}
 
     def take(self, number: int, shown_rad: FloatArray) -> tuple[str, float]:
         """Keep the joints ``(n,)`` [rad] as the controller shows them at a pose of the program.
@@ -125,8 +141,7 @@ class Recording:
         if doubts:
             raise InputError(doubts[0], hint="is it the program of another plan?")
         row = dict(zip(joint_columns(arm.n), np.degrees(q[0]).tolist(), strict=True))
-        of = self.plan.labels[number - 1].get("target") or TARGET
-        rows = [*self.rows, {"target": of, **row, "pose": name}]
+        rows = [*self.rows, {"target": TARGET, **row, "pose": name, **self._of(number)}]
         write_table(self.file, self.columns, rows, [self.by_hand] if self.by_hand else [])
         self.rows = rows
         return name, float(tool_moved_m(self.cell, q, planned)[0])

@@ -18,6 +18,8 @@ from posedesign.candidates import (
     functions_over_box,
 )
 from posedesign.cell import Cell
+from posedesign.files import Results
+from posedesign.files.measurements import read_measurements
 from posedesign.identification.correction import predict
 from posedesign.instruments import read_measured
 from posedesign.planning import plan
@@ -26,6 +28,7 @@ from posedesign.planning.optimal import OptimalPlan, Request, plan_next, plan_op
 from posedesign.planning.optimal.sequential import BEFORE_MEASURING
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.pose_programs.recording import Recording
 from posedesign.report.plots import figure_of_plan, plot
 from posedesign.report.tour import Tour
 from posedesign.simulation import SimulatedRobot, accuracy_study
@@ -459,3 +462,21 @@ def test_imported_touch_ups_are_of_the_targets_of_the_plan(tmp_path):
     ]
     with pytest.raises(InputError, match="was written from the plan"):
         import_touch_ups(cell, [path], None, None)
+
+
+def test_recorded_touch_ups_are_of_what_the_plan_says(tmp_path):
+    """Two pins, then a tracker besides: which pin touched, and nothing of what is only read."""
+    cell = measured_cell("two pins", "ur10e")
+    listed = listed_of(plan_optimal(cell, Request(count=8))).measured
+    (file,) = Results.of(tmp_path, "record").claim("measured", ("touchups.csv", "touch-ups"))
+    recording = Recording.resume(cell, listed, file)
+    for k in (1, 2, 3):
+        recording.take(k, listed.postures[k - 1] + 1e-3)
+    table = read_measurements(tmp_path / "touchups.csv", 6)
+    assert [table.data.tools[k] for k in table.data.setup.tool] == list(listed.extra["tool"][:3])
+    mixed = measured_cell("mixed", "ur10e")
+    listed = listed_of(plan_optimal(mixed, Request(count=8))).measured
+    (file,) = Results.of(tmp_path / "b", "record").claim("measured", ("touchups.csv", "touch-ups"))
+    k = listed.extra["target"].index("tracker")
+    with pytest.raises(InputError, match="is read by tracker, and not touched up"):
+        Recording.resume(mixed, listed, file).take(k + 1, listed.postures[k] + 1e-3)

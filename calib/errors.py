@@ -77,21 +77,30 @@ class JointLimitError(CalibError):
     ----------
     joint : str
         Name of the joint.
-    value_deg, lower_deg, upper_deg : float
-        The value and the limits it breaks.
+    value, lower, upper : float
+        The value and the limits it breaks, in the unit.
     hint : str
         What to do about it.
+    unit : str
+        ``mm`` for a joint that slides.
     """
 
     def __init__(
-        self, joint: str, value_deg: float, lower_deg: float, upper_deg: float, *, hint: str = ""
+        self,
+        joint: str,
+        value: float,
+        lower: float,
+        upper: float,
+        *,
+        hint: str = "",
+        unit: str = "deg",
     ) -> None:
         super().__init__(
-            limit_reason(joint, value_deg, lower_deg, upper_deg),
+            limit_reason(joint, value, lower, upper, unit),
             hint=hint,
             name=joint,
-            value=value_deg,
-            bound=(lower_deg, upper_deg),
+            value=value,
+            bound=(lower, upper),
         )
 
 
@@ -182,12 +191,12 @@ class ConvergenceError(CalibError):
     """An iteration that did not reach its tolerance."""
 
 
-def limit_reason(joint: str, value_deg: float, lower_deg: float, upper_deg: float) -> str:
+def limit_reason(joint: str, value: float, lower: float, upper: float, unit: str = "deg") -> str:
     """Say in words which limit a joint value breaks, e.g. ``J5 131.2 deg is above 125.0 deg``."""
-    side, bound_deg = ("above", upper_deg) if value_deg > upper_deg else ("below", lower_deg)
+    side, bound = ("above", upper) if value > upper else ("below", lower)
     # as many decimals as it takes to tell the two apart
-    digits = next((d for d in range(1, 9) if round(value_deg, d) != round(bound_deg, d)), 9)
-    return f"{joint} {value_deg:.{digits}f} deg is {side} {bound_deg:.{digits}f} deg"
+    digits = next((d for d in range(1, 9) if round(value, d) != round(bound, d)), 9)
+    return f"{joint} {value:.{digits}f} {unit} is {side} {bound:.{digits}f} {unit}"
 
 
 def one_line(value: object) -> str:

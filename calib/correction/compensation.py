@@ -245,9 +245,11 @@ def _newton(
 
 def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors."""
+    slides = view.robot.slides
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)
+    linear[:, :slides], axes[:, :slides] = axes[:, :slides], 0.0
     return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
 
 
@@ -280,5 +282,6 @@ def _no_posture(robot: Robot, solved: InverseSolutions | None, pose: int) -> str
         far = "" if why is None or np.isnan(why.gap_m) else f" by {why.gap_m * 1e3:.0f} mm"
         return f"the nominal robot does not reach it{far}"
     name = why.coupled if why.joint is None else robot.joint_names[why.joint]
-    beyond = np.rad2deg(why.excess_rad)
-    return f"the nominal robot would have {name} {beyond:.2f} deg outside its limits"
+    unit = "deg" if why.joint is None else robot.joint_units[why.joint]
+    beyond = why.excess * (1e3 if unit == "mm" else np.rad2deg(1.0))
+    return f"the nominal robot would have {name} {beyond:.2f} {unit} outside its limits"

@@ -105,8 +105,9 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
     for joint, off in errors.displacements().items():
         placements[joint] @= transform(off.rotation[..., 0], off.translation[..., 0])
     for j in np.flatnonzero(errors.joints[:, 0]):
-        turn = rotation_exp(robot.chain.axes[j] * errors.joints[j, 0])
-        placements[j] @= transform(turn, np.zeros(3))
+        along, slides = robot.chain.axes[j] * errors.joints[j, 0], j < robot.slides
+        turn = np.eye(3) if slides else rotation_exp(along)
+        placements[j] @= transform(turn, along if slides else np.zeros(3))
     corrected = with_placements(robot, placements)
     said = "joint frames as identified, not as described"
     corrected = replace(corrected, notices=(*robot.notices, said))

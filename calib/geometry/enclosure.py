@@ -313,7 +313,7 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
     Returns
     -------
     array (P, n)
-        [m/rad]
+        [m/rad, m/m]
     """
     outward, inward = _radii(chain, bodies)
     links = np.array([body.link for body in bodies], dtype=np.intp)
@@ -325,7 +325,11 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
 
 
 def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, FloatArray]:
-    """Largest distance of bodies (B, n) from every axis inside, and outside, of their link [m]."""
+    """Largest distance of bodies (B, n) from every axis inside, and outside, of their link [m].
+
+    A slide moves all alike, by as much as itself; how far bodies on this side of it are from axes
+    beyond it is not bounded by the links.
+    """
     n = chain.n
     step = chain.placements[:, :3, 3]  # from each joint to the next, in axes of the link between
     length = np.linalg.norm(step, axis=-1)
@@ -354,6 +358,9 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
                 first = _off_axis(step[k : k + 1], axis_inside[k])
                 far = np.linalg.norm(seen, axis=-1).max() + radius
                 inward[b, k] = first + length[own + 2 : k].sum() + far
+        if own < chain.slides - 1:
+            inward[b, chain.slides :] = np.inf
+    outward[:, : chain.slides] = inward[:, : chain.slides] = 1.0
     return outward, inward
 
 

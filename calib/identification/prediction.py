@@ -158,6 +158,7 @@ NATURAL: dict[Unit, float] = {
     "rad": 1e-3,
     "rad/Nm": 1e-6,
     "rad/rad": 1e-3,
+    "m/m": 1e-3,
     "px": 1.0,
     "1": 1e-2,
     "s": 1e-3,

@@ -17,6 +17,7 @@ DISPLAY: dict[Unit, tuple[str, float]] = {
     "m": ("mm", 1e3),
     "rad/Nm": ("urad/Nm", 1e6),
     "rad/rad": ("mrad/rad", 1e3),
+    "m/m": ("mm/m", 1e3),
     "px": ("px", 1.0),
     "1": ("", 1.0),
     "s": ("ms", 1e3),

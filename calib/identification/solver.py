@@ -43,6 +43,7 @@ FINITE_DIFFERENCE: dict[Unit, float] = {
     "m": 1e-6,
     "rad/Nm": 1e-9,
     "rad/rad": 1e-6,
+    "m/m": 1e-6,
     "px": 1e-3,
     "1": 1e-6,
     "s": 1e-6,

@@ -197,12 +197,13 @@ def _shift(
     wanted = np.broadcast_to(displacement, (*q.shape[:-1], 3)).reshape(-1, 3).T
     moved = np.empty((model.robot.n, 3, view.q.shape[1]))
     for joint in range(model.robot.n):
-        view.turn_about(view.axis(joint), view.walk.origins[joint], moved[joint])
+        view.move_joint(joint, moved[joint])
     J = view.posture_first(model.gap(moved, view))
     missing = view.posture_first(model.gap(wanted - view.error, view))
     if R_held is None:
         return J, missing
     nominal = model.robot.chain.forward(q)
     turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
-    J = np.concatenate([J, np.swapaxes(nominal.axes, -1, -2)], axis=-2)
+    turning = nominal.jacobian(nominal.p_base_tip)[..., 3:, :]
+    J = np.concatenate([J, turning], axis=-2)
     return J, np.concatenate([missing, turn], axis=-1)

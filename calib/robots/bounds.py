@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,9 +52,10 @@ class Bounds:
     Attributes
     ----------
     lower, upper : array (n,)
-        [rad]
+        [rad], of joints that slide [m]
     margin : float
-        Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already.
+        Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already,
+        but for slides.
     """
 
     lower: FloatArray
@@ -69,9 +70,16 @@ class Bounds:
         upper: FloatArray,
         coupled: Sequence[CoupledLimit] = (),
         margin: float = 0.0,
+        slides: int = 0,
     ) -> Bounds:
-        """Bounds that keep a margin [rad] from limits ``(n,)`` [rad]."""
-        return cls(lower + margin, upper - margin, tuple(coupled), margin)
+        """Bounds that keep a margin [rad] from limits ``(n,)``, but of the joints that slide."""
+        kept = np.where(np.arange(len(lower)) < slides, 0.0, margin)
+        return cls(lower + kept, upper - kept, tuple(coupled), margin)
+
+    def behind(self, slides: int) -> Bounds:
+        """Those of the joints behind the first ones, which have no coupled limits."""
+        coupled = [replace(c, coefficients=c.coefficients[slides:]) for c in self.coupled]
+        return Bounds(self.lower[slides:], self.upper[slides:], tuple(coupled), self.margin)
 
     def excess(self, q: FloatArray) -> FloatArray:
         """How far postures ``(S, n)`` break each limit, ``(S, n + coupled)`` [rad].

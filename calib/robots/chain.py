@@ -43,6 +43,8 @@ class ChainState:
     R_base_tip : array (..., 3, 3)
     p_base_tip : array (..., 3)
         [m]
+    slides : int
+        How many of the joints, the first ones, slide along their axes.
     """
 
     rotations: FloatArray
@@ -50,6 +52,7 @@ class ChainState:
     axes: FloatArray
     R_base_tip: FloatArray
     p_base_tip: FloatArray
+    slides: int = 0
 
     @property
     def T_base_tip(self) -> FloatArray:
@@ -71,8 +74,8 @@ class ChainState:
         Returns
         -------
         array (..., 6, n)
-            Rows 0 to 2: velocity of the point [m/rad]; rows 3 to 5: angular velocity; both in
-            base axes.
+            Rows 0 to 2: velocity of the point [m/rad, m/m]; rows 3 to 5: angular velocity; both
+            in base axes.
         """
         axes, levers = (
             np.swapaxes(a, -1, -2) for a in (self.axes, point[..., None, :] - self.origins)
@@ -81,6 +84,9 @@ class ChainState:
         for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             J[..., k, :] = axes[..., i, :] * levers[..., j, :] - axes[..., j, :] * levers[..., i, :]
         J[..., 3:, :] = axes
+        if self.slides:
+            J[..., :3, : self.slides] = axes[..., : self.slides]
+            J[..., 3:, : self.slides] = 0.0
         return J
 
 
@@ -93,7 +99,7 @@ class Walk(NamedTuple):
         The three columns, then their rows, of the rotation of a frame on each joint that turns
         with it: of ``R_base_link`` where the joint axis is an axis of the link's frame.
     origins : array (n, 3, S)
-        A point on each joint axis [m].
+        A point on each joint axis [m]: where the frame of its link sits.
     tip : array (3, 3, S)
         Columns, then rows, of ``R_base_tip``.
     p_base_tip : array (3, S)
@@ -149,7 +155,11 @@ class _Joint:
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """n revolute joints in a row.
+    """n joints in a row: those that slide, then those that turn.
+
+    Slides before the first joint that turns are what carries an arm: a rail, a gantry, a lift. They
+    move all of it along directions that stand still in the base, so that what is known of the arm
+    (its branches, its controller's view) holds wherever they are.
 
     Attributes
     ----------
@@ -159,24 +169,45 @@ class SerialChain:
         Unit vector of each joint axis in its own frame.
     T_link_tip : array (4, 4)
         The tip in the frame of the last link.
+    slides : int
+        How many of the joints slide, along their axes; their values are in metres wherever those of
+        the others are in radians.
     """
 
     placements: FloatArray
     axes: FloatArray
     T_link_tip: FloatArray
+    slides: int = 0
+
+    @cached_property
+    def arm(self) -> SerialChain:
+        """What turns, on slides that rest at zero; the chain itself where nothing slides."""
+        if not self.slides:
+            return self
+        first = np.eye(4)
+        for placement in self.placements[: self.slides + 1]:
+            first = first @ placement
+        placements = np.concatenate([first[None], self.placements[self.slides + 1 :]])
+        return SerialChain(placements, self.axes[self.slides :], self.T_link_tip)
+
+    @cached_property
+    def slide_directions(self) -> FloatArray:
+        """Unit vectors ``(slides, 3)`` along the slides, in the base."""
+        return self.forward(np.zeros(self.n)).axes[: self.slides]
 
     @cached_property
     def reach_m(self) -> float:
-        """Length of the stretched arm from its second joint to the tip, an upper bound."""
-        steps = np.vstack([self.placements[2:, :3, 3], self.T_link_tip[:3, 3]])
+        """Length of the stretched arm from its second turning joint to the tip, an upper bound."""
+        steps = np.vstack([self.placements[self.slides + 2 :, :3, 3], self.T_link_tip[:3, 3]])
         return float(np.linalg.norm(steps, axis=1).sum())
 
     def smallest_singular_values(self, state: ChainState) -> FloatArray:
         """How far states ``(S, ...)`` are from a singularity, ``(S,)``: zero is in one.
 
-        The smallest singular value of the tip's Jacobian, its linear rows divided by the reach.
+        The smallest singular value of the tip's Jacobian by the joints that turn, its linear rows
+        divided by the reach.
         """
-        J = state.jacobian(state.p_base_tip)
+        J = state.jacobian(state.p_base_tip)[..., self.slides :]
         J[..., :3, :] /= self.reach_m if self.reach_m > 0 else 1.0
         return np.asarray(np.linalg.svd(J, compute_uv=False)[..., -1])
 
@@ -217,7 +248,7 @@ class SerialChain:
         return _terms(self._mount[0])
 
     def walk(self, q: FloatArray, displaced: Mapping[int, Displacement] = _AS_DESCRIBED) -> Walk:
-        """Go from the base to the tip at postures ``(n, S)`` [rad], posture last.
+        """Go from the base to the tip at postures ``(n, S)`` [rad, m], posture last.
 
         Parameters
         ----------
@@ -228,7 +259,7 @@ class SerialChain:
         """
         count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
-        if count == 1 and not displaced:
+        if count == 1 and not displaced and not self.slides:
             return self._walk_one(sines[:, 0].tolist(), cosines[:, 0].tolist())
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
@@ -243,8 +274,13 @@ class SerialChain:
                 origin = _moved_along(origin, own, displaced[j].translation, origins[j])
                 placed[j] = own = _product(own, displaced[j].rotation)
                 at_zero = own if joint.to_link is None else _turned(own, joint.to_link.T)
-            s = sines[j] if joint.way > 0 else -sines[j]
             here = columns[j]
+            if j < self.slides:
+                here[:] = at_zero
+                origin = np.add(origin, joint.way * q[j] * at_zero[k], out=origins[j])
+                before = here
+                continue
+            s = sines[j] if joint.way > 0 else -sines[j]
             np.multiply(cosines[j], at_zero[a], out=here[a])
             here[a] += np.multiply(s, at_zero[b], out=spare)
             np.multiply(cosines[j], at_zero[b], out=here[b])
@@ -307,6 +343,8 @@ class SerialChain:
             np.multiply(axes[:, i], levers[:, j], out=J[k])
             J[k] -= axes[:, j] * levers[:, i]
         J[3:] = axes.transpose(1, 0, 2)
+        if self.slides:
+            J[:3, : self.slides], J[3:, : self.slides] = J[3:, : self.slides], 0.0
         return J
 
     def in_base(self, walk: Walk, points: FloatArray) -> FloatArray:
@@ -324,7 +362,7 @@ class SerialChain:
         return columns if to_link is None else _turned(columns, to_link)
 
     def forward(self, q: FloatArray) -> ChainState:
-        """State of the chain at postures ``(..., n)`` [rad]."""
+        """State of the chain at postures ``(..., n)`` [rad, m]."""
         batch, n = q.shape[:-1], self.n
         q = q.reshape(-1, n)
         count = len(q)
@@ -346,6 +384,7 @@ class SerialChain:
             axes=axes.reshape(*batch, n, 3),
             R_base_tip=R_base_tip.reshape(*batch, 3, 3),
             p_base_tip=p_base_tip.reshape(*batch, 3),
+            slides=self.slides,
         )
 
 

@@ -71,11 +71,15 @@ class Controller:
         Joint values on the pendant of those in the description.
     T_base_world : array (4, 4)
         The controller's world in the base frame of the robot [m].
+    slides : int
+        How many of the joints, the first ones, slide: external axes, which are shown as the
+        description has them, in millimetres.
     """
 
     maker: str
     pendant_from_joints: FloatArray
     T_base_world: FloatArray
+    slides: int = 0
 
     @property
     def differs(self) -> bool:
@@ -83,13 +87,15 @@ class Controller:
         return not np.array_equal(self.pendant_from_joints, np.eye(len(self.pendant_from_joints)))
 
     def pendant(self, q: ArrayLike) -> FloatArray:
-        """Joint values on the pendant ``(..., n)`` [deg] of postures ``(..., n)`` [rad]."""
-        return np.asarray(np.rad2deg(self._check(q) @ self.pendant_from_joints.T) + 0.0)
+        """Joint values on the pendant ``(..., n)`` [deg, mm] of postures ``(..., n)`` [rad, m]."""
+        shown = self._check(q) @ self.pendant_from_joints.T * shown_of(self._n, self.slides)
+        return np.asarray(shown + 0.0)
 
     def posture(self, pendant_deg: ArrayLike) -> FloatArray:
-        """Postures ``(..., n)`` [rad] of joint values on the pendant ``(..., n)`` [deg]."""
+        """Postures ``(..., n)`` [rad, m] of joint values on the pendant ``(..., n)`` [deg, mm]."""
         back = np.linalg.inv(self.pendant_from_joints)
-        return np.asarray(np.deg2rad(self._check(pendant_deg) @ back.T))
+        values = self._check(pendant_deg) / shown_of(self._n, self.slides)
+        return np.asarray(values @ back.T)
 
     def in_world(self, T_base: FloatArray) -> FloatArray:
         """Poses ``(..., 4, 4)`` in the controller's world of poses in the base frame."""
@@ -99,13 +105,23 @@ class Controller:
         """Poses ``(..., 4, 4)`` in the base frame of poses in the controller's world."""
         return np.asarray(self.T_base_world @ T_world)
 
+    @property
+    def _n(self) -> int:
+        return len(self.pendant_from_joints)
+
     def _check(self, values: ArrayLike) -> FloatArray:
         array = np.asarray(values, dtype=float)
-        n = len(self.pendant_from_joints)
-        if array.ndim == 0 or array.shape[-1] != n:
+        if array.ndim == 0 or array.shape[-1] != self._n:
             found = array.shape[-1] if array.ndim else 0
-            raise InputError(f"the posture has {found} joint values, the arm {n}", name="posture")
+            raise InputError(
+                f"the posture has {found} joint values, the arm {self._n}", name="posture"
+            )
         return array
+
+
+def shown_of(n: int, slides: int) -> FloatArray:
+    """Degrees in a radian ``(n,)``; millimetres in a metre of the first joints, that slide."""
+    return np.where(np.arange(n) < slides, 1e3, np.rad2deg(1.0))
 
 
 @dataclass(frozen=True)
@@ -154,13 +170,14 @@ def controller_of(
             f"there is no controller {maker!r}", hint=near_names(maker, POSITIVE_AXES), name=maker
         )
     wanted = np.array(POSITIVE_AXES[maker])
-    if len(wanted) != chain.n:
+    arm, slides = chain.arm, chain.slides
+    if len(wanted) != arm.n:
         raise RobotModelError(
-            f"an arm of {maker} has {len(wanted)} joints, this one {chain.n}",
+            f"an arm of {maker} has {len(wanted)} joints, this one {arm.n}",
             hint="leave the controller out, or name another one",
             name=maker,
         )
-    state = chain.forward(np.zeros(chain.n))
+    state = arm.forward(np.zeros(arm.n))
     world = _usual_world(maker, state.origins) if T_base_world is None else T_base_world
     cosine = np.sum((state.axes @ world[:3, :3]) * wanted, axis=-1)
     if (np.abs(cosine) < _SAME_DIRECTION).any():
@@ -171,10 +188,10 @@ def controller_of(
             hint="is the zero posture of the description that of the controller?",
             name=maker,
         )
-    signs = np.diag(np.sign(cosine))
+    signs = np.diag(np.concatenate([np.ones(slides), np.sign(cosine)]))
     shares = np.eye(chain.n)  # what is shown, of joint values in the maker's signs
     if maker == "fanuc":
-        shares[2, 1] = -1.0
+        shares[slides + 2, slides + 1] = -1.0
     for coupling in couplings:
         shares[_places(coupling, joint_names)] = coupling.ratio
     if abs(np.linalg.det(shares)) < _LEAST_DETERMINANT:
@@ -183,7 +200,7 @@ def controller_of(
             hint="a joint is shown with a part of one that comes before it",
             name="coupling",
         )
-    return Controller(maker, shares @ signs, world)
+    return Controller(maker, shares @ signs, world, slides)
 
 
 def _places(coupling: Coupling, joint_names: Sequence[str]) -> tuple[int, int]:

@@ -109,6 +109,12 @@ def dh_table(robot: Robot, form: Form = "standard", parallel_rad: float = 0.0) -
         raise InputError(
             f"unknown form {form!r} of a table", hint=near_names(form, get_args(Form)), name="form"
         )
+    if robot.slides:
+        raise RobotModelError(
+            f"{robot.name}: {robot.joint_names[0]} slides, and the table is of joints that turn",
+            hint="hold it, or name a base behind it",
+            name=robot.joint_names[0],
+        )
     at_zero = robot.chain.forward(np.zeros(robot.n))
     world = np.eye(4) if robot.controller is None else robot.controller.T_base_world
     T_base_0 = T = _first_frame(at_zero.axes[0], at_zero.origins[0], world)

@@ -189,10 +189,15 @@ def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
     return np.asarray(model.lowerPositionLimit), np.asarray(model.upperPositionLimit)
 
 
+def is_slide(model: pin.Model, joint: int) -> bool:
+    """Whether a joint slides along one line; a planar one does not."""
+    kind = model.joints[joint]
+    return bool(kind.shortname().startswith("JointModelP") and kind.nv == 1)
+
+
 def _unit(model: pin.Model, joint: int) -> tuple[str, float]:
     """Unit that people give a joint's value in, and the factor from [rad, m]."""
-    is_slide = model.joints[joint].shortname().startswith("JointModelP")
-    return ("mm", 1e3) if is_slide else ("deg", math.degrees(1.0))
+    return ("mm", 1e3) if is_slide(model, joint) else ("deg", math.degrees(1.0))
 
 
 def joints_between(
@@ -218,7 +223,7 @@ def joints_between(
 
 
 def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotModelError]) -> None:
-    """Refuse joints that no serial arm of revolute joints has."""
+    """Refuse joints that no serial arm has, nor what carries one."""
     if len(joints) > MOST_JOINTS:
         raise RobotModelError(
             f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
@@ -227,13 +232,20 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
             value=len(joints),
             bound=MOST_JOINTS,
         )
+    turned = False
     for i in joints:
-        name = model.names[i]
-        if not model.joints[i].shortname().startswith("JointModelR"):
+        name, turns = model.names[i], model.joints[i].shortname().startswith("JointModelR")
+        turned |= turns
+        if not (turns or is_slide(model, i)):
             raise RobotModelError(
-                f"{model.name}: joint {name} is not revolute",
-                hint="name a base and a tip with only revolute joints between them, or hold the "
-                "joint at zero with lock",
+                f"{model.name}: joint {name} is neither revolute nor prismatic",
+                hint="name another base or tip, or hold the joint at zero with lock",
+                name=name,
+            )
+        if turned and not turns:
+            raise RobotModelError(
+                f"{model.name}: joint {name} slides, behind joints that turn",
+                hint="slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
                 name=name,
             )
         if name in flaws:
@@ -246,6 +258,10 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
                 hint="correct the limits, make the joint fixed, or hold it at zero with lock",
                 name=name,
             )
+    if not turned:
+        raise RobotModelError(
+            f"{model.name}: no joint between base and tip turns", hint="name another tip"
+        )
 
 
 def links_of_other_branches(model: pin.Model, first: int) -> frozenset[str]:
@@ -301,7 +317,13 @@ def chain_of(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> 
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     J = data.J.reshape(6, -1)  # a model of one joint gives a flat array
-    axes = np.array([data.oMi[i].rotation.T @ J[3:, model.joints[i].idx_v] for i in joints])
+    slides = sum(is_slide(model, i) for i in joints)
+    rows = [slice(0, 3)] * slides + [slice(3, 6)] * (len(joints) - slides)
+    columns = [J[part, model.joints[i].idx_v] for i, part in zip(joints, rows, strict=True)]
+    axes = np.array([data.oMi[i].rotation.T @ c for i, c in zip(joints, columns, strict=True)])
     return SerialChain(
-        placements=placements, axes=axes, T_link_tip=transform(tip.rotation, tip.translation)
+        placements=placements,
+        axes=axes,
+        T_link_tip=transform(tip.rotation, tip.translation),
+        slides=slides,
     )

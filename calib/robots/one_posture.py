@@ -35,8 +35,9 @@ class OnePosture:
         bodies = zip(robot.link_mass, robot.link_com, strict=True)
         frames = zip(chain.placements, chain.axes, bodies, strict=True)
         for k, (placement, axis, (mass, com)) in enumerate(frames):
-            revolute = pin.JointModelRevoluteUnaligned(axis)
-            joint = model.addJoint(joint, revolute, pin.SE3(placement), f"joint {k + 1}")
+            slides = k < chain.slides
+            kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+            joint = model.addJoint(joint, kind(axis), pin.SE3(placement), f"joint {k + 1}")
             model.appendBodyToJoint(joint, pin.Inertia(mass, com, np.zeros((3, 3))), nowhere)
         self._tip = pin.SE3(chain.T_link_tip)
         if com_m is not None:

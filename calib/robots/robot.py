@@ -21,11 +21,12 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, SerialChain
-from calib.robots.controller import Controller, Coupling, controller_of
+from calib.robots.controller import Controller, Coupling, controller_of, shown_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
 from calib.robots.inverse.offset_wrist import OffsetWrist
+from calib.robots.inverse.on_slides import OnSlides
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
@@ -56,7 +57,11 @@ _WORLD = "base"
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial arm of n revolute joints between a base frame and a tip frame.
+    """A serial arm between a base frame and a tip frame, and the slides that carry it.
+
+    Its n joints are those that slide (a rail, a gantry, a lift), then those that turn. Values of
+    the ones are in metres wherever those of the others are in radians, and in millimetres where
+    people read degrees.
 
     Make one with :meth:`from_urdf` or :meth:`preset`.
 
@@ -67,9 +72,9 @@ class Robot:
     joint_names : tuple of str
         From the base to the tip; the joint's sign and zero are those of the URDF.
     lower, upper : array (n,)
-        Joint limits [rad].
+        Joint limits [rad, m].
     speed : array (n,)
-        Largest joint speeds [rad/s]; NaN where the description gives none.
+        Largest joint speeds [rad/s, m/s]; NaN where the description gives none.
     link_mass : array (n,)
         Mass of what each joint moves up to the next joint [kg]; zero where none is given.
     link_com : array (n, 3)
@@ -146,7 +151,7 @@ class Robot:
         base : str, optional
             Link that positions are given in; the root of the tree by default.
         lock : names, optional
-            Further joints to hold at zero: a rail or a lift between base and tip.
+            Further joints to hold at zero: a rail between base and tip that stands still, say.
         held_rad, held_m : mappings of str to float, optional
             Joints that turn, and joints that slide, to hold at other values, wherever they are.
             Those that follow one of them (mimic) are where it brings them.
@@ -164,7 +169,7 @@ class Robot:
         RobotModelError
             The file cannot be used (see :func:`calib.robots.description.urdf.load_urdf`), a frame
             or a joint to lock does not exist, or what moves between base and tip is not a row of
-            revolute joints with limits.
+            joints with limits, of which those that slide come first.
         """
         check_type(path, (str, PathLike), "path")
         check_type(tip, (str, type(None)), "tip")
@@ -314,6 +319,35 @@ class Robot:
         """Number of joints."""
         return self.chain.n
 
+    @property
+    def slides(self) -> int:
+        """How many of the joints, the first ones, slide."""
+        return self.chain.slides
+
+    @cached_property
+    def joint_labels(self) -> tuple[str, ...]:
+        """Short names as controllers give them: E1 for what slides, J1 to J6 for what turns."""
+        slides = self.slides
+        return tuple(f"E{j + 1}" if j < slides else f"J{j + 1 - slides}" for j in range(self.n))
+
+    @cached_property
+    def joint_units(self) -> tuple[str, ...]:
+        """Units that people read the joints' values in: mm or deg."""
+        return tuple("mm" if j < self.slides else "deg" for j in range(self.n))
+
+    @cached_property
+    def per_unit(self) -> FloatArray:
+        """Millimetres in a metre, degrees in a radian, ``(n,)``."""
+        return shown_of(self.n, self.slides)
+
+    def shown(self, q: ArrayLike) -> FloatArray:
+        """Joint values ``(..., n)`` [rad, m] as people read them [deg, mm]."""
+        return np.asarray(q, dtype=float) * self.per_unit
+
+    def of_shown(self, values: ArrayLike) -> FloatArray:
+        """Joint values ``(..., n)`` [rad, m] of what people read [deg, mm]."""
+        return np.asarray(values, dtype=float) / self.per_unit
+
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """The link that the first joint hangs on, and the link that each joint moves."""
@@ -348,7 +382,7 @@ class Robot:
     def jacobian(self, q: ArrayLike) -> FloatArray:
         """Jacobian of the tip ``(..., 6, n)`` at postures ``(..., n)`` [rad], in base axes.
 
-        Rows 0 to 2: velocity of the tip's origin [m/rad]; rows 3 to 5: angular velocity.
+        Rows 0 to 2: velocity of the tip's origin [m/rad, m/m]; rows 3 to 5: angular velocity.
         """
         state = self.state(q)
         return state.jacobian(state.p_base_tip)
@@ -364,7 +398,8 @@ class Robot:
 
         Each branch is given once, each joint in that full turn which lies inside the limits and
         nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
-        branch is given at steps of its redundant joint, and the postures nearest to ``near``.
+        branch is given at steps of its redundant joint, and the postures nearest to ``near``. What
+        slides carry is solved for at steps of them, and where ``near`` has them.
         Of arms that nothing else is known for (six axes that are neither parallel nor meet, eight
         and more) what iteration falls to is given, from ``near`` and from a dozen other starts.
 
@@ -392,19 +427,20 @@ class Robot:
             raise InputError(
                 f"the margin to the limits is {margin}", hint="give it in radians", name="margin"
             )
-        bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin)
+        bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin, self.slides)
         return self._inverse.solve(poses, bounds, reference, every_turn)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
         """The solver that gives most of the postures of the chain."""
-        chain = self.chain
-        return (
-            ClosedForm.of(chain)
-            or OffsetWrist.of(chain)
-            or RedundantArm.of(chain)
-            or DampedIteration(chain)
+        arm = self.chain.arm
+        solver = (
+            ClosedForm.of(arm)
+            or OffsetWrist.of(arm)
+            or RedundantArm.of(arm)
+            or DampedIteration(arm)
         )
+        return OnSlides(self.chain, solver) if self.slides else solver
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
@@ -435,9 +471,9 @@ class Robot:
         for j in range(self.n):
             beyond = max(self.lower[j] - posture[j], posture[j] - self.upper[j])
             if beyond > LIMIT_TOLERANCE:
+                three = self.per_unit[j] * np.array([posture[j], self.lower[j], self.upper[j]])
                 raise JointLimitError(
-                    self.joint_names[j],
-                    *np.rad2deg([posture[j], self.lower[j], self.upper[j]]).tolist(),
+                    self.joint_names[j], *three.tolist(), unit=self.joint_units[j]
                 )
         for limit in self.coupled_limits:
             if limit.margin(posture) < -LIMIT_TOLERANCE:

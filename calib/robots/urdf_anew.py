@@ -110,9 +110,8 @@ def _add_joint(root: Element, robot: Robot, index: int, links: dict[int, str]) -
     model, name = robot.model, robot.model.names[index]
     j = robot.joint_names.index(name)
     parent = links[model.parents[index]]
-    element = _add_between(
-        root, name, "revolute", parent, links[index], model.jointPlacements[index]
-    )
+    kind = "prismatic" if j < robot.slides else "revolute"
+    element = _add_between(root, name, kind, parent, links[index], model.jointPlacements[index])
     SubElement(element, "axis", xyz=spread(robot.chain.axes[j].tolist()))
     speed = robot.speed[j] if np.isfinite(robot.speed[j]) else 0.0
     limits = {"lower": robot.lower[j], "upper": robot.upper[j], "velocity": speed, "effort": 0.0}

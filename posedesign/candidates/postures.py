@@ -184,7 +184,9 @@ def local_poses(
     place = np.asarray(touched_m, dtype=float)
     if place.shape != (len(q), 3):
         raise InputError(f"{len(q)} postures touch places ({len(q)}, 3)", name="touched_m")
-    bounds = Bounds.within(robot.lower, robot.upper, robot.coupled_limits, cell.margin)
+    bounds = Bounds.within(
+        robot.lower, robot.upper, robot.coupled_limits, cell.margin, robot.slides
+    )
     steps = max(1, math.ceil(np.linalg.norm(by, axis=1).max(initial=0.0) / _STEP_RAD))
     found = q
     for k in range(1, steps + 1):

@@ -48,7 +48,9 @@ class Situation:
     def take(self, rows: IntArray) -> Situation:
         state = self.__dict__.get("state")
         if state is not None:
-            state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
+            arrays = {f.name: getattr(state, f.name) for f in fields(state)}
+            slides = arrays.pop("slides")
+            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, slides=slides)
         return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 

@@ -41,6 +41,7 @@ BELIEVABLE: dict[Unit, float] = {
     "rad": 0.2,
     "rad/Nm": 1e-3,
     "rad/rad": 0.05,
+    "m/m": 0.05,
 }
 """How far parameters of an arm can be from its description. Freed links turn any arm into any
 other: touch-ups of a small arm, read for a large one, are explained to the noise by links that are

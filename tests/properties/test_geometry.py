@@ -1,6 +1,7 @@
 """Random arms among random solids, against Pinocchio alone and against plain sampling."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -29,9 +30,12 @@ def pose(rng: np.random.Generator, spread_m: float = 1.0) -> np.ndarray:
 
 
 def random_chain(rng: np.random.Generator, n: int) -> SerialChain:
+    """With or without joints that slide, before those that turn."""
     placements = np.array([pose(rng, 0.4) for _ in range(n)])
     axes = rng.normal(size=(n, 3))
-    return SerialChain(placements, axes / np.linalg.norm(axes, axis=1, keepdims=True), pose(rng))
+    slides = int(rng.integers(min(n, 3))) if rng.random() < 0.5 else 0
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return SerialChain(placements, axes, pose(rng), slides)
 
 
 def random_mesh(rng: np.random.Generator, size_m: float) -> Mesh:
@@ -77,8 +81,10 @@ class PinocchioAlone:
         self.model, self.geometry = pin.Model(), pin.GeometryModel()
         joint = 0
         for j in range(chain.n):
-            kind = pin.JointModelRevoluteUnaligned(chain.axes[j])
-            joint = self.model.addJoint(joint, kind, pin.SE3(chain.placements[j]), f"j{j}")
+            slides = j < chain.slides
+            kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+            axis = chain.axes[j]
+            joint = self.model.addJoint(joint, kind(axis), pin.SE3(chain.placements[j]), f"j{j}")
         for i, body in enumerate(scene.bodies):
             solid, placement = coal_solid(body.solid), pin.SE3(body.T_link_body)
             named = pin.GeometryObject(f"{i}", body.link, placement, solid)
@@ -109,8 +115,8 @@ def test_the_smallest_distance_is_that_of_pinocchio(seed, n):
     for posture, distance, pair in zip(q, found.distance_m, found.pair, strict=True):
         all_of_them = reference.distances(posture)
         expected = all_of_them.min()
-        # Pinocchio does not see what lies wholly inside a mesh
-        enclosed = has_mesh(scene, pair) and distance == -CONTACT_M
+        # Pinocchio does not see what lies wholly inside a mesh, nor how deep a mesh is in a plane
+        enclosed = has_mesh(scene, pair) and distance <= -CONTACT_M
         assert (distance <= 0.0) == (expected <= 0.0) or abs(expected) < COAL_M or enclosed
         if not enclosed:
             assert distance == pytest.approx(min(expected, 0.3), abs=COAL_M)
@@ -364,10 +370,8 @@ def test_moving_the_whole_cell_changes_nothing(seed, n):
     rng = np.random.default_rng(seed)
     chain, bodies = random_chain(rng, n), random_bodies(rng, n)
     T = pose(rng, 3.0)
-    there = SerialChain(
-        np.concatenate([T @ chain.placements[:1], chain.placements[1:]]), chain.axes,
-        chain.T_link_tip,
-    )  # fmt: skip
+    placements = np.concatenate([T @ chain.placements[:1], chain.placements[1:]])
+    there = replace(chain, placements=placements)
     moved = {
         group: [
             Body(b.name, b.link, b.T_link_body if b.link else T @ b.T_link_body, b.solid)

@@ -87,9 +87,9 @@ def touching(reference_robot, target_m) -> Callable[..., np.ndarray]:
 
 @pytest.fixture
 def random_urdf(tmp_path) -> Callable[..., Path]:
-    """Write an arm of n revolute joints with arbitrary origins, axes, limits and masses."""
+    """Write an arm of n joints with arbitrary origins, axes, limits and masses; some slide."""
 
-    def write(rng: np.random.Generator, n: int) -> Path:
+    def write(rng: np.random.Generator, n: int, slides: int = 0) -> Path:
         def numbers(low: float, high: float, count: int) -> str:
             return " ".join(repr(float(v)) for v in rng.uniform(low, high, count))
 
@@ -97,7 +97,7 @@ def random_urdf(tmp_path) -> Callable[..., Path]:
         for j in range(n):
             upper = rng.uniform(0.5, 3.0)
             text.append(
-                f'<joint name="j{j + 1}" type="revolute">'
+                f'<joint name="j{j + 1}" type="{"prismatic" if j < slides else "revolute"}">'
                 f'<parent link="{"root" if j == 0 else f"link{j}"}"/><child link="link{j + 1}"/>'
                 f'<origin xyz="{numbers(-0.5, 0.5, 3)}" rpy="{numbers(-3, 3, 3)}"/>'
                 f'<axis xyz="{numbers(-2, 2, 3)}"/>'

@@ -94,7 +94,7 @@ def _rough(model: CalibrationModel) -> CalibrationModel:
     robot = model.robot
     rough = CalibrationModel(
         robot,
-        [ZeroOffsets(robot, robot.joint_names, ROUGH_ZERO_RAD), *blocks],
+        [ZeroOffsets(robot, robot.joint_names, ROUGH_ZERO_RAD, ROUGH_M), *blocks],
         model.measurements,
         model.distances,
     )

@@ -21,7 +21,7 @@ from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.robots import Robot
 from calib.se3 import FloatArray
 
-Unit = Literal["rad", "m", "rad/Nm", "rad/rad", "px", "1", "s"]
+Unit = Literal["rad", "m", "rad/Nm", "rad/rad", "m/m", "px", "1", "s"]
 
 
 class ParameterBlock(ABC):
@@ -96,13 +96,14 @@ class ParameterBlock(ABC):
         return np.zeros(self.size)
 
 
-def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
+def joint_indices(robot: Robot, joints: Sequence[str], *, turning: bool = False) -> list[int]:
     """Indices of joints by name.
 
     Raises
     ------
     InputError
-        A name that the robot does not have; the hint lists near ones.
+        A name that the robot does not have; the hint lists near ones. Or a joint that slides, of
+        errors that only joints that turn have.
     """
     for joint in joints:
         if joint not in robot.joint_names:
@@ -111,6 +112,13 @@ def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
                 hint=near_names(joint, robot.joint_names),
                 name=joint,
             )
+    sliding = [j for j in robot.joint_names[: robot.slides] if turning and j in joints]
+    if sliding:
+        raise InputError(
+            f"joint {sliding[0]!r} slides, and has no such error",
+            hint="leave it out: a slide has an offset, a scale, and the place of its frame",
+            name=sliding[0],
+        )
     doubles = [j for j in joints if list(joints).count(j) > 1]
     if doubles:
         raise InputError(f"joint {doubles[0]!r} is listed twice", hint="list it once")

@@ -96,13 +96,18 @@ class GravityLoad:
         return np.asarray(self._down @ moment), walk
 
     def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
-        """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`."""
+        """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`.
+
+        Zero of joints that slide: nothing here gives way along them.
+        """
         torque, walk = self.torques(q, setup)
-        return np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
+        along = np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
+        along[: self.robot.slides] = 0.0
+        return along
 
 
 def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
-    """Torque that gravity puts on each joint, ``(..., n)`` [Nm].
+    """Torque that gravity puts on each joint that turns, ``(..., n)`` [Nm]; zero for slides.
 
     Positive where gravity turns the joint in its positive sense: the opposite of what the motors
     hold against it (``pinocchio.computeGeneralizedGravity``).

@@ -16,7 +16,13 @@ from numpy.typing import ArrayLike
 from calib.batch_last import cross
 from calib.errors import InputError
 from calib.model.context import ArmErrors, MeasurementContext, Setup, reading_label
-from calib.model.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
+from calib.model.parameters.base import (
+    ParameterBlock,
+    Unit,
+    joint_indices,
+    prior_of,
+    priors_of_units,
+)
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray
@@ -28,7 +34,7 @@ class JointErrors(ParameterBlock):
     Parameters
     ----------
     joints : sequence of int
-        Index of the joint that each parameter turns.
+        Index of the joint that each parameter turns, or slides.
     prior : float or array, optional
         Standard deviation known before measuring, about the nominal value [SI]; of all or of each.
     """
@@ -37,12 +43,12 @@ class JointErrors(ParameterBlock):
         self,
         joints: Sequence[int],
         names: Sequence[str],
-        unit: Unit,
+        unit: Unit | Sequence[Unit],
         prior: float | FloatArray | None = None,
     ) -> None:
         self._joints = list(joints)
         self.names = tuple(names)
-        self.units = (unit,) * len(self.names)
+        self.units = (unit,) * len(self.names) if isinstance(unit, str) else tuple(unit)
         self.prior = prior_of(prior, len(self.names))
 
     @abstractmethod
@@ -64,7 +70,7 @@ class JointErrors(ParameterBlock):
             if joint in done:
                 out[k] = out[done[joint]]
             else:
-                view.turn_about(view.axis(joint), view.walk.origins[joint], out[k])
+                view.move_joint(joint, out[k])
                 done[joint] = k
         if not (weights.shape[1] == 1 and (weights == 1.0).all()):
             out *= weights[:, None, :]
@@ -82,13 +88,23 @@ class ZeroOffsets(JointErrors):
         Names of the joints with an unknown offset.
     prior_rad : float, optional
         Standard deviation known before measuring [rad].
+    prior_m : float, optional
+        The same of joints that slide [m].
     """
 
     beyond_chain = ""
 
-    def __init__(self, robot: Robot, joints: Sequence[str], prior_rad: float | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str],
+        prior_rad: float | None = None,
+        prior_m: float | None = None,
+    ) -> None:
         indices = joint_indices(robot, joints)
-        super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], "rad", prior_rad)
+        units: list[Unit] = ["m" if j < robot.slides else "rad" for j in indices]
+        prior = priors_of_units(units, prior_m, prior_rad)
+        super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], units, prior)
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """One: an offset is the same in every posture."""
@@ -179,7 +195,7 @@ class JointScale(JointErrors):
     Parameters
     ----------
     prior : float, optional
-        Standard deviation known before measuring [rad/rad].
+        Standard deviation known before measuring [rad/rad, m/m].
     """
 
     beyond_chain = "scale of joint values"
@@ -187,7 +203,8 @@ class JointScale(JointErrors):
     def __init__(self, robot: Robot, joints: Sequence[str], prior: float | None = None) -> None:
         self._indices = joint_indices(robot, joints)
         names = [f"scale.{joint}" for joint in joints]
-        super().__init__(self._indices, names, "rad/rad", prior)
+        units: list[Unit] = ["m/m" if j < robot.slides else "rad/rad" for j in self._indices]
+        super().__init__(self._indices, names, units, prior)
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The joint value itself."""
@@ -229,7 +246,7 @@ class JointHarmonics(JointErrors):
         if len(set(waves.tolist())) != len(waves):
             raise InputError("a harmonic is listed twice", hint="list it once", name="harmonics")
         indices, names, orders = [], [], []
-        for joint, index in zip(joints, joint_indices(robot, joints), strict=True):
+        for joint, index in zip(joints, joint_indices(robot, joints, turning=True), strict=True):
             for wave in waves.tolist():
                 for phase in self.phases:
                     indices.append(index)
@@ -278,7 +295,8 @@ class JointCompliance(JointErrors):
     ) -> None:
         self._load = GravityLoad(robot, payload)
         names = [f"compliance.{joint}" for joint in joints]
-        super().__init__(joint_indices(robot, joints), names, "rad/Nm", prior)
+        indices = joint_indices(robot, joints, turning=True)
+        super().__init__(indices, names, "rad/Nm", prior)
         self._nominal = np.zeros(len(joints)) if nominal is None else np.asarray(nominal, float)
         if self._nominal.shape != (len(joints),):
             raise InputError(
@@ -344,7 +362,7 @@ class LostMotion(JointErrors):
         self._load = GravityLoad(robot, payload)
         self._torque_nm = np.broadcast_to(torque, (len(joints),))[:, None]
         names = [f"lost_motion.{joint}" for joint in joints]
-        super().__init__(joint_indices(robot, joints), names, "rad", prior_rad)
+        super().__init__(joint_indices(robot, joints, turning=True), names, "rad", prior_rad)
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Side that gravity pushes the joint to, from -1 to 1."""

@@ -92,7 +92,7 @@ class LinkGeometry(ParameterBlock):
                 before = product(view.walk.placed[joint], rotation)
             if max(columns) >= 3:
                 about = view.frame_axes(joint)
-                swept = cross(about, view.point - view.walk.origins[joint])
+                swept = cross(about, view.point - view.frame_origin(joint))
             for k, axis in self._rows[joint]:
                 if axis < 3:
                     out[k, :3] = before[axis]
@@ -147,7 +147,7 @@ class BearingCompliance(ParameterBlock):
         prior: float | None = None,
     ) -> None:
         self._load = GravityLoad(robot, payload)
-        self._joints = joint_indices(robot, joints)
+        self._joints = joint_indices(robot, joints, turning=True)
         self._axes = robot.chain.axes[self._joints]
         found = [_across(axis) for axis in self._axes]
         self._directions = [directions for _, directions in found]  # (2, 3) each

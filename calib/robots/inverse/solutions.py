@@ -69,14 +69,14 @@ class NoPosture:
         Joint (from zero) that the least offending posture brings farthest beyond its limits.
     coupled : str or None
         Name of the coupled limit, where it is one of these that is broken farthest.
-    excess_rad : float
-        How far beyond; NaN where no posture takes the pose at all.
+    excess : float
+        How far beyond [rad, m]; NaN where no posture takes the pose at all.
     """
 
     gap_m: float
     joint: int | None
     coupled: str | None
-    excess_rad: float
+    excess: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ class InverseSolutions:
             gap_m=float(self.gap_m[pose]),
             joint=worst if together < 0 else None,
             coupled=None if together < 0 else self.bounds.coupled[together].name,
-            excess_rad=float(best[worst]),
+            excess=float(best[worst]),
         )
 
 
@@ -239,17 +239,17 @@ class DampedIteration(InverseKinematics):
         gap_m = np.full(len(T_base_tip), np.nan)
         for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
             part = slice(start, start + _POSES_AT_ONCE)
-            q, of, gap_m[part] = self._some(T_base_tip[part], bounds, near)
+            q, of, gap_m[part] = self.fall(T_base_tip[part], bounds, near)
             postures.append(q)
             pose.append(of + start)
         return self._answer(
             np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
         )
 
-    def _some(
+    def fall(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Postures, their poses and the gaps [m] of some poses."""
+        """Postures inside the joints' limits that poses fall to, their poses, the gaps [m]."""
         rng = np.random.default_rng(0)  # the same pose must give the same postures at every call
         # where a margin leaves a joint no room they are crossed: what it would take is told
         lower = np.minimum(bounds.lower, bounds.upper)

@@ -74,10 +74,10 @@ def test_chain_is_the_model(name):
     assert found.moved == model.robot.joint_names
 
 
-@pytest.mark.parametrize("n", [1, 3, 6, 7])
-def test_chain_is_the_model_of_random_arms(random_urdf, n):
+@pytest.mark.parametrize(("n", "slides"), [(1, 0), (3, 0), (6, 0), (7, 0), (8, 2)])
+def test_chain_is_the_model_of_random_arms(random_urdf, n, slides):
     rng = np.random.default_rng(n)
-    model = geometry_of(Robot.from_urdf(random_urdf(rng, n)))
+    model = geometry_of(Robot.from_urdf(random_urdf(rng, n, slides)))
     x = random_values(model, rng)
     q = postures_of(model.robot)
     corrected = corrected_robot(model, x).robot

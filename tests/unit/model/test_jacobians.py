@@ -26,7 +26,7 @@ from calib.model.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-STEP = {"rad": 1e-5, "m": 1e-5, "rad/Nm": 1e-8, "rad/rad": 1e-5}
+STEP = {"rad": 1e-5, "m": 1e-5, "rad/Nm": 1e-8, "rad/rad": 1e-5, "m/m": 1e-5}
 """Of the central differences: each moves the arm by some 10 µm."""
 
 RELATIVE = 1e-7
@@ -37,13 +37,21 @@ NOISE = {1: [1e-5], 2: [1e-5, 3e-5], 3: [1e-5, 2e-5, 8e-5], 6: [1e-5, 2e-5, 3e-5
 LOADS = (Payload(100.0, np.array([0.1, 0, 0.2])), Payload(20.0, np.array([0.3, 0, 0.2])))
 SIX = ("x", "y", "z", "rx", "ry", "rz")
 
+
+def turning(robot: Robot) -> tuple[str, ...]:
+    """Names of the joints that turn."""
+    return robot.joint_names[robot.slides :]
+
+
 OF_THE_ARM = {
     "zero offsets": lambda r: ZeroOffsets(r, r.joint_names[::-1]),
     "scale": lambda r: JointScale(r, r.joint_names),
-    "harmonics": lambda r: JointHarmonics(r, r.joint_names[1:3], [1, 2, 100]),
-    "compliance": lambda r: JointCompliance(r, r.joint_names[::2], LOADS),
-    "bearings": lambda r: BearingCompliance(r, r.joint_names[1:], LOADS),
-    "lost motion": lambda r: LostMotion(r, r.joint_names[1:], np.arange(2.0, r.n + 1.0), LOADS),
+    "harmonics": lambda r: JointHarmonics(r, turning(r)[1:3], [1, 2, 100]),
+    "compliance": lambda r: JointCompliance(r, turning(r)[::2], LOADS),
+    "bearings": lambda r: BearingCompliance(r, turning(r)[1:], LOADS),
+    "lost motion": lambda r: LostMotion(
+        r, turning(r)[1:], np.arange(2.0, len(turning(r)) + 1.0), LOADS
+    ),
     "links": lambda r: LinkGeometry(r),
     "some links": lambda r: LinkGeometry(
         r, [f"link.{r.joint_names[1]}.ry", f"link.{r.joint_names[3]}.x"]
@@ -89,14 +97,19 @@ def kinds(measurement: str) -> list:
 @pytest.mark.parametrize("setting", ["points", "frames"])
 @pytest.mark.parametrize("measurement", [*KINDS, "mixed"])
 @pytest.mark.parametrize(
-    ("arm", "freed"), [*(("oblique", freed) for freed in ALL), ("reference", "all")]
+    ("arm", "freed"),
+    [*(("oblique", freed) for freed in ALL), ("reference", "all"), ("on slides", "all")],
 )
 def test_jacobian_is_the_derivative_of_the_rows(
     reference_robot, random_urdf, arm, setting, measurement, freed
 ):
     """Of the residuals, and of these over their noise, whose axes may turn with the arm."""
     rng = np.random.default_rng(0)
-    robot = reference_robot if arm == "reference" else Robot.from_urdf(random_urdf(rng, 5))
+    slides = 2 if arm == "on slides" else 0
+    robot = reference_robot
+    if arm != "reference":
+        robot = Robot.from_urdf(random_urdf(rng, 5 + slides, slides))
+    assert robot.slides == slides
     model = CalibrationModel(robot, blocks(robot, freed, setting, rng), kinds(measurement))
     assert model.p
     setup = Setup.of(

@@ -190,7 +190,7 @@ def test_the_reason_for_no_posture(reference_robot):
     assert far is not None
     assert far.gap_m == answers.gap_m[1] > 1.0
     assert (far.joint, far.coupled) == (None, None)
-    assert np.isnan(far.excess_rad)
+    assert np.isnan(far.excess)
     # joint 5 may no longer bend: 50 deg either way is 40 deg too far, whatever the other branches
     stiff = replace(
         robot,
@@ -201,9 +201,9 @@ def test_the_reason_for_no_posture(reference_robot):
     assert limits is not None
     assert limits.gap_m == 0.0
     assert limits.joint == 4
-    assert np.rad2deg(limits.excess_rad) == pytest.approx(40.0, abs=1e-6)
+    assert np.rad2deg(limits.excess) == pytest.approx(40.0, abs=1e-6)
     tied = with_coupled(robot, [0, 1, 1, 0, 0, 0], -5.0, 5.0)
     coupled = tied.inverse(poses[0]).reason(0)
     assert coupled is not None
     assert (coupled.joint, coupled.coupled) == (None, "J2 with J3")
-    assert np.rad2deg(coupled.excess_rad) == pytest.approx(5.0, abs=1e-6)  # -10 is 5 beyond -5
+    assert np.rad2deg(coupled.excess) == pytest.approx(5.0, abs=1e-6)  # -10 is 5 beyond -5

@@ -297,7 +297,7 @@ def test_iteration_with_a_margin_that_leaves_no_room(random_urdf):
     answers = robot.inverse(robot.fk(middle), near=middle, margin=margin)
     assert len(answers.postures)
     assert not answers.inside.any()
-    assert answers.reason(0).excess_rad > 0.0
+    assert answers.reason(0).excess > 0.0
 
 
 def test_iteration_on_many_poses_at_once(random_urdf, monkeypatch):

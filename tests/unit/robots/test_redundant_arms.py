@@ -200,7 +200,7 @@ def test_limits_in_the_way_are_told_from_reach(seven_axis_robot):
     assert reason is not None
     if len(answers.postures):
         assert reason.gap_m == 0.0
-        assert reason.excess_rad > 0
+        assert reason.excess > 0
 
 
 def test_coupled_limits_hold_for_redundant_arms(seven_axis_robot):
@@ -230,4 +230,4 @@ def test_a_margin_that_leaves_no_room_is_told_as_one_of_limits(seven_axis_robot)
     for i in range(5):
         reason = answers.reason(i)
         assert reason.gap_m == 0.0
-        assert reason.excess_rad > 0.0
+        assert reason.excess > 0.0

@@ -331,8 +331,16 @@ BROKEN = {
         "link 'b' has inertial origin xyz='1 2'",
         "b",
     ),
-    "prismatic": (ABC + J1 + joint("j2", "b", "c", "prismatic"), "joint j2 is not revolute", "j2"),
-    "floating": (ABC + J1 + joint("j2", "b", "c", "floating"), "joint j2 is not revolute", "j2"),
+    "prismatic": (
+        ABC + J1 + joint("j2", "b", "c", "prismatic"),
+        "joint j2 slides, behind joints that turn",
+        "j2",
+    ),
+    "floating": (
+        ABC + J1 + joint("j2", "b", "c", "floating"),
+        "joint j2 is neither revolute nor prismatic",
+        "j2",
+    ),
     "mimic": (
         ABC + J1 + joint("j2", "b", "c", more='<mimic joint="j1" multiplier="2"/>'),
         r"joint 'j2' follows another joint \(mimic\)",

@@ -85,7 +85,7 @@ def run_demo(
     progress("planning", 0.0)
     cell = Cell.load(path)
     plan = plan_poses(cell, results)
-    poses = read_poses(folder / "poses.csv", cell.robot.n)
+    poses = read_poses(folder / "poses.csv", cell.robot.n, slides=cell.robot.slides)
     name = cell.config.program.name
     made = replace(results, inputs=(*results.inputs, folder / "poses.csv", path))
     program = write_program(poses, made, "fanuc-ls", program_options(cell, poses), name, cell)

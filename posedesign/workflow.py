@@ -279,7 +279,11 @@ def _plan_next_views(
         cell, postures = as_calibrated(cell, taken)
     else:
         listed = read_poses(
-            taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+            taken,
+            cell.robot.n,
+            slides=cell.robot.slides,
+            controller=cell.robot.controller,
+            trust_units=trust_units,
         )
         check_fit(cell, listed)
         postures = listed.measured.postures
@@ -330,7 +334,7 @@ def simulate(
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
-    postures = poses.postures
+    postures, slides = poses.postures, cell.robot.slides
     if cycles > 1 and not all(seen.reads for seen in cell.observations):
         raise InputError(
             f"{cycles} cycles of poses that are touched",
@@ -339,13 +343,15 @@ def simulate(
         )
     if not cell.is_hand_eye and cell.is_plain:
         touched = robot.touch_up(postures, rng)
-        write_measurements(claims[0], replace(touched, names=poses.names))
+        write_measurements(claims[0], replace(touched, names=poses.names), slides=slides)
         postures = touched.postures
     elif not cell.is_hand_eye:
         which = np.tile(cell.which(poses.labels), cycles)
         data = robot.measure(np.tile(postures, (cycles, 1)), which, poses.names * cycles, rng)
         kinds = [kind.name for kind in robot.model.measurements]
-        write_measurements(claims[0], data, kinds, [load.name for load in cell.config.payload])
+        write_measurements(
+            claims[0], data, kinds, [load.name for load in cell.config.payload], slides=slides
+        )
     if cell.has_camera:
         A, B = robot.camera_poses(postures, rng)
         write_pairs(claims[-1], Pairs(poses.names, A, B))
@@ -385,7 +391,9 @@ def identify_file(
         found = read_measured(cell, measurements, joints, trust_units=trust_units)
         cell, facts = found.cell, found.facts
         table = replace(found.table, notes=found.notes)
-        write_measurements(more[0], table.data, table.kinds, extra=table.extra)
+        write_measurements(
+            more[0], table.data, table.kinds, extra=table.extra, slides=cell.robot.slides
+        )
     else:
         table = _measured(cell, measurements, trust_units)
     if not trust_units:
@@ -411,7 +419,7 @@ def identify_file(
     data = {"file": measurements.name, "origin": None if source is None else str(source)}
     content = {"data": data, **results_as_dict(cell, identified)}
     write_json_atomic(file, content)
-    shown, q_deg = IdentificationFile.model_validate(content), np.rad2deg(table.data.postures)
+    shown, q_deg = IdentificationFile.model_validate(content), cell.robot.shown(table.data.postures)
     draw(results, (png, svg), lambda: figure_of_identification(shown, q_deg))
     return identified
 
@@ -583,6 +591,7 @@ def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
     return read_measurements(
         path,
         cell.robot.n,
+        slides=cell.robot.slides,
         kind=cell.config.measurement.kind,
         payloads=[payload.name for payload in cell.config.payload],
         controller=cell.robot.controller,

@@ -143,6 +143,8 @@ def touch(
 ) -> tuple[FloatArray, FloatArray]:
     """Move the arm from postures until its tool point meets the target, as touch-up does.
 
+    Slides that carry the arm stay where they are.
+
     Newton's method on the joints. The correction is a shift of the arm tip (Eq. 3 and Fig. 4 of
     [Watanabe2006]_): the controller holds the W, P, R that it believes in, of the nominal robot.
 
@@ -195,8 +197,8 @@ def _shift(
     """Equations ``J dq = right`` of one step: the missing way [m], then the turn to undo [rad]."""
     view = model.view(q, x, setup)
     wanted = np.broadcast_to(displacement, (*q.shape[:-1], 3)).reshape(-1, 3).T
-    moved = np.empty((model.robot.n, 3, view.q.shape[1]))
-    for joint in range(model.robot.n):
+    moved = np.zeros((model.robot.n, 3, view.q.shape[1]))
+    for joint in range(model.robot.slides, model.robot.n):  # what carries the arm stays
         view.move_joint(joint, moved[joint])
     J = view.posture_first(model.gap(moved, view))
     missing = view.posture_first(model.gap(wanted - view.error, view))
@@ -204,6 +206,6 @@ def _shift(
         return J, missing
     nominal = model.robot.chain.forward(q)
     turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
-    turning = nominal.jacobian(nominal.p_base_tip)[..., 3:, :]
+    turning = nominal.jacobian(nominal.p_base_tip)[..., 3:, :]  # nothing, by slides
     J = np.concatenate([J, turning], axis=-2)
     return J, np.concatenate([missing, turn], axis=-1)

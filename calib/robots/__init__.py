@@ -12,7 +12,7 @@ from calib.doors import load_when_asked
 if TYPE_CHECKING:
     from calib.robots.bounds import CoupledLimit
     from calib.robots.chain import ChainState, SerialChain
-    from calib.robots.controller import POSITIVE_AXES, Controller
+    from calib.robots.controller import POSITIVE_AXES, Controller, shown_of
     from calib.robots.flange_poses import flange_robot, posture_of_pose
     from calib.robots.inverse import InverseSolutions
     from calib.robots.presets import find_preset, preset_info, preset_names
@@ -33,4 +33,5 @@ __all__ = [
     "posture_of_pose",
     "preset_info",
     "preset_names",
+    "shown_of",
 ]

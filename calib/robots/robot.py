@@ -324,6 +324,11 @@ class Robot:
         """How many of the joints, the first ones, slide."""
         return self.chain.slides
 
+    @property
+    def turning(self) -> tuple[str, ...]:
+        """Names of the joints that turn."""
+        return self.joint_names[self.slides :]
+
     @cached_property
     def joint_labels(self) -> tuple[str, ...]:
         """Short names as controllers give them: E1 for what slides, J1 to J6 for what turns."""

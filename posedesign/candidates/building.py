@@ -247,8 +247,9 @@ def joint_candidates(
             bound=0.0,
         )
     robot, base, camera = cell.robot, cell.base_posture, cell.config.camera
-    lower = np.maximum(robot.lower + cell.margin, base - largest_turn)
-    upper = np.minimum(robot.upper - cell.margin, base + largest_turn)
+    lower, upper, turning = robot.lower.copy(), robot.upper.copy(), slice(robot.slides, None)
+    lower[turning] = np.maximum(robot.lower + cell.margin, base - largest_turn)[turning]
+    upper[turning] = np.minimum(robot.upper - cell.margin, base + largest_turn)[turning]
     joints_at_once = views_at_once = int(np.clip(count, _FEWEST, _MOST))
     each = 64
     if robot.n > 6:  # a redundant arm takes each view in many ways, and long to find them

@@ -129,11 +129,12 @@ def asked_for(solutions: InverseSolutions, configurations: Configurations) -> Bo
     """Whether each posture ``(S,)`` is of the configurations asked for."""
     if configurations != "front":
         return np.ones(len(solutions.pose), dtype=bool)
-    return in_front(solutions.postures[:, 0], float(solutions.near[0]))
+    first = solutions.chain.slides
+    return in_front(solutions.postures[:, first], float(solutions.near[first]))
 
 
 def in_front(first: FloatArray, base: float) -> BoolArray:
-    """Whether the first joint ``(S,)`` [rad] is on the side of the base posture."""
+    """Whether the first joint that turns ``(S,)`` [rad] is on the side of the base posture."""
     turn = first - base
     return np.asarray(np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) <= FRONT_RAD)
 

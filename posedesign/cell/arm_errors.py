@@ -49,7 +49,7 @@ def payloads_of(cell: CellData) -> list[Payload]:
 def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     """Blocks of the arm that words free; all joints unless the cell lists offsets."""
     robot, section = cell.robot, cell.config.parameters
-    joints, payloads = robot.joint_names, payloads_of(cell)
+    joints, payloads = robot.turning, payloads_of(cell)
     blocks: list[ParameterBlock] = []
     held, degree = PRIORS in words, np.pi / 180.0
     offset = section.prior_offset_deg * degree if held else None
@@ -59,12 +59,12 @@ def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     give = section.prior_compliance_urad_nm * 1e-6 if held else None
     if "geometry" in words:
         # offsets first: a turn about a joint's axis is then called by the name of its offset
-        blocks.append(ZeroOffsets(robot, joints, offset))
+        blocks.append(ZeroOffsets(robot, robot.joint_names, offset, length))
         blocks.append(LinkGeometry(robot, _across_axes(robot) if held else None, length, angle))
     elif "zero_offsets" in words:
-        blocks.append(ZeroOffsets(robot, cell.offset_joints, offset))
+        blocks.append(ZeroOffsets(robot, cell.offset_joints, offset, length))
     if "scale" in words:
-        blocks.append(JointScale(robot, joints, wave))  # as much in a radian as a wave
+        blocks.append(JointScale(robot, robot.joint_names, wave))  # as much in a radian as a wave
     if "compliance" in words:
         wound = None if give is None else _give(robot, payloads, give)
         blocks.append(JointCompliance(robot, joints, payloads, prior=wound))
@@ -93,7 +93,8 @@ def _give(robot: Robot, payloads: Sequence[Payload], prior: float) -> FloatArray
         ],
         axis=0,
     )
-    return np.asarray(np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior)))
+    sigma = np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior))
+    return np.asarray(sigma[robot.slides :])
 
 
 def _across_axes(robot: Robot) -> list[str]:

@@ -43,7 +43,7 @@ from posedesign.cell.observations import (
     true_set_up,
     which_observations,
 )
-from posedesign.cell.schema import CellConfig, RobotSection
+from posedesign.cell.schema import BasePoseSection, CellConfig, RobotSection
 from posedesign.cell.surroundings import (
     Whereabouts,
     build_checker,
@@ -147,8 +147,8 @@ class Cell(CellData):
             base_posture=posture,
             tool_m=tool,
             target_m=target,
-            # the first and the last joint are absorbed by target and tool point (section 3.2)
-            offset_joints=robot.joint_names[1:-1] if listed is None else listed,
+            # the first and the last joint that turn are absorbed by target and tool point (section 3.2)
+            offset_joints=robot.turning[1:-1] if listed is None else listed,
             tool_bodies=tuple(carried),
             obstacles=tuple(around),
         )
@@ -381,6 +381,7 @@ class Cell(CellData):
         return MotionChecker(
             self.solid_passing if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
+            self.robot.slides,
         )
 
     @cached_property
@@ -448,15 +449,17 @@ def _with_controller(robot: Robot, section: RobotSection, path: Path) -> Robot:
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:
     limits = [*robot.coupled_limits] if section.keep_coupled_limits else []
     for given in section.coupled_limit:
-        if len(given.coefficients) != robot.n:
+        if len(given.coefficients) != len(robot.turning):
             raise FileFormatError(
-                f"{given.name}: {len(given.coefficients)} coefficients for {robot.n} joints",
+                f"{given.name}: {len(given.coefficients)} coefficients for "
+                f"{len(robot.turning)} joints that turn",
                 path=path,
                 key="robot.coupled_limit",
                 hint="give one for each joint, 0 for those that have no part in it",
             )
         lower, upper = np.deg2rad([given.lower_deg, given.upper_deg]).tolist()
-        limits.append(CoupledLimit(given.name, np.array(given.coefficients), lower, upper))
+        coefficients = np.concatenate([np.zeros(robot.slides), given.coefficients])
+        limits.append(CoupledLimit(given.name, coefficients, lower, upper))
     return replace(robot, coupled_limits=tuple(limits))
 
 
@@ -485,16 +488,34 @@ def _with_posture_of_state(
             key=key,
             hint="name a state of all joints of the arm, or give posture_deg",
         )
-    degrees = tuple(np.rad2deg([values[joint] for joint in robot.joint_names]).tolist())
-    pose = config.base_pose.model_copy(update={"posture_deg": degrees, "state": None})
+    pose = posture_section(robot, np.array([values[joint] for joint in robot.joint_names]))
     return config.model_copy(update={"base_pose": pose})
+
+
+def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:
+    """The section of a cell that has a posture ``(n,)`` [rad, m] for its base pose."""
+    shown = robot.shown(q).tolist()
+    return BasePoseSection(slides_mm=shown[: robot.slides], posture_deg=shown[robot.slides :])
+
+
+def posture_of_section(robot: Robot, section: BasePoseSection) -> FloatArray:
+    """Posture ``(n,)`` [rad, m] of the base pose; slides that are not given are at zero."""
+    slides = np.array(section.slides_mm or np.zeros(robot.slides)) / 1e3
+    return np.concatenate([slides, np.deg2rad(section.posture_deg)])
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
     degrees = np.array(config.base_pose.posture_deg)
     key = "base_pose.posture_deg"
+    if config.base_pose.slides_mm and len(config.base_pose.slides_mm) != robot.slides:
+        raise FileFormatError(
+            f"{len(config.base_pose.slides_mm)} values for {robot.slides} slides of {robot.name}",
+            path=path,
+            key="base_pose.slides_mm",
+            hint="give one for each joint that slides, or leave it out",
+        )
     with naming(path, key):
-        posture = robot.check_posture(np.deg2rad(degrees))
+        posture = robot.check_posture(posture_of_section(robot, config.base_pose))
     fractions = np.count_nonzero(degrees % 1.0)
     if np.abs(degrees).max() <= MOST_RADIANS and fractions >= min(3, robot.n):
         raise FileFormatError(

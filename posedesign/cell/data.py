@@ -119,12 +119,12 @@ class CellData:
 
     @property
     def stiffness(self) -> FloatArray:
-        """Stiffness of the simulated reducers ``(n,)`` [Nm/rad]; infinite where they are rigid."""
+        """Stiffness of the simulated reducers of joints that turn [Nm/rad]; infinite: rigid."""
         truth = self.config.truth
         if truth.deflection is False:
-            return np.full(self.robot.n, np.inf)
+            return np.full(len(self.robot.turning), np.inf)
         given = truth.stiffness_nm_per_rad
-        return self.robot.stiffness if given is None else np.array(given)
+        return self.robot.stiffness[self.robot.slides :] if given is None else np.array(given)
 
     @property
     def deflects(self) -> bool:

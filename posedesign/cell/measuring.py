@@ -108,12 +108,13 @@ def truth_of(
     """
     truth = cell.config.truth
     given = truth.zero_offsets_deg
-    offsets = usual_offsets(cell.robot.n) if given is None else np.deg2rad(given)
-    blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, cell.robot.joint_names)]
+    turning = cell.robot.turning  # slides are where they show; their frames may be off
+    offsets = usual_offsets(len(turning)) if given is None else np.deg2rad(given)
+    blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, turning)]
     values = [offsets]
     if cell.deflects:
         loads = payloads_of(cell)
-        blocks.append(JointCompliance(cell.robot, cell.robot.joint_names, loads))
+        blocks.append(JointCompliance(cell.robot, turning, loads))
         values.append(1.0 / cell.stiffness)
     if truth.link_error_mm > 0.0 or truth.link_error_deg > 0.0:
         links = LinkGeometry(cell.robot)

@@ -135,7 +135,11 @@ def suggest_base_posture(
     UnreachableError
         The arm cannot point its tool so anywhere in front of it.
     """
-    size, height = robot.chain.reach_m, float(robot.state(np.zeros(robot.n)).origins[1, 2])
+    still = np.clip(0.0, robot.lower, robot.upper)
+    still[robot.slides :] = 0.0
+    at_zero = robot.state(still)
+    foot, shoulder = at_zero.origins[robot.slides : robot.slides + 2]
+    size, height = robot.chain.reach_m, float(shoulder[2])
     front = _front(robot)
     places = list(product(_ROLLS, _FRACTIONS, _HEIGHTS))
     rolls = rotation_from_wpr([[0.0, 0.0, roll] for roll, _, _ in places])
@@ -144,10 +148,16 @@ def suggest_base_posture(
     if ahead:
         R = np.column_stack([across, [0.0, 0.0, -1.0], -front]) @ R
     targets = np.array([part * size * front + [0, 0, height + up * size] for _, part, up in places])
-    solutions = robot.inverse(touching_poses(R, tool_m, targets))
+    near = None
+    if robot.slides:  # where they stand
+        targets[:, :2] += foot[:2]
+        near = np.concatenate(
+            [still[: robot.slides], ((robot.lower + robot.upper) / 2)[robot.slides :]]
+        )
+    solutions = robot.inverse(touching_poses(R, tool_m, targets), near)
     tried: list[tuple[tuple[float, float], FloatArray]] = []
     for place in range(len(places)):
-        found = np.deg2rad(np.round(np.rad2deg(solutions.of(place))))
+        found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
         rooms = [_room(robot, q) for q in found]
         for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
             tried.append(((round(rooms[k], 2), -float(np.abs(found[k]).sum())), found[k]))
@@ -178,15 +188,19 @@ def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
 
 def _room(robot: Robot, q: FloatArray) -> float:
     """How far a posture is from its limits and from a singularity, about 0 to 0.5."""
-    limits = (np.minimum(q - robot.lower, robot.upper - q) / robot.joint_range).min()
+    inside = np.minimum(q - robot.lower, robot.upper - q) / robot.joint_range
+    limits = inside[robot.slides :].min()
     dexterity = robot.chain.smallest_singular_values(robot.state(q))
     return float(min(limits, dexterity))
 
 
 def _front(robot: Robot) -> FloatArray:
     """Horizontal unit vector to where the arm reaches with its first joint in mid-range."""
-    q = (robot.lower + robot.upper) / 2.0
-    q[1:] = np.clip(0.0, robot.lower[1:], robot.upper[1:])
-    forward = robot.state(q).p_base_tip * [1.0, 1.0, 0.0]
+    q, first = (robot.lower + robot.upper) / 2.0, robot.slides
+    q[first + 1 :] = np.clip(0.0, robot.lower, robot.upper)[first + 1 :]
+    state = robot.state(q)
+    forward = state.p_base_tip * [1.0, 1.0, 0.0]
+    if first:
+        forward -= state.origins[first] * [1.0, 1.0, 0.0]
     length = np.linalg.norm(forward)
     return forward / length if length > 0.05 * robot.chain.reach_m else np.array([1.0, 0.0, 0.0])

@@ -271,6 +271,8 @@ class BasePoseSection(Section):
 
     posture_deg: tuple[Finite, ...] = ()
     """Joint values of the base pose, from the base on, in the signs of the description."""
+    slides_mm: tuple[Finite, ...] = ()
+    """The same of the slides that carry the arm; at zero where none are given."""
     state: Line | None = None
     """In its place the name of a group state in ``robot.srdf``."""
 

@@ -184,7 +184,7 @@ def build_retreat(
         contact_m=plan.contact_mm / 1e3,
         short_m=plan.stop_short_mm / 1e3,
         passing=passing,
-        others=MotionChecker(solid if ways else (), largest_travel),
+        others=MotionChecker(solid if ways else (), largest_travel, cell.robot.slides),
         meeting=MotionChecker((meeting,) if ways and met else (), np.inf),
     )
 
@@ -600,17 +600,17 @@ def check_board(cell: CellData, path: Path) -> None:
 
 
 def _check_truth(cell: CellData, path: Path) -> None:
-    truth, n = cell.config.truth, cell.robot.n
+    truth, n = cell.config.truth, len(cell.robot.turning)
     for key, values in (
         ("zero_offsets_deg", truth.zero_offsets_deg),
         ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad),
     ):
         if values is not None and len(values) != n:
             raise FileFormatError(
-                f"{len(values)} values for {n} joints",
+                f"{len(values)} values for {n} joints that turn",
                 path=path,
                 key=f"truth.{key}",
-                hint="give one value for each joint",
+                hint="give one value for each of them",
             )
     if truth.deflection and not cell.deflects:
         raise FileFormatError(
@@ -692,7 +692,8 @@ def _check_contact(cell: CellData, path: Path) -> None:
 
 def _check_margins(cell: CellData, path: Path) -> None:
     plan = cell.config.plan
-    narrowest = int(np.argmin(cell.robot.joint_range))
+    slides = cell.robot.slides
+    narrowest = slides + int(np.argmin(cell.robot.joint_range[slides:]))
     room = float(np.rad2deg(cell.robot.joint_range[narrowest])) / 2.0
     for key in ("limit_margin_deg", "repair_margin_deg"):
         if getattr(plan, key) >= room:

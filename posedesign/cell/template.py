@@ -71,7 +71,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 {tool_bodies}
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
-{pendant}posture_deg = {posture_deg}
+{pendant}{slides_mm}posture_deg = {posture_deg}
 # state = "home"                  # in its place: a group state of robot.srdf
 
 [target]                          # of several, each begins with [[target]]
@@ -541,7 +541,7 @@ def _for_urdf(path: Path, read_with: _ReadWith, camera: Mount | None) -> str:
     if camera is not None:
         return _camera_cell(robot, camera, source=source, decide=decide, shapes=shapes)
     tool = suggest_tool(robot)
-    posture = np.rad2deg(suggest_base_posture(robot, tool))
+    posture = robot.shown(suggest_base_posture(robot, tool))
     setup = _Setup(
         tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
         point_mm=(1e3 * tool).tolist(),
@@ -719,7 +719,7 @@ def _camera_and_board(
             board_square_mm=square,
         ),
         "pendant": _SUGGESTED.format("tool pointing ahead" if fixed else "tool pointing down"),
-        "posture": (np.round(np.rad2deg(q), 6) + 0.0).tolist(),
+        "posture": (np.round(robot.shown(q), 6) + 0.0).tolist(),
         "three_sigma": [0.1, 0.1, 0.1],
         "deflection": False,
     }
@@ -822,8 +822,9 @@ def _fill(
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
-    point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
-    offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
+    point = robot.state(robot.of_shown(posture)).point(np.array(setup.point_mm) / 1e3)
+    offsets = ", ".join(_quoted(joint) for joint in robot.turning[1:-1])
+    along = list(posture)[: robot.slides]
     return _TEMPLATE.format(
         decide=decide,
         shapes=shapes,
@@ -848,9 +849,12 @@ def _fill(
         marker=18.0 if setup.board_square_mm is None else _round(0.7 * setup.board_square_mm, 1),
         kind="touch-up" if setup.board_square_mm is None else "board",
         pendant=pendant,
-        posture_deg=list(posture),
+        slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[: robot.slides])}\n"
+        if along
+        else "",
+        posture_deg=list(posture)[robot.slides :],
         offsets=f"[{offsets}]",
         three_sigma=list(three_sigma),
-        truth=np.round(np.rad2deg(usual_offsets(robot.n)), 6).tolist(),
+        truth=np.round(np.rad2deg(usual_offsets(len(robot.turning))), 6).tolist(),
         deflection=str(deflection).lower(),
     )

@@ -62,7 +62,11 @@ def simulate(
 
     loaded = Cell.load(cell)
     listed = read_poses(
-        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+        poses,
+        loaded.robot.n,
+        slides=loaded.robot.slides,
+        controller=loaded.robot.controller,
+        trust_units=trust_units,
     )
     note_misfit(poses, listed)
     results = results_in(out, "simulate", cell, poses, overwrite=overwrite)

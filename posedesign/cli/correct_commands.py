@@ -244,7 +244,11 @@ def predict(
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)
     listed = read_poses(
-        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+        poses,
+        loaded.robot.n,
+        slides=loaded.robot.slides,
+        controller=loaded.robot.controller,
+        trust_units=trust_units,
     )
     note_misfit(poses, listed, loaded)
     results = results_in(out, "predict", cell, poses, overwrite=overwrite)

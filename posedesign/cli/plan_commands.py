@@ -267,7 +267,9 @@ def plan(
 
     own = None
     if keep is not None:
-        own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
+        own = read_poses(
+            keep, loaded.robot.n, slides=loaded.robot.slides, controller=loaded.robot.controller
+        )
         note_misfit(keep, own)
     with knowing(loaded), progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, request, advance, own)
@@ -422,7 +424,11 @@ def check(
 
     loaded = Cell.load(cell)
     listed = read_poses(
-        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+        poses,
+        loaded.robot.n,
+        slides=loaded.robot.slides,
+        controller=loaded.robot.controller,
+        trust_units=trust_units,
     )
     note_misfit(poses, listed, loaded)
     with knowing(loaded), progress("checking poses and motions"):
@@ -463,7 +469,11 @@ def score(
 
     loaded = Cell.load(cell)
     listed = read_poses(
-        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+        poses,
+        loaded.robot.n,
+        slides=loaded.robot.slides,
+        controller=loaded.robot.controller,
+        trust_units=trust_units,
     )
     note_misfit(poses, listed, loaded)
     with knowing(loaded):

@@ -252,14 +252,14 @@ def import_positions(
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
     from posedesign.files.measurements import write_measurements
-    from posedesign.planning.poses_file import read_poses
+    from posedesign.planning.poses_file import read_robot_poses
     from posedesign.pose_programs import import_touch_ups
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
     plan = None
     if poses is not None:
-        plan = read_poses(poses, loaded.robot.n, controller=loaded.robot.controller)
+        plan = read_robot_poses(poses, loaded.robot)
         note_misfit(poses, plan, loaded)
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
@@ -268,7 +268,9 @@ def import_positions(
     loads = [load.name for load in loaded.config.payload]
     kinds = [] if loaded.is_hand_eye else list(dict.fromkeys(o.kind for o in loaded.observations))
     several = kinds if len(kinds) > 1 else []
-    path = write_measurements(claimed, imported.touch_ups, several, payloads=loads)
+    path = write_measurements(
+        claimed, imported.touch_ups, several, payloads=loads, slides=loaded.robot.slides
+    )
     content = {
         "path": str(path),
         "touch_ups": imported.touch_ups.count,
@@ -346,7 +348,13 @@ def record(
 
     loaded = Cell.load(cell)
     controller = loaded.robot.controller
-    plan = read_poses(poses, loaded.robot.n, controller=controller, trust_units=trust_units)
+    plan = read_poses(
+        poses,
+        loaded.robot.n,
+        slides=loaded.robot.slides,
+        controller=controller,
+        trust_units=trust_units,
+    )
     note_misfit(poses, plan, loaded)
     check_recorded(loaded, plan)
     arriving = told_poses(host, register, timeout_s, note)

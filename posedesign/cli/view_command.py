@@ -57,7 +57,11 @@ def view(
     loaded, listed = Cell.load(cell), None
     if poses is not None:
         listed = read_poses(
-            poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+            poses,
+            loaded.robot.n,
+            slides=loaded.robot.slides,
+            controller=loaded.robot.controller,
+            trust_units=trust_units,
         )
         note_misfit(poses, listed, loaded)
     measured = None if pairs is None else read_pairs(pairs, trust_units=trust_units)

@@ -127,16 +127,47 @@ class _Limits(Constraint):
 
 
 class JointLimits(_Limits):
-    """Every joint inside its limits, less the margin."""
+    """Every joint that turns inside its limits, less the margin."""
 
     name = "joint limits"
 
     def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
-        robot = self._robot
-        return f"J{which + 1}", q[which], robot.lower[which], robot.upper[which]
+        robot, j = self._robot, which + self._robot.slides
+        return robot.joint_labels[j], q[j], robot.lower[j], robot.upper[j]
 
     def _inside(self, q: FloatArray) -> FloatArray:
-        return np.minimum(q - self._robot.lower, self._robot.upper - q)
+        return _room(self._robot, q)[:, self._robot.slides :]
+
+
+class SlideLimits(Constraint):
+    """Every slide that carries the arm inside its limits: it stands where it says."""
+
+    name = "slide limits"
+    unit = "mm"
+    display = 1e3
+    comfort = 0.1
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        room = _room(self._robot, arm.q)[:, : self._robot.slides]
+        which = np.argmin(room, axis=1)
+        return room[np.arange(len(room)), which], which
+
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        value, low, high = (
+            1e3 * float(v[which]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
+        )
+        name = self._robot.joint_labels[which]
+        if margin < -ROUNDING:
+            return limit_reason(name, value, low, high, "mm")
+        return f"{name} {value:.1f} mm, {1e3 * margin:.1f} mm inside its limits"
+
+
+def _room(robot: Robot, q: FloatArray) -> FloatArray:
+    """How far postures ``(S, n)`` are inside the limits of each joint [rad, m]."""
+    return np.minimum(q - robot.lower, robot.upper - q)
 
 
 class CoupledLimits(_Limits):
@@ -235,7 +266,8 @@ class Checker:
         self.robot = robot
         self.margin = margin
         coupled = [CoupledLimits(robot, margin)] if robot.coupled_limits else []
-        self.constraints = (JointLimits(robot, margin), *coupled, *constraints)
+        slides = [SlideLimits(robot)] if robot.slides else []
+        self.constraints = (JointLimits(robot, margin), *slides, *coupled, *constraints)
 
     def check(self, q: FloatArray, *, every: bool = True) -> Verdicts:
         """Verdicts on postures ``(S, n)`` [rad].

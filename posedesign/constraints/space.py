@@ -170,15 +170,17 @@ class MotionChecker:
     """Bounds on motions: distances that are kept all along, and how far a joint may travel.
 
     ``collisions``: each with its bodies and the distance they keep; none: motions are not checked
-    for them. ``largest_travel``: [rad]; infinite for no bound.
+    for them. ``largest_travel``: of joints that turn [rad]; infinite for no bound. ``slides``: how
+    many of the joints, the first ones, slide.
     """
 
     collisions: tuple[Collision, ...]
     largest_travel: float
+    slides: int = 0
 
     def steps(self, start: FloatArray, end: FloatArray) -> int:
         """Number of moves that the way between two postures ``(n,)`` [rad] takes."""
-        return int(self.steps_of(np.abs(end - start).max()))
+        return int(self.steps_of(np.abs(end - start)[self.slides :].max()))
 
     def steps_of(self, travel: FloatArray) -> FloatArray:
         """Whole number of moves of motions by their largest joint travel ``(...)`` [rad]."""
@@ -189,7 +191,7 @@ class MotionChecker:
 
         With ``far``, joints may travel as far as they like: there will be stops on the way.
         """
-        moves = np.abs(end - start)
+        moves = np.abs(end - start)[:, self.slides :]
         travel = moves.max(axis=1, initial=0.0)
         clear = (travel <= self.largest_travel + ROUNDING) | far
         reasons, part = [""] * len(start), np.full(len(start), np.nan)

@@ -33,7 +33,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError, near_names
 from calib.model import Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
-from calib.robots import Controller
+from calib.robots import Controller, shown_of
 from calib.se3 import (
     FloatArray,
     IntArray,
@@ -123,6 +123,7 @@ def write_measurements(
     payloads: Sequence[str] = (),
     *,
     extra: Mapping[str, Sequence[str]] | None = None,
+    slides: int = 0,
 ) -> Path:
     """Write measurements so that :func:`read_measurements` reads them as they are.
 
@@ -137,6 +138,8 @@ def write_measurements(
         Names of payloads besides the tool's own, which is the first.
     extra : mapping of str to sequence of str, optional
         Cells of further columns, one for each measurement.
+    slides : int
+        How many of the joints, the first ones, slide.
 
     Raises
     ------
@@ -153,14 +156,15 @@ def write_measurements(
     ):
         if index.max(initial=0) >= len(names):
             raise InputError(f"a {what} of the measurements has no name", name=what)
-    joints, columns = joint_columns(data.postures.shape[1]), ["target"]
+    n = data.postures.shape[1]
+    joints, columns, shown = joint_columns(n, slides), ["target"], shown_of(n, slides)
     columns += [*joints, "pose"]
     columns += ["kind"] if kinds else []
     columns += ["tool"] if data.tools != (TOOL,) else []
     columns += ["payload"] if setup.payload.any() else []
     rows: list[dict[str, object]] = []
     for i, q in enumerate(data.postures):
-        row: dict[str, object] = dict(zip(joints, np.rad2deg(q), strict=True))
+        row: dict[str, object] = dict(zip(joints, q * shown, strict=True))
         row |= {"target": data.targets[setup.target[i]], "tool": data.tools[setup.tool[i]]}
         row |= {"pose": data.names[i], "payload": every[setup.payload[i]]}
         if kinds:
@@ -193,6 +197,7 @@ def read_measurements(
     path: Path,
     n: int,
     *,
+    slides: int = 0,
     kind: str = "touch-up",
     payloads: Sequence[str] = (),
     controller: Controller | None = None,
@@ -202,6 +207,8 @@ def read_measurements(
 
     Parameters
     ----------
+    slides : int
+        How many of the joints, the first ones, slide.
     kind : str
         Of rows that do not say theirs.
     payloads : sequence of str
@@ -238,7 +245,7 @@ def read_measurements(
     targets, target = _labels(rows, "target", "")
     tools, tool = _labels(rows, "tool", TOOL)
     payload = _payloads(path, rows, payloads)
-    postures = postures_of(path, columns, rows, n, controller, trust_units)
+    postures = postures_of(path, columns, rows, n, controller, trust_units, slides)
     setup = Setup.of(len(rows), kind=of_kind, tool=tool, target=target, payload=payload)
     observed = _readings(path, rows, [KINDS[name] for name in kinds], of_kind)
     names = tuple(row.cells.get("pose") or f"P{i + 1:02d}" for i, row in enumerate(rows))
@@ -246,7 +253,7 @@ def read_measurements(
     _check_poses(path, rows, data)
     _check_planes(path, rows, kinds, data)
     lines = tuple(row.line for row in rows)
-    known = {*_LABELS, *_EVERY_READ, *joint_columns(n), *pendant_columns(n)}
+    known = {*_LABELS, *_EVERY_READ, *joint_columns(n, slides), *pendant_columns(n, slides)}
     extra = {c: tuple(row.cells[c] for row in rows) for c in columns if c not in known}
     notes = (*mistyped(columns, known), *_not_read(rows, kinds, of_kind))
     return MeasurementTable(data, kinds, lines, path, notes, extra)

@@ -1,5 +1,7 @@
 """Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``.
 
+Slides that carry the arm stand before them, as ``e1_mm ..``: the external axes of controllers.
+
 Of a robot that is known, the columns may have other names, too: see :class:`JointForm`.
 """
 
@@ -13,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import FileFormatError
-from calib.robots import Controller, Robot
+from calib.errors import FileFormatError, InputError
+from calib.robots import Controller, Robot, shown_of
 from calib.se3 import FloatArray
 from posedesign.files.csv_tables import AsItIs, Row, check_columns, numbers_of
 
@@ -54,19 +56,31 @@ class JointForm(StrEnum):
 def columns_of(form: JointForm, robot: Robot) -> list[str]:
     """Names of the joint columns of a robot in a form."""
     if form is JointForm.ROS:
-        return [f"{name}_rad" for name in robot.joint_names]
+        return _named(robot, "m", "rad")
     if form is JointForm.ROBODK:
+        if robot.slides:
+            raise InputError(
+                "how RoboDK lists external axes is not known here",
+                hint="write the usual form",
+                name=robot.joint_names[0],
+            )
         return [f"J{i + 1}" for i in range(robot.n)]
-    return joint_columns(robot.n)
+    return joint_columns(robot.n, robot.slides)
+
+
+def _named(robot: Robot, sliding: str, turning: str) -> list[str]:
+    """Joints of a description by their names, with the units of their values."""
+    units = [sliding] * robot.slides + [turning] * len(robot.turning)
+    return [f"{name}_{unit}" for name, unit in zip(robot.joint_names, units, strict=True)]
 
 
 def cells_of(form: JointForm, robot: Robot, posture: FloatArray) -> list[object]:
-    """Cells of the joint columns for a posture ``(n,)`` [rad]."""
+    """Cells of the joint columns for a posture ``(n,)`` [rad, m]."""
     if form is JointForm.ROS:
         return [AsItIs(f"{value + 0.0:.{RADIAN_DECIMALS}f}") for value in posture.tolist()]
     if form is JointForm.ROBODK and robot.controller is not None:
         return list(robot.controller.pendant(posture).tolist())
-    return list(np.rad2deg(posture).tolist())
+    return list(robot.shown(posture).tolist())
 
 
 def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str]]:
@@ -74,14 +88,13 @@ def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str
 
     That with most of its columns there; where none is there, ROS if anything is in radians.
     """
-    n = robot.n
-    names = robot.joint_names
+    n, slides = robot.n, robot.slides
     wanted = [
-        (JointForm.USUAL, joint_columns(n)),
-        (JointForm.ROS, [f"{name}_rad" for name in names]),
-        (JointForm.ROS, [f"{name}_deg" for name in names]),
-        (JointForm.ROBODK, columns_of(JointForm.ROBODK, robot)),
-        (JointForm.USUAL, pendant_columns(n)),
+        (JointForm.USUAL, joint_columns(n, slides)),
+        (JointForm.ROS, _named(robot, "m", "rad")),
+        (JointForm.ROS, _named(robot, "mm", "deg")),
+        *([] if slides else [(JointForm.ROBODK, columns_of(JointForm.ROBODK, robot))]),
+        (JointForm.USUAL, pendant_columns(n, slides)),
     ]
     counts = [len(set(needed) & set(columns)) for _, needed in wanted]
     if not any(counts):
@@ -95,7 +108,9 @@ def postures_in_any_form(
     """Postures ``(rows, n)`` [rad] of a known robot, in whichever form its joints are named."""
     form, needed = find_form(columns, robot)
     if form is JointForm.USUAL:
-        return postures_of(path, columns, rows, robot.n, robot.controller, trust_units)
+        return postures_of(
+            path, columns, rows, robot.n, robot.controller, trust_units, robot.slides
+        )
     check_columns(path, columns, needed)
     more = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in needed]
     if form is JointForm.ROBODK and more:
@@ -108,22 +123,23 @@ def postures_in_any_form(
         )
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
-    if form is JointForm.ROS and needed[0].endswith("_rad"):
-        return _radians(path, rows, needed, trust_units)
-    degrees = _degrees(path, rows, needed, trust_units)
+    if form is JointForm.ROS and needed[-1].endswith("_rad"):
+        return _radians(path, rows, needed, trust_units, robot.slides)
+    shown = _shown(path, rows, needed, trust_units, robot.slides)
     if form is JointForm.ROBODK and robot.controller is not None:
-        return robot.controller.posture(degrees)
-    return np.asarray(np.deg2rad(degrees))
+        return robot.controller.posture(shown)
+    return robot.of_shown(shown)
 
 
-def joint_columns(n: int) -> list[str]:
-    """``j1_deg`` to ``jn_deg``."""
-    return [f"j{i + 1}_deg" for i in range(n)]
+def joint_columns(n: int, slides: int = 0) -> list[str]:
+    """``e1_mm ..`` of the first joints, that slide, then ``j1_deg ..``: n in all."""
+    sliding = [f"e{i + 1}_mm" for i in range(slides)]
+    return sliding + [f"j{i + 1}_deg" for i in range(n - slides)]
 
 
-def pendant_columns(n: int) -> list[str]:
-    """``pendant_j1_deg`` to ``pendant_jn_deg``."""
-    return [f"pendant_{column}" for column in joint_columns(n)]
+def pendant_columns(n: int, slides: int = 0) -> list[str]:
+    """``pendant_j1_deg`` to ``pendant_jn_deg``, after those of slides."""
+    return [f"pendant_{column}" for column in joint_columns(n, slides)]
 
 
 def postures_of(
@@ -133,11 +149,12 @@ def postures_of(
     n: int,
     controller: Controller | None,
     trust_units: bool,
+    slides: int = 0,
 ) -> FloatArray:
-    """Postures ``(rows, n)`` [rad] of the joint columns, or else of the pendant's."""
+    """Postures ``(rows, n)`` [rad, m] of the joint columns, or else of the pendant's."""
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
-    own, shown = joint_columns(n), pendant_columns(n)
+    own, shown = joint_columns(n, slides), pendant_columns(n, slides)
     if shown[0] in columns and own[0] not in columns:
         if controller is None:
             raise FileFormatError(
@@ -147,17 +164,18 @@ def postures_of(
                 hint="set robot.controller in the cell",
             )
         check_columns(path, columns, shown)
-        return controller.posture(_degrees(path, rows, shown, trust_units))
+        return controller.posture(_shown(path, rows, shown, trust_units, slides))
     check_columns(path, columns, own, joints=True)
-    postures = np.deg2rad(_degrees(path, rows, own, trust_units))
+    postures = _shown(path, rows, own, trust_units, slides) / shown_of(n, slides)
     there = [k for k, column in enumerate(shown) if column in columns]
     if controller is not None and there:
         shown = [shown[k] for k in there]
         off = controller.pendant(postures)[:, there] - numbers_of(path, rows, shown)
         worst = np.unravel_index(int(np.argmax(np.abs(off))), off.shape)
         if abs(off[worst]) > PENDANT_AGREES_DEG:
+            unit = shown[int(worst[1])].rpartition("_")[2]
             raise FileFormatError(
-                f"is {abs(off[worst]):.3g} deg off what {own[0]} to {own[-1]} make it",
+                f"is {abs(off[worst]):.3g} {unit} off what {own[0]} to {own[-1]} make it",
                 path=path,
                 row=rows[int(worst[0])].line,
                 column=shown[int(worst[1])],
@@ -166,11 +184,13 @@ def postures_of(
     return postures
 
 
-def _degrees(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+def _shown(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool, slides: int
 ) -> FloatArray:
-    degrees = numbers_of(path, rows, columns)
-    largest = float(np.abs(degrees).max())
+    """Joint values ``(rows, n)`` [mm, deg]: slides, then what turns."""
+    values = numbers_of(path, rows, columns)
+    columns = columns[slides:]
+    largest = float(np.abs(values[:, slides:]).max())
     if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
         raise FileFormatError(
             f"the joint values look like radians (the largest is {largest:.4g})",
@@ -180,14 +200,15 @@ def _degrees(
             value=largest,
             bound=2 * math.pi,
         )
-    return degrees
+    return values
 
 
 def _radians(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool, slides: int
 ) -> FloatArray:
     radians = numbers_of(path, rows, columns)
-    largest = float(np.abs(radians).max())
+    columns = columns[slides:]
+    largest = float(np.abs(radians[:, slides:]).max())
     if not trust_units and largest > LARGEST_RAD:
         raise FileFormatError(
             f"the joint values look like degrees (the largest is {largest:.4g})",

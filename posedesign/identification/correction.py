@@ -217,7 +217,11 @@ def correct(
     listed, compensated = None, None
     if poses is not None:
         listed = read_poses(
-            poses, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+            poses,
+            cell.robot.n,
+            slides=cell.robot.slides,
+            controller=cell.robot.controller,
+            trust_units=trust_units,
         )
         notes += [f"{poses}: {listed.misfit}"] if listed.misfit else []
         compensated = compensate(
@@ -306,13 +310,15 @@ def _pose_rows(
     """Columns and rows of ``corrected_poses.csv``."""
     robot = cell.robot
     shown = robot.controller if robot.controller and robot.controller.differs else None
-    joints, pendant = joint_columns(robot.n), pendant_columns(robot.n) if shown else []
+    joints, pendant = joint_columns(robot.n, robot.slides), []
+    if shown:
+        pendant = pendant_columns(robot.n, robot.slides)
     kept = [
         status
         for row in read_rows(path)[1]
         if (status := row.cells.get("status", "").casefold()) != PoseStatus.DROPPED
     ]
-    turned = np.abs(np.rad2deg(found.change)).max(axis=1)
+    turned = np.abs(np.rad2deg(found.change[:, robot.slides :])).max(axis=1)
     rows: list[dict[str, object]] = []
     for i, name in enumerate(listed.names):
         row: dict[str, object] = {"name": name, "status": kept[i] or str(PoseStatus.GRID)}
@@ -322,7 +328,7 @@ def _pose_rows(
             continue
         q, T = found.postures[i], found.T_base_tip[i]
         row["reason"] = f"corrected by up to {turned[i]:.4f} deg in a joint"
-        row |= dict(zip(joints, np.rad2deg(q), strict=True))
+        row |= dict(zip(joints, robot.shown(q), strict=True))
         numbers = np.concatenate(
             [1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), np.rad2deg(wpr_from_rotation(T[:3, :3]))]
         )

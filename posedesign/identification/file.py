@@ -113,6 +113,7 @@ class IdentificationFile(ReadFromFile):
 
     robot: Text | None = None
     joints: list[str] = []
+    slides: int = 0
     arm: dict[str, Any] = {}
     models: list[FittedModel]
     recommended: Text | None = None
@@ -355,6 +356,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
     content = {
         "robot": cell.robot.name,
         "joints": list(cell.robot.joint_names),
+        **({"slides": cell.robot.slides} if cell.robot.slides else {}),
         "arm": arm_as_dict(cell),
         "measurements": data.count,
         "kinds": list(identified.table.kinds),

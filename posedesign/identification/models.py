@@ -269,9 +269,9 @@ def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
     joints, section = robot.joint_names, cell.config.parameters
     waves = sorted({float(m[1]) for name in names if (m := _WAVE.fullmatch(name))})
     whole: list[ParameterBlock] = [
-        ZeroOffsets(robot, joints),
+        ZeroOffsets(robot, robot.joint_names),
         LinkGeometry(robot),
-        JointScale(robot, joints),
+        JointScale(robot, robot.joint_names),
         JointCompliance(robot, joints, payloads),
         BearingCompliance(robot, joints, payloads),
         LostMotion(robot, joints, section.lost_motion_nm, payloads),

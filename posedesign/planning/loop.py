@@ -452,12 +452,14 @@ def _free_beside(cell: Cell) -> str:
     for angle in BESIDE_RAD:
         poses = touching_poses(wpr_rotations(wpr, np.full(3, angle)), cell.tool_m, cell.target_m)
         found = nearest_postures(cell.checker, poses, q)
-        shown_deg = np.round(np.rad2deg(found.q[found.feasible]), 2)  # as a person writes it
-        moved_deg = np.abs(shown_deg - np.rad2deg(q)).max(axis=1)
-        good = cell.checker.check(np.deg2rad(shown_deg)).feasible & (moved_deg < FLIP_DEG)
+        robot, slides = cell.robot, cell.robot.slides
+        shown = np.round(robot.shown(found.q[found.feasible]), 2)  # as a person writes it
+        moved_deg = np.abs(shown - robot.shown(q))[:, slides:].max(axis=1)
+        good = cell.checker.check(robot.of_shown(shown)).feasible & (moved_deg < FLIP_DEG)
         if good.any():
-            best = shown_deg[np.where(good, moved_deg, np.inf).argmin()] + 0.0
-            return f"; free is posture_deg = [{', '.join(f'{value:g}' for value in best)}]"
+            best = [f"{v:g}" for v in shown[np.where(good, moved_deg, np.inf).argmin()] + 0.0]
+            along = f"slides_mm = [{', '.join(best[:slides])}], " if slides else ""
+            return f"; free is {along}posture_deg = [{', '.join(best[slides:])}]"
     return ""
 
 

@@ -15,6 +15,7 @@ from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from calib.shown import Shown
 from posedesign.files.csv_tables import DECIMALS
+from posedesign.files.postures import joint_columns
 from posedesign.motion.route import Route
 from posedesign.selection import Indices
 
@@ -180,6 +181,7 @@ class Planned(Shown):
     poses: PoseSet
     route: Route | None
     setup: Setup | None
+    model: CalibrationModel
 
     @property
     @abstractmethod
@@ -191,10 +193,11 @@ class Planned(Shown):
         return self.message
 
     def rows(self) -> list[dict[str, object]]:
-        """The stops in their order: name, whether passed through only, joints [deg]."""
+        """The stops in their order: name, whether passed through only, joints [deg, mm]."""
+        robot = self.model.robot
+        columns = joint_columns(robot.n, robot.slides)
         return [
-            {"name": name, "via": via}
-            | {f"j{j}_deg": float(value) for j, value in enumerate(np.degrees(q), start=1)}
+            {"name": name, "via": via} | dict(zip(columns, robot.shown(q).tolist(), strict=True))
             for name, q, via in self.stops
         ]
 

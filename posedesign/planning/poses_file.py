@@ -472,7 +472,7 @@ def _write(
 ) -> Path:
     shown = robot.controller if robot.controller and robot.controller.differs else None
     joints, words = columns_of(form, robot), _configurations(robot, poses.postures)
-    pendant = pendant_columns(robot.n) if shown and form is JointForm.USUAL else []
+    pendant = pendant_columns(robot.n, robot.slides) if shown and form is JointForm.USUAL else []
     known = {} if margins is None else margins.columns
     columns = [*_LABELS, *joints, *POSE_AXES, "configuration", *pendant, *known]
     if form is JointForm.ROBODK:
@@ -515,11 +515,17 @@ def _configurations(robot: Robot, postures: FloatArray) -> list[str]:
 
 
 def read_poses(
-    path: Path, n: int | None, *, controller: Controller | None = None, trust_units: bool = False
+    path: Path,
+    n: int | None,
+    *,
+    slides: int = 0,
+    controller: Controller | None = None,
+    trust_units: bool = False,
 ) -> PoseList:
     """Read the postures of a ``poses.csv``.
 
-    ``n``: number of joints of the robot; None takes what the file has. ``controller``: turns
+    ``n``: number of joints of the robot; None takes what the file has. ``slides``: how many of
+    them, the first ones, slide. ``controller``: turns
     ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
     ``trust_units``: do not refuse values that look like radians.
     """
@@ -527,12 +533,12 @@ def read_poses(
     columns = table.columns
     _refuse_other_form(path, columns)
     count = n if n is not None else _count_joints(columns, path)
-    joints = [*joint_columns(count), *pendant_columns(count)]
+    joints = [*joint_columns(count, slides), *pendant_columns(count, slides)]
     return _listed(
         path,
         table,
         joints,
-        lambda rows: postures_of(path, columns, rows, count, controller, trust_units),
+        lambda rows: postures_of(path, columns, rows, count, controller, trust_units, slides),
     )
 
 
@@ -540,7 +546,8 @@ def read_robot_poses(path: Path, robot: Robot, *, trust_units: bool = False) -> 
     """Read the postures of a table of a known robot, in any :class:`JointForm`."""
     table = read_table(path)
     columns = table.columns
-    joints = [*joint_columns(robot.n), *pendant_columns(robot.n), *find_form(columns, robot)[1]]
+    joints = [*joint_columns(robot.n, robot.slides), *pendant_columns(robot.n, robot.slides)]
+    joints += find_form(columns, robot)[1]
     return _listed(
         path,
         table,

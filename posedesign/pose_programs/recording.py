@@ -65,7 +65,7 @@ class Recording:
 
         Raises FileFormatError: what is in the file cannot be read.
         """
-        columns = ["target", *joint_columns(cell.robot.n), "pose"]
+        columns = ["target", *joint_columns(cell.robot.n, cell.robot.slides), "pose"]
         if not cell.is_plain:
             columns += ["kind", "tool", "payload"]
         rows: list[dict[str, object]] = []
@@ -76,7 +76,9 @@ class Recording:
             file.origin.inputs,
         ):
             loads = [load.name for load in cell.config.payload]
-            read_measurements(file.path, cell.robot.n, payloads=loads)  # says what is wrong in it
+            read_measurements(
+                file.path, cell.robot.n, slides=cell.robot.slides, payloads=loads
+            )  # says what is wrong in it
             table = read_table(file.path)
             columns += [column for column in table.columns if column not in columns]
             rows = [{c: as_read(cell) for c, cell in row.cells.items()} for row in table.rows]

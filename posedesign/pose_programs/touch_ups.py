@@ -303,7 +303,9 @@ def _positions(
     """Measured positions of one file, under the names of the plan."""
     chosen = _dialect(cell, path, dialect)
     if chosen is None:
-        listed = read_poses(path, cell.robot.n, controller=cell.robot.controller)
+        listed = read_poses(
+            path, cell.robot.n, slides=cell.robot.slides, controller=cell.robot.controller
+        )
         _check_plan(path, listed.fingerprint_written, plan, warnings)
         measured = listed.measured
         if plan is not None:

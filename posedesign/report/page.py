@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.identification import covariance_of
+from calib.robots import shown_of
 from calib.se3 import FloatArray
 from posedesign.acceptance.file import RESULT, read_result
 from posedesign.candidates import box_of_cell
@@ -140,7 +141,12 @@ def _sections(folder: Path) -> Iterator[Section]:
         cell = Cell.load(file)
         yield _section_of_cell(cell)
         if (folder / POSES).is_file():
-            listed = read_poses(folder / POSES, cell.robot.n, controller=cell.robot.controller)
+            listed = read_poses(
+                folder / POSES,
+                cell.robot.n,
+                slides=cell.robot.slides,
+                controller=cell.robot.controller,
+            )
             yield from _sections_of_poses(cell, listed, folder)
     for name, section_of in (
         (IDENTIFICATION, _section_of_identification),
@@ -355,7 +361,9 @@ def _measured_deg(folder: Path, content: IdentificationFile) -> FloatArray | Non
     path = folder / Path(content.data.file).name
     if path.name not in MEASUREMENTS or not path.is_file():
         return None
-    return np.rad2deg(read_measurements(path, len(content.joints)).data.postures)
+    n = len(content.joints)
+    found = read_measurements(path, n, slides=content.slides).data.postures
+    return np.asarray(found * shown_of(n, content.slides))
 
 
 def _section_of_acceptance(folder: Path) -> Section:

@@ -131,6 +131,12 @@ class Drive:
     """Where each arm was left by an earlier drive ``(S, n)`` [rad]; NaN where that is not known."""
 
     def __post_init__(self) -> None:
+        if self.robot.slides:
+            raise InputError(
+                f"{self.robot.joint_names[0]} slides, and only joints that turn are driven by sight",
+                hint="hold it where it is: robot.held_mm",
+                name=self.robot.joint_names[0],
+            )
         unknown = np.full((self.arms.count, self.robot.n), np.nan)
         object.__setattr__(self, "_one", OnePosture(self.robot))
         object.__setattr__(self, "_sent", unknown)

@@ -104,7 +104,7 @@ class Watch:
                 hint="identify again",
                 name="covariance",
             )
-        joints = cell.robot.joint_names
+        joints = cell.robot.turning
         wanted = [f"zero_offset.{joint}" for joint in joints]
         wanted += [f"{_tool(label)}.{axis}" for label in known.model.tools for axis in _SHIFTS]
         given = known.model.names

@@ -147,7 +147,7 @@ class Cell(CellData):
             base_posture=posture,
             tool_m=tool,
             target_m=target,
-            # the first and the last joint that turn are absorbed by target and tool point (section 3.2)
+            # the first and the last that turn are absorbed by target and tool point (section 3.2)
             offset_joints=robot.turning[1:-1] if listed is None else listed,
             tool_bodies=tuple(carried),
             obstacles=tuple(around),

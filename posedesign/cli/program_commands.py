@@ -96,6 +96,7 @@ def program(
     listed = read_poses(
         poses,
         loaded.robot.n if loaded else None,
+        slides=loaded.robot.slides if loaded else 0,
         controller=loaded.robot.controller if loaded else None,
         trust_units=trust_units,
     )

@@ -424,7 +424,7 @@ _STEM = "zero_offset."
 
 @dataclass(frozen=True, eq=False)
 class Mastering:
-    """Corrections of the zero points of a robot, as its pendant shows joints.
+    """Corrections of the zero points of joints that turn, as the robot's pendant shows them.
 
     Attributes
     ----------
@@ -459,7 +459,7 @@ class Mastering:
                 "meaning": self._meaning(j),
                 "shown_at_zero_deg": float(-np.rad2deg(self.correction[j])) + 0.0,
             }
-            for j, name in enumerate(self.robot.joint_names)
+            for j, name in enumerate(self.robot.turning)
         ]
 
     def _is_corrected(self, j: int) -> bool:
@@ -472,7 +472,7 @@ class Mastering:
         others = [k for k in np.flatnonzero(matrix[j]) if k != j]
         shown = f"what the pendant shows as J{j + 1}"
         if self.robot.controller is None:
-            shown = f"the value of {self.robot.joint_names[j]}, in the signs of the description"
+            shown = f"the value of {self.robot.turning[j]}, in the signs of the description"
         if not self._is_corrected(j):
             return f"J{j + 1} was not identified: its zero is taken as it is"
         degrees = float(np.rad2deg(self.correction[j]))
@@ -490,8 +490,10 @@ class Mastering:
 
 
 def pendant_from_joints(robot: Robot) -> FloatArray:
-    """Joint values on the pendant ``(n, n)`` of those of the description; the same if not known."""
-    return np.eye(robot.n) if robot.controller is None else robot.controller.pendant_from_joints
+    """Values on the pendant ``(n, n)`` of joints that turn, as described; the same if not known."""
+    if robot.controller is None:
+        return np.eye(len(robot.turning))
+    return robot.controller.pendant_from_joints[robot.slides :, robot.slides :]
 
 
 def mastering(
@@ -512,13 +514,13 @@ def mastering(
         Standard deviations [SI], where correlations are not known.
     """
     robot = model.robot
-    names = [f"{_STEM}{joint}" for joint in robot.joint_names]
+    names = [f"{_STEM}{joint}" for joint in robot.turning]
     places = [model.names.index(name) if name in model.names else -1 for name in names]
     identified = np.array(places) >= 0
     at = np.array(places)[identified]
     matrix = pendant_from_joints(robot)
     through = matrix[:, identified]
-    spread = np.full(robot.n, np.nan)
+    spread = np.full(len(names), np.nan)
     if covariance is not None:
         spread = np.sqrt(np.einsum("ji,ik,jk->j", through, covariance[np.ix_(at, at)], through))
     elif sigma is not None:

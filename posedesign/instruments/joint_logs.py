@@ -208,6 +208,12 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
 
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
     """Postures [rad] of what a controller logs."""
+    if robot.slides:
+        raise FileFormatError(
+            f"is a log of {log.name}: how it has external axes is not known here",
+            path=path,
+            hint="give a table with e1_mm, j1_deg ..",
+        )
     if log.unit == "rad":
         largest = float(np.abs(values).max())
         if largest > 4.0 * np.pi:

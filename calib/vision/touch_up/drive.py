@@ -133,7 +133,7 @@ class Drive:
     def __post_init__(self) -> None:
         if self.robot.slides:
             raise InputError(
-                f"{self.robot.joint_names[0]} slides, and only joints that turn are driven by sight",
+                f"{self.robot.joint_names[0]} slides, and by sight only turning joints are driven",
                 hint="hold it where it is: robot.held_mm",
                 name=self.robot.joint_names[0],
             )

@@ -147,8 +147,7 @@ class Cell(CellData):
             base_posture=posture,
             tool_m=tool,
             target_m=target,
-            # the first and the last that turn are absorbed by target and tool point (section 3.2)
-            offset_joints=robot.turning[1:-1] if listed is None else listed,
+            offset_joints=usual_offset_joints(robot) if listed is None else listed,
             tool_bodies=tuple(carried),
             obstacles=tuple(around),
         )
@@ -490,6 +489,15 @@ def _with_posture_of_state(
         )
     pose = posture_section(robot, np.array([values[joint] for joint in robot.joint_names]))
     return config.model_copy(update={"base_pose": pose})
+
+
+def usual_offset_joints(robot: Robot) -> tuple[str, ...]:
+    """Joints whose zero offset is identified where nothing is listed.
+
+    Target and tool point take up those of the first and the last joint (section 3.2 of
+    Watanabe et al. 2006); not of the first one of an arm that slides, whose rail has a direction.
+    """
+    return robot.turning[:-1] if robot.slides else robot.turning[1:-1]
 
 
 def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:

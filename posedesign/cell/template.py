@@ -14,6 +14,7 @@ from calib.errors import InputError, RobotModelError
 from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.se3 import FloatArray
+from posedesign.cell.cell import usual_offset_joints
 from posedesign.cell.measuring import usual_offsets
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 from posedesign.cell.schema import Mount
@@ -157,7 +158,8 @@ seed = 0
 # most = 8
 
 [parameters]
-# Identified besides the target. The first and the last joint are absorbed by target and tool.
+# Identified besides the target. Target and tool take up the first joint (not on a rail) and the
+# last.
 zero_offsets = {offsets}
 tool_axes = "xyz"                 # "xy" for a view line
 # Each list is a model to try; they are judged by the error to expect where the arm will work.
@@ -823,7 +825,7 @@ def _fill(
     shapes: str = _SHAPES,
 ) -> str:
     point = robot.state(robot.of_shown(posture)).point(np.array(setup.point_mm) / 1e3)
-    offsets = ", ".join(_quoted(joint) for joint in robot.turning[1:-1])
+    offsets = ", ".join(_quoted(joint) for joint in usual_offset_joints(robot))
     along = list(posture)[: robot.slides]
     return _TEMPLATE.format(
         decide=decide,

@@ -61,6 +61,9 @@ FARTHEST_M = 0.5
 """Distance of the target from the tool point at the base posture beyond which one of the two is a
 mistake: metres for millimetres, or another frame."""
 
+ASIDE_OF_REACH = 0.3
+"""How far the grid has an arm go along its slides to either side, of its reach."""
+
 BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
 """Turns in W, P and R by which another base posture is looked for where that of the cell is not
 free; a base pose turned farther is no more the one that was meant."""
@@ -473,8 +476,28 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     poses = touching_poses(rotations, cell.tool_m, cell.target_m)
     if cell.estimates_lens:
         poses = spread_over_image(cell, poses, variation_deg)
-    found = nearest_postures(cell.checker, poses, cell.base_posture)
-    return PoseSet.of_grid(found.q, found.reasons, rotations)
+    stations, n = _stations(cell), len(poses)
+    q, reasons = np.empty((n, cell.robot.n)), [""] * n
+    for k, near in enumerate(stations):
+        own = slice(k, None, len(stations))
+        found = nearest_postures(cell.checker, poses[own], near)
+        q[own], reasons[own] = found.q, found.reasons
+    return PoseSet.of_grid(q, tuple(reasons), rotations)
+
+
+def _stations(cell: Cell) -> FloatArray:
+    """Base posture, and the same with each slide of the arm to either side ``(K, n)`` [rad, m].
+
+    The grid takes them in turn: what measures from one place on a rail tells nothing of the rail,
+    nor how the arm stands on it.
+    """
+    robot, found = cell.robot, [cell.base_posture]
+    for j in range(robot.slides):
+        for way in (-1.0, 1.0):
+            aside = cell.base_posture.copy()
+            aside[j] += way * ASIDE_OF_REACH * robot.chain.reach_m
+            found.append(np.clip(aside, robot.lower, robot.upper))
+    return np.array(found)
 
 
 def spread_over_image(cell: Cell, T_base_tip: FloatArray, variation_deg: FloatArray) -> FloatArray:

@@ -178,6 +178,12 @@ def correct_program(
     OutputError
         The program itself, or another file that is not to be replaced, is in the way.
     """
+    if cell.robot.slides:
+        raise InputError(
+            f"{cell.robot.joint_names[0]} slides: programs of arms on slides are not corrected",
+            hint="correct the description, or hold it where it is: robot.held_mm",
+            name=cell.robot.joint_names[0],
+        )
     results = Results.of(out, "correct")
     if identity_of(results.folder) == identity_of(path.parent):
         raise InputError(

@@ -101,7 +101,7 @@ class Arm:
     ) -> Arm:
         """The arm of a robot's description, with its controller where that is known."""
         return cls(
-            robot.controller or Controller("", np.eye(robot.n), np.eye(4)),
+            robot.controller or Controller("", np.eye(robot.n), np.eye(4), robot.slides),
             robot,
             np.eye(4) if T_world_user is None else T_world_user,
             np.eye(4) if T_tip_tool is None else T_tip_tool,
@@ -119,19 +119,28 @@ class Arm:
         return self.controller.maker or None
 
     @property
+    def slides(self) -> int:
+        """How many joints slide and carry the arm: external axes, which stand behind the others."""
+        return self.controller.slides
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
-        """Of the description; joint_1, joint_2, ... without one."""
+        """Of the description; joint_1, joint_2, ... without one. Those that slide come last."""
         if self.robot is not None:
-            return tuple(self.robot.joint_names)
+            names = self.robot.joint_names
+            return (*names[self.slides :], *names[: self.slides])
         return tuple(f"joint_{j + 1}" for j in range(self.n))
 
     def shown(self, postures: ArrayLike) -> FloatArray:
-        """Joint values ``(..., n)`` [deg] as the controller shows postures ``(..., n)`` [rad]."""
-        return self.controller.pendant(postures)
+        """Values ``(..., n)`` [deg] as the controller shows postures ``(..., n)`` [rad, m].
+
+        Behind those of the joints that turn stand those of external axes [mm].
+        """
+        return np.roll(self.controller.pendant(postures), -self.slides, axis=-1)
 
     def postures(self, shown_deg: ArrayLike) -> FloatArray:
-        """Postures ``(..., n)`` [rad] of joint values ``(..., n)`` [deg] as shown."""
-        return self.controller.posture(shown_deg)
+        """Postures ``(..., n)`` [rad, m] of values ``(..., n)`` [deg, mm] as shown."""
+        return self.controller.posture(np.roll(np.asarray(shown_deg), self.slides, axis=-1))
 
     def tool_poses(self, postures: ArrayLike) -> FloatArray:
         """The tool frame in the user frame ``(..., 4, 4)`` at postures ``(..., n)`` [rad]."""

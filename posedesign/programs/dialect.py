@@ -74,6 +74,7 @@ class Dialect:
     companions: ClassVar[tuple[str, ...]] = ()
     in_folder: ClassVar[bool] = False
     forms: ClassVar[tuple[Form, ...]] = get_args(Form)
+    external_axes: ClassVar[int] = 0
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
@@ -154,6 +155,20 @@ class Dialect:
             )
         self.names.check(program.name)
         arm = self._arm_of(program)
+        if arm.slides > self.external_axes:
+            raise InputError(
+                f"{arm.joint_names[-1]} slides, and the external axes of {self.title} are not "
+                "written",
+                hint="hold it where it is: robot.held_mm",
+                name="format",
+                value=self.name,
+            )
+        if arm.slides and program.options.form != "joint":
+            raise InputError(
+                f"{arm.joint_names[-1]} slides: where its controller has the world is not known",
+                hint="write joint positions",
+                name="form",
+            )
         parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
         return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from calib.se3 import FloatArray
-from posedesign.programs.reading import at_rest, refuse
+from posedesign.programs.reading import carried_off, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 
@@ -110,12 +110,20 @@ class Numbering:
         numbered = self.of(stored, path)
         values = [position.numbers(path) for _, position in numbered]
         own = [position for _, position in numbered if not position.other]
-        at_rest((axis for p in own or [p for _, p in numbered] for axis in p.external), path)
+        rests = own or [p for _, p in numbered]
+        carried = carried_off((axis for p in rests for axis in p.external), path)
+        resting = {id(p) for p in rests}
         posed = [v for v, (_, p) in zip(values, numbered, strict=True) if p.cartesian]
         poses = iter(transforms(posed))
         positions = []
         for (n, p), given in zip(numbered, values, strict=True):
-            of = {"T_user_tool": next(poses)} if p.cartesian else {"shown_deg": np.array(given)}
+            of: dict[str, Any] = {}
+            of["T_user_tool" if p.cartesian else "shown_deg"] = (
+                next(poses) if p.cartesian else np.array(given)
+            )
+            if id(p) in resting:  # of others it may be anywhere
+                of["carried"] = carried.get(p.label)
+                of["external_mm"] = tuple(float(text) for _, _, text, _ in p.external)
             positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
         untouched = self.is_untouched(stored)
         mark = self.mark or PlanMark()

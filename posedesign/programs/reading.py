@@ -135,18 +135,28 @@ def configuration_in(kind: type[C], words: str, label: str, path: Path | str, ro
         refuse(f"{label}: {error.message}", path, row, error.hint)
 
 
-def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
-    """Refuse positions between which an external axis moves: it could carry the arm's base.
+def carried_off(
+    values: Iterable[tuple[str, str, str, int]], path: Path | str
+) -> dict[str, FileFormatError]:
+    """Positions that an external axis has left its place in, by label: it may carry the arm's base.
 
     ``values``: label of the position, name of the axis, its value [mm or deg]
     as text, and the line: of every position in order, axes that are not there left out. ``path``:
-    for the messages. Raises FileFormatError: a value is no number, or differs by more than 0.01
-    from the first of its axis.
+    for the messages. Left is a place by more than 0.01; raises FileFormatError for no number.
     """
+    found: dict[str, FileFormatError] = {}
     first: dict[str, tuple[str, float]] = {}
     for label, axis, text, row in values:
         value = number(text, f"{label}: {axis}", path, row, _MOST_EXTERNAL)
         there, rest = first.setdefault(axis, (label, value))
         if abs(value - rest) > EXTERNAL_AT_REST:
-            hint = "measure with the external axes at rest"
-            refuse(f"{label}: {axis} differs from that of {there}", path, row, hint)
+            reason = f"{label}: {axis} differs from that of {there}"
+            hint = "measure with the external axes at rest, or describe the slide in the URDF"
+            found.setdefault(label, FileFormatError(reason, path=path, row=row, hint=hint))
+    return found
+
+
+def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
+    """Refuse positions between which an external axis moves: see :func:`carried_off`."""
+    for fault in carried_off(values, path).values():
+        raise fault

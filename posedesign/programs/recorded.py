@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
 from posedesign.programs.configuration import Configuration
@@ -72,6 +72,11 @@ class RecordedPosition:
         These frames, where the file gives them by value [m].
     joint_names : tuple of str
         Joints of ``shown_deg`` in their order, where the file names them.
+    external_mm : tuple of float
+        Values of linear external axes beside the joints, E1 first [mm].
+    carried : FileFormatError or None
+        What says that an external axis stands elsewhere than in the first position. Raised for an
+        arm that has no such axes in its description.
     """
 
     number: int
@@ -85,6 +90,8 @@ class RecordedPosition:
     T_world_user: FloatArray | None = None
     T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
+    external_mm: tuple[float, ...] = ()
+    carried: FileFormatError | None = None
 
     @property
     def label(self) -> str:
@@ -160,9 +167,16 @@ def postures_of(
     ------
     InputError
         A position has joint values of another arm, or a pose and nothing says which posture.
+    FileFormatError
+        An external axis carries the arm, whose description has none.
     UnreachableError
         No posture takes a stored pose.
     """
+    carried = next((p.carried for p in positions if p.carried), None)
+    if carried is not None and not arm.slides:
+        raise carried
+    if arm.slides:
+        positions = tuple(_with_external(position, arm) for position in positions)
     out = np.empty((len(positions), arm.n))
     at_joints = [i for i, p in enumerate(positions) if p.shown_deg is not None]
     for i in at_joints:
@@ -186,6 +200,28 @@ def postures_of(
             [positions[i].label for i in posed],
         )
     return out
+
+
+def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
+    """A position with the values of the slides that carry the arm behind those of its joints."""
+    shown, slides = position.shown_deg, arm.slides
+    if shown is None:
+        raise InputError(
+            f"{position.label} is a pose, and where an external axis has the arm is not in it",
+            hint="record joint positions",
+            name=position.label,
+        )
+    if position.joint_names:  # a file that names its joints has them all, in SI
+        slide = np.isin(position.joint_names, arm.joint_names[-slides:])
+        return replace(position, shown_deg=np.where(slide, 1e3 * np.deg2rad(shown), shown))
+    if len(position.external_mm) < slides:
+        raise InputError(
+            f"{position.label} has no value [mm] of E{len(position.external_mm) + 1}, which "
+            "carries the arm",
+            hint="record it with its external axes",
+            name=position.label,
+        )
+    return replace(position, shown_deg=np.append(shown, position.external_mm[:slides]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

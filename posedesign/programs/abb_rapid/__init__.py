@@ -20,6 +20,7 @@ class AbbRapid(Dialect):
     title = "ABB RAPID module"
     maker = "abb"
     suffixes = (".mod", ".modx", ".prg")
+    external_axes = 6
     names = NAMES
     newline = "\r\n"
     notation = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)

@@ -180,20 +180,28 @@ def _load(load: Load | None) -> str:
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
     if program.options.form == "joint":
-        head = "jointtarget jp"
-        values = [f"[{','.join(plain_all(row, JOINT_DECIMALS))}]" for row in rows]
+        head, n = "jointtarget jp", rows.shape[1] - arm.slides
+        values = [f"[{','.join(plain_all(row[:n], JOINT_DECIMALS))}]" for row in rows]
+        external = [_connected(row[n:]) for row in rows]
     else:
         head = "robtarget p"
         postures = program.postures_rad
         words = arm.configurations(postures)
         placed = _poses(arm.tool_poses(postures))
         values = [f"{pose},{at.words}" for pose, at in zip(placed, words, strict=True)]
+        external = [_NOT_CONNECTED] * len(values)
     lines = []
-    stored = zip(program.numbers, program.poses, values, strict=True)
-    for number, pose, value in sorted(stored, key=lambda entry: entry[0]):
+    stored = zip(program.numbers, program.poses, values, external, strict=True)
+    for number, pose, value, axes in sorted(stored, key=lambda entry: entry[0]):
         lines += _named(number, pose, "  ")
-        lines.append(f"  LOCAL CONST {head}{number}:=[{value},{_NOT_CONNECTED}];")
+        lines.append(f"  LOCAL CONST {head}{number}:=[{value},{axes}];")
     return lines
+
+
+def _connected(values_mm: FloatArray) -> str:
+    """External axes with values [mm], eax_a first; the others are not connected."""
+    there = plain_all(values_mm, PLACE_DECIMALS)
+    return f"[{','.join([*there, *['9E9'] * (6 - len(there))])}]"
 
 
 def _named(number: int, pose: ProgramPose, indent: str) -> list[str]:

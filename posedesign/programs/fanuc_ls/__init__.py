@@ -30,6 +30,7 @@ class FanucLs(Dialect):
     title = "FANUC teach pendant program in ASCII"
     maker = "fanuc"
     suffixes = (".ls", REGISTERS)
+    external_axes = 3
     names = writer.NAMES
     newline = "\r\n"
     numbered_frames = True

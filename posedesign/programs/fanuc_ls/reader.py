@@ -3,7 +3,7 @@
 Programs with any instructions, in any language of the controller, can be read: of them only the
 mark of the plan is taken. Of several motion groups the first, GP1, is the arm; the others have to
 rest. What would be read wrong in silence is refused with its line: increments, positions without a
-value, an extended axis that carries the arm from one position to another.
+value. An extended axis that moves carries the arm, whose description has to know it.
 
 A backup of position registers is for programs that keep the touched-up positions in them: PR[n]
 becomes position n. Registers without a position are passed over, and so is what belongs to other
@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_
 from posedesign.programs.language import Line
 from posedesign.programs.reading import (
     at_rest,
+    carried_off,
     configuration_in,
     joint_deg,
     millimetres,
@@ -86,13 +88,14 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
             refuse(f"{position.label} has no motion group GP1", path, position.row)
         where = (position.label, position.number, position.name, position.row)
         positions.append(_recorded(*where, group, path))
-    _check_other_axes({position.label: position.groups for position in listing.positions}, path)
+    groups = {position.label: position.groups for position in listing.positions}
+    stored = _with_other_axes(positions, groups, path)
     named = ("COMMENT", "KOMMENTAR")
     comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), PlanMark())
-    return RecordedProgram(name, comment.split('"')[1].strip(), mark, tuple(positions), "fanuc")
+    return RecordedProgram(name, comment.split('"')[1].strip(), mark, stored, "fanuc")
 
 
 def _name(listing: Listing, path: Path | str) -> str:
@@ -157,12 +160,17 @@ def _number(label: str, name: str, unit: str, group: Group, path: Path | str) ->
     return read(text, f"{label}: {name}", path, row)
 
 
-def _check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str) -> None:
-    """Refuse positions between which an extended axis or another motion group moves.
+def _with_other_axes(
+    positions: list[RecordedPosition],
+    groups: Mapping[str, Mapping[int, Group]],
+    path: Path | str,
+) -> tuple[RecordedPosition, ...]:
+    """Positions with the extended axes of their first group; of ``groups``, in their order.
 
-    A rail may be either, and a positioner carries the target. Axes without a value are passed over.
+    A rail may be such an axis or another motion group, and a positioner carries the target. Axes
+    without a value are passed over.
 
-    Raises FileFormatError: one moves, or is not there in all positions.
+    Raises FileFormatError: another group moves, or an extended axis is not there in all positions.
     """
     owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
     first = next(iter(owned), "")
@@ -170,16 +178,30 @@ def _check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | st
         other = sorted(axes ^ owned[first])
         if other:
             refuse(f"{label}: {other[0]} is not there as in {first}", path, groups[label][1].row)
-    at_rest(
-        (
-            (label, axis if number == 1 else f"GP{number} {axis}", text, group.row_of(axis))
-            for label, of_position in groups.items()
-            for number, group in of_position.items()
-            for axis, (text, _) in group.fields.items()
-            if (axis in EXTENDED or number != 1) and not text.startswith("*")
-        ),
-        path,
+    values = [
+        (number, (label, axis if number == 1 else f"GP{number} {axis}", text, group.row_of(axis)))
+        for label, of_position in groups.items()
+        for number, group in of_position.items()
+        for axis, (text, _) in group.fields.items()
+        if (axis in EXTENDED or number != 1) and not text.startswith("*")
+    ]
+    at_rest((value for number, value in values if number != 1), path)
+    carried = carried_off((value for number, value in values if number == 1), path)
+    return tuple(
+        replace(position, carried=carried.get(label), external_mm=_millimetres(of_position[1]))
+        for position, (label, of_position) in zip(positions, groups.items(), strict=True)
     )
+
+
+def _millimetres(group: Group) -> tuple[float, ...]:
+    """Values of the extended axes that slide, up to the first that does not or has none."""
+    values = []
+    for axis in EXTENDED:
+        text, unit = group.fields.get(axis, ("*", ""))
+        if text.startswith("*") or unit != "mm":
+            break
+        values.append(float(text))
+    return tuple(values)
 
 
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
@@ -225,6 +247,6 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
         refuse("is no backup of position registers: there is no $POSREG", path, 1, "POSREG.VA")
     if not positions:
         refuse("holds no positions: all registers are empty", path, hint="save the backup again")
-    _check_other_axes({label: {1: group} for label, group in groups.items() if group}, path)
-    named = "POSREG", "", PlanMark()
-    return RecordedProgram(*named, tuple(positions), "fanuc", in_registers=True)
+    own = {label: {1: group} for label, group in groups.items() if group}
+    stored = _with_other_axes(positions, own, path)
+    return RecordedProgram("POSREG", "", PlanMark(), stored, "fanuc", in_registers=True)

@@ -34,6 +34,8 @@ COMMENT_LENGTH = 16
 REMARK_LENGTH = 32
 """Characters of a remark line on the pendant."""
 
+JOINTS = 6
+
 MOST_LINES = 9999
 """Line numbers have four digits."""
 
@@ -154,7 +156,14 @@ def _joint_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
     values = np.round(shown_deg(arm, program.poses), 3) + 0.0
     frames = f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t"
     return [
-        [frames, *_in_rows([f"J{j + 1}={v:10.3f} deg" for j, v in enumerate(q)])] for q in values
+        [
+            frames,
+            *_in_rows(
+                [f"J{j + 1}={v:10.3f} deg" for j, v in enumerate(q[:JOINTS])]
+                + [f"E{j + 1}={v:10.3f}  mm" for j, v in enumerate(q[JOINTS:])]
+            ),
+        ]
+        for q in values
     ]
 
 
@@ -177,4 +186,5 @@ def _pose_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
 
 
 def _in_rows(fields: list[str]) -> list[str]:
-    return ["\t" + ",\t".join(fields[:3]) + ",", "\t" + ",\t".join(fields[3:])]
+    rows = [",\t".join(fields[k : k + 3]) for k in range(0, len(fields), 3)]
+    return [*(f"\t{row}," for row in rows[:-1]), f"\t{rows[-1]}"]

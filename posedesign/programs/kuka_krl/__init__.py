@@ -21,6 +21,7 @@ class KukaKrl(Dialect):
     maker = "kuka"
     suffixes = (".dat", ".src")
     companions = (".src",)
+    external_axes = 6
     names = NAMES
     newline = "\r\n"
     notation = Notation(joint=5, place=4, turned=5, turn=ABC, counts_at=7)

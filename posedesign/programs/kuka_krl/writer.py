@@ -26,7 +26,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.kuka_krl.syntax import AXES, MOST_BASE, MOST_TOOL
+from posedesign.programs.kuka_krl.syntax import AXES, EXTERNAL, MOST_BASE, MOST_TOOL
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.writing import (
     Limits,
@@ -187,7 +187,8 @@ def _source(program: PoseProgram, arm: Arm) -> str:
 
 def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)
-    return ["{" + _fields(AXES, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
+    names = (*AXES, *EXTERNAL[: arm.slides])
+    return ["{" + _fields(names, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
 
 
 def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.errors import InputError
+from calib.robots import shown_of
 from calib.se3 import FloatArray
 from posedesign.motion.order import ACCELERATION_S, move_times
 from posedesign.programs.arm import Arm
@@ -33,6 +34,9 @@ DECIMALS = 12
 UNKNOWN_SPEED = 1.0
 """Speed of the joints of an arm whose description gives none [rad/s]: below that of the slowest
 joints of common arms, 1.3 to 2 rad/s for 200 kg payload."""
+
+UNKNOWN_SLIDE = 0.2
+"""Speed of a slide that nothing is known of [m/s]: rails are built for several times as much."""
 
 CUBIC_PEAK = 1.5
 """Greatest speed over mean speed of a cubic from rest to rest: the joint trajectory controller
@@ -69,7 +73,8 @@ def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
             hint="poses that are only passed through are left out of this format",
             name=program.name,
         )
-    postures = np.asarray(np.round(np.radians(shown_deg(arm, program.poses)), DECIMALS) + 0.0)
+    in_si = shown_deg(arm, program.poses) / np.roll(shown_of(arm.n, arm.slides), -arm.slides)
+    postures = np.asarray(np.round(in_si, DECIMALS) + 0.0)
     names = [f"- {n if _BARE.fullmatch(n) else json.dumps(n)}" for n in arm.joint_names]
     lines = _heading(program, layout.title) + (_STAMP if layout.timed else [])
     if layout.keys:
@@ -135,14 +140,17 @@ def _time(milliseconds: int) -> str:
 
 
 def joint_speeds(arm: Arm, percent: float) -> FloatArray:
-    """Speeds ``(n,)`` [rad/s] at so many percent of the description's.
+    """Speeds ``(n,)`` [rad/s, m/s] at so many percent of the description's, slides last.
 
-    Joints without one are as fast as the median of the others, or as :data:`UNKNOWN_SPEED`.
+    Joints without one are as fast as the median of the others, or as :data:`UNKNOWN_SPEED`; slides
+    without one go at :data:`UNKNOWN_SLIDE`.
     """
     speeds = np.full(arm.n, np.nan) if arm.robot is None else arm.robot.speed
-    known = np.isfinite(speeds)
-    usual = float(np.median(speeds[known])) if known.any() else UNKNOWN_SPEED
-    return np.asarray(np.where(known, speeds, usual) * percent / 100.0)
+    known, sliding = np.isfinite(speeds), np.arange(arm.n) < arm.slides
+    turning = known & ~sliding
+    usual = float(np.median(speeds[turning])) if turning.any() else UNKNOWN_SPEED
+    each = np.where(known, speeds, np.where(sliding, UNKNOWN_SLIDE, usual))
+    return np.roll(each, -arm.slides) * percent / 100.0
 
 
 def point_times_ms(
@@ -158,7 +166,8 @@ def point_times_ms(
     """
     speeds, farthest = joint_speeds(arm, percent), np.full(arm.n, np.pi)
     if arm.robot is not None:
-        farthest = np.maximum(np.abs(arm.robot.upper - path[0]), np.abs(path[0] - arm.robot.lower))
+        upper, lower = (np.roll(b, -arm.slides) for b in (arm.robot.upper, arm.robot.lower))
+        farthest = np.maximum(np.abs(upper - path[0]), np.abs(path[0] - lower))
     moves = np.vstack([farthest, np.abs(np.diff(path, axis=0))])
     cubic = CUBIC_PEAK * (moves / speeds).max(axis=1)
     times = np.maximum(move_times(moves, speeds, ACCELERATION_S), cubic)

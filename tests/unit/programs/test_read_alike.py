@@ -50,7 +50,7 @@ def test_an_external_axis_may_not_carry_the_arm(name, text, axis, message, line)
     )
     assert len(parse(name, near).positions) == 2
     with pytest.raises(FileFormatError, match=message) as caught:
-        parse(name, far)
+        parse(name, far).postures()
     assert caught.value.row == line
 
 

@@ -1,0 +1,143 @@
+"""An arm on a rail: from the description to programs, and from measurements to a better rail."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError, InputError
+from calib.identification import covariance_of, identify_batch
+from posedesign.cell import Cell
+from posedesign.planning.optimal import Request, plan_optimal
+from posedesign.planning.poses_file import PoseList, read_poses
+from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.simulation import SimulatedRobot
+from tests.measured_cells import TRACKER, check_scatter
+from tests.rails import on_slides
+
+POSTURE = {
+    "r2000ic165f": [6.0, 12.0, -40.0, -2.0, -40.0, -73.0],
+    "irb120": [0.0, 10.0, 20.0, 0.0, 50.0, 0.0],
+    "kr6r900sixx": [0.0, -70.0, 100.0, 0.0, 60.0, 0.0],
+    "gp7": [0.0, 10.0, -20.0, 0.0, -60.0, 0.0],
+}
+FORMATS = {"fanuc-ls": "r2000ic165f", "abb-rapid": "irb120", "kuka-krl": "kr6r900sixx"}
+MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "gp7": "yaskawa"}
+
+
+def railed(folder: Path, arm: str, more: str = "", *, held: bool = False) -> Cell:
+    path = folder / f"{arm}.urdf"
+    path.write_text(on_slides(arm))
+    return Cell.from_text(
+        f'[robot]\nurdf = "{path}"\ncontroller = "{MAKERS[arm]}"\ncapsule_radius_mm = 60.0\n'
+        f"{'held_mm = { rail = 400.0 }' if held else ''}\n"
+        "[tool]\npoint_mm = [40.0, 10.0, 120.0]\n[base_pose]\n"
+        f"{'' if held else 'slides_mm = [400.0]'}\nposture_deg = {POSTURE[arm]}\n{more}"
+        "[constraints]\ncollisions = false\n[truth]\ndeflection = false\n"
+    )
+
+
+def listed(cell: Cell, count: int = 14) -> PoseList:
+    """Poses along the whole rail."""
+    chosen = plan_optimal(cell, Request(count=count, refine=False))
+    poses = PoseList.of_route(chosen.poses, chosen.route)
+    assert np.ptp(poses.measured.postures[:, 0]) > 0.5
+    return poses
+
+
+def test_from_new_to_identify(cli, refuse, tmp_path):
+    urdf, cell = tmp_path / "robot.urdf", tmp_path / "cell.toml"
+    urdf.write_text(on_slides("r2000ic165f"))
+    text = cli("new", "--robot", urdf).out
+    assert "slides_mm = [0.0]  # of rail" in text
+    text = text.replace("# capsule_radius_mm = 280", "capsule_radius_mm = 200 #")
+    cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
+    assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
+    poses = tmp_path / "plan" / "poses.csv"
+    found = read_poses(poses, 7, slides=1)
+    assert found.postures.shape[1] == 7
+    cli("program", poses, "--cell", cell, "--format", "fanuc-ls", "--out", tmp_path / "ls")
+    (written,) = (tmp_path / "ls").glob("*.LS")
+    assert "J6=" in written.read_text()
+    assert "E1=" in written.read_text()
+    cli("simulate", cell, poses, "--out", tmp_path / "sim")
+    touched = tmp_path / "sim" / "touchups.csv"
+    assert touched.read_text().splitlines()[1].startswith("target,e1_mm,j1_deg")
+    cli("identify", cell, touched, "--out", tmp_path / "sim")
+    found = tmp_path / "sim" / "identification.json"
+    said = cli("correct", cell, found, poses, "--out", tmp_path / "corrected")
+    assert said.code == 0
+    rows = (tmp_path / "corrected" / "mastering.csv").read_text()
+    assert "J1,joint_1" in rows
+    assert "rail" not in rows
+    assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
+    refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
+        "programs of arms on slides are not corrected"
+    )
+    cell.write_text(cell.read_text().replace("slides_mm = [0.0]", "slides_mm = [0.0, 1.0]"))
+    refuse("plan", cell, "--out", tmp_path / "plan2").says("2 values for 1 slides", "slides_mm")
+    cell.write_text(cell.read_text().replace("slides_mm = [0.0, 1.0]", "slides_mm = [2600.0]"))
+    refuse("plan", cell, "--out", tmp_path / "plan2").says("rail 2600.0 mm is above 2500.0 mm")
+
+
+@pytest.mark.parametrize("dialect", [*FORMATS, "ros-trajectory"])
+def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
+    cell = railed(tmp_path, FORMATS.get(dialect, "irb120"))
+    poses = listed(cell)
+    made = write_program(
+        poses, tmp_path / "out", dialect, program_options(cell, poses), "CALIB01", cell
+    )
+    back = import_touch_ups(cell, [made.paths[0]], poses, keep_untouched=True).touch_ups
+    order = [poses.measured.names.index(name) for name in back.names]
+    off = np.abs(back.postures - poses.measured.postures[order])
+    assert off.max(axis=0)[0] <= 1e-6  # micrometres of the rail
+    assert off.max() <= np.deg2rad(1.1e-3)
+
+
+def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
+    cell = railed(tmp_path, "gp7")
+    poses = listed(cell, 12)
+    options = program_options(cell, poses)
+    with pytest.raises(
+        InputError, match=r"rail slides, and the external axes of .* are not written"
+    ):
+        write_program(poses, tmp_path / "out", "yaskawa-jbi", options, "A", cell)
+    fanuc = railed(tmp_path, "r2000ic165f", '[program]\nform = "cartesian"\n')
+    poses = listed(fanuc, 12)
+    with pytest.raises(InputError, match="where its controller has the world is not known"):
+        write_program(
+            poses, tmp_path / "out", "fanuc-ls", program_options(fanuc, poses), "A", fanuc
+        )
+
+
+def test_a_rail_that_the_description_does_not_know_is_refused(tmp_path):
+    cell = railed(tmp_path, "r2000ic165f")
+    poses = listed(cell, 12)
+    made = write_program(
+        poses, tmp_path / "out", "fanuc-ls", program_options(cell, poses), "A", cell
+    )
+    alone = railed(tmp_path, "r2000ic165f", held=True)
+    with pytest.raises(FileFormatError, match=r"E1 differs .* describe the slide in the URDF"):
+        import_touch_ups(alone, [made.paths[0]], None, keep_untouched=True)
+
+
+@pytest.mark.parametrize("arm", ["irb120", "r2000ic165f"])
+def test_the_rail_s_own_errors_are_found_as_well_as_predicted(tmp_path, arm):
+    """By a tracker that sees reflectors: offsets of the arm, direction and scale of the rail."""
+    planned = 'planned = ["zero_offsets", "scale"]'
+    more = (
+        '[[target]]\nname = "tracker"\nkind = "point"\nposition_mm = [3000.0, 1500.0, 900.0]\n'
+        f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}'
+    )
+    cell = railed(tmp_path, arm, more)
+    chosen = plan_optimal(cell, Request(count=30, refine=False))
+    assert "scale.rail" in chosen.model.names
+    robot, which = SimulatedRobot.of(cell), cell.which(chosen.labels)
+    names = [str(i) for i in range(len(which))]
+    data = robot.measure(chosen.postures, which, names, np.random.default_rng(3), trials=200)
+    model = chosen.model
+    values = identify_batch(model, data.with_labels(model.targets, model.tools))
+    sigma = np.sqrt(np.diag(covariance_of(model, chosen.postures, setup=chosen.setup)))
+    check_scatter(np.asarray(values.std(axis=0, ddof=1) / sigma))
+    k = model.names.index("scale.rail")
+    assert abs(values[:, k].mean()) < 5.0 * sigma[k] / np.sqrt(200)  # it is where it says

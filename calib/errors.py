@@ -63,7 +63,7 @@ class InputError(CalibError):
 
 
 class RobotModelError(CalibError):
-    """A robot description that is missing, malformed or not a serial arm of revolute joints."""
+    """A robot description that is missing, malformed or not a serial arm."""
 
 
 class UnreachableError(CalibError):

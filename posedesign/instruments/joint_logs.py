@@ -372,6 +372,12 @@ def joints_of(
             path=path,
             hint="name them from the base on in instrument.columns.joints",
         )
+    if robot.slides:
+        raise FileFormatError(
+            "has joints by columns of its own, and the arm stands on a slide",
+            path=path,
+            hint="give a table with e1_mm, j1_deg ..",
+        )
     if section.joint_unit is None:
         raise FileFormatError(
             "the unit of its joints is not said",

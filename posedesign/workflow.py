@@ -61,9 +61,9 @@ if TYPE_CHECKING:
     from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.file import AcceptanceFile
     from posedesign.hand_eye import Asked, Calibrated
+    from posedesign.hand_eye.pairs import SolverOutcome
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
-    from posedesign.pairs import SolverOutcome
     from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
 POSES = ("poses.csv", "measuring poses")
@@ -322,7 +322,7 @@ def simulate(
     InputError
         Several cycles of what is touched: each touch has joint values of its own, and so a name.
     """
-    from posedesign.pairs import Pairs, write_pairs
+    from posedesign.hand_eye.pairs import Pairs, write_pairs
     from posedesign.simulation import SimulatedRobot
 
     claims = Results.of(out, "simulate").claim("simulated", *simulated_files(cell))
@@ -372,8 +372,12 @@ def identify_file(
     from posedesign.identification import identify_models, results_as_dict, summed_up
     from posedesign.identification.comparison import without_repeats
     from posedesign.identification.file import IdentificationFile, residual_rows
+    from posedesign.identification.instruments import (
+        goes_with_temperature,
+        is_of_instrument,
+        read_measured,
+    )
     from posedesign.identification.measurement_set_up import check_readings, far_rows
-    from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
 
     results = Results.of(out, "identify")
     inputs = [measurements] if joints is None else [measurements, joints]
@@ -422,9 +426,9 @@ def solve_file(
     methods: Sequence[str] | None = None,
     noise: Noise | NoiseShown | None = None,
 ) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB from a ``pairs.csv``; see :func:`~posedesign.pairs.tables.solve_and_write`."""
-    from posedesign.pairs import read_pairs
-    from posedesign.pairs.tables import DEFAULT_METHODS
+    """Solve AX=ZB from a ``pairs.csv``; see :func:`~.pairs.tables.solve_and_write`."""
+    from posedesign.hand_eye.pairs import read_pairs
+    from posedesign.hand_eye.pairs.tables import DEFAULT_METHODS
     from posedesign.report.pairs import solve_and_draw
 
     asked = DEFAULT_METHODS if methods is None else methods
@@ -455,7 +459,7 @@ def calibrate_from_pictures(
     """
     from posedesign.hand_eye import CAMERA_FILES, calibrate_camera
     from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
-    from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.hand_eye import figure_of_camera
 
     results = Results.of(out, "camera")
@@ -528,9 +532,9 @@ def judge_acceptance_test(
     )
     from posedesign.identification.file import read_file as read_identification_file
     from posedesign.identification.file import read_identification
+    from posedesign.identification.instruments import is_of_instrument
     from posedesign.identification.measurement_set_up import check_readings
     from posedesign.identification.models import FRAMES_ONLY
-    from posedesign.instruments import is_of_instrument
     from posedesign.report.acceptance import figure_of_acceptance
 
     planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
@@ -576,7 +580,7 @@ def judge_acceptance_test(
 
 def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
     """Measurements of a table, or of an instrument's that has the joints, too."""
-    from posedesign.instruments import is_of_instrument, read_measured
+    from posedesign.identification.instruments import is_of_instrument, read_measured
 
     if is_of_instrument(cell, path):
         return read_measured(cell, path, None, trust_units=trust_units).table

@@ -71,21 +71,11 @@ DRAWN = 4000
 class AcceptanceRequest:
     """What is to be proven.
 
-    Attributes
-    ----------
-    test : {"iso", "places"}
-    limit_m : float
-        Of the error of position [m].
-    content, confidence : float
-        Part of the places that is to be within the limit, and the confidence of saying so.
-    allowed : int
-        Places of the test that may be beyond it.
-    plane : str, optional
-        Of :data:`PLANES`; the first that can be taken by default.
-    cycles : int
-        Times that each pose is measured.
-    seed : int
-        Of the places.
+    ``test`` {"iso", "places"}. ``limit_m``: of the error of position [m]. ``content``,
+    ``confidence``: part of the places that is to be within the limit, and the confidence of saying
+    so. ``allowed``: places of the test that may be beyond it. ``plane``: of :data:`PLANES`; the
+    first that can be taken by default. ``cycles``: times that each pose is measured. ``seed``: of
+    the places.
     """
 
     test: str = PLACES
@@ -142,19 +132,10 @@ class AcceptanceRequest:
 class AcceptancePlan:
     """Poses of a test.
 
-    Attributes
-    ----------
-    poses : PoseSet
-    route : Route
-    where : str
-        The places in words.
-    notes : tuple of str
-    chance : float
-        To pass, by what the identification says of the arm; NaN without one.
-    expected_m : float
-        Root mean square error that it predicts at the poses [m]; NaN without one.
-    distances : bool
-        Whether distances alone are read: nothing is said of errors across them.
+    ``where``: the places in words. ``chance``: to pass, by what the identification says of the arm;
+    NaN without one. ``expected_m``: root mean square error that it predicts at the poses [m]; NaN
+    without one. ``distances``: whether distances alone are read: nothing is said of errors across
+    them.
     """
 
     request: AcceptanceRequest

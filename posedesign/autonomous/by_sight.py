@@ -54,10 +54,7 @@ _PLATES = 10
 class SightResult:
     """A calibration, and where the robot was simulated what it is worth on a plate.
 
-    Attributes
-    ----------
-    plate : PlateTest, str or None
-        Or in words why the plate cannot be touched; None for a real robot.
+    ``plate``: or in words why the plate cannot be touched; None for a real robot.
     """
 
     calibration: Calibration
@@ -275,10 +272,7 @@ def calibrate_robot(
 class _Session:
     """What is measured with.
 
-    Attributes
-    ----------
-    about : mapping of str to str
-        See :class:`~posedesign.autonomous.journal.Journal`.
+    ``about``: see :class:`~posedesign.autonomous.journal.Journal`.
     """
 
     about: Mapping[str, str]

@@ -62,20 +62,10 @@ MOST_MOVES = 9999
 class _Move:
     """The last move: where it was to go, and how far its results are read.
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1 in the folder.
-    posture, written : array (n,)
-        As it was commanded, and as it stands in the program, rounded [rad].
-    program : Path
-        The file with the position, relative to the folder of programs.
-    mark : str
-        Fingerprint that the program carries.
-    pictures : int
-        That were asked for.
-    waiting : bool
-        The last of them has not been read yet.
+    ``number``: counted from 1 in the folder. ``posture``, ``written`` (n,): as it was commanded,
+    and as it stands in the program, rounded [rad]. ``program``: the file with the position,
+    relative to the folder of programs. ``mark``: fingerprint that the program carries.
+    ``pictures``: that were asked for. ``waiting``: the last of them has not been read yet.
     """
 
     number: int

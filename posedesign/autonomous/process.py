@@ -28,8 +28,8 @@ from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import Kind
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 from posedesign.identification import Identified
-from posedesign.pairs import Pairs, write_pairs
 from posedesign.planning import PoseList, PosePlan
 from posedesign.simulation import target_of
 from posedesign.workflow import (
@@ -75,16 +75,9 @@ class Missed:
 class Calibration:
     """What a calibration has found.
 
-    Attributes
-    ----------
-    set_up : SetUp
-        Of the first step.
-    cell : Cell
-        With what the first step has found.
-    sigma_m : array (3,)
-        Noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
-    touch_ups : Measurements
-        Of the second step.
+    ``set_up``: of the first step. ``cell``: with what the first step has found. ``sigma_m`` (3,):
+    noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
+    ``touch_ups``: of the second step.
     """
 
     set_up: SetUp
@@ -112,12 +105,8 @@ def loop_of(cell: Cell) -> Loop:
 class SessionFiles:
     """Files of one calibration, claimed before the arm moves.
 
-    Attributes
-    ----------
-    pairs : Claim or None
-        None where there are no pictures.
-    planned : tuple of Claim
-        What planning and identification will write, and claim once more.
+    ``pairs``: None where there are no pictures. ``planned``: what planning and identification will
+    write, and claim once more.
     """
 
     found_cell: Claim

@@ -56,9 +56,9 @@ def simulate(
     """Rehearse: touch up the poses with a simulated robot, into a folder of its own."""
     from posedesign import workflow
     from posedesign.cell import Cell
-    from posedesign.hand_eye.rehearsal import JOINTS, simulate_pictures
     from posedesign.planning import check_fit
     from posedesign.planning.poses_file import read_poses
+    from posedesign.simulation.pictures import JOINTS, simulate_pictures
 
     loaded = Cell.load(cell)
     listed = read_poses(

@@ -25,7 +25,7 @@ from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite, Verbose
 if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
-    from posedesign.pairs import Pairs, SolverOutcome
+    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
 
 
 DEFAULT_METHODS = "ml,ml-robust,papers"
@@ -167,11 +167,11 @@ def robot_world(
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
-    from posedesign.pairs import PairSource
-    from posedesign.pairs.certificate import refuse_uncertifiable
-    from posedesign.pairs.results import asked_noise, methods_of, reached
-    from posedesign.pairs.tables import outcome_as_dict
-    from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.hand_eye.pairs import PairSource
+    from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
+    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, reached
+    from posedesign.hand_eye.pairs.tables import outcome_as_dict
+    from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
 
     source = PairSource(
@@ -238,7 +238,7 @@ def _solved(
 ) -> tuple[SolverOutcome, ...]:
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
-    from posedesign.pairs.results import certified
+    from posedesign.hand_eye.pairs.results import certified
     from posedesign.report.pairs import solve_and_draw
 
     shown: AbstractContextManager[Advance] = (

@@ -25,7 +25,7 @@ MOST_TRIALS = 10_000_000
 """Of a study; its own numbers are thousands."""
 
 if TYPE_CHECKING:
-    from posedesign.demo import DemoResults
+    from posedesign.cli.demo import DemoResults
     from posedesign.report.answer import Answer
 
 Draws = Annotated[
@@ -191,7 +191,7 @@ def demo(
     overwrite: Overwrite = False,
 ) -> int:
     """Run the main job on the reference cell."""
-    from posedesign.demo import run_demo
+    from posedesign.cli.demo import run_demo
 
     with progress("demo") as advance:
         folder = results_in(out, "demo", overwrite=overwrite, remakes=True)

@@ -46,7 +46,7 @@ def view(
 ) -> int:
     """Show the cell in 3-D in the browser, with its poses and the motions between them."""
     from posedesign.cell import Cell
-    from posedesign.pairs import read_pairs
+    from posedesign.hand_eye.pairs import read_pairs
     from posedesign.planning import off_target
     from posedesign.planning.checks import ON_TARGET_M
     from posedesign.planning.poses_file import read_poses

@@ -61,12 +61,8 @@ class Row:
 class Table:
     """What stands in a CSV file.
 
-    Attributes
-    ----------
-    comments : list of str
-        The lines before the header that start with #, without it.
-    notes : tuple of str
-        In what another form it was written than with commas between cells and a point in numbers.
+    ``comments``: the lines before the header that start with #, without it. ``notes``: in what
+    another form it was written than with commas between cells and a point in numbers.
     """
 
     columns: list[str]

@@ -83,18 +83,9 @@ MOST_MEASUREMENTS = 50_000
 class MeasurementTable:
     """Measurements of a file, with the names that their indices mean.
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        Names that ``data.setup.kind`` has indices into.
-    lines : tuple of int
-        Line of the file that each stands on.
-    path : Path
-        The file.
-    notes : tuple of str
-        What is odd in it.
-    extra : mapping of str to tuple of str
-        By name of the column, the cells of columns that posedesign does not know.
+    ``kinds``: names that ``data.setup.kind`` has indices into. ``lines``: line of the file that
+    each stands on. ``path``: the file. ``notes``: what is odd in it. ``extra``: by name of the
+    column, the cells of columns that posedesign does not know.
     """
 
     data: Measurements

@@ -44,18 +44,10 @@ _PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", 33
 class Origin:
     """What a file says of itself.
 
-    Attributes
-    ----------
-    kind : {"measured", "simulated", "planned", "computed"}
-    purpose : str
-        What it is: "touch-ups", "measuring poses".
-    command : str
-        Which wrote it.
-    inputs : tuple of (str, str)
-        Names of the files that it was made from, and the first 8 hexadecimal digits of their
-        SHA-256.
-    day : str
-        When, as in 2026-05-31 (UTC): a day, so that the same work gives the same bytes.
+    ``kind`` {"measured", "simulated", "planned", "computed"}. ``purpose``: what it is: "touch-ups",
+    "measuring poses". ``command``: which wrote it. ``inputs``: names of the files that it was made
+    from, and the first 8 hexadecimal digits of their SHA-256. ``day``: when, as in 2026-05-31
+    (UTC): a day, so that the same work gives the same bytes.
     """
 
     kind: Kind

@@ -65,16 +65,10 @@ class _Unusable(ValueError):
 class PictureHead:
     """What a file says of its picture, before it is decoded.
 
-    Attributes
-    ----------
-    size_px : tuple of int
-        Width and height, as the sensor had them.
-    digest : str
-        Of all bytes of the file: those of the same picture are the same.
-    is_turned : bool
-        Whether a note in it asks for the picture to be shown turned or mirrored.
-    taken : str
-        When it was taken, by its EXIF: text that sorts by time; empty where it does not say.
+    ``size_px``: width and height, as the sensor had them. ``digest``: of all bytes of the file:
+    those of the same picture are the same. ``is_turned``: whether a note in it asks for the picture
+    to be shown turned or mirrored. ``taken``: when it was taken, by its EXIF: text that sorts by
+    time; empty where it does not say.
     """
 
     size_px: tuple[int, int]

@@ -36,19 +36,12 @@ class Claim(os.PathLike[str]):
 
     Whatever writes files here takes it for a path, and the file then says its origin.
 
-    Attributes
-    ----------
-    overwrite : bool
-        Whether what is there may be replaced; it is kept beside it, under a name with a number.
-    say : callable
-        Told where what was there is kept.
-    needed_by : str
-        What else belongs to what is there, in words; empty for nothing.
-    bare : bool
-        Whether the file cannot say its origin: other programs could not read it then. It is checked
-        when it is written, and may be replaced by the same bytes only.
-    place : tuple of int, optional
-        The folder as it was claimed in, by device and number: see :func:`identity_of`.
+    ``overwrite``: whether what is there may be replaced; it is kept beside it, under a name with a
+    number. ``say``: told where what was there is kept. ``needed_by``: what else belongs to what is
+    there, in words; empty for nothing. ``bare``: whether the file cannot say its origin: other
+    programs could not read it then. It is checked when it is written, and may be replaced by the
+    same bytes only. ``place``: the folder as it was claimed in, by device and number: see
+    :func:`identity_of`.
     """
 
     path: Path
@@ -171,20 +164,10 @@ def kept_aside(path: Path) -> Path:
 class Results:
     """The folder that one command writes its results into.
 
-    Attributes
-    ----------
-    command : str
-        Name of the command, or of who else writes.
-    inputs : sequence of Path
-        Files that the results are made from.
-    overwrite : bool
-        Whether files that are not its own may be replaced, and kept aside.
-    say : callable
-        Told of what is kept aside.
-    remakes : bool
-        Whether all that follows from its plan is made anew, too.
-    place : tuple of int, optional
-        The folder as it was at first; see :func:`identity_of`.
+    ``command``: name of the command, or of who else writes. ``inputs``: files that the results are
+    made from. ``overwrite``: whether files that are not its own may be replaced, and kept aside.
+    ``say``: told of what is kept aside. ``remakes``: whether all that follows from its plan is made
+    anew, too. ``place``: the folder as it was at first; see :func:`identity_of`.
     """
 
     folder: Path

@@ -30,9 +30,9 @@ from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
+from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pictures import PictureSet
 from posedesign.hand_eye.sightings import Advance, find_boards
-from posedesign.pairs.certificate import Camera
 
 CAMERA_FILES = (
     ("camera.json", "calibrated camera"),
@@ -49,22 +49,12 @@ _DETECTING = 0.9
 class Asked:
     """What is to be estimated, and what is known.
 
-    Attributes
-    ----------
-    camera : {"on-flange", "fixed"}
-        Eye-in-hand, or eye-to-hand with the board on the flange.
-    lens : str or Lens
-        Model of a lens that is estimated, or one that is known.
-    free : tuple of str
-        Words of what of the robot is estimated, too, such as ``zero_offsets``.
-    board_errors : tuple of str
-        Of ``scale``, ``bend_x``, ``bend_y``.
-    pixel_sigma : float or None
-        Noise of a coordinate of a point [px]; from the pictures by default.
-    arm_sigma : tuple of two floats or None
-        How far the arm stops from where it says [m, rad]; likewise.
-    board : Board or None
-        In place of the one that the cell describes.
+    ``camera`` {"on-flange", "fixed"}: eye-in-hand, or eye-to-hand with the board on the flange.
+    ``lens``: model of a lens that is estimated, or one that is known. ``free``: words of what of
+    the robot is estimated, too, such as ``zero_offsets``. ``board_errors``: of ``scale``,
+    ``bend_x``, ``bend_y``. ``pixel_sigma``: noise of a coordinate of a point [px]; from the
+    pictures by default. ``arm_sigma``: how far the arm stops from where it says [m, rad]; likewise.
+    ``board``: in place of the one that the cell describes.
     """
 
     camera: Camera = "on-flange"
@@ -80,17 +70,9 @@ class Asked:
 class Calibrated:
     """The result with what is to be said of its files.
 
-    Attributes
-    ----------
-    result : HandEyeResult
-    reasons : tuple of str
-        Why a picture does not show the board; empty where it does.
-    postures : array (N, n)
-        Of each picture [rad]; NaN where it is not known.
-    with_joints : bool
-        Whether they are joint values, and not poses of the flange.
-    notes : tuple of str
-        What is odd about the files.
+    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
+    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
+    and not poses of the flange. ``notes``: what is odd about the files.
     """
 
     result: HandEyeResult

@@ -31,7 +31,7 @@ from calib.lens import DISTORTION, Lens, LensName
 from calib.se3 import FloatArray
 from calib.vision.boards import Board, make_board
 from posedesign.files.trees import number, numbers, read_tree
-from posedesign.pairs.transforms import opencv_matrix
+from posedesign.hand_eye.pairs.transforms import opencv_matrix
 
 LENS_FILES = (("camera_info.yaml", "lens for ROS"), ("lens.json", "lens for OpenCV"))
 """Names of the files, and what they say that they are."""

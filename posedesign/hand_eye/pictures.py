@@ -27,7 +27,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, read_table
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
+from posedesign.hand_eye.pairs.forms import POSE_COLUMNS, read_poses_of
 from posedesign.programs.registry import read_joints
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
@@ -49,24 +49,13 @@ _NOT_MEASURED = ("via", "dropped")
 class PictureSet:
     """Pictures by one lens, and how the arm stood when each was taken.
 
-    Attributes
-    ----------
-    paths : tuple of Path
-        Their files, in order.
-    names : tuple of str
-        Names of the files; each is there once.
-    size_px : tuple of int
-        Width and height of all.
-    postures : array (N, n) or None
-        Joint values [rad]; NaN for a picture without, which serves the lens only. None where poses
-        of the flange are given, or nothing.
-    T_base_flange : array (N, 4, 4) or None
-        Poses of the flange in the base frame [m], likewise.
-    motion : array (N, 2, n) or None
-        Velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
-        postures of :func:`calib.robots.flange_robot`, where it is of poses.
-    notes : tuple of str
-        What is odd about them, or was taken for granted, in words.
+    ``paths``: their files, in order. ``names``: names of the files; each is there once.
+    ``size_px``: width and height of all. ``postures`` (N, n): joint values [rad]; NaN for a picture
+    without, which serves the lens only. None where poses of the flange are given, or nothing.
+    ``T_base_flange`` (N, 4, 4): poses of the flange in the base frame [m], likewise. ``motion`` (N,
+    2, n): velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
+    postures of :func:`calib.robots.flange_robot`, where it is of poses. ``notes``: what is odd
+    about them, or was taken for granted, in words.
     """
 
     paths: tuple[Path, ...]
@@ -96,7 +85,7 @@ def read_picture_set(
         A folder, or files and folders in any order.
     poses : Path, optional
         A table (CSV) with joint columns (:mod:`posedesign.files.postures`) or the pose of the
-        flange (:mod:`posedesign.pairs.forms`); a robot program, or a list for ROS or RoboDK, of
+        flange (:mod:`.pairs.forms`); a robot program, or a list for ROS or RoboDK, of
         joint values. Without it the pictures serve the lens only.
     robot : Robot, optional
         The arm that joint values are of.
@@ -260,16 +249,9 @@ def _by_time(
 class _Poses:
     """Joint values or poses of the flange, row by row of a file.
 
-    Attributes
-    ----------
-    joints : bool
-        Whether they are joint values.
-    values : array (R, n) or (R, 4, 4)
-        NaN in rows that give none.
-    pictures : list of str
-        The picture of each row; empty where the file does not say.
-    motion : array (R, 2, n) or None
-        How the joints moved, where the file is a record of them.
+    ``joints``: whether they are joint values. ``values`` (R, n) or (R, 4, 4): NaN in rows that give
+    none. ``pictures``: the picture of each row; empty where the file does not say. ``motion`` (R,
+    2, n): how the joints moved, where the file is a record of them.
     """
 
     path: Path

@@ -28,12 +28,8 @@ Advance = Callable[[str, float], None]
 class Sightings:
     """What N pictures show of a board of K points.
 
-    Attributes
-    ----------
-    pixels : array (N, K, 2)
-        From the left upper corner of the image; NaN where a point is not seen.
-    reasons : tuple of str
-        Why a picture shows none of them; empty where it shows some.
+    ``pixels`` (N, K, 2): from the left upper corner of the image; NaN where a point is not seen.
+    ``reasons``: why a picture shows none of them; empty where it shows some.
     """
 
     pixels: FloatArray

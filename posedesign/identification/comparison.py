@@ -70,13 +70,9 @@ _MOST_LISTED = 5
 class Contradiction:
     """Something of a model that cannot be, or that such arms do not have.
 
-    Attributes
-    ----------
-    kind : {"zero", "arm", "sign", "distance"}
-        A joint's zero, or another error of the arm, beyond what is known of it; a compliance below
-        zero; a known distance that comes out otherwise.
-    said : str
-        In words.
+    ``kind`` {"zero", "arm", "sign", "distance"}: a joint's zero, or another error of the arm,
+    beyond what is known of it; a compliance below zero; a known distance that comes out otherwise.
+    ``said``: in words.
     """
 
     kind: Literal["zero", "arm", "sign", "distance"]
@@ -87,20 +83,12 @@ class Contradiction:
 class Identified:
     """All models on one set of measurements.
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        What explains the residuals by name, the likeliest first.
-    contradictions : tuple of Contradiction
-        What the recommended model says against what is known of such arms.
-    workplace : str
-        Where the errors of the models are expected, in words; empty where they are not.
-    held_only : tuple of str
-        Models that were not tried, since nothing measured sees the scale of their links.
-    probabilities : dict of str to float
-        Of errors that the arm may have, as models with priors: what the others were judged by.
-    measured : dict of str to str
-        What the file of an instrument has, in words by what it is about.
+    ``findings``: what explains the residuals by name, the likeliest first. ``contradictions``: what
+    the recommended model says against what is known of such arms. ``workplace``: where the errors
+    of the models are expected, in words; empty where they are not. ``held_only``: models that were
+    not tried, since nothing measured sees the scale of their links. ``probabilities``: of errors
+    that the arm may have, as models with priors: what the others were judged by. ``measured``: what
+    the file of an instrument has, in words by what it is about.
     """
 
     comparison: Comparison

@@ -93,16 +93,9 @@ next to nothing to gain."""
 class Correction:
     """What was made of an identification.
 
-    Attributes
-    ----------
-    identified : IdentifiedModel
-        What is corrected by.
-    routes : Routes
-        What error each way leaves.
-    compensated : Compensated or None
-        Commands for the poses.
-    rehearsed : str
-        What is to be said first of what comes of a simulated robot; empty for a real one.
+    ``identified``: what is corrected by. ``routes``: what error each way leaves. ``compensated``:
+    commands for the poses. ``rehearsed``: what is to be said first of what comes of a simulated
+    robot; empty for a real one.
     """
 
     identified: IdentifiedModel
@@ -420,18 +413,11 @@ _STEM = "zero_offset."
 class Mastering:
     """Corrections of the zero points of a robot, as its pendant shows joints.
 
-    Attributes
-    ----------
-    correction : array (n,)
-        To be added to what the pendant shows to get where each joint is [rad].
-    sigma : array (n,)
-        Standard deviation of each [rad]; NaN where it is not known.
-    identified : array (n,) of bool
-        Whether a joint's own zero offset was identified. Others count as none: target or tool
-        take it up, or it was not asked for.
-    bounded : bool
-        Correlations were not known: where several offsets make one correction, its standard
-        deviation is the largest that is possible.
+    ``correction`` (n,): to be added to what the pendant shows to get where each joint is [rad].
+    ``sigma`` (n,): standard deviation of each [rad]; NaN where it is not known. ``identified``
+    (n,): whether a joint's own zero offset was identified. Others count as none: target or tool
+    take it up, or it was not asked for. ``bounded``: correlations were not known: where several
+    offsets make one correction, its standard deviation is the largest that is possible.
     """
 
     robot: Robot

@@ -64,14 +64,9 @@ _DESCRIBED = "tool as described"
 class CorrectedTool:
     """The point of the tool that is to stand where it should.
 
-    Attributes
-    ----------
-    index : int
-        Of the tool in the model.
-    parameters : tuple of str
-        Names of those that place it; none where it is taken as described.
-    said : str
-        What is to be known of the choice; empty where it is the cell's own tool, as identified.
+    ``index``: of the tool in the model. ``parameters``: names of those that place it; none where it
+    is taken as described. ``said``: what is to be known of the choice; empty where it is the cell's
+    own tool, as identified.
     """
 
     index: int
@@ -83,14 +78,8 @@ class CorrectedTool:
 class Route:
     """One way to use what was identified.
 
-    Attributes
-    ----------
-    values : Carried
-        Model, parameters and their covariance [SI].
-    expected : ErrorToExpect
-        Over the task box.
-    tool_m : array (3,)
-        The tool point that goes with it, in tip axes [m].
+    ``values``: model, parameters and their covariance [SI]. ``expected``: over the task box.
+    ``tool_m`` (3,): the tool point that goes with it, in tip axes [m].
     """
 
     name: str
@@ -103,10 +92,7 @@ class Route:
 class Routes:
     """All ways, the best one first, and the arm as it is.
 
-    Attributes
-    ----------
-    where : str
-        Which box, in words.
+    ``where``: which box, in words.
     """
 
     routes: tuple[Route, ...]

@@ -193,16 +193,9 @@ _IN_WORDS = {
 class IdentifiedModel:
     """One model of an identification, with the calibration model that it is of.
 
-    Attributes
-    ----------
-    x : array (p,)
-        Identified parameters [SI].
-    sigma : array (p,)
-        Standard deviations [SI]; NaN where the file has none.
-    covariance : array (p, p) or None
-        [SI]; None where the file has none.
-    held : tuple of str
-        Parameters of which the measurements say nothing: what is known beforehand holds them.
+    ``x`` (p,): identified parameters [SI]. ``sigma`` (p,): standard deviations [SI]; NaN where the
+    file has none. ``covariance`` (p, p): [SI]; None where the file has none. ``held``: parameters
+    of which the measurements say nothing: what is known beforehand holds them.
     """
 
     name: str

@@ -66,28 +66,14 @@ _SAME_TOOL_M = 1e-6
 class CorrectedProgram:
     """A program with corrected positions.
 
-    Attributes
-    ----------
-    data : bytes
-        Content of the file; empty where a position cannot be corrected: nothing is written then.
-    program : RecordedProgram
-        As it was.
-    corrected : array (M,) of int
-        Which of its positions were to be corrected; M may be less than all.
-    reasons : tuple of str
-        Why each of these cannot be corrected; empty where it is.
-    moved_m : array (M,)
-        How far off the tool point stands without the correction [m]; NaN where the arm as
-        described does not reach it.
-    error_m : array (M,)
-        How far off it stands with it [m].
-    written_m : array (M,)
-        The same with the numbers as they stand in the file, rounded [m]; none where nothing is
-        written.
-    notes : tuple of str
-    files : tuple of Path
-    simulated : str
-        What is to be said first where the errors are those of a simulated robot.
+    ``data``: content of the file; empty where a position cannot be corrected: nothing is written
+    then. ``program``: as it was. ``corrected`` (M,): which of its positions were to be corrected; M
+    may be less than all. ``reasons``: why each of these cannot be corrected; empty where it is.
+    ``moved_m`` (M,): how far off the tool point stands without the correction [m]; NaN where the
+    arm as described does not reach it. ``error_m`` (M,): how far off it stands with it [m].
+    ``written_m`` (M,): the same with the numbers as they stand in the file, rounded [m]; none where
+    nothing is written. ``simulated``: what is to be said first where the errors are those of a
+    simulated robot.
     """
 
     data: bytes

@@ -39,20 +39,10 @@ _MM_PER_INCH, _POINTS_PER_INCH = 25.4, 72.0
 class Sheet:
     """A board on a sheet of paper; all in mm from its left upper corner.
 
-    Attributes
-    ----------
-    width_mm, height_mm : float
-        Of the sheet.
-    rectangles : ndarray (M, 4)
-        Left, top, right and bottom of what is black.
-    discs : ndarray (D, 3)
-        Centre and radius of what is black and round.
-    cut_out : ndarray (C, 4)
-        Left, top, right and bottom of what is white in it.
-    lines : ndarray (L, 4)
-        Of the ruler, from x, y to x, y.
-    texts : tuple of (float, float, str)
-        Where each line of text begins, and the text.
+    ``width_mm``, ``height_mm``: of the sheet. ``rectangles`` (M, 4): left, top, right and bottom of
+    what is black. ``discs`` (D, 3): centre and radius of what is black and round. ``cut_out`` (C,
+    4): left, top, right and bottom of what is white in it. ``lines`` (L, 4): of the ruler, from x,
+    y to x, y. ``texts``: where each line of text begins, and the text.
     """
 
     width_mm: float

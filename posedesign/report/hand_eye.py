@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.hand_eye.calibration import lens_as_dict, parameter_rows
-from posedesign.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.drawing import BLUE

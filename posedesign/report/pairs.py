@@ -13,9 +13,15 @@ import numpy as np
 from calib.robot_world import Noise, NoiseShown, difference
 from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
 from posedesign.files import Results
-from posedesign.pairs import FRAMES
-from posedesign.pairs.results import Advance, noise_judged, reached, remarks_of, warnings_of
-from posedesign.pairs.tables import (
+from posedesign.hand_eye.pairs import FRAMES
+from posedesign.hand_eye.pairs.results import (
+    Advance,
+    noise_judged,
+    reached,
+    remarks_of,
+    warnings_of,
+)
+from posedesign.hand_eye.pairs.tables import (
     DEFAULT_METHODS,
     POSE_AXES,
     largest_sigma,
@@ -24,7 +30,7 @@ from posedesign.pairs.tables import (
     solve_and_write,
     solver_row,
 )
-from posedesign.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 
@@ -33,8 +39,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from posedesign.pairs import Pairs, SolverOutcome
-    from posedesign.pairs.certificate import Camera
+    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
+    from posedesign.hand_eye.pairs.certificate import Camera
 
 DRAWN = tuple((f"robot_world.{ending}", "figure of A X = Z B") for ending in ("png", "svg"))
 """Names of the files of the figure, and what they say that they are."""

@@ -27,10 +27,8 @@ PLATE_PITCH_M = 0.1
 class PlateTest:
     """The plate as seen by one robot after another: section 3.4 and Fig. 11 of the paper.
 
-    Attributes
-    ----------
-    postures : array (T, 25, n)
-        Joint values with the tool point on each point of the plate, a trial a row [rad].
+    ``postures`` (T, 25, n): joint values with the tool point on each point of the plate, a trial a
+    row [rad].
     """
 
     postures: FloatArray

@@ -152,12 +152,8 @@ def _facing(normal: FloatArray) -> FloatArray:
 class SimulatedRobot:
     """The robot as it really is, known to nothing but the simulation.
 
-    Attributes
-    ----------
-    model : CalibrationModel
-        With zero offsets of all joints and, where asked for, deflection.
-    values : array (p,)
-        True parameters [SI].
+    ``model``: with zero offsets of all joints and, where asked for, deflection. ``values`` (p,):
+    true parameters [SI].
     """
 
     cell: Cell

@@ -56,16 +56,9 @@ _OF_DAMAGED_TABLES = (
 class Options:
     """How a study is to be run.
 
-    Attributes
-    ----------
-    out : Path
-        Folder for tables and key figures.
-    trials : int, optional
-        In place of the study's own number: a short form.
-    restart : bool
-        Begin anew, whatever results there are.
-    advance : callable
-        Called with what is being done and the part of all work that is done.
+    ``out``: folder for tables and key figures. ``trials``: in place of the study's own number: a
+    short form. ``restart``: begin anew, whatever results there are. ``advance``: called with what
+    is being done and the part of all work that is done.
     """
 
     out: Path

@@ -27,12 +27,8 @@ _LEAST_ASIDE = 2
 class Scatter:
     """Scatter of repeated readings about the mean of their group.
 
-    Attributes
-    ----------
-    sigma : array (m,)
-        Pooled standard deviation of one reading along each axis.
-    freedom : int
-        Degrees of freedom of it.
+    ``sigma`` (m,): pooled standard deviation of one reading along each axis. ``freedom``: degrees
+    of freedom of it.
     """
 
     sigma: FloatArray
@@ -74,15 +70,9 @@ def pooled(values: FloatArray, group: IntArray) -> tuple[FloatArray, IntArray, S
 class Drift:
     """What a reference did while it was read again and again.
 
-    Attributes
-    ----------
-    cause : {"drift", "step"}
-    size : float
-        Length of the way from the first reading to the last, or of the step.
-    at : int
-        Reading before which it stepped; zero of a drift.
-    probability : float
-        Of chance: of a way or a step as clear in readings that only scatter.
+    ``cause`` {"drift", "step"}. ``size``: length of the way from the first reading to the last, or
+    of the step. ``at``: reading before which it stepped; zero of a drift. ``probability``: of
+    chance: of a way or a step as clear in readings that only scatter.
     """
 
     cause: Literal["drift", "step"]
@@ -126,15 +116,8 @@ def drift_of(places: FloatArray, times: FloatArray) -> Drift | None:
 class Trend:
     """How residuals go with the temperature.
 
-    Attributes
-    ----------
-    axis : int
-        Axis that goes with it most clearly.
-    slope : float
-        Change of the residual a degree.
-    correlation : float
-    probability : float
-        Of chance, for all axes together.
+    ``axis``: axis that goes with it most clearly. ``slope``: change of the residual a degree.
+    ``probability``: of chance, for all axes together.
     """
 
     axis: int

@@ -19,9 +19,9 @@ import yaml
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, quaternion_from_rotation, rotation_exp, transform
 from posedesign.files import trees
-from posedesign.pairs import Pairs, PairSource, stacks
-from posedesign.pairs.certificate import Camera
-from posedesign.pairs.file import pair_columns, write_pairs
+from posedesign.hand_eye.pairs import Pairs, PairSource, stacks
+from posedesign.hand_eye.pairs.certificate import Camera
+from posedesign.hand_eye.pairs.file import pair_columns, write_pairs
 
 RNG = np.random.default_rng(8)
 COUNT = 6

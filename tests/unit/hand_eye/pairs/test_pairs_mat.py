@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from calib import mat_file
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
-from posedesign.pairs import Pairs, PairSource, stacks, write_pairs
+from posedesign.hand_eye.pairs import Pairs, PairSource, stacks, write_pairs
 from tests.marks import rest_in_slow
 
 

@@ -1,9 +1,9 @@
 """Files of pose pairs A, B of A X = Z B: ``pairs.csv``, in any form that a pose can have.
 
-A pair stands in one row, its poses in the columns of :mod:`posedesign.pairs.forms` with ``a_`` and
-``b_`` before their names, in capitals or not; the two may have different forms. ``pose`` names the
-pair and may be left out; other columns are passed over. Two files, one a side, hold the same with
-or without the prefix. Files without a header line need the names of their columns beside them.
+A pair stands in one row, its poses in the columns of :mod:`.forms` with ``a_`` and ``b_`` before
+their names, in capitals or not; the two may have different forms. ``pose`` names the pair and may
+be left out; other columns are passed over. Two files, one a side, hold the same with or without the
+prefix. Files without a header line need the names of their columns beside them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import Row, Table, is_number, read_table, write_table
-from posedesign.pairs.forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
+from posedesign.hand_eye.pairs.forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
 
 DEFAULT_FORM = PoseForm()
 """W, P, R in degrees and mm, as a FANUC pendant shows a pose."""
@@ -48,16 +48,10 @@ _KNOWN = frozenset(
 class Pairs:
     """Poses of the arm and of the camera, pair by pair: A X = Z B.
 
-    Attributes
-    ----------
-    A, B : array (N, 4, 4)
-        [m]; camera on the flange, ``T_base_flange`` and ``T_target_camera``.
-    places : tuple of str
-        Where each stands in its file, in words; empty where they come from none.
-    notes : tuple of str
-        What is odd about them.
-    misread : str
-        How else they seem to have been written than they were read; empty where they fit.
+    ``A``, ``B`` (N, 4, 4): [m]; camera on the flange, ``T_base_flange`` and ``T_target_camera``.
+    ``places``: where each stands in its file, in words; empty where they come from none. ``notes``:
+    what is odd about them. ``misread``: how else they seem to have been written than they were
+    read; empty where they fit.
     """
 
     names: tuple[str, ...]

@@ -40,8 +40,8 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.instruments.layouts import SECONDS, near, text_of
-from posedesign.instruments.readings import seconds_of
+from posedesign.identification.instruments.layouts import SECONDS, near, text_of
+from posedesign.identification.instruments.readings import seconds_of
 from posedesign.programs.registry import read_joints
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".xml")
@@ -55,15 +55,8 @@ LARGEST_DEG = 1e3
 class JointRows:
     """Rows of joints of a file.
 
-    Attributes
-    ----------
-    lines : array (R,) of int
-    postures : array (R, n)
-        [rad], signs of the description.
-    times : array (R,) or None
-        Rising [s].
-    names : tuple of str
-        Of poses; none where the file does not say.
+    ``lines`` (R,). ``postures`` (R, n): [rad], signs of the description. ``times`` (R,): rising
+    [s]. ``names``: of poses; none where the file does not say.
     """
 
     path: Path

@@ -30,16 +30,22 @@ from posedesign.files.measurements import (
     MeasurementTable,
     check_label,
 )
-from posedesign.instruments.joining import Joined, in_same_file, with_joints
-from posedesign.instruments.joint_logs import read_joint_rows
-from posedesign.instruments.layouts import is_known
-from posedesign.instruments.matching import (
+from posedesign.identification.instruments.joining import Joined, in_same_file, with_joints
+from posedesign.identification.instruments.joint_logs import read_joint_rows
+from posedesign.identification.instruments.layouts import is_known
+from posedesign.identification.instruments.matching import (
     MOST_LISTED,
     in_ranges,
     listed,
 )
-from posedesign.instruments.readings import Readings, read_readings
-from posedesign.instruments.scatter import SIGNIFICANT, Scatter, drift_of, pooled, trend_with
+from posedesign.identification.instruments.readings import Readings, read_readings
+from posedesign.identification.instruments.scatter import (
+    SIGNIFICANT,
+    Scatter,
+    drift_of,
+    pooled,
+    trend_with,
+)
 
 TEMPERATURE, TIME, REPEATS = "temperature_c", "time_s", "readings"
 """Columns that are kept beside measurements: temperature, time of the first reading, their number.
@@ -55,14 +61,9 @@ and their scatter is no noise of their mean."""
 class Measured:
     """What was measured, for the cell that it is to be identified with.
 
-    Attributes
-    ----------
-    cell : Cell
-        With the noise of repeated readings, where they were to give it.
-    notes : tuple of str
-        What is odd: what belongs to no pose, what drifts, noise that is another.
-    facts : dict of str to str
-        What there is, in words by what it is about.
+    ``cell``: with the noise of repeated readings, where they were to give it. ``notes``: what is
+    odd: what belongs to no pose, what drifts, noise that is another. ``facts``: what there is, in
+    words by what it is about.
     """
 
     cell: Cell
@@ -236,17 +237,9 @@ def _names_of(
 class _Averaged:
     """Means of the readings of one reflector at one stop, in the order of the readings.
 
-    Attributes
-    ----------
-    values : array (G, 3) or (G, 6)
-        Places [m], rotation vectors [rad].
-    count : array (G,)
-        Readings of each.
-    scatter : Scatter or None
-    line : array (G,)
-        Line of the first of each.
-    times, temperatures : array (G,) or None
-        Of the first, and the mean.
+    ``values`` (G, 3) or (G, 6): places [m], rotation vectors [rad]. ``count`` (G,): readings of
+    each. ``line`` (G,): line of the first of each. ``times``, ``temperatures`` (G,): of the first,
+    and the mean.
     """
 
     values: FloatArray

@@ -87,20 +87,11 @@ class Thing:
 class Layout:
     """Where a file has what.
 
-    Attributes
-    ----------
-    head : int
-        Lines before the table; the names of its columns are among them where ``header`` has them.
-    end : int or None
-        Line after its last, counted from 0.
-    header : tuple of str
-        Names of all columns, of a table without them.
-    unit : str
-        Of lengths, one of :data:`METRES`; empty where the file does not say it.
-    turn : str
-        Form of the orientation; see ``instrument.turn``.
-    time_factor : float
-        Seconds that the unit of time is.
+    ``head``: lines before the table; the names of its columns are among them where ``header`` has
+    them. ``end``: line after its last, counted from 0. ``header``: names of all columns, of a table
+    without them. ``unit``: of lengths, one of :data:`METRES`; empty where the file does not say it.
+    ``turn``: form of the orientation; see ``instrument.turn``. ``time_factor``: seconds that the
+    unit of time is.
     """
 
     things: tuple[Thing, ...]

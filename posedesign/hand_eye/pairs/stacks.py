@@ -39,8 +39,8 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.trees import matrix
-from posedesign.pairs.checks import Place, transforms_from_matrices
-from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless
+from posedesign.hand_eye.pairs.checks import Place, transforms_from_matrices
+from posedesign.hand_eye.pairs.forms import METRES, Poses, check_lengths, refuse_endless
 
 WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
 """Kinds that they cannot be, however their numbers are stacked."""
@@ -53,20 +53,10 @@ _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
 class StackFile:
     """A file of matrices that was looked into.
 
-    Attributes
-    ----------
-    variables : mapping of str to Variable
-        By name; arrays are 4x4xN, whatever their order in the file.
-    marks : tuple of (str, str)
-        What stands around the number of a transform, behind the name.
-    first : int
-        Number of the first.
-    lines : tuple of int
-        Lines where transforms begin, in a text.
-    notes : tuple of str
-        What is odd about it.
-    hint : str
-        What to do where something is no stack of transforms.
+    ``variables``: by name; arrays are 4x4xN, whatever their order in the file. ``marks``: what
+    stands around the number of a transform, behind the name. ``first``: number of the first.
+    ``lines``: lines where transforms begin, in a text. ``notes``: what is odd about it. ``hint``:
+    what to do where something is no stack of transforms.
     """
 
     path: Path

@@ -10,8 +10,12 @@ import pytest
 
 from calib.errors import CalibError
 from posedesign.cell import Cell
-from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
-from posedesign.instruments.reading import Measured
+from posedesign.identification.instruments import (
+    goes_with_temperature,
+    is_of_instrument,
+    read_measured,
+)
+from posedesign.identification.instruments.reading import Measured
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
 

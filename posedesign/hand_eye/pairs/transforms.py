@@ -12,7 +12,7 @@ import yaml
 
 from calib.se3 import FloatArray, quaternion_from_rotation, wpr_from_rotation
 from posedesign.files import Claim, Results, write_json_atomic, write_text_atomic
-from posedesign.pairs.certificate import FRAMES, Camera
+from posedesign.hand_eye.pairs.certificate import FRAMES, Camera
 
 DIGITS = 9
 """Decimals of metres and of quaternions: far below what anything measures."""

@@ -25,8 +25,19 @@ from posedesign.files.csv_tables import (
     numbers_of,
     parse_table,
 )
-from posedesign.instruments.layouts import METRES, Layout, Thing, find_layout, near, text_of
-from posedesign.pairs.checks import Place, rotations_from_quaternions, transforms_from_matrices
+from posedesign.hand_eye.pairs.checks import (
+    Place,
+    rotations_from_quaternions,
+    transforms_from_matrices,
+)
+from posedesign.identification.instruments.layouts import (
+    METRES,
+    Layout,
+    Thing,
+    find_layout,
+    near,
+    text_of,
+)
 
 MISSING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none", "invalid"})
 """Cells, in small letters, of what was not seen."""
@@ -36,22 +47,10 @@ MISSING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none", 
 class Readings:
     """What an instrument read, one row for each reflector at a time.
 
-    Attributes
-    ----------
-    lines : array (N,) of int
-        Line of the file.
-    values : array (N, 3) or (N, 6)
-        Places [m], then rotation vectors [rad].
-    reflectors : tuple of str
-        Of each; empty where the file does not say.
-    poses : tuple of str
-        Name of each pose; none where the file does not say.
-    times : array (N,) or None
-        [s]
-    temperatures : array (N,) or None
-        [deg C]; NaN where there is none.
-    joints : array (N, n) or None
-        In the unit and signs of the file.
+    ``lines`` (N,): line of the file. ``values`` (N, 3) or (N, 6): places [m], then rotation vectors
+    [rad]. ``reflectors``: of each; empty where the file does not say. ``poses``: name of each pose;
+    none where the file does not say. ``times`` (N,): [s]. ``temperatures`` (N,): [deg C]; NaN where
+    there is none. ``joints`` (N, n): in the unit and signs of the file.
     """
 
     path: Path

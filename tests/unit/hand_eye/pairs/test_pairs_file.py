@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, rotation_exp, rotation_log, transform
-from posedesign.pairs import Pairs, PairSource, read_pairs, write_pairs
-from posedesign.pairs.file import expanded, pair_columns, read_side
-from posedesign.pairs.forms import METRES, TURNS, PoseForm
+from posedesign.hand_eye.pairs import Pairs, PairSource, read_pairs, write_pairs
+from posedesign.hand_eye.pairs.file import expanded, pair_columns, read_side
+from posedesign.hand_eye.pairs.forms import METRES, TURNS, PoseForm
 
 FILES_BETWEEN_EXAMPLES = settings(
     max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -24,8 +24,8 @@ from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
 from calib.se3 import FloatArray
-from posedesign.pairs.certificate import Camera, Proof, prove
-from posedesign.pairs.file import Pairs
+from posedesign.hand_eye.pairs.certificate import Camera, Proof, prove
+from posedesign.hand_eye.pairs.file import Pairs
 
 ALL, PAPERS = "all", "papers"
 
@@ -44,12 +44,8 @@ _LATER = (("standard deviations", "covariance"), ("leaving out pairs", "left_out
 class SolverOutcome:
     """What one AX=ZB solver made of the pairs, or why it could not.
 
-    Attributes
-    ----------
-    left_out : tuple of str
-        Where the pairs stand that it did not use, in words.
-    proof : Proof or None
-        Whether no other X and Z are likelier, where that was asked for and can be.
+    ``left_out``: where the pairs stand that it did not use, in words. ``proof``: whether no other X
+    and Z are likelier, where that was asked for and can be.
     """
 
     method: str

@@ -14,8 +14,8 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files.csv_tables import LONGEST_SHOWN
-from posedesign.instruments.joint_logs import JointRows, joints_of
-from posedesign.instruments.matching import (
+from posedesign.identification.instruments.joint_logs import JointRows, joints_of
+from posedesign.identification.instruments.matching import (
     Matched,
     in_ranges,
     is_record,
@@ -24,7 +24,7 @@ from posedesign.instruments.matching import (
     match_times,
     stops_of,
 )
-from posedesign.instruments.readings import Readings
+from posedesign.identification.instruments.readings import Readings
 
 _LEVER_M = 0.1
 """Distance from its origin at which a body has to stand still, too."""

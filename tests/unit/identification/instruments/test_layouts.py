@@ -5,7 +5,7 @@ import pytest
 
 from calib.se3 import rotation_exp
 from posedesign.cell import Cell
-from posedesign.instruments import read_measured
+from posedesign.identification.instruments import read_measured
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
 

@@ -30,12 +30,8 @@ MOST_LISTED = 5
 class Stops:
     """Where something stood still.
 
-    Attributes
-    ----------
-    first, last : array (K,) of int
-        Rows of the record that each is the mean of.
-    creeping : tuple of int
-        Those that were no standstill: too slow to be seen in a short time.
+    ``first``, ``last`` (K,): rows of the record that each is the mean of. ``creeping``: those that
+    were no standstill: too slow to be seen in a short time.
     """
 
     first: IntArray
@@ -106,14 +102,8 @@ def is_record(times: FloatArray, still_s: float) -> bool:
 class Matched:
     """Which stop each reading belongs to.
 
-    Attributes
-    ----------
-    stop : array (N,) of int
-        Below zero for none.
-    reason : tuple of str
-        Why there is none; empty for those that have one.
-    how : str
-        In words.
+    ``stop`` (N,): below zero for none. ``reason``: why there is none; empty for those that have
+    one. ``how``: in words.
     """
 
     stop: IntArray

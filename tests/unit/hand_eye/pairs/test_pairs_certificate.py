@@ -8,7 +8,7 @@ import pytest
 from calib.robot_world import PairNoise, add_noise, certify, random_problems, residuals, solve
 from calib.robot_world.noise import perturb
 from calib.se3 import FloatArray
-from posedesign.pairs.certificate import AT_THE_OPTIMUM, Proof, prove
+from posedesign.hand_eye.pairs.certificate import AT_THE_OPTIMUM, Proof, prove
 
 NOISE = PairNoise(1e-3, 5e-4, on="B")
 

@@ -23,11 +23,11 @@ from calib.errors import FileFormatError, InputError, near_names
 from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
 from posedesign.files.trees import read_tree
-from posedesign.pairs.certificate import Camera
-from posedesign.pairs.file import Pairs, joined, read_side, read_sides
-from posedesign.pairs.forms import METRES, Poses
-from posedesign.pairs.samples import Samples, samples_of
-from posedesign.pairs.stacks import (
+from posedesign.hand_eye.pairs.certificate import Camera
+from posedesign.hand_eye.pairs.file import Pairs, joined, read_side, read_sides
+from posedesign.hand_eye.pairs.forms import METRES, Poses
+from posedesign.hand_eye.pairs.samples import Samples, samples_of
+from posedesign.hand_eye.pairs.stacks import (
     StackFile,
     open_blocks,
     open_mat,
@@ -98,12 +98,7 @@ _OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
 class Misfit:
     """Sides that no X and Z fit as they were read.
 
-    Attributes
-    ----------
-    text : str
-        In a sentence.
-    explained : bool
-        Whether another reading fits, which the text names.
+    ``text``: in a sentence. ``explained``: whether another reading fits, which the text names.
     """
 
     text: str
@@ -202,27 +197,14 @@ _TREES = (".xml", ".yaml", ".yml", ".json", ".samples")
 class PairSource:
     """Files of pose pairs, and how they are to be understood.
 
-    Attributes
-    ----------
-    pairs : Path or None
-        One file with both sides: a table, a file of matrices (:mod:`posedesign.pairs.stacks`), or
-        samples of MoveIt or easy_handeye (:mod:`posedesign.pairs.samples`).
-    a, b : Path or None
-        Two files with one side each, in place of it.
-    columns : sequence of str
-        Names of the columns of tables without a header line.
-    variables : sequence of str
-        Names of A and B in files of matrices.
-    unit : {"mm", "m"} or None
-        Unit of length of files of matrices.
-    invert : {"none", "a", "b", "both"}
-        Sides that the files have the other way round.
-    convention : {"axzb", "opencv"}
-        Whose A and B the files have, once they are inverted.
-    trust_units : bool
-        Do not refuse angles and lengths that look like those of another unit.
-    camera : {"on-flange", "fixed"}
-        Where it is: tells A and B of samples.
+    ``pairs``: one file with both sides: a table, a file of matrices (:mod:`.stacks`), or samples of
+    MoveIt or easy_handeye (:mod:`.samples`). ``a``, ``b``: two files with one side each, in place
+    of it. ``columns``: names of the columns of tables without a header line. ``variables``: names
+    of A and B in files of matrices. ``unit`` {"mm", "m"}: unit of length of files of matrices.
+    ``invert`` {"none", "a", "b", "both"}: sides that the files have the other way round.
+    ``convention`` {"axzb", "opencv"}: whose A and B the files have, once they are inverted.
+    ``trust_units``: do not refuse angles and lengths that look like those of another unit.
+    ``camera`` {"on-flange", "fixed"}: where it is: tells A and B of samples.
     """
 
     pairs: Path | None = None

@@ -18,9 +18,9 @@ from calib.robot_world import (
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
-from posedesign.pairs.certificate import FRAMES, Camera, Proof
-from posedesign.pairs.file import DEFAULT_FORM, Pairs
-from posedesign.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
+from posedesign.hand_eye.pairs.certificate import FRAMES, Camera, Proof
+from posedesign.hand_eye.pairs.file import DEFAULT_FORM, Pairs
+from posedesign.hand_eye.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
 
 POSE_AXES = (*DEFAULT_FORM.place_columns, *DEFAULT_FORM.turn_columns)
 _SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *DEFAULT_FORM.place_columns)

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from posedesign.instruments.matching import in_ranges, match_times, stops_of
-from posedesign.instruments.scatter import SIGNIFICANT, Scatter, drift_of, pooled, trend_with
+from posedesign.identification.instruments.matching import in_ranges, match_times, stops_of
+from posedesign.identification.instruments.scatter import (
+    SIGNIFICANT,
+    Scatter,
+    drift_of,
+    pooled,
+    trend_with,
+)
 
 TRIALS = 3000
 

@@ -32,16 +32,9 @@ prints them, passes (2e-3). Unlike with a matrix, nothing but rounding comes so 
 class Place:
     """Where the poses of one side stand, for messages.
 
-    Attributes
-    ----------
-    lines : tuple of int
-        Lines of a table.
-    variable : str
-        Name of a variable, in a file that is no table.
-    marks : tuple of (str, str)
-        What stands around the number of a pose, behind the name.
-    first : int
-        Number of the first pose.
+    ``lines``: lines of a table. ``variable``: name of a variable, in a file that is no table.
+    ``marks``: what stands around the number of a pose, behind the name. ``first``: number of the
+    first pose.
     """
 
     path: Path

@@ -32,9 +32,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, inverse, transform
 from posedesign.files.trees import numbers
-from posedesign.pairs.certificate import Camera
-from posedesign.pairs.checks import Place, rotations_from_quaternions, transforms_from_matrices
-from posedesign.pairs.forms import Poses, check_lengths, refuse_endless
+from posedesign.hand_eye.pairs.certificate import Camera
+from posedesign.hand_eye.pairs.checks import (
+    Place,
+    rotations_from_quaternions,
+    transforms_from_matrices,
+)
+from posedesign.hand_eye.pairs.forms import Poses, check_lengths, refuse_endless
 
 _MOVEIT = ("effector_wrt_world", "object_wrt_sensor")
 _EASY = ("hand_world_samples", "camera_marker_samples")

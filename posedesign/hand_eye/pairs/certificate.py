@@ -25,12 +25,8 @@ Camera = Literal["on-flange", "fixed"]
 class Frames:
     """What the letters of A X = Z B mean.
 
-    Attributes
-    ----------
-    A, B, X, Z : str
-        Name of the transform and, in words, what it is.
-    other_way : str
-        What B often is in place of that, and what to do then.
+    ``A``, ``B``, ``X``, ``Z``: name of the transform and, in words, what it is. ``other_way``: what
+    B often is in place of that, and what to do then.
     """
 
     A: str
@@ -73,11 +69,9 @@ of them to tell."""
 class Proof:
     """A certificate, and where the answer that it was asked for stands to it.
 
-    Attributes
-    ----------
-    sigma_X, sigma_Z, sigma : float
-        From the answer to the certificate's X, Z, and both together, in standard deviations of the
-        direction that has most of them; NaN where there are no standard deviations.
+    ``sigma_X``, ``sigma_Z``, ``sigma``: from the answer to the certificate's X, Z, and both
+    together, in standard deviations of the direction that has most of them; NaN where there are no
+    standard deviations.
     """
 
     certificate: Certificate

@@ -1,13 +1,13 @@
 """Files of pose pairs, and of the answers to AX = ZB."""
 
-from posedesign.pairs.certificate import FRAMES
-from posedesign.pairs.file import (
+from posedesign.hand_eye.pairs.certificate import FRAMES
+from posedesign.hand_eye.pairs.file import (
     Pairs,
     read_pairs,
     write_pairs,
 )
-from posedesign.pairs.results import SolverOutcome, solve_pairs
-from posedesign.pairs.source import PairSource
+from posedesign.hand_eye.pairs.results import SolverOutcome, solve_pairs
+from posedesign.hand_eye.pairs.source import PairSource
 
 __all__ = [
     "FRAMES",

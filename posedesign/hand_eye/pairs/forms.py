@@ -29,7 +29,7 @@ from calib import se3
 from calib.errors import FileFormatError, InputError, near_names
 from calib.se3 import FloatArray
 from posedesign.files.csv_tables import Row, check_columns, numbers_of
-from posedesign.pairs.checks import (
+from posedesign.hand_eye.pairs.checks import (
     Place,
     and_others,
     rotations_from_quaternions,
@@ -160,11 +160,7 @@ _TO_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
 class PoseForm:
     """Form of the pose of one side.
 
-    Attributes
-    ----------
-    unit : {"mm", "m"}
-    turn : str
-        One of :data:`TURNS`.
+    ``unit`` {"mm", "m"}. ``turn``: one of :data:`TURNS`.
     """
 
     unit: str = "mm"
@@ -205,20 +201,10 @@ class PoseForm:
 class Poses:
     """Poses of one side as they were read.
 
-    Attributes
-    ----------
-    T : array (N, 4, 4)
-        [m].
-    place : Place
-        Where they stand.
-    names : tuple of str
-        From the column ``pose``; empty where there is none.
-    notes : tuple of str
-        What is odd about them.
-    turn : str
-        Form that the orientation had, one of :data:`TURNS`.
-    numbers : array (N, 3), (N, 4) or (N, 9)
-        The orientation in that form; angles in rad.
+    ``T`` (N, 4, 4): [m]. ``place``: where they stand. ``names``: from the column ``pose``; empty
+    where there is none. ``notes``: what is odd about them. ``turn``: form that the orientation had,
+    one of :data:`TURNS`. ``numbers`` (N, 3) or (N, 4) or (N, 9): the orientation in that form;
+    angles in rad.
     """
 
     T: FloatArray

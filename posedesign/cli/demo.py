@@ -10,9 +10,9 @@ from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
 from posedesign.cell import Cell, cell_template
 from posedesign.files import Results, write_text_atomic
+from posedesign.hand_eye.pairs import SolverOutcome
+from posedesign.hand_eye.pairs.tables import ROBOT_WORLD
 from posedesign.identification import Identified
-from posedesign.pairs import SolverOutcome
-from posedesign.pairs.tables import ROBOT_WORLD
 from posedesign.planning import PosePlan
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import WrittenProgram, program_options, write_program

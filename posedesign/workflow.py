@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
+from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import (
     MEASURED,
@@ -48,10 +49,7 @@ from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.report.figures import draw
-from posedesign.report.plots import (
-    figure_of_identification,
-    figure_of_plan,
-)
+from posedesign.report.plots import figure_of_identification, figure_of_plan
 from posedesign.selection import Indices
 
 # what only one step needs is loaded there: most commands take one, and all of it takes a second
@@ -162,15 +160,8 @@ def plan_optimal_poses(
 ) -> OptimalPlan:
     """Choose the best poses; write ``poses.csv`` and ``validation.csv`` where there are any.
 
-    Parameters
-    ----------
-    cell : Cell
-    out : Path or Results
-    request : Request
-    advance : callable, optional
-        Called with what is being done and the part of all work that is done.
-    keep : PoseList, optional
-        Poses that are to be among the chosen, as they are.
+    ``keep``: poses that are to be among the chosen, as they are. ``advance`` is called with what is
+    being done and the part of all work that is done.
     """
     wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
@@ -215,33 +206,45 @@ def plan_next_poses(
     Of a cell that takes pictures of a board, where to take the next, after those of a list of
     poses, or of a ``camera.json``: with camera, board, lens and noise as they were found then.
     """
+    if not cell.sees_board:  # the file of another kind would be found wrong in other words
+        check_touch_up_cell(cell)
+    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
     if cell.sees_board:
-        return _plan_next_views(
+        cell, postures = _pictured(cell, measurements, trust_units)
+        result = plan_next_views(
             cell,
-            measurements,
-            out,
+            postures,
             count,
             criterion=criterion,
             least_gain=least_gain,
             accuracy_m=accuracy_m,
-            trust_units=trust_units,
         )
-    check_touch_up_cell(
-        cell
-    )  # the file of another kind of cell would be found wrong in other words
-    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
-    table = _measured(cell, measurements, trust_units)
-    result = plan_next(
-        cell,
-        table.data,
-        count,
-        kinds=table.kinds,
-        criterion=criterion,
-        least_gain=least_gain,
-        accuracy_m=accuracy_m,
-    )
+    else:
+        table = _measured(cell, measurements, trust_units)
+        result = plan_next(
+            cell,
+            table.data,
+            count,
+            kinds=table.kinds,
+            criterion=criterion,
+            least_gain=least_gain,
+            accuracy_m=accuracy_m,
+        )
     _write_poses(poses, cell, result.poses, result.route)
     return result
+
+
+def _pictured(cell: Cell, taken: Path, trust_units: bool) -> tuple[Cell, FloatArray]:
+    """A cell as far as it is calibrated, and the postures ``(N, n)`` of pictures [rad]."""
+    from posedesign.hand_eye import as_calibrated
+
+    if taken.suffix == ".json":
+        return as_calibrated(cell, taken)
+    listed = read_poses(
+        taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+    )
+    check_fit(cell, listed)
+    return cell, listed.measured.postures
 
 
 def _write_poses(
@@ -259,40 +262,6 @@ def _write_poses(
         not_checked=cell.not_checked,
         stop_short_mm=cell.config.plan.stop_short_mm,
     )
-
-
-def _plan_next_views(
-    cell: Cell,
-    taken: Path,
-    out: Path | Results,
-    count: int,
-    *,
-    criterion: str,
-    least_gain: float,
-    accuracy_m: float | None,
-    trust_units: bool,
-) -> NextPoses:
-    from posedesign.hand_eye import as_calibrated
-
-    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[taken])
-    if taken.suffix == ".json":
-        cell, postures = as_calibrated(cell, taken)
-    else:
-        listed = read_poses(
-            taken, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
-        )
-        check_fit(cell, listed)
-        postures = listed.measured.postures
-    result = plan_next_views(
-        cell,
-        postures,
-        count,
-        criterion=criterion,
-        least_gain=least_gain,
-        accuracy_m=accuracy_m,
-    )
-    _write_poses(poses, cell, result.poses, result.route)
-    return result
 
 
 def simulated_files(cell: Cell) -> list[tuple[str, str]]:
@@ -421,18 +390,13 @@ def identify_file(
 
 
 def solve_file(
-    pairs: Path,
-    out: Path | Results,
-    methods: Sequence[str] | None = None,
-    noise: Noise | NoiseShown | None = None,
+    pairs: Path, out: Path | Results, noise: Noise | NoiseShown | None = None
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`~.pairs.tables.solve_and_write`."""
     from posedesign.hand_eye.pairs import read_pairs
-    from posedesign.hand_eye.pairs.tables import DEFAULT_METHODS
     from posedesign.report.pairs import solve_and_draw
 
-    asked = DEFAULT_METHODS if methods is None else methods
-    return solve_and_draw(read_pairs(pairs), out, asked, noise, inputs=[pairs])
+    return solve_and_draw(read_pairs(pairs), out, noise=noise, inputs=[pairs])
 
 
 def calibrate_from_pictures(
@@ -446,16 +410,8 @@ def calibrate_from_pictures(
 ) -> tuple[Calibrated, list[Path]]:
     """Calibrate a camera as :func:`calibrate_camera` does, and draw what is left over.
 
-    Parameters
-    ----------
-    transforms : bool
-        Write camera, board and lens for other tools, too, where nothing looks wrong.
-
-    Returns
-    -------
-    Calibrated
-    list of Path
-        Files that were written.
+    ``transforms``: write camera, board and lens for other tools, too, where nothing looks wrong.
+    Returns the files that were written with it.
     """
     from posedesign.hand_eye import CAMERA_FILES, calibrate_camera
     from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
@@ -533,7 +489,6 @@ def judge_acceptance_test(
     from posedesign.identification.file import read_file as read_identification_file
     from posedesign.identification.file import read_identification
     from posedesign.identification.instruments import is_of_instrument
-    from posedesign.identification.measurement_set_up import check_readings
     from posedesign.identification.models import FRAMES_ONLY
     from posedesign.report.acceptance import figure_of_acceptance
 
@@ -542,9 +497,7 @@ def judge_acceptance_test(
     file, *drawn = Results.of(out, "prove").claim(
         "computed", ACCEPTANCE, *ACCEPTANCE_DRAWN, inputs=read
     )
-    asked, table = read_rule(planned), _measured(cell, measurements, trust_units)
-    if not trust_units:
-        check_readings(cell, table)
+    asked, table = read_rule(planned), _checked(cell, measurements, trust_units)
     used = before = None
     notes: list[str] = []
     if identification is not None:
@@ -594,6 +547,16 @@ def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
     )
 
 
+def _checked(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
+    """The same, refused where readings cannot be in the unit of their columns."""
+    from posedesign.identification.measurement_set_up import check_readings
+
+    table = _measured(cell, path, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    return table
+
+
 def plan_recheck_poses(
     cell: Cell, identification: Path, out: Path | Results, count: int, *, set_up_anew: bool = False
 ) -> RecheckPlan:
@@ -617,11 +580,8 @@ def recheck_file(
 ) -> Recheck:
     """Test by what was measured whether the arm is still the one that was identified."""
     from posedesign.acceptance.file import check_not_fitted
-    from posedesign.identification.measurement_set_up import check_readings
 
-    table = _measured(cell, measurements, trust_units)
-    if not trust_units:
-        check_readings(cell, table)
+    table = _checked(cell, measurements, trust_units)
     check_not_fitted(measurements, table, identification, None)
     return _watch(cell, identification, table.kinds, set_up_anew).test(table)
 

@@ -70,13 +70,13 @@ _RESAMPLED = 2000
 class Judged:
     """Errors of one arm in a test.
 
-    ``frames``: by target, pose ``(4, 4)`` of the instrument or plate in the base frame; of a foot, its
-    place. ``errors`` (N, 3): measured less commanded position of each measurement, base axes [m];
-    of distances the first number is what was read less what it should be. ``places`` (K,): error of
-    each pose of the test [m], the mean of its cycles; in a test of places by the frame that the
-    others give. ``poses``: by pose; empty where distances alone were read. ``distances``: by pair
-    of poses, or pose and foot. ``rms``: root mean square of ``places`` [m]. ``beyond``: of
-    ``places`` beyond the limit, those that were not measured included.
+    ``frames``: by target, pose ``(4, 4)`` of the instrument or plate in the base frame; of a foot,
+    its place. ``errors`` (N, 3): measured less commanded position of each measurement, base axes
+    [m]; of distances the first number is what was read less what it should be. ``places`` (K,):
+    error of each pose of the test [m], the mean of its cycles; in a test of places by the frame
+    that the others give. ``poses``: by pose; empty where distances alone were read. ``distances``:
+    by pair of poses, or pose and foot. ``rms``: root mean square of ``places`` [m]. ``beyond``: how
+    many places are beyond the limit, those that were not measured included.
     """
 
     arm: str

@@ -108,7 +108,19 @@ def note(text: str) -> None:
         _print_line(Line("", text), sys.stderr)
 
 
-def note_misfit(path: Path, listed: PoseList, cell: Cell | None = None) -> None:
+def poses_of(
+    cell: Cell | None, path: Path, *, trust_units: bool = False, of_any_robot: bool = False
+) -> PoseList:
+    """The poses of a list for the robot of a cell; says what is odd about it."""
+    from posedesign.planning.poses_file import read_poses
+
+    n, controller = (cell.robot.n, cell.robot.controller) if cell else (None, None)
+    listed = read_poses(path, n, controller=controller, trust_units=trust_units)
+    note_misfit(path, listed, None if of_any_robot else cell)
+    return listed
+
+
+def note_misfit(path: Path, listed: PoseList, cell: Cell | None) -> None:
     """Warn of a list of poses that was changed after it was planned, or looks like another's."""
     other = listed.other_robot(cell.robot) if cell else ""
     for said in (listed.misfit, other, *listed.mistyped):
@@ -140,13 +152,14 @@ def tell(
     then: str = "",
     first: str = "",
     content: object = None,
+    as_json: bool = False,
 ) -> None:
     """Print an answer: what fits at a glance, or all of it with its tables.
 
-    Warnings and notes go to standard error. With ``content`` that is printed, as JSON, in place of
-    the result; what was not checked then goes to standard error as well.
+    Warnings and notes go to standard error. As JSON ``content`` is printed in place of the result;
+    what was not checked then goes to standard error as well.
     """
-    if content is not None:
+    if as_json:
         note(first)
         print_json(content)
         for line in answer.all_lines():

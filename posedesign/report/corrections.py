@@ -11,9 +11,15 @@ from posedesign.report.answer import Answer, Table
 if TYPE_CHECKING:
     from posedesign.cell.task_box import BoxAccuracy
     from posedesign.identification.correction import Correction
+    from posedesign.pose_programs import CorrectedProgram
 
 _WITH_TOOL = (DESCRIPTION, MASTERING)
 """Ways that go with a tool point of their own."""
+
+TAUGHT = (
+    "positions that were taught on the arm are right already: correct what was made offline, and "
+    "use it alone: with mastering or a corrected description it corrects twice"
+)
 
 
 def answer_of_correction(done: Correction) -> Answer:
@@ -59,6 +65,28 @@ def _poses(done: Correction) -> tuple[str, list[dict[str, object]]]:
         if reason
     ]
     return f"{len(poses.names) - len(failed)} of {len(poses.names)} postures corrected", failed
+
+
+def answer_of_program(done: CorrectedProgram) -> Answer:
+    """The answer of a corrected program: how far off it was, or what stands in the way."""
+    count, failed = len(done.corrected), done.rows()
+    verdict = f"{count} positions keep their place on the real arm"
+    figures = {}
+    if done.ok:
+        figures = {
+            "without correction": f"up to {1e3 * done.moved_m.max():.3g} mm off",
+            "as written": f"up to {1e6 * done.written_m.max():.2g} um off, by rounding",
+        }
+    else:
+        verdict = f"nothing is written: {len(failed)} of {count} positions cannot be corrected"
+    return Answer(
+        verdict,
+        figures,
+        warnings=[f"{row['position']}: {row['reason']}" for row in failed],
+        notes=[*done.notes, TAUGHT],
+        tables=[Table("Positions that cannot be corrected", failed)],
+        files=[str(path) for path in done.files],
+    )
 
 
 def answer_of_prediction(found: BoxAccuracy, files: Sequence[str] = ()) -> Answer:

@@ -1,18 +1,32 @@
-"""Commands with measurements: simulate, identify."""
+"""Commands with measurements, and with what they identify: simulate, identify, calibrate, correct.
+
+And predict: what poses will identify.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from posedesign.cli.options import (
+    LARGEST_SEED,
+    AsJson,
+    CellFile,
+    OutFolder,
+    Overwrite,
+    PlannedPoses,
+    TrustUnits,
+    Verbose,
+)
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
     command_line,
     note,
-    note_misfit,
+    poses_of,
     print_json,
     progress,
     rehearsed_words,
@@ -21,27 +35,16 @@ from posedesign.cli.output import (
     show_file,
     tell,
 )
-from posedesign.cli.plan_commands import (
-    LARGEST_SEED,
-    AsJson,
-    CellFile,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-)
 
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command()(simulate)
-    app.command()(identify)
-    app.command()(calibrate)
+Box = Annotated[
+    str | None,
+    typer.Option(help='Corners "x1,y1,z1,x2,y2,z2" [mm]; default: [task_box] of the cell.'),
+]
 
 
 def simulate(
     cell: CellFile,
-    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    poses: PlannedPoses,
     out: OutFolder = Path("rehearsal"),
     seed: Annotated[
         int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise; default: the cell's.")
@@ -57,14 +60,10 @@ def simulate(
     from posedesign import workflow
     from posedesign.cell import Cell
     from posedesign.planning import check_fit
-    from posedesign.planning.poses_file import read_poses
     from posedesign.simulation.pictures import JOINTS, simulate_pictures
 
     loaded = Cell.load(cell)
-    listed = read_poses(
-        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
-    )
-    note_misfit(poses, listed)
+    listed = poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
     results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
     if loaded.sees_board:
         check_fit(loaded, listed)
@@ -139,21 +138,18 @@ def identify(
             warn=lambda text: note(f"warning: {text}"),
         )
     rehearsed = rehearsed_words(cell, measurements)
+    good = identified.is_of_this_robot
     if as_json:
         note(rehearsed)
         show_file(file.read_text(encoding="utf-8"))
     else:
-        then = (
-            command_line("correct", cell, file, "--out", out) if identified.is_of_this_robot else ""
-        )
-        drawn = file.with_suffix(".png")
-        beside = [out / name for name in ("joined.csv", "residuals.csv")] * bool(
-            identified.measured
-        )
-        files = [str(path) for path in (file, drawn, *beside) if path.is_file()]
+        beside = ("joined.csv", "residuals.csv") if identified.measured else ()
+        named = (file, file.with_suffix(".png"), *(out / name for name in beside))
+        files = [str(path) for path in named if path.is_file()]
+        then = command_line("correct", cell, file, "--out", out) if good else ""
         answer = answer_of_identification(identified, files)
         tell(answer, verbose=verbose, then=then, first=rehearsed)
-    return DONE if identified.is_of_this_robot else NOT_REACHED
+    return DONE if good else NOT_REACHED
 
 
 def calibrate(
@@ -239,7 +235,156 @@ def calibrate(
         verbose=verbose,
         then=command_line("correct", cell, out / "identification.json", "--out", out),
         first="" if folder else "SIMULATED, not for a robot: this is a rehearsal",
-        content=done.as_dict() if as_json else None,
+        content=done.as_dict(),
+        as_json=as_json,
     )
     good = done.calibration.plan.reached and not done.calibration.missed
     return DONE if good and identified.is_of_this_robot else NOT_REACHED
+
+
+def correct(
+    cell: CellFile,
+    identification: Annotated[
+        Path, typer.Argument(help="identification.json, from: posedesign identify")
+    ],
+    poses: Annotated[
+        Path | None,
+        typer.Argument(help="Poses to correct, with columns j1_deg, ...; or a robot program."),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="A model to use as it is; default: the values best for each way."),
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(help="Which identified tool point is the cell's tool.")
+    ] = None,
+    box: Box = None,
+    dialect: Annotated[
+        str | None, typer.Option("--format", help="Of a program; default: what it looks like.")
+    ] = None,
+    joints: Annotated[
+        bool, typer.Option("--joints", help="Of a program, correct joint targets, too.")
+    ] = False,
+    leave: Annotated[
+        str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(help="Another form, too: dh, dh-modified, dh-hayati, ur-kinematics."),
+    ] = None,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Write what corrects the robot: description, mastering, poses; or a corrected program.
+
+    Each of them is enough by itself, with values that are best for it over the task box. A table
+    says what error each leaves. Of a program its Cartesian targets keep their place on the real
+    arm; nothing else in it changes.
+    """
+    from posedesign.cell import Cell
+    from posedesign.cli.json_forms import correction_as_dict, program_as_dict
+    from posedesign.identification.correction import box_of
+    from posedesign.identification.correction import correct as run
+    from posedesign.pose_programs.correcting import correct_program, is_program, numbers_of
+    from posedesign.report.corrections import answer_of_correction, answer_of_program
+
+    loaded = Cell.load(cell)
+    results = results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
+    of_program = poses is not None and is_program(poses, dialect)
+    if of_program:
+        _check_for_nothing("a program", {"box": box, "export": export})
+    else:
+        _check_for_nothing("anything but a program", {"joints": joints or None, "leave": leave})
+    if poses is not None and of_program:
+        with progress("correcting"):
+            program = correct_program(
+                loaded,
+                identification,
+                poses,
+                results,
+                dialect=dialect,
+                joints=joints,
+                leave=numbers_of(leave),
+                name=model,
+                tool=tool,
+            )
+        tell(
+            answer_of_program(program),
+            verbose=verbose,
+            first=rehearsed_words(cell, identification),
+            content=program_as_dict(program),
+            as_json=as_json,
+        )
+        return DONE if program.ok else NOT_REACHED
+    with progress("correcting"):
+        done = run(
+            loaded,
+            cell,
+            identification,
+            results,
+            poses=poses,
+            name=model,
+            tool=tool,
+            box=None if box is None else box_of(loaded, box, None),
+            exports=export or (),
+            trust_units=trust_units,
+        )
+    tell(
+        answer_of_correction(done),
+        verbose=verbose,
+        first=rehearsed_words(cell, identification),
+        content=correction_as_dict(done),
+        as_json=as_json,
+    )
+    return DONE if done.ok else NOT_REACHED
+
+
+def _check_for_nothing(what: str, given: Mapping[str, object]) -> None:
+    """Refuse options that would do nothing."""
+    from calib.errors import InputError
+
+    name = next((name for name, value in given.items() if value is not None), None)
+    if name is not None:
+        raise InputError(f"`{name}` does nothing for {what}", hint="leave it out", name=name)
+
+
+def predict(
+    cell: CellFile,
+    poses: PlannedPoses,
+    box: Box = None,
+    steps: Annotated[
+        str | None, typer.Option(help='Points along x, y and z; default: the cell\'s, or "3,3,3".')
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="One of the cell's models, by name; default: its zero offsets."),
+    ] = None,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Predict the accuracy over a box, before anything is measured.
+
+    From the noise of the measurement alone.
+    """
+    from posedesign.cell import Cell
+    from posedesign.identification.correction import box_of
+    from posedesign.identification.correction import predict as run
+    from posedesign.report.corrections import answer_of_prediction
+
+    loaded = Cell.load(cell)
+    asked = box_of(loaded, box, steps)
+    listed = poses_of(loaded, poses, trust_units=trust_units)
+    results = results_in(out, "predict", cell, poses, overwrite=overwrite)
+    with progress("predicting"):
+        found = run(loaded, listed, asked, results, model)
+    files = [str(out / "predicted_accuracy.csv")]
+    content = {"reference": found.reference, "points": found.rows(), "files": files}
+    answer = answer_of_prediction(found, files)
+    tell(answer, verbose=verbose, content=content, as_json=as_json)
+    return DONE

@@ -1,4 +1,4 @@
-"""The command that shows a cell in 3-D: view."""
+"""Commands that show what there is: view, report, board."""
 
 from __future__ import annotations
 
@@ -8,22 +8,17 @@ from typing import Annotated
 
 import typer
 
+from posedesign.cli.options import CellFile, Overwrite, TrustUnits
 from posedesign.cli.output import (
     DONE,
     knowing,
     note,
-    note_misfit,
+    poses_of,
     progress,
     rehearsed_words,
     results_in,
     say,
 )
-from posedesign.cli.plan_commands import CellFile, Overwrite, TrustUnits
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this module."""
-    app.command()(view)
 
 
 def view(
@@ -49,17 +44,12 @@ def view(
     from posedesign.hand_eye.pairs import read_pairs
     from posedesign.planning import off_target
     from posedesign.planning.checks import ON_TARGET_M
-    from posedesign.planning.poses_file import read_poses
     from posedesign.report.plans import answer_of_check
     from posedesign.report.scene import LiveScene, write_scene
     from posedesign.report.tour import Tour
 
-    loaded, listed = Cell.load(cell), None
-    if poses is not None:
-        listed = read_poses(
-            poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
-        )
-        note_misfit(poses, listed, loaded)
+    loaded = Cell.load(cell)
+    listed = None if poses is None else poses_of(loaded, poses, trust_units=trust_units)
     measured = None if pairs is None else read_pairs(pairs, trust_units=trust_units)
     note(rehearsed_words(poses, pairs))
     claims = []
@@ -87,4 +77,52 @@ def view(
         live.run()
     except KeyboardInterrupt:  # how a person ends it
         live.server.stop()
+    return DONE
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(help="With cell.toml, poses.csv, identification.json.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report.html. [that of the files]")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> int:
+    """Write one page of HTML, report.html, of all that is in a folder."""
+    from posedesign.report.page import write_report
+
+    with progress("report"):
+        page = write_report(folder, results_in(out or folder, "report", overwrite=overwrite))
+    say(f"wrote: {page}, {page.stat().st_size / 1e6:.1f} MB")
+    return DONE
+
+
+def board(
+    cell: CellFile,
+    out: Annotated[Path, typer.Option("--out", help="The drawing: a .pdf or a .svg file.")],
+    page: Annotated[
+        str,
+        typer.Option(help="a4, a3, letter, or board: as large as the board needs."),
+    ] = "a4",
+    overwrite: Overwrite = False,
+) -> int:
+    """Print the calibration board of the cell to scale, with a ruler to check it by."""
+    from calib.errors import InputError
+    from posedesign.cell import Cell
+    from posedesign.report.boards import Sheet, write_board
+
+    described = Cell.load(cell).board
+    if described is None:
+        raise InputError(
+            f"{cell}: describes no calibration board",
+            hint="add a section [board]; posedesign new shows one",
+            name="board",
+        )
+    sheet = Sheet.of(described, page)
+    results = results_in(out.parent, "board", cell, overwrite=overwrite)
+    # a PDF has no place for its origin
+    bare = out.suffix.lower() == ".pdf"
+    (claim,) = results.claim("planned", (out.name, "calibration board"), bare=bare)
+    write_board(described, claim, page=page)
+    say(f"{described.words}, on {sheet.width_mm:g} x {sheet.height_mm:g} mm: wrote {out}")
+    say("print at 100 %, and measure the ruler: it is 100 mm long")
     return DONE

@@ -1,14 +1,17 @@
-"""Plans for programs: what `plan` and `next` print as JSON."""
+"""What commands print as JSON, for programs."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from posedesign.acceptance.drift import Recheck
     from posedesign.cell import Cell
+    from posedesign.identification.correction import Correction
     from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
     from posedesign.planning.optimal.outlook import Outlook
+    from posedesign.pose_programs import CorrectedProgram
 
 
 def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:
@@ -115,4 +118,74 @@ def next_as_dict(cell: Cell, result: NextPoses) -> dict[str, object]:
         "task_box": result.box_words,
         "poses": list(result.poses.kept_names),
         "dropped": result.dropped,
+    }
+
+
+def correction_as_dict(done: Correction) -> dict[str, object]:
+    """What each way to correct leaves, and what was made of the poses."""
+    found = done.compensated
+    return {
+        "model": done.identified.name,
+        "simulated": done.rehearsed or None,
+        "box": done.routes.where,
+        "routes": [
+            {**row, "tool_mm": (1e3 * route.tool_m).tolist()}
+            for row, route in zip(done.routes.rows(), done.routes.routes, strict=True)
+        ],
+        "verdict": done.verdict(),
+        "mastering": done.mastering.rows(),
+        "left_out": done.robot.left_out,
+        "poses": []
+        if found is None or done.poses is None
+        else [
+            {"name": n, "status": status, "reason": reason, "error_mm": far * 1e3}
+            for n, status, reason, far in zip(
+                done.poses.names, found.status, found.reasons, found.error_m, strict=True
+            )
+        ],
+        "notes": [*filter(None, [done.routes.tool.said]), *done.notes],
+        "files": [str(path) for path in done.files],
+    }
+
+
+def program_as_dict(done: CorrectedProgram) -> dict[str, object]:
+    """Positions of a program, with what the correction of each is worth."""
+    written = done.written_m.tolist() or [None] * len(done.corrected)
+    rows = zip(done.positions, done.reasons, done.moved_m, done.error_m, written, strict=True)
+    return {
+        "simulated": done.simulated or None,
+        "positions": [
+            {
+                "number": p.number,
+                "name": p.name,
+                "reason": reason,
+                "without_mm": 1e3 * moved,
+                "error_mm": 1e3 * error,
+                "written_mm": None if rounded is None else 1e3 * rounded,
+            }
+            for p, reason, moved, error, rounded in rows
+        ],
+        "notes": list(done.notes),
+        "files": [str(path) for path in done.files],
+    }
+
+
+def recheck_as_dict(found: Recheck) -> dict[str, object]:
+    """The test, and what each single cause would explain."""
+    return {
+        "same": found.same,
+        "p_value": found.p_value,
+        "sum_of_squares": found.square,
+        "degrees_of_freedom": found.freedom,
+        "possible": [each.cause for each in found.possible],
+        "causes": [
+            {
+                "cause": each.cause,
+                "unit": each.unit,
+                "change_si": each.change.tolist(),
+                "sigma_si": each.sigma.tolist(),
+                "p_left": each.p_left,
+            }
+            for each in found.explanations
+        ],
     }

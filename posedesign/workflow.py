@@ -102,11 +102,8 @@ _MOST_NAMED = 3
 def claim_plan(out: Results, *files: tuple[str, str], inputs: Sequence[Path] = ()) -> list[Claim]:
     """Claim ``poses.csv``, the first, and what goes with it.
 
-    Raises
-    ------
-    OutputError
-        A file is not the command's own, or there is what was measured or written from the plan that
-        is there.
+    Raises OutputError: a file is not the command's own, or there is what was measured or written
+    from the plan that is there.
     """
     needed = "" if out.remakes else depending(out.folder / files[0][0])
     return out.claim("planned", *files, inputs=inputs, needed_by={files[0][0]: needed})
@@ -286,10 +283,8 @@ def simulate(
     seed alone: the one of the cell, unless another is given. ``cycles``: how often an instrument
     reads all poses, one after another.
 
-    Raises
-    ------
-    InputError
-        Several cycles of what is touched: each touch has joint values of its own, and so a name.
+    Raises InputError: several cycles of what is touched: each touch has joint values of its own,
+    and so a name.
     """
     from posedesign.hand_eye.pairs import Pairs, write_pairs
     from posedesign.simulation import SimulatedRobot

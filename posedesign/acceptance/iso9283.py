@@ -71,12 +71,8 @@ def pose_characteristics(
 ) -> PoseCharacteristics:
     """AP and RP of a pose.
 
-    Parameters
-    ----------
-    deviations : array (n, 3)
-        Attained less commanded position of each cycle [m].
-    angles : array (n, 3), optional
-        The same of the orientation [rad], by angles about three axes.
+    ``deviations`` (n, 3): attained less commanded position of each cycle [m]. ``angles`` (n, 3):
+    the same of the orientation [rad], by angles about three axes.
     """
     deviations = _checked(deviations)
     count = len(deviations)

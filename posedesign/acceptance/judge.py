@@ -139,21 +139,10 @@ def judge(
 ) -> Verdict:
     """Judge an arm by the measurements of a test.
 
-    Parameters
-    ----------
-    planned : sequence of str
-        Names of the poses of the test.
-    used : IdentifiedModel, optional
-        What the arm is corrected by.
-    before : IdentifiedModel, optional
-        The arm as described with its tool as found; by default the tool is that of the cell.
-    given_frame : bool
-        Take the instrument where the cell says, in place of where it fits best.
-
-    Raises
-    ------
-    InputError
-        Measurements that do not tell where the tool is, or too few for a frame.
+    ``planned``: names of the poses of the test. ``used``: what the arm is corrected by. ``before``:
+    the arm as described with its tool as found; by default the tool is that of the cell.
+    ``given_frame``: take the instrument where the cell says, in place of where it fits best. Raises
+    InputError: measurements that do not tell where the tool is, or too few for a frame.
     """
     data, kinds = table.data, [table.kinds[k] for k in table.data.setup.kind]
     strange = next((k for k in kinds if k not in ("point", "pose", "touch-up", "distance")), None)
@@ -318,10 +307,7 @@ def best_frame(read: FloatArray, at: FloatArray) -> FloatArray:
     Of readings that are one place, its shift alone. (Arun, Huang and Blostein 1987, with the sign
     of Umeyama 1991.)
 
-    Raises
-    ------
-    InputError
-        Fewer than three places, or places on a line: a frame can turn about them.
+    Raises InputError: fewer than three places, or places on a line: a frame can turn about them.
     """
     a, b = read - read.mean(axis=0), at - at.mean(axis=0)
     if np.ptp(read, axis=0).max() < ONE_POINT_M:

@@ -171,19 +171,9 @@ def plan_acceptance(
 ) -> AcceptancePlan:
     """Plan the poses of an acceptance test.
 
-    Parameters
-    ----------
-    used : IdentifiedModel, optional
-        What the arm is corrected by.
-    known : IdentifiedModel, optional
-        What says most of the arm: arms drawn from it give the chance to pass.
-
-    Raises
-    ------
-    InputError
-        Poses of ISO 9283 in a cell that touches targets, or fewer poses than the proof takes.
-    UnreachableError
-        The arm cannot take the poses.
+    ``used``: what the arm is corrected by. ``known``: what says most of the arm: arms drawn from it
+    give the chance to pass. Raises InputError: poses of ISO 9283 in a cell that touches targets, or
+    fewer poses than the proof takes. UnreachableError: the arm cannot take the poses.
     """
     check_not_hand_eye(cell, "an acceptance test")
     check_base_pose(cell)
@@ -209,10 +199,7 @@ def plan_acceptance(
 def iso_points(box: TaskBox, plane: str, share: float = 1.0) -> FloatArray:
     """P1 to P5 ``(5, 3)`` [m] of ISO 9283 in the largest cube of a box, or a smaller one.
 
-    Raises
-    ------
-    InputError
-        The box is flat: there is no cube in it.
+    Raises InputError: the box is flat: there is no cube in it.
     """
     edge = share * float((box.highest_m - box.lowest_m).min())
     if edge <= 0.0:

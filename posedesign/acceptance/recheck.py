@@ -81,22 +81,10 @@ class Watch:
     ) -> Watch:
         """The watch of an identification.
 
-        Parameters
-        ----------
-        known : IdentifiedModel
-            The model that says most of the arm.
-        noise : mapping of str to Noise
-            By kind of measurement, as the identification found it.
-        kinds : sequence of str
-            What is measured in the recheck.
-        set_up_anew : bool
-            Targets and instruments stand elsewhere than in the identification: where is found with
-            the test, and tells nothing then.
-
-        Raises
-        ------
-        InputError
-            An identification without a covariance.
+        ``known``: the model that says most of the arm. ``noise``: by kind of measurement, as the
+        identification found it. ``kinds``: what is measured in the recheck. ``set_up_anew``:
+        targets and instruments stand elsewhere than in the identification: where is found with the
+        test, and tells nothing then. Raises InputError: an identification without a covariance.
         """
         if known.covariance is None:
             raise InputError(
@@ -209,10 +197,7 @@ class RecheckPlan:
 def plan_recheck(cell: Cell, watch: Watch, count: int = USUAL, *, seed: int = 0) -> RecheckPlan:
     """Choose the poses that tell a change of the weakest zero best.
 
-    Raises
-    ------
-    InputError
-        Fewer poses than tell anything, or no clear way to them.
+    Raises InputError: fewer poses than tell anything, or no clear way to them.
     """
     if not 1 <= count <= MOST:
         raise InputError(f"{count} poses", hint=f"ask for 1 to {MOST}", name="poses")
@@ -258,10 +243,7 @@ def _setup(cell: Cell, watch: Watch, pool: CandidatePoses) -> Setup:
 def _of_identified(cell: Cell, watch: Watch, pool: CandidatePoses) -> CandidatePoses:
     """The poses of targets and tools that were identified: others have nothing to be held against.
 
-    Raises
-    ------
-    InputError
-        There are none.
+    Raises InputError: there are none.
     """
     if cell.is_plain:
         return pool

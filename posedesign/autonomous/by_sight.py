@@ -172,42 +172,20 @@ def run_by_sight(
 ) -> SightResult:
     """Calibrate the robot of a ``cell.toml``: a real one behind a folder, or the simulated one.
 
-    Parameters
-    ----------
-    path : Path
-        The cell.
-    out : Path
-        Folder for the results, and the journal that a stopped calibration goes on from.
-    folder : Path, optional
-        See :class:`~posedesign.autonomous.folder_robot.FolderRobot`.
-    dialect : str, optional
-        Of the programs in the folder; by default that of the robot's controller.
-    camera : str, optional
-        That is connected to this computer: see
-        :class:`~posedesign.autonomous.video_camera.VideoCamera`. By default pictures come through
-        the folder.
-    wait_s : float
-        Longest wait for a picture in the folder [s].
-    kind : {"image", "fast"}
-        Whether the simulated camera takes pictures.
-    seed : int, optional
-        Of the simulated noise; by default the cell's.
-    pictures_mb : float, optional
-        Disk that the pictures may take that are kept; by default 1000 MB of a real robot, and
-        nothing of a rehearsal.
-    restart : bool
-        Put all files of what was measured before aside, together, and begin anew.
-    overwrite : bool
-        Replace files that no calibration wrote; they are kept under other names.
-    progress, warn : callable
-        See :func:`~posedesign.autonomous.process.calibrate`.
-
-    Raises
-    ------
-    CalibError
-        What :func:`~posedesign.autonomous.process.calibrate` raises, a cell that is not one of
-        touch-ups, options that contradict each other, a folder that is in use or has touch-ups of
-        other origin.
+    ``path``: the cell. ``out``: folder for the results, and the journal that a stopped calibration
+    goes on from. ``folder``: see :class:`~posedesign.autonomous.folder_robot.FolderRobot`.
+    ``dialect``: of the programs in the folder; by default that of the robot's controller.
+    ``camera``: that is connected to this computer: see
+    :class:`~posedesign.autonomous.video_camera.VideoCamera`. By default pictures come through the
+    folder. ``wait_s``: longest wait for a picture in the folder [s]. ``kind`` {"image", "fast"}:
+    whether the simulated camera takes pictures. ``seed``: of the simulated noise; by default the
+    cell's. ``pictures_mb``: disk that the pictures may take that are kept; by default 1000 MB of a
+    real robot, and nothing of a rehearsal. ``restart``: put all files of what was measured before
+    aside, together, and begin anew. ``overwrite``: replace files that no calibration wrote; they
+    are kept under other names. ``progress``, ``warn``: see
+    :func:`~posedesign.autonomous.process.calibrate`. Raises CalibError: what
+    :func:`~posedesign.autonomous.process.calibrate` raises, a cell that is not one of touch-ups,
+    options that contradict each other, a folder that is in use or has touch-ups of other origin.
     """
     _check_options(folder, dialect, camera, kind, seed)
     cell = Cell.load(path)

@@ -93,27 +93,13 @@ class FolderRobot(RobotAdapter):
     A move returns when its program is written; the picture tells that it was made, so
     :meth:`grab` and :meth:`joints` wait for it. After a time-out the same call goes on waiting.
 
-    Parameters
-    ----------
-    cell : Cell
-        Whose robot it is, with the ``[program]`` section for speed, frames and time to settle.
-    folder : Path or str
-        Must exist. ``in`` and ``out`` are made in it, and nothing is written elsewhere.
-    dialect : str, optional
-        Format of the programs; by default that of the robot's controller.
-    camera : VideoCamera, optional
-        That takes the pictures; by default they come through the folder.
-    timeout_s : float
-        Longest wait for a result [s].
-    poll_s : float
-        Time from look to look [s]. A file is read when it has not changed between two.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, no dialect, or a time out of its range.
-    OutputError
-        The folder cannot be written.
+    ``cell``: whose robot it is, with the ``[program]`` section for speed, frames and time to
+    settle. ``folder``: must exist. ``in`` and ``out`` are made in it, and nothing is written
+    elsewhere. ``dialect``: format of the programs; by default that of the robot's controller.
+    ``camera``: that takes the pictures; by default they come through the folder. ``timeout_s``:
+    longest wait for a result [s]. ``poll_s``: time from look to look [s]. A file is read when it
+    has not changed between two. Raises InputError: there is no such folder, no dialect, or a time
+    out of its range. OutputError: the folder cannot be written.
     """
 
     def __init__(
@@ -147,15 +133,10 @@ class FolderRobot(RobotAdapter):
     def move(self, q: FloatArray) -> None:
         """Write the program that moves the joints to ``(n,)`` [rad]; results are waited for later.
 
-        Raises
-        ------
-        JointLimitError, InputError
-            The posture is outside the limits or not finite, the format cannot say it, there are
-            results of this number already, or somebody else has ordered a move since the last.
-        FileFormatError
-            The folder cannot be listed: the share that it is on is gone.
-        OutputError
-            A file cannot be written.
+        Raises JointLimitError, InputError: the posture is outside the limits or not finite, the
+        format cannot say it, there are results of this number already, or somebody else has ordered
+        a move since the last. FileFormatError: the folder cannot be listed: the share that it is on
+        is gone. OutputError: a file cannot be written.
         """
         self._cell.robot.check_limits(q)
         before = 0 if self._move is None else self._move.number
@@ -185,12 +166,8 @@ class FolderRobot(RobotAdapter):
         From the table or the program that came with the picture. Where neither came they are those
         that stand in the program that was run, rounded as it rounds them.
 
-        Raises
-        ------
-        InputError
-            There was no move, or they are not those of this move.
-        FileFormatError
-            They, and the picture, have not come in time, or cannot be read.
+        Raises InputError: there was no move, or they are not those of this move. FileFormatError:
+        they, and the picture, have not come in time, or cannot be read.
         """
         made = self._moved()
         shown = self._shown(made)
@@ -202,15 +179,10 @@ class FolderRobot(RobotAdapter):
     def grab(self) -> GreyImage:
         """Picture ``(height, width)`` of 8 bits of the move; another one every time it is called.
 
-        Raises
-        ------
-        InputError
-            There was no move, joint values that came with the picture are not those of this move,
-            or a picture was there before it was asked for.
-        FileFormatError
-            It has not come in time, or cannot be read.
-        OutputError
-            The request for another picture cannot be written.
+        Raises InputError: there was no move, joint values that came with the picture are not those
+        of this move, or a picture was there before it was asked for. FileFormatError: it has not
+        come in time, or cannot be read. OutputError: the request for another picture cannot be
+        written.
         """
         made = self._moved()
         if not made.waiting:

@@ -45,21 +45,10 @@ class Journal:
 
     One process may have it open at a time; see :func:`~posedesign.files.locking.held`.
 
-    Parameters
-    ----------
-    path : Path
-        Made where it does not exist.
-    about : mapping of str to str
-        What the measurements are of, each under a word for it: robot, description, cell. Where the
-        journal has another one under a word, it is named.
-
-    Raises
-    ------
-    FileFormatError
-        The file is of another calibration, of another version, damaged, or no journal; it is left
-        as it is.
-    OutputError
-        It cannot be written, or is a link.
+    ``path``: made where it does not exist. ``about``: what the measurements are of, each under a
+    word for it: robot, description, cell. Where the journal has another one under a word, it is
+    named. Raises FileFormatError: the file is of another calibration, of another version, damaged,
+    or no journal; it is left as it is. OutputError: it cannot be written, or is a link.
     """
 
     def __init__(self, path: Path, about: Mapping[str, str]) -> None:
@@ -106,24 +95,11 @@ class Journal:
     ) -> T:
         """The answer kept under a name, or that of measuring now, which is kept.
 
-        Parameters
-        ----------
-        asked : array (k,)
-            What is asked for, joint values first [rad].
-        measure : callable
-            Makes the measurement; what it raises comes out as it is.
-        read : callable
-            What an answer says; a KeyError, TypeError, ValueError or IndexError of it means that
-            the answer is damaged.
-
-        Raises
-        ------
-        InputError
-            Something else was asked for under this name.
-        FileFormatError
-            The answer cannot be read.
-        OutputError
-            The answer cannot be written.
+        ``asked`` (k,): what is asked for, joint values first [rad]. ``measure``: makes the
+        measurement; what it raises comes out as it is. ``read``: what an answer says; a KeyError,
+        TypeError, ValueError or IndexError of it means that the answer is damaged. Raises
+        InputError: something else was asked for under this name. FileFormatError: the answer cannot
+        be read. OutputError: the answer cannot be written.
         """
         if name not in self._kept:
             self.check_place()  # before an arm moves for what could not be kept
@@ -152,10 +128,8 @@ class Journal:
     def check_place(self) -> None:
         """Refuse to go on where the file, or the folder that it is in, is no longer the same.
 
-        Raises
-        ------
-        OutputError
-            It was removed, or replaced by another one or by a link: what is measured would be lost.
+        Raises OutputError: it was removed, or replaced by another one or by a link: what is
+        measured would be lost.
         """
         own = os.fstat(self._stream.fileno())
         same = (
@@ -276,11 +250,8 @@ _ONLY = np.zeros(1, dtype=np.intp)
 class KeptStation(Station):
     """A station whose measurements are kept in a journal and never made twice.
 
-    Parameters
-    ----------
-    seed : int
-        Simulated arms draw the noise of each measurement from this and its name, so that a
-        calibration comes out the same whether it was stopped or not.
+    ``seed``: simulated arms draw the noise of each measurement from this and its name, so that a
+    calibration comes out the same whether it was stopped or not.
     """
 
     def __init__(self, drive: Drive, journal: Journal, seed: int = 0) -> None:

@@ -126,21 +126,10 @@ class SessionFiles:
     ) -> SessionFiles:
         """Files in a folder.
 
-        Parameters
-        ----------
-        session : str
-            What they are of: files of another session are not replaced.
-        simulated : bool
-            Whether the robot is.
-        pictures : bool
-            Whether there are any, to have pairs from.
-        check : bool
-            Refuse what must not be replaced, at once.
-
-        Raises
-        ------
-        OutputError
-            There is a file of somebody else's.
+        ``session``: what they are of: files of another session are not replaced. ``simulated``:
+        whether the robot is. ``pictures``: whether there are any, to have pairs from. ``check``:
+        refuse what must not be replaced, at once. Raises OutputError: there is a file of somebody
+        else's.
         """
         kind: Kind = "simulated" if simulated else "measured"
         made: Kind = "simulated" if simulated else "computed"
@@ -176,30 +165,14 @@ def calibrate(
     ``found_cell.toml``, ``poses.csv``, ``rounds.csv``, ``touchups.csv`` as it grows, where there
     are pictures ``pairs.csv``, and ``identification.json``.
 
-    Parameters
-    ----------
-    cell : Cell
-        Its base posture is the taught one, with the target in view. What it says of tool point,
-        camera and target is not looked at.
-    source : Path
-        Folder that the paths in the cell are relative to.
-    files : SessionFiles, optional
-        As they were claimed; by default those of a real robot with pictures.
-    progress : callable
-        Called with what is being done and the part of all work that is done.
-    warn : callable
-        Told of what is odd.
-
-    Raises
-    ------
-    UnreachableError
-        Camera and target were not found, or no poses can be planned for them.
-    ConvergenceError
-        Too few poses could be touched up.
-    OutputError
-        There is a file of somebody else's, or the folder was replaced meanwhile.
-    CalibError
-        What the adapter of a robot raises.
+    ``cell``: its base posture is the taught one, with the target in view. What it says of tool
+    point, camera and target is not looked at. ``source``: folder that the paths in the cell are
+    relative to. ``files``: as they were claimed; by default those of a real robot with pictures.
+    ``progress``: called with what is being done and the part of all work that is done. ``warn``:
+    told of what is odd. Raises UnreachableError: camera and target were not found, or no poses can
+    be planned for them. ConvergenceError: too few poses could be touched up. OutputError: there is
+    a file of somebody else's, or the folder was replaced meanwhile. CalibError: what the adapter of
+    a robot raises.
     """
     results = results_of(out)
     if results.place is None:
@@ -291,10 +264,7 @@ def touch_up_plan(
 ) -> tuple[Measurements, tuple[Missed, ...]]:
     """Touch up the poses of a plan along its route; ``touchups.csv`` grows with each.
 
-    Raises
-    ------
-    ConvergenceError
-        Hardly a pose could be touched up.
+    Raises ConvergenceError: hardly a pose could be touched up.
     """
     bias = tilt_bias(cell, set_up)
     stops = PoseList.of_route(plan.poses, plan.route)
@@ -357,12 +327,8 @@ def found_cell(
 ) -> Cell:
     """A cell with what was found in place of what its file says of tool point, camera and target.
 
-    Parameters
-    ----------
-    image_px : tuple of int
-        Width and height of the pictures.
-    sigma_m : array (3,), optional
-        Noise of a touch-up along x, y, z of the camera [m], where it was measured.
+    ``image_px``: width and height of the pictures. ``sigma_m`` (3,): noise of a touch-up along x,
+    y, z of the camera [m], where it was measured.
     """
     config = cell.config
     T = set_up.T_tip_camera
@@ -443,10 +409,7 @@ _QUARTER = np.pi / 2.0
 class TargetPoses:
     """Collects A = T_base_tip and B = T_target_camera at touched-up postures.
 
-    Parameters
-    ----------
-    cell : Cell
-        With camera and target as they were found.
+    ``cell``: with camera and target as they were found.
     """
 
     def __init__(self, cell: Cell, station: Station, set_up: SetUp) -> None:

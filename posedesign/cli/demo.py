@@ -72,14 +72,9 @@ def run_demo(
 ) -> DemoResults:
     """Write a cell, plan, write the program, touch up, identify, solve AX=ZB, and study.
 
-    Parameters
-    ----------
-    out : Path or Results
-        Folder for the files; those of an earlier run in it are replaced.
-    draws : int
-        Noise draws for each pose set of the study.
-    progress : callable
-        Called with what is being done and the part of all work that is done.
+    ``out``: folder for the files; those of an earlier run in it are replaced. ``draws``: noise
+    draws for each pose set of the study. ``progress``: called with what is being done and the part
+    of all work that is done.
     """
     results = out if isinstance(out, Results) else Results(out, "demo", remakes=True)
     (file,) = results.claim("computed", ("cell.toml", "reference cell"))

@@ -88,14 +88,10 @@ def write_table(
 ) -> Path:
     """Write rows as CSV, whole or not at all.
 
-    Parameters
-    ----------
-    rows : iterable of mapping
-        By column; missing values are empty cells.
-    comments : sequence of str
-        Lines to stand before the header, each with # before it. What would end such a line, or be
-        run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
-        commas such a line can be cut and put together again (:func:`read_table`).
+    ``rows``: by column; missing values are empty cells. ``comments``: lines to stand before the
+    header, each with # before it. What would end such a line, or be run by a spreadsheet that cuts
+    it into cells, becomes a space, and a semicolon a comma: at commas such a line can be cut and
+    put together again (:func:`read_table`).
     """
     return write_text_atomic(path, table_text(columns, rows, comments))
 
@@ -119,19 +115,10 @@ def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[R
 def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -> Table:
     """Header and rows of a CSV file, and the lines with # before them.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns, for a file without a header line.
-    loose : bool
-        Take semicolons, tabs or spaces between the cells, too, and commas in numbers then, with a
-        note; without it they are refused.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, too large, not text, without rows, or a row has too few or too many
-        cells.
+    ``header``: names of the columns, for a file without a header line. ``loose``: take semicolons,
+    tabs or spaces between the cells, too, and commas in numbers then, with a note; without it they
+    are refused. Raises FileFormatError: the file is missing, too large, not text, without rows, or
+    a row has too few or too many cells.
     """
     data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
     try:
@@ -153,10 +140,8 @@ def parse_table(
 ) -> Table:
     """The table in a text that is the content of a file; see :func:`read_table`.
 
-    Parameters
-    ----------
-    only : collection of str, optional
-        Columns whose cells are kept; recordings have hundreds that are not read. All by default.
+    ``only``: columns whose cells are kept; recordings have hundreds that are not read. All by
+    default.
     """
     mark = separator_of(text) if loose else ","
     if mark == " ":
@@ -284,15 +269,8 @@ def check_columns(
 ) -> None:
     """Check that columns are there, in the unit that is expected.
 
-    Parameters
-    ----------
-    joints : bool
-        Refuse columns of more joints than the robot has.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the column, and the one that was probably meant.
+    ``joints``: refuse columns of more joints than the robot has. Raises FileFormatError: naming the
+    column, and the one that was probably meant.
     """
     for column in needed:
         if column in found:
@@ -414,10 +392,8 @@ def usable(value: object) -> float:
 def load_json(data: bytes | str) -> Any:
     """The content of a JSON text.
 
-    Raises
-    ------
-    ValueError
-        It is no JSON in UTF-8, is nested too deep, or holds a number that no result has.
+    Raises ValueError: it is no JSON in UTF-8, is nested too deep, or holds a number that no result
+    has.
     """
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")

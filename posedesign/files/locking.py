@@ -29,21 +29,9 @@ def held(folder: Path, what: str, hint: str = "name another folder: `out`") -> I
 
     Where the file system has no locks, as on some network shares, nothing keeps two apart.
 
-    Parameters
-    ----------
-    folder : Path
-        Must exist.
-    what : str
-        What is being done, for the one who is refused.
-    hint : str
-        What else the one who is refused may do than to wait for it or to stop it.
-
-    Raises
-    ------
-    InputError
-        Another process holds it.
-    OutputError
-        The lock file cannot be written.
+    ``folder``: must exist. ``what``: what is being done, for the one who is refused. ``hint``: what
+    else the one who is refused may do than to wait for it or to stop it. Raises InputError: another
+    process holds it. OutputError: the lock file cannot be written.
     """
     path = folder / LOCK
     try:

@@ -117,22 +117,11 @@ def write_measurements(
 ) -> Path:
     """Write measurements so that :func:`read_measurements` reads them as they are.
 
-    Parameters
-    ----------
-    data : Measurements
-        One set, postures ``(N, n)``.
-    kinds : sequence of str
-        Names that ``data.setup.kind`` has indices into. Without them there is no such column, and
-        all are of the kind of the cell that they are read for.
-    payloads : sequence of str
-        Names of payloads besides the tool's own, which is the first.
-    extra : mapping of str to sequence of str, optional
-        Cells of further columns, one for each measurement.
-
-    Raises
-    ------
-    InputError
-        Trials of a Monte Carlo run, or a kind or payload without a name.
+    ``data``: one set, postures ``(N, n)``. ``kinds``: names that ``data.setup.kind`` has indices
+    into. Without them there is no such column, and all are of the kind of the cell that they are
+    read for. ``payloads``: names of payloads besides the tool's own, which is the first. ``extra``:
+    cells of further columns, one for each measurement. Raises InputError: trials of a Monte Carlo
+    run, or a kind or payload without a name.
     """
     setup = data.setup
     if data.postures.ndim != 2:
@@ -191,21 +180,10 @@ def read_measurements(
 ) -> MeasurementTable:
     """Read measurements of a robot with n joints; labels in the order of appearance.
 
-    Parameters
-    ----------
-    kind : str
-        Of rows that do not say theirs.
-    payloads : sequence of str
-        Names of payloads besides the tool's own, which is the first.
-    controller : Controller, optional
-        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
-    trust_units : bool
-        Do not refuse values that look like radians.
-
-    Raises
-    ------
-    FileFormatError
-        Naming file, line and column.
+    ``kind``: of rows that do not say theirs. ``payloads``: names of payloads besides the tool's
+    own, which is the first. ``controller``: turns ``pendant_j1_deg ..`` into joint values; without
+    it such columns alone are refused. ``trust_units``: do not refuse values that look like radians.
+    Raises FileFormatError: naming file, line and column.
     """
     columns, rows = read_rows(path)
     if "target" not in columns and "status" in columns:

@@ -134,13 +134,8 @@ def checksum(path: Path) -> str:
 def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     """The content of a file with its origin, as the ending of its name has comments.
 
-    Parameters
-    ----------
-    data : bytes
-        Text in UTF-8, or a PNG.
-    name : str
-        Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml``,
-        ``.launch``, ``.html``, ``.svg`` or ``.png``.
+    ``data``: text in UTF-8, or a PNG. ``name``: of the file: ``.csv``, ``.toml``, ``.yaml``,
+    ``.json`` (an object), ``.urdf``, ``.xml``, ``.launch``, ``.html``, ``.svg`` or ``.png``.
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()

@@ -81,10 +81,7 @@ class Claim(os.PathLike[str]):
     def check(self) -> str:
         """Why what is there has to be kept aside, empty for nothing.
 
-        Raises
-        ------
-        OutputError
-            What is there must not be replaced.
+        Raises OutputError: what is there must not be replaced.
         """
         self._check_place()
         why = self.foreign
@@ -194,25 +191,12 @@ class Results:
     ) -> list[Claim]:
         """Claim files before the work: all may be written, or none is.
 
-        Parameters
-        ----------
-        kind : {"measured", "simulated", "planned", "computed"}
-        *files : tuple of (str, str)
-            Name and purpose of each.
-        inputs : sequence of Path
-            That they are made from, besides those of the command.
-        needed_by : mapping of str to str, optional
-            By name, what else belongs to the file that is there.
-        bare : bool
-            Whether they cannot say their origin; see :class:`Claim`.
-        check : bool
-            False: what is there is looked at when they are written only.
-
-        Raises
-        ------
-        OutputError
-            One is there, and is not this command's own or was changed; or it is in the way; or its
-            folder is closed to writing.
+        ``kind`` {"measured", "simulated", "planned", "computed"}. ``*files``: name and purpose of
+        each. ``inputs``: that they are made from, besides those of the command. ``needed_by``: by
+        name, what else belongs to the file that is there. ``bare``: whether they cannot say their
+        origin; see :class:`Claim`. ``check``: whether what is there is looked at now, and not
+        only when they are written. Raises OutputError: one is there, and is not this command's own or was
+        changed; or it is in the way; or its folder is closed to writing.
         """
         used = dict.fromkeys((*self.inputs, *inputs))
         claims = [
@@ -271,29 +255,10 @@ def check_writable(path: Path) -> None:
 def write_text_atomic(
     path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8"
 ) -> Path:
-    r"""Write a text file whole or not at all.
+    r"""Write a text file whole or not at all, as :func:`write_bytes_atomic` does.
 
-    Parameters
-    ----------
-    path : Path, str or Claim
-        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
-        again, and says its origin.
-    text : str
-        The content; its lines end in ``\n`` or ``\r\n``.
-    newline : str
-        What ends the lines of the file: ``"\n"``, or ``"\r\n"`` for robot controllers.
-    encoding : str
-        Name of the encoding.
-
-    Returns
-    -------
-    Path
-        The file written.
-
-    Raises
-    ------
-    OutputError
-        The text does not fit the encoding, or the file cannot be written.
+    ``text``: its lines end in ``\n`` or ``\r\n``. ``newline``: what ends them in the file:
+    ``"\r\n"`` for robot controllers. Raises OutputError, too: the text does not fit the encoding.
     """
     return write_bytes_atomic(path, encoded(path, text, newline=newline, encoding=encoding))
 
@@ -335,26 +300,11 @@ def plain(value: Any) -> Any:
 
 
 def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
-    """Write a file whole or not at all.
+    """Write a file whole or not at all, in place of one that exists; return its path.
 
-    Parameters
-    ----------
-    path : Path, str or Claim
-        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
-        again, and says its origin.
-    data : bytes
-        The content.
-
-    Returns
-    -------
-    Path
-        The file written.
-
-    Raises
-    ------
-    OutputError
-        The folder is missing or closed to writing, the disk is full, or the path is a folder or a
-        device.
+    Its folder must exist. What is claimed is checked again, and says its origin. Raises
+    OutputError: the folder is missing or closed to writing, the disk is full, or the path is a
+    folder or a device.
     """
     if isinstance(path, Claim):
         return path.write(data)
@@ -393,24 +343,9 @@ def _write_new(path: Path, data: bytes) -> None:
 
 
 def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
-    """Read a file of at most ``most_bytes`` bytes.
+    """Read a file of at most ``most_bytes`` bytes: a wrong one of gigabytes fills no memory.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file.
-    most_bytes : int
-        Largest size accepted: a wrong file of gigabytes is refused before it fills the memory.
-
-    Returns
-    -------
-    bytes
-        The content.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, cannot be opened, or is larger.
+    Raises FileFormatError: the file is missing, cannot be opened, or is larger.
     """
     try:
         data = read_bounded(path, most_bytes)
@@ -429,10 +364,7 @@ def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
 def make_folder(path: Path) -> Path:
     """Create the folder that results go to.
 
-    Raises
-    ------
-    OutputError
-        It cannot be created, or is a file.
+    Raises OutputError: it cannot be created, or is a file.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)

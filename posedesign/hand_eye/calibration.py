@@ -104,17 +104,9 @@ def calibrate_camera(
 ) -> Calibrated:
     """Find the board, estimate, and write ``camera.json`` and the tables beside it.
 
-    Parameters
-    ----------
-    pictures : mapping of str to PictureSet
-        By the name of the camera; ``camera`` where there is one.
-
-    Raises
-    ------
-    InputError
-        No poses, no board in the pictures, or nothing that fits them.
-    NotIdentifiableError
-        The motion, or the views, do not tell what is asked for.
+    ``pictures``: by the name of the camera; ``camera`` where there is one. Raises InputError: no
+    poses, no board in the pictures, or nothing that fits them. NotIdentifiableError: the motion, or
+    the views, do not tell what is asked for.
     """
     board = asked.board or board_of(cell)
     claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
@@ -161,10 +153,7 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
 
     Camera, board and lens are where they were found, and points and arm scatter as they did.
 
-    Raises
-    ------
-    FileFormatError
-        The file has no joints, several cameras, or is none of this kind.
+    Raises FileFormatError: the file has no joints, several cameras, or is none of this kind.
     """
     tree = read_tree(path)
     found = tree if isinstance(tree, dict) else {}

@@ -79,28 +79,15 @@ def read_picture_set(
 
     The pixels are read later, one picture at a time, by `read_grey`.
 
-    Parameters
-    ----------
-    pictures : Path or sequence of Path
-        A folder, or files and folders in any order.
-    poses : Path, optional
-        A table (CSV) with joint columns (:mod:`posedesign.files.postures`) or the pose of the
-        flange (:mod:`.pairs.forms`); a robot program, or a list for ROS or RoboDK, of
-        joint values. Without it the pictures serve the lens only.
-    robot : Robot, optional
-        The arm that joint values are of.
-    order : {"name", "time"}
-        Order of the pictures: by name, numbers in it by their value, or by the time in their EXIF.
-    trust_units : bool
-        Do not refuse values that look like those of another unit.
-
-    Raises
-    ------
-    FileFormatError
-        A picture cannot be read, has another size than the others, or is there twice at different
-        poses; rows do not fit the pictures, or hold something else than numbers.
-    InputError
-        There are no pictures, two have one name, or joint values and no robot.
+    ``pictures``: a folder, or files and folders in any order. ``poses``: a table (CSV) with joint
+    columns (:mod:`posedesign.files.postures`) or the pose of the flange (:mod:`.pairs.forms`); a
+    robot program, or a list for ROS or RoboDK, of joint values. Without it the pictures serve the
+    lens only. ``robot``: the arm that joint values are of. ``order`` {"name", "time"}: order of the
+    pictures: by name, numbers in it by their value, or by the time in their EXIF. ``trust_units``:
+    do not refuse values that look like those of another unit. Raises FileFormatError: a picture
+    cannot be read, has another size than the others, or is there twice at different poses; rows do
+    not fit the pictures, or hold something else than numbers. InputError: there are no pictures,
+    two have one name, or joint values and no robot.
     """
     paths, notes = _files_of([pictures] if isinstance(pictures, Path) else pictures, poses)
     heads = _heads_of(paths)

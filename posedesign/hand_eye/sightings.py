@@ -46,10 +46,7 @@ def find_boards(
 ) -> Sightings:
     """Find a board in pictures, one at a time.
 
-    Raises
-    ------
-    FileFormatError
-        A picture that cannot be read.
+    Raises FileFormatError: a picture that cannot be read.
     """
     found: list[BoardSighting] = []
     for k, path in enumerate(paths):

@@ -166,16 +166,10 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     not the robot's, and a "before" that contains them flatters every calibration. Then each set of
     ``parameters.models``, from small to large.
 
-    Parameters
-    ----------
-    table : MeasurementTable
-        Of any targets; their positions need not be known.
-
-    Raises
-    ------
-    InputError, NotIdentifiableError, ConvergenceError
-        As :func:`calib.identification.identify`, for the baseline or where all else is refused;
-        measurements that contradict each other, with no mistake that explains it.
+    ``table``: of any targets; their positions need not be known. Raises InputError,
+    NotIdentifiableError, ConvergenceError: as :func:`calib.identification.identify`, for the
+    baseline or where all else is refused; measurements that contradict each other, with no mistake
+    that explains it.
     """
     section = cell.config.parameters
     # otherwise the fit is to be the paper's

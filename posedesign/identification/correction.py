@@ -151,35 +151,16 @@ def correct(
 ) -> Correction:
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
 
-    Parameters
-    ----------
-    cell_file : Path
-        Where it was read from: its robot's URDF is named relative to it.
-    identification : Path
-        An ``identification.json``.
-    poses : Path, optional
-        A ``poses.csv``.
-    name : str, optional
-        Of a model whose values are used as they are. By default they are the best ones for each
-        way, by the reference of the identification.
-    tool : str, optional
-        Which tool point of the identification is that of the cell.
-    box : TaskBox, optional
-        Where the arm works; that of the cell by default.
-    exports : sequence of str
-        Other forms of the corrected description that are wanted, keys of
-        :data:`posedesign.identification.exports.EXPORTS`.
-    trust_units : bool
-        See :func:`posedesign.planning.poses_file.read_poses`.
-
-    Raises
-    ------
-    FileFormatError
-        A file that cannot be used.
-    InputError
-        A model that says nothing of the arm, a tool that the identification does not have.
-    UnreachableError
-        No point of the box can be reached.
+    ``cell_file``: where it was read from: its robot's URDF is named relative to it.
+    ``identification``: an ``identification.json``. ``poses``: A ``poses.csv``. ``name``: of a model
+    whose values are used as they are. By default they are the best ones for each way, by the
+    reference of the identification. ``tool``: which tool point of the identification is that of the
+    cell. ``box``: where the arm works; that of the cell by default. ``exports``: other forms of the
+    corrected description that are wanted, keys of
+    :data:`posedesign.identification.exports.EXPORTS`. ``trust_units``: see
+    :func:`posedesign.planning.poses_file.read_poses`. Raises FileFormatError: a file that cannot be
+    used. InputError: a model that says nothing of the arm, a tool that the identification does not
+    have. UnreachableError: no point of the box can be reached.
     """
     forms = find_exports(exports)
     wanted = CORRECTION if poses is not None else CORRECTION[:2]
@@ -337,12 +318,8 @@ def predict(
     Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
     worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
 
-    Raises
-    ------
-    InputError, NotIdentifiableError
-        The poses do not identify the parameters, or the cell asks for no such model.
-    UnreachableError
-        No point of the box can be reached.
+    Raises InputError, NotIdentifiableError: the poses do not identify the parameters, or the cell
+    asks for no such model. UnreachableError: no point of the box can be reached.
     """
     (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
     check_not_hand_eye(cell, "a prediction over a box")
@@ -378,10 +355,7 @@ def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel
 def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
     """The box of a command line, or that of the cell.
 
-    Raises
-    ------
-    InputError
-        There is none, or it is no box.
+    Raises InputError: there is none, or it is no box.
     """
     section = cell.config.task_box
     if text is None and section is None:
@@ -482,14 +456,8 @@ def mastering(
 ) -> Mastering:
     """Corrections of the zero points from what was identified.
 
-    Parameters
-    ----------
-    x : array (p,)
-        Identified parameters [SI].
-    covariance : array (p, p), optional
-        [SI]
-    sigma : array (p,), optional
-        Standard deviations [SI], where correlations are not known.
+    ``x`` (p,): identified parameters [SI]. ``covariance`` (p, p): [SI]. ``sigma`` (p,): standard
+    deviations [SI], where correlations are not known.
     """
     robot = model.robot
     names = [f"{_STEM}{joint}" for joint in robot.joint_names]

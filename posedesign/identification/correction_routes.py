@@ -161,10 +161,8 @@ def corrected_tool(
     Where there is none the point is the cell's as described, the last tool of the models that
     :func:`with_described_tool` returns.
 
-    Raises
-    ------
-    InputError
-        A name that is none of the identification, or is of another point than the cell's tool.
+    Raises InputError: a name that is none of the identification, or is of another point than the
+    cell's tool.
     """
     model = identified.model
     places = {label: _place(identified, k) for k, label in enumerate(model.tools)}
@@ -233,17 +231,8 @@ def postures_of_box(
     Those of the arm as described inside its joint limits, nearest to the base posture. What it may
     run into is left out of account.
 
-    Parameters
-    ----------
-    box : TaskBox
-        Its steps are of no account.
-    rng : numpy.random.Generator, optional
-        Another source of chance than the usual one.
-
-    Raises
-    ------
-    UnreachableError
-        The arm reaches none.
+    ``box``: its steps are of no account. ``rng``: another source of chance than the usual one.
+    Raises UnreachableError: the arm reaches none.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     points = rng.uniform(box.lowest_m, box.highest_m, (DRAWN, 3))
@@ -273,24 +262,11 @@ def routes_of(
 ) -> Routes:
     """Compare the ways to use an identification over a task box.
 
-    Parameters
-    ----------
-    known : IdentifiedModel
-        What is known of the arm: errors are to be expected by it.
-    box : TaskBox, optional
-        That of the cell by default.
-    tool : str, optional
-        Which identified tool point is the cell's tool.
-    used : IdentifiedModel, optional
-        A model of the same tools whose values are used as they are. By default those that are known
-        are used, and are the best ones for each route.
-
-    Raises
-    ------
-    UnreachableError
-        No point of the box can be reached.
-    InputError
-        A tool that the identification does not have.
+    ``known``: what is known of the arm: errors are to be expected by it. ``box``: that of the cell
+    by default. ``tool``: which identified tool point is the cell's tool. ``used``: a model of the
+    same tools whose values are used as they are. By default those that are known are used, and are
+    the best ones for each route. Raises UnreachableError: no point of the box can be reached.
+    InputError: a tool that the identification does not have.
     """
     point = corrected_tool(cell, used or known, tool)
     box, words = box_of_cell(cell) if box is None else (box, "the box given")

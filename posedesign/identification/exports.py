@@ -112,10 +112,7 @@ def ur_kinematics_text(robot: Robot, said: Sequence[str]) -> str:
     in the axes of ``base_link_inertia``, which are those of the controller's base. The hash is none
     of an arm: the driver says that it is not the one that it is connected to.
 
-    Raises
-    ------
-    InputError
-        The arm is no such arm.
+    Raises InputError: the arm is no such arm.
     """
     controller = robot.controller
     about_z = np.abs(robot.chain.axes - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-12

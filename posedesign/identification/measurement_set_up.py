@@ -141,10 +141,7 @@ _SAID = ", or correct the unit where the cell says that of an instrument's file"
 def check_readings(cell: Cell, table: MeasurementTable) -> None:
     """Refuse places, distances and rotations that cannot be in the unit of their columns.
 
-    Raises
-    ------
-    FileFormatError
-        Naming file and columns, and the unit that they look like.
+    Raises FileFormatError: naming file and columns, and the unit that they look like.
     """
     if table.data.observed is None:
         return

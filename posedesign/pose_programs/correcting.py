@@ -137,32 +137,14 @@ def correct_program(
 ) -> CorrectedProgram:
     """Write a program with corrected positions into another folder, under its own name.
 
-    Parameters
-    ----------
-    identification : Path
-        An ``identification.json``.
-    path : Path
-        The file with the positions. Others of the program go with the new one as they are.
-    dialect : str, optional
-        Of the program; by default its ending and its content tell.
-    joints : bool
-        Correct joint targets, too.
-    leave : collection of int
-        Numbers of positions that stay as they are.
-    name : str, optional
-        Of the model that is used; by default what the identification holds for the most likely.
-    tool : str, optional
-        Which tool point of the identification is that of the cell.
-
-    Raises
-    ------
-    FileFormatError
-        A file that cannot be used.
-    InputError
-        A frame that is not known, a program without anything to correct, a model that says nothing
-        of the arm.
-    OutputError
-        The program itself, or another file that is not to be replaced, is in the way.
+    ``identification``: an ``identification.json``. ``path``: the file with the positions. Others of
+    the program go with the new one as they are. ``dialect``: of the program; by default its ending
+    and its content tell. ``joints``: correct joint targets, too. ``leave``: numbers of positions
+    that stay as they are. ``name``: of the model that is used; by default what the identification
+    holds for the most likely. ``tool``: which tool point of the identification is that of the cell.
+    Raises FileFormatError: a file that cannot be used. InputError: a frame that is not known, a
+    program without anything to correct, a model that says nothing of the arm. OutputError: the
+    program itself, or another file that is not to be replaced, is in the way.
     """
     results = Results.of(out, "correct")
     if identity_of(results.folder) == identity_of(path.parent):
@@ -249,19 +231,12 @@ def correct_positions(
 ) -> CorrectedProgram:
     """The content of a program with corrected positions; nothing is written to disk.
 
-    Parameters
-    ----------
-    data, path
-        Content of the file, and its name for messages.
-    arm : Arm
-        As the dialect shows it, with the frames of positions whose frames the file does not say.
-    model, x
-        Of the arm, and its identified parameters ``(p,)`` [SI].
-    tool, tool_m
-        Which tool of the model is that of the program, and where it is on the tip as described
-        ``(3,)`` [m]. Positions of another tool bring the tip to where it was meant.
-
-    Other parameters and errors: see :func:`correct_program`.
+    ``data``, ``path``: content of the file, and its name for messages. ``arm``: as the dialect
+    shows it, with the frames of positions whose frames the file does not say. ``model``, ``x``: of
+    the arm, and its identified parameters ``(p,)`` [SI]. ``tool``, ``tool_m``: which tool of the
+    model is that of the program, and where it is on the tip as described ``(3,)`` [m]. Positions of
+    another tool bring the tip to where it was meant. Other parameters and errors: see
+    :func:`correct_program`.
     """
     program = dialect.parse(data, path)
     positions, notes = program.positions, []

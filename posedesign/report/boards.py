@@ -57,10 +57,7 @@ class Sheet:
     def of(cls, board: Board, page: str = "a4") -> Sheet:
         """The board on a page, upright or across, with its ruler and its words.
 
-        Raises
-        ------
-        InputError
-            An unknown page, or one that the board does not fit on.
+        Raises InputError: an unknown page, or one that the board does not fit on.
         """
         if page.lower() not in (*PAGES_MM, AS_THE_BOARD):
             raise InputError(
@@ -126,19 +123,9 @@ def _ruler(left: float, base: float) -> Iterator[list[float]]:
 def write_board(board: Board, path: os.PathLike[str], *, page: str = "a4") -> None:
     """Write a board to scale, as a vector drawing.
 
-    Parameters
-    ----------
-    path : Path
-        Ends in ``.svg`` or ``.pdf``.
-    page : str
-        One of :data:`PAGES_MM`, or ``"board"`` for a page of its size.
-
-    Raises
-    ------
-    InputError
-        Another ending, an unknown page, or one that the board does not fit on.
-    OutputError
-        The file cannot be written.
+    ``path``: ends in ``.svg`` or ``.pdf``. ``page``: one of :data:`PAGES_MM`, or ``"board"`` for a
+    page of its size. Raises InputError: another ending, an unknown page, or one that the board does
+    not fit on. OutputError: the file cannot be written.
     """
     ending = Path(path).suffix.lower()
     if ending not in (".svg", ".pdf"):

@@ -87,12 +87,7 @@ class Section:
 def write_report(folder: Path, out: Results) -> Path:
     """Write ``report.html`` of the files of a folder.
 
-    Raises
-    ------
-    InputError
-        There is nothing to report of.
-    FileFormatError
-        A file that cannot be read.
+    Raises InputError: there is nothing to report of. FileFormatError: a file that cannot be read.
     """
     if not folder.is_dir():
         raise InputError(
@@ -298,12 +293,7 @@ def _section_of_identification(folder: Path) -> Section:
 
 
 def _read_identification(path: Path) -> IdentificationFile:
-    """What an identification.json has of what is shown.
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """What an identification.json has of what is shown."""
     content = read_file(path)
     if content.recommended and not (content.chosen and content.chosen.residuals):
         raise FileFormatError(
@@ -419,10 +409,7 @@ _PAIR = ("method", "pose", "used", "residual_mm", "residual_deg")
 def _rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Rows of a table that has to have some columns.
 
-    Raises
-    ------
-    FileFormatError
-        One is missing, or there is no row.
+    Raises FileFormatError: one is missing, or there is no row.
     """
     table = read_table(path)
     missing = [name for name in columns if name not in table.columns]

@@ -236,10 +236,7 @@ def figure_of_pairs(
 
     None where the first has no answer.
 
-    Parameters
-    ----------
-    answers, each : sequence of mapping
-        Rows of robot_world.csv and robot_world_pairs.csv.
+    ``answers``, ``each``: rows of robot_world.csv and robot_world_pairs.csv.
     """
     first = answers[0]
     own = [row for row in each if row["method"] == first["method"]]

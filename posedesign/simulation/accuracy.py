@@ -110,21 +110,10 @@ def accuracy_study(
 ) -> AccuracyStudy:
     """Run the study on a cell.
 
-    Parameters
-    ----------
-    cell : Cell
-        Its threshold plays no part: the loop goes on to the widest angles.
-    draws : int
-        Noise draws a pose set, at least ten.
-    progress : callable, optional
-        Called with what is being done and the part of the work that is done.
-
-    Raises
-    ------
-    InputError
-        Fewer than ten draws.
-    CalibError
-        What planning, simulation or identification raise.
+    ``cell``: its threshold plays no part: the loop goes on to the widest angles. ``draws``: noise
+    draws a pose set, at least ten. ``progress``: called with what is being done and the part of the
+    work that is done. Raises InputError: fewer than ten draws. CalibError: what planning,
+    simulation or identification raise.
     """
     if draws < FEWEST_DRAWS:
         raise InputError(

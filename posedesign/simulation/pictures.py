@@ -41,15 +41,8 @@ def simulate_pictures(
     is what its own errors do, and no noise is added to that. The table has the joints that the
     controller shows.
 
-    Returns
-    -------
-    list of Path
-        The pictures, in the order of the poses.
-
-    Raises
-    ------
-    InputError
-        A lens that pictures are not drawn with.
+    Returns the pictures, in the order of the poses. Raises InputError: a lens that pictures are not
+    drawn with.
     """
     results = Results.of(out, "simulate")
     (table,) = results.claim("simulated", JOINTS)

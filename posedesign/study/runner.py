@@ -51,10 +51,7 @@ class Grid:
     It decides which random numbers a trial gets, so it is a number of the study and does not depend
     on how many workers there are.
 
-    Raises
-    ------
-    InputError
-        Nothing to do.
+    Raises InputError: nothing to do.
     """
 
     conditions: Sequence[Mapping[str, Any]]
@@ -164,23 +161,10 @@ def run_grid(
 
     The same table on any workers, to the last bit: random numbers belong to tasks.
 
-    Parameters
-    ----------
-    workers : Workers, optional
-        One process by default: this one.
-    restart : bool
-        Begin anew.
-    advance : callable
-        Called as tasks are done.
-
-    Raises
-    ------
-    InputError
-        The folder is in use, or the scheduler cannot be reached.
-    ConvergenceError
-        Workers died again and again, with the task that did it; what was done is kept.
-    CalibError
-        The scheduler went or lost its workers; or what ``simulate`` raises.
+    ``workers``: one process by default: this one. ``restart``: begin anew. ``advance``: called as
+    tasks are done. Raises InputError: the folder is in use, or the scheduler cannot be reached.
+    ConvergenceError: workers died again and again, with the task that did it; what was done is
+    kept. CalibError: the scheduler went or lost its workers; or what ``simulate`` raises.
     """
     workers = workers or Workers()
     with store.open(restart=restart):

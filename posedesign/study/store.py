@@ -41,12 +41,8 @@ class Store:
     there they are put behind each other, in the order of the tasks and one at a time, into one
     table; so it is the same whatever the workers were, and however often it was stopped.
 
-    Parameters
-    ----------
-    name : str
-        Of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
-    about : mapping
-        What makes results comparable: the study and all its numbers.
+    ``name``: of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
+    ``about``: what makes results comparable: the study and all its numbers.
     """
 
     def __init__(self, folder: Path, name: str, about: Mapping[str, Any]) -> None:
@@ -64,14 +60,9 @@ class Store:
     def open(self, *, restart: bool = False) -> Iterator[None]:
         """Hold the folder, and check that what is in it is of this study.
 
-        Raises
-        ------
-        InputError
-            Another process is running a study in it.
-        FileFormatError
-            The folder has results of other numbers, or files of other origin under their names.
-        OutputError
-            The folder cannot be written.
+        Raises InputError: another process is running a study in it. FileFormatError: the folder has
+        results of other numbers, or files of other origin under their names. OutputError: the
+        folder cannot be written.
         """
         make_folder(self.folder)
         with held(self.folder, "running a study"):
@@ -106,12 +97,7 @@ class Store:
     def assemble(self, count: int) -> Path:
         """One table of the results of all ``count`` tasks, in order; the parts are removed.
 
-        Raises
-        ------
-        FileFormatError
-            A part is damaged.
-        OutputError
-            The table cannot be written.
+        Raises FileFormatError: a part is damaged. OutputError: the table cannot be written.
         """
         if not self.table.exists():
             parts = [self.folder / _PARTS / f"{k:09d}{self._ending}" for k in range(count)]
@@ -200,10 +186,7 @@ def has_parquet() -> bool:
 def read_table(path: Path) -> pd.DataFrame:
     """A table of results, whatever its form.
 
-    Raises
-    ------
-    FileFormatError
-        It is not there, or damaged.
+    Raises FileFormatError: it is not there, or damaged.
     """
     import pandas as pd
 

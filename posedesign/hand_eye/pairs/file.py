@@ -87,12 +87,8 @@ def write_pairs(
 def read_pairs(path: Path, columns: Sequence[str] = (), *, trust_units: bool = False) -> Pairs:
     """Read a ``pairs.csv``.
 
-    Parameters
-    ----------
-    columns : sequence of str
-        Names of the columns, for a file without a header line; see :func:`expanded`.
-    trust_units : bool
-        Do not refuse angles and lengths that look like those of another unit.
+    ``columns``: names of the columns, for a file without a header line; see :func:`expanded`.
+    ``trust_units``: do not refuse angles and lengths that look like those of another unit.
     """
     return joined(*read_sides(path, columns, trust_units=trust_units))
 

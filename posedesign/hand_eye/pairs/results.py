@@ -91,14 +91,10 @@ def asked_noise(
 ) -> Noise | NoiseShown | None:
     """Noise of pairs, the same in all directions, or how it is to be estimated, if that is said.
 
-    Parameters
-    ----------
-    camera : {"on-flange", "fixed"}
-    rotation_rad, translation_m : float or None
-        Standard deviations about and along each axis; None: as the residuals show it.
-    on : {"a", "b", "both", "seen", "shown"} or None
-        The side that has it; seen: the target as the camera sees it, which for a camera on the
-        flange is the inverse of B; shown: as the residuals show it.
+    ``camera`` {"on-flange", "fixed"}. ``rotation_rad``, ``translation_m``: standard deviations
+    about and along each axis; None: as the residuals show it. ``on`` {"a", "b", "both", "seen",
+    "shown"}: the side that has it; seen: the target as the camera sees it, which for a camera on
+    the flange is the inverse of B; shown: as the residuals show it.
     """
     if on == "shown":
         return "shown"
@@ -120,12 +116,8 @@ def solve_pairs(
 ) -> tuple[SolverOutcome, ...]:
     """Solve A X = Z B by several methods.
 
-    Parameters
-    ----------
-    noise, estimate_scale
-        See :func:`calib.robot_world.solve`.
-    advance : callable, optional
-        Told what is being done, and the part of all work that is done.
+    ``noise``, ``estimate_scale``: see :func:`calib.robot_world.solve`. ``advance``: told what is
+    being done, and the part of all work that is done.
     """
     if not methods:
         raise InputError("no method to solve A X = Z B by", name="methods")

@@ -275,10 +275,7 @@ class PairSource:
     def read(self) -> Pairs:
         """Read A and B as the solver takes them, each pair once.
 
-        Raises
-        ------
-        FileFormatError
-            Naming file, line and column, or file, variable and pose.
+        Raises FileFormatError: naming file, line and column, or file, variable and pose.
         """
         a, b = self._sides()
         pairs = joined(a, b)

@@ -46,12 +46,8 @@ def solve_and_write(
     One row a method, and one a pair. ``advance`` is called with what is being done and the part of
     all work that is done.
 
-    Raises
-    ------
-    InputError
-        An unknown method.
-    NotIdentifiableError
-        No method has an answer because the motions do not allow one.
+    Raises InputError: an unknown method. NotIdentifiableError: no method has an answer because the
+    motions do not allow one.
     """
     answers, residuals = Results.of(out, "robot-world").claim(
         "computed", *ROBOT_WORLD, inputs=inputs

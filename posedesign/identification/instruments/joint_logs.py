@@ -97,10 +97,8 @@ def read_joint_rows(
 ) -> JointRows:
     """Read the joints of a file.
 
-    Raises
-    ------
-    FileFormatError
-        Naming file, line and column; joints of another maker's controller; times that go back.
+    Raises FileFormatError: naming file, line and column; joints of another maker's controller;
+    times that go back.
     """
     if path.suffix.casefold() not in TABLES:
         return _of_program(path, robot, None)

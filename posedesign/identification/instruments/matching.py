@@ -54,14 +54,8 @@ class Stops:
 def stops_of(times: FloatArray, values: FloatArray, still_s: float, bound: float) -> Stops:
     """Where rows ``(N, m)`` of a record stay within a range for a time.
 
-    Parameters
-    ----------
-    times : array (N,)
-        Rising [s].
-    still_s : float
-        Least time.
-    bound : float
-        Largest range of each column in this time.
+    ``times`` (N,): rising [s]. ``still_s``: least time. ``bound``: largest range of each column in
+    this time.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -155,15 +149,10 @@ def match_times(
 ) -> Matched:
     """By time: the stop that a reading falls into, or the nearest one within a tolerance.
 
-    Parameters
-    ----------
-    times : array (N,)
-        Of the readings, on the clock of the joints [s].
-    start, end : array (K,)
-        Of each stop, rising.
-    record : array (R,)
-        Times of all rows of joints: empty where each is a stop. Within a record there is no
-        tolerance: joints are known at any time, and an arm that moves stands at no pose.
+    ``times`` (N,): of the readings, on the clock of the joints [s]. ``start``, ``end`` (K,): of
+    each stop, rising. ``record`` (R,): times of all rows of joints: empty where each is a stop.
+    Within a record there is no tolerance: joints are known at any time, and an arm that moves
+    stands at no pose.
     """
     k = np.searchsorted(start, times, side="right") - 1
     before, after = np.maximum(k, 0), np.minimum(k + 1, len(start) - 1)

@@ -88,17 +88,9 @@ def read_measured(
 ) -> Measured:
     """Read the file of an instrument with the joints of its poses.
 
-    Parameters
-    ----------
-    joints : Path, optional
-        File of the joints; without it they stand in columns of the same file.
-
-    Raises
-    ------
-    FileFormatError
-        Naming file, line and column of what cannot be read, or is not known.
-    InputError
-        There are no joints.
+    ``joints``: file of the joints; without it they stand in columns of the same file. Raises
+    FileFormatError: naming file, line and column of what cannot be read, or is not known.
+    InputError: there are no joints.
     """
     section = _as_planned(cell)
     readings, notes = _once(read_readings(path, section))

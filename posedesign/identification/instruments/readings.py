@@ -67,11 +67,8 @@ class Readings:
 def read_readings(path: Path, section: InstrumentSection) -> Readings:
     """Read the file of an instrument.
 
-    Raises
-    ------
-    FileFormatError
-        Naming file, line and column: a column is missing, a unit is not said, a name is not known,
-        a cell is no number.
+    Raises FileFormatError: naming file, line and column: a column is missing, a unit is not said, a
+    name is not known, a cell is no number.
     """
     text = text_of(path)
     lines = text.split("\n")

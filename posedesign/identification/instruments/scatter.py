@@ -47,10 +47,7 @@ class Scatter:
 def pooled(values: FloatArray, group: IntArray) -> tuple[FloatArray, IntArray, Scatter | None]:
     """Means ``(G, m)`` and counts ``(G,)`` of groups of readings ``(N, m)``, and their scatter.
 
-    Parameters
-    ----------
-    group : array (N,)
-        Index of each reading's group; every index up to the largest is there.
+    ``group`` (N,): index of each reading's group; every index up to the largest is there.
     """
     count = np.bincount(group)
     sums = np.zeros((len(count), values.shape[1]))

@@ -194,9 +194,9 @@ class Results:
         ``kind`` {"measured", "simulated", "planned", "computed"}. ``*files``: name and purpose of
         each. ``inputs``: that they are made from, besides those of the command. ``needed_by``: by
         name, what else belongs to the file that is there. ``bare``: whether they cannot say their
-        origin; see :class:`Claim`. ``check``: whether what is there is looked at now, and not
-        only when they are written. Raises OutputError: one is there, and is not this command's own or was
-        changed; or it is in the way; or its folder is closed to writing.
+        origin; see :class:`Claim`. ``check``: whether what is there is looked at now, and not only
+        when they are written. Raises OutputError: one is there, and is not this command's own or
+        was changed; or it is in the way; or its folder is closed to writing.
         """
         used = dict.fromkeys((*self.inputs, *inputs))
         claims = [

@@ -290,8 +290,7 @@ def _sources(cell: Cell, table: MeasurementTable) -> list[tuple[str, IntArray, F
                     hint="describe the targets of the plate as [[target]] with position_mm",
                     name="target",
                 )
-            places = np.array([place_of(cell, known[label]) for label in labels])  # type:
-            ignore[arg - type]
+            places = np.array([place_of(cell, known[label]) for label in labels])  # type: ignore[arg-type]
         found.append(("touched targets", touched, places))
     for k, label in enumerate(data.targets):
         rows = np.flatnonzero((data.setup.target == k) & ~np.isin(np.arange(data.count), touched))

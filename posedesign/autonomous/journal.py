@@ -63,9 +63,8 @@ class Journal:
             self._kept[str(entry.get("name"))] = entry
         try:
             # no buffer: what could not be written must not be tried again when it is closed
-            self._stream = open(path, "ab", buffering=0, opener=open_no_link)  # noqa: SIM115 --
-            closed by __exit__ self._stream.truncate(length)  # a line was cut off when the machine
-            went down
+            self._stream = open(path, "ab", buffering=0, opener=open_no_link)  # noqa: SIM115 -- closed by __exit__
+            self._stream.truncate(length)  # a line was cut off when the machine went down
         except OSError as error:
             raise not_written(path, error, "choose another `out`") from error
         self._length = length

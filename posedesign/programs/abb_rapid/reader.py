@@ -206,8 +206,8 @@ class _Reader:
     def _take_instruction(self, statement: Statement) -> None:
         row = statement.row
         for node in statement.all("assignment") if ":=" in statement.text else ():
-            variable = node.children[0] in_part = any(isinstance(c, Token) for c in
-            variable.children[1:])  # type: ignore[union-attr]
+            variable = node.children[0]
+            in_part = any(isinstance(c, Token) for c in variable.children[1:])  # type: ignore[union-attr]
             self.changes.append((module.name_of(variable), in_part, row))
         motion = False
         for word, given in module.calls(statement):

@@ -27,11 +27,7 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import (
-    MeasurementTable,
-    read_measurements,
-    write_measurements,
-)
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
@@ -209,12 +205,7 @@ def plan_next_poses(
     if cell.sees_board:
         cell, postures = _pictured(cell, measurements, trust_units)
         result = plan_next_views(
-            cell,
-            postures,
-            count,
-            criterion=criterion,
-            least_gain=least_gain,
-            accuracy_m=accuracy_m,
+            cell, postures, count, criterion=criterion, least_gain=least_gain, accuracy_m=accuracy_m
         )
     else:
         table = _measured(cell, measurements, trust_units)
@@ -270,11 +261,7 @@ def simulated_files(cell: Cell) -> list[tuple[str, str]]:
 
 
 def simulate(
-    cell: Cell,
-    poses: PoseList,
-    out: Path | Results,
-    seed: int | None = None,
-    cycles: int = 1,
+    cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None, cycles: int = 1
 ) -> SimulatedRobot:
     """Measure a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 

@@ -17,15 +17,7 @@ from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
 from calib.se3 import FloatArray
-from posedesign.acceptance.drift import (
-    Cause,
-    Pool,
-    Recheck,
-    Whitened,
-    choose,
-    judge_change,
-    whiten,
-)
+from posedesign.acceptance.drift import Cause, Pool, Recheck, Whitened, choose, judge_change, whiten
 from posedesign.candidates import CandidatePoses, away_from_singularities, candidates_of
 from posedesign.cell import Cell
 from posedesign.cell.measuring import noise_of_kind

@@ -18,13 +18,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from calib.errors import FileFormatError, InputError, OutputError
+from calib.errors import FileFormatError, InputError
+from posedesign.files import not_written
 from posedesign.programs.program import in_range
 
 LONGEST_S = 7 * 24 * 3600.0
 """Longest wait: over a week-end that nobody is at the cell, and some days more."""
 
 _NUMBERED = re.compile(r"(?:move)?(\d{4})(?!\d).*", re.ASCII | re.DOTALL)
+
+_CHECK = "check that it is there, can be written and has free space"
 
 T = TypeVar("T")
 
@@ -57,7 +60,7 @@ class ExchangeFolder:
             try:
                 place.mkdir(exist_ok=True)
             except OSError as error:
-                raise _not_written(place, error) from error
+                raise not_written(place, error, _CHECK) from error
 
     @property
     def orders(self) -> Path:
@@ -93,7 +96,7 @@ class ExchangeFolder:
                         # a link that stands there is replaced, not followed
                         os.replace(entry, folder.path / entry.name, dst_dir_fd=folder.descriptor)
         except OSError as error:
-            raise _not_written(self.orders, error) from error
+            raise not_written(self.orders, error, _CHECK) from error
 
     def refuse_early(self, is_its: Callable[[str], bool], event: str) -> None:
         """Refuse a result that is there before it was ordered.
@@ -227,11 +230,3 @@ def _stamp(path: Path) -> tuple[object, ...] | None:
     except OSError:
         return None
     return (path, status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
-
-
-def _not_written(place: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"{place} cannot be written: {error.strerror or error}",
-        hint="check that it is there, can be written and has free space",
-        name=str(place),
-    )

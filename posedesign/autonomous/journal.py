@@ -25,7 +25,13 @@ from calib.vision.camera.observers import Target
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
 from calib.vision.touch_up.jacobian import MeasuredJacobian
 from calib.vision.touch_up.servo import Bias, Status
-from posedesign.files import identity_of, json_text, load_json, read_bytes_bounded
+from posedesign.files import (
+    identity_of,
+    json_text,
+    load_json,
+    not_written,
+    read_bytes_bounded,
+)
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
@@ -225,11 +231,6 @@ def _told(what: str, own: str) -> str:
 def open_no_link(path: str, flags: int) -> int:
     """Open a file for writing, and no link: what stands behind it is somebody else's."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
-def not_written(path: Path, error: OSError, hint: str) -> OutputError:
-    """The error of a file that cannot be appended to."""
-    return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))
 
 
 def _failed(entry: dict[str, Any]) -> bool:

@@ -25,8 +25,8 @@ from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import Views
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up import Arms
-from posedesign.autonomous.journal import not_written, open_no_link
-from posedesign.files import Claim, make_folder, read_bytes_bounded
+from posedesign.autonomous.journal import open_no_link
+from posedesign.files import Claim, make_folder, not_written, read_bytes_bounded
 
 LOG = ("log.csv", "log")
 PICTURES = "pictures"

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from posedesign.acceptance.places import AcceptanceRequest
 
 Measured = Annotated[
-    Path | None,
-    typer.Argument(help="What was measured at these poses; none: plan them."),
+    Path | None, typer.Argument(help="What was measured at these poses; none: plan them.")
 ]
 
 

@@ -78,7 +78,7 @@ def new(
         Literal["flange", "fixed"] | None,
         typer.Option(
             help="A cell for pictures of a board: the camera on the flange, or fixed around the "
-            "arm, with the board on the flange.",
+            "arm, with the board on the flange."
         ),
     ] = None,
     xacro_arg: Annotated[

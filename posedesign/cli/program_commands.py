@@ -158,8 +158,7 @@ def validate(
     ] = None,
     as_json: AsJson = False,
     verbose: Annotated[
-        bool,
-        typer.Option("--verbose", "-v", help="Print all problems of each file."),
+        bool, typer.Option("--verbose", "-v", help="Print all problems of each file.")
     ] = False,
 ) -> int:
     """Check program files strictly against the rules of their controllers."""
@@ -222,13 +221,11 @@ def import_positions(
     files: Files,
     out: OutFolder = Path(),
     poses: Annotated[
-        Path | None,
-        typer.Option(help="The plan that the program was written from: its poses.csv."),
+        Path | None, typer.Option(help="The plan that the program was written from: its poses.csv.")
     ] = None,
     dialect: FileFormat = None,
     keep_untouched: Annotated[
-        bool,
-        typer.Option("--keep-untouched", help="Take positions that stand as planned, too."),
+        bool, typer.Option("--keep-untouched", help="Take positions that stand as planned, too.")
     ] = False,
     as_json: AsJson = False,
     verbose: Verbose = False,

@@ -100,8 +100,7 @@ def board(
     cell: CellFile,
     out: Annotated[Path, typer.Option("--out", help="The drawing: a .pdf or a .svg file.")],
     page: Annotated[
-        str,
-        typer.Option(help="a4, a3, letter, or board: as large as the board needs."),
+        str, typer.Option(help="a4, a3, letter, or board: as large as the board needs.")
     ] = "a4",
     overwrite: Overwrite = False,
 ) -> int:

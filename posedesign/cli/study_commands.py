@@ -60,8 +60,7 @@ def accuracy(
 
 StudyName = Annotated[str, typer.Argument(help="The study, see: posedesign study list")]
 StudyOut = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder for the results; default: study-results/NAME."),
+    Path | None, typer.Option("--out", help="Folder for the results; default: study-results/NAME.")
 ]
 
 

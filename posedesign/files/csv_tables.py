@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,9 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 LONGEST_SHOWN = 40
 """Characters of a cell that an error shows."""
+
+MOST_LISTED = 5
+"""Names, or lines, of which a message lists no more."""
 
 
 @dataclass(frozen=True)
@@ -320,6 +323,19 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
                     value=text,
                 )
     return out
+
+
+def a_few(names: Sequence[str], what: str = "") -> str:
+    """A few names, and how many more there are of what."""
+    more = len(names) - MOST_LISTED
+    shown = ", ".join(name[:LONGEST_SHOWN] for name in names[:MOST_LISTED])
+    return shown + (f" and {more} more {what}".rstrip() if more > 0 else "")
+
+
+def first_like(keys: Iterable[Hashable]) -> list[int]:
+    """Where each of the keys stands first: itself, or what it repeats."""
+    first: dict[Hashable, int] = {}
+    return [first.setdefault(key, i) for i, key in enumerate(keys)]
 
 
 def comment_text(text: str) -> str:

@@ -325,12 +325,15 @@ def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
         finally:
             aside.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}",
-            hint=f"check that the folder {target.parent} can be written and has free space",
-            name=str(path),
-        ) from error
+        hint = f"check that the folder {target.parent} can be written and has free space"
+        raise not_written(path, error, hint) from error
     return Path(path)
+
+
+def not_written(path: StrPath, error: OSError, hint: str) -> OutputError:
+    """The error of a file that cannot be written."""
+    said = error.strerror or error
+    return OutputError(f"{path}: cannot be written: {said}", hint=hint, name=str(path))
 
 
 def _write_new(path: Path, data: bytes) -> None:

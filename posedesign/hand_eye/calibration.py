@@ -16,12 +16,7 @@ from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
 from calib.robots import flange_robot, posture_of_pose
-from calib.se3 import (
-    FloatArray,
-    check_transforms,
-    quaternion_from_rotation,
-    wpr_from_rotation,
-)
+from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board
 from posedesign.cell import Cell
 from posedesign.cell.arm_errors import robot_blocks
@@ -182,10 +177,7 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
     )
     carried: Carried = "board" if fixed else "camera"
     camera = CameraFound(
-        read_lens(path),
-        carried,
-        check_transforms(X, names[0]),
-        check_transforms(Z, names[1]),
+        read_lens(path), carried, check_transforms(X, names[0]), check_transforms(Z, names[1])
     )
     config = cell.config.model_copy(update={"measurement": measurement})
     return replace(cell, config=config, camera_found=camera), np.deg2rad(taken)
@@ -219,12 +211,7 @@ def _check_poses(shown: PictureSet, asked: Asked) -> None:
 
 
 def _seen(
-    cell: Cell,
-    shown: PictureSet,
-    board: Board,
-    pixels: FloatArray,
-    asked: Asked,
-    camera: str,
+    cell: Cell, shown: PictureSet, board: Board, pixels: FloatArray, asked: Asked, camera: str
 ) -> Pictures:
     """What the estimate takes: joints of the arm of the cell, or poses of its flange alone."""
     if shown.postures is not None:

@@ -24,7 +24,14 @@ from calib.errors import FileFormatError, InputError
 from calib.hand_eye.pictures import FEWEST_NEAR, NEAR_S, motion_at, rows_near
 from calib.robots import Robot, flange_robot, posture_of_pose
 from calib.se3 import FloatArray, IntArray
-from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, read_table
+from posedesign.files.csv_tables import (
+    LONGEST_SHOWN,
+    Row,
+    a_few,
+    is_number,
+    numbers_of,
+    read_table,
+)
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.hand_eye.pairs.forms import POSE_COLUMNS, read_poses_of
@@ -33,9 +40,6 @@ from posedesign.programs.registry import read_joints
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
 Order = Literal["name", "time"]
-
-_SHOWN = 5
-"""Names that a message lists."""
 
 _TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables; all others are of programs and lists."""
@@ -96,7 +100,7 @@ def read_picture_set(
     turned = [path.name for path, head in zip(paths, heads, strict=True) if head.is_turned]
     if turned:
         notes.append(
-            f"{_listed(turned)}: a note in the file asks to turn the picture; it stays as the "
+            f"{a_few(turned)}: a note in the file asks to turn the picture; it stays as the "
             "sensor had it, as the lens does"
         )
     found = None
@@ -107,7 +111,7 @@ def read_picture_set(
     if values is not None:
         without = [paths[i].name for i, v in zip(kept, values, strict=True) if np.isnan(v).any()]
         if without:
-            notes.append(f"{_listed(without)}: no pose is given, used for the lens only")
+            notes.append(f"{a_few(without)}: no pose is given, used for the lens only")
     return PictureSet(
         tuple(paths[i] for i in kept),
         tuple(paths[i].name for i in kept),
@@ -130,11 +134,6 @@ def cameras_in(folder: Path) -> dict[str, Path]:
         if inside and not any(entry.suffix.lower() in ENDINGS for entry in entries):
             return {entry.name: entry for entry in inside}
     return {"camera": folder}
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(name[:LONGEST_SHOWN] for name in names[:_SHOWN]) + more
 
 
 def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
@@ -163,7 +162,7 @@ def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], li
         other += [entry.name for entry in entries if entry.suffix.casefold() not in ENDINGS]
     if not paths:
         raise InputError(
-            "there are no pictures" + (f", only {_listed(sorted(other))}" if other else ""),
+            "there are no pictures" + (f", only {a_few(sorted(other))}" if other else ""),
             hint=f"name the folder with the files {' '.join(ENDINGS)}",
             name="pictures",
         )
@@ -171,13 +170,13 @@ def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], li
     double = [name for name, count in Counter(path.name for path in paths).items() if count > 1]
     if double:
         raise InputError(
-            f"several pictures have the name {_listed(double)}",
+            f"several pictures have the name {a_few(double)}",
             hint="rename those of one folder: rows and messages tell pictures by name",
             name="pictures",
             value=double[0],
         )
     passed = sorted(name for name in other if poses is None or name != poses.name)
-    return paths, [f"no pictures, passed over: {_listed(passed)}"] if passed else []
+    return paths, [f"no pictures, passed over: {a_few(passed)}"] if passed else []
 
 
 def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
@@ -193,7 +192,7 @@ def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
         more = [fault.path.name for fault in faults[1:]]
         said = faults[0].message.removeprefix(f"{faults[0].path}: ")
         raise FileFormatError(
-            said + (f"; nor can {_listed(more)} be read" if more else ""),
+            said + (f"; nor can {a_few(more)} be read" if more else ""),
             path=faults[0].path,
             hint=f"{faults[0].hint}, or take it out",
         ) from faults[0]
@@ -205,7 +204,7 @@ def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
         others = [paths[i].name for i in odd[1:]]
         raise FileFormatError(
             f"has {width} by {height} pixels, where {count} others have {usual[0]} by {usual[1]}"
-            + (f"; so have other sizes {_listed(others)}" if others else ""),
+            + (f"; so have other sizes {a_few(others)}" if others else ""),
             path=paths[odd[0]],
             hint="it was turned when it was saved: save it as the camera gives it"
             if (height, width) == usual
@@ -220,7 +219,7 @@ def _by_time(
     silent = [path.name for path, head in zip(paths, heads, strict=True) if not head.taken]
     if silent:
         raise InputError(
-            f"{_listed(silent)}: the file does not say when it was taken (no time in its EXIF)",
+            f"{a_few(silent)}: the file does not say when it was taken (no time in its EXIF)",
             hint="take the order of names",
             name="order",
         )
@@ -228,7 +227,7 @@ def _by_time(
     times = Counter(head.taken for head in heads)
     same = [path.name for path, head in zip(paths, heads, strict=True) if times[head.taken] > 1]
     if same:
-        notes.append(f"{_listed(same)}: taken at the same time as another, in the order of names")
+        notes.append(f"{a_few(same)}: taken at the same time as another, in the order of names")
     return [paths[i] for i in ranks], [heads[i] for i in ranks]
 
 
@@ -369,7 +368,7 @@ class _Poses:
                 lost.append(f"line {line} {cell[:LONGEST_SHOWN]!r}")
                 continue
             if len(fits) > 1:
-                raise self._fault(line, f"may be {_listed([paths[i].name for i in fits])}")
+                raise self._fault(line, f"may be {a_few([paths[i].name for i in fits])}")
             if fits[0] in lines:
                 raise self._fault(
                     line, f"gives a second pose of {name}, after line {lines[fits[0]]}"
@@ -381,7 +380,7 @@ class _Poses:
                 self.lines[0], f"no row names a picture that is there; the first is {paths[0].name}"
             )
         if lost:
-            notes.append(f"{self.path}: there is no such picture, passed over: {_listed(lost)}")
+            notes.append(f"{self.path}: there is no such picture, passed over: {a_few(lost)}")
         values = _picked(self.values, row_of)
         motion = None if self.motion is None else _picked(self.motion, row_of)
         return replace(self, values=values, lines=[], pictures=[], motion=motion)
@@ -451,10 +450,7 @@ def _pictures_of(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> lis
 
 
 def _without_copies(
-    paths: Sequence[Path],
-    heads: Sequence[PictureHead],
-    values: FloatArray | None,
-    notes: list[str],
+    paths: Sequence[Path], heads: Sequence[PictureHead], values: FloatArray | None, notes: list[str]
 ) -> list[int]:
     """Which pictures to keep, each once; FileFormatError where one is there at two poses."""
     bare = np.full(len(paths), False)

@@ -345,9 +345,7 @@ def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel
     known = {candidate.name: candidate.model for candidate in tried}
     if name not in known:
         raise InputError(
-            f"the cell asks for no model {name[:60]!r}",
-            hint=near_names(name, known),
-            name="model",
+            f"the cell asks for no model {name[:60]!r}", hint=near_names(name, known), name="model"
         )
     return known[name]
 

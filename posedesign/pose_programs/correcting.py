@@ -334,12 +334,7 @@ class _Found:
                 T_tip_tool = inverse(model.robot.fk(zero[0])) @ first.wanted[0]
                 wanted[rows] = wanted_tip[rows] @ T_tip_tool
             found = compensate(
-                model,
-                x,
-                poses=wanted[rows],
-                postures=nominal[rows],
-                point=point,
-                setup=setup,
+                model, x, poses=wanted[rows], postures=nominal[rows], point=point, setup=setup
             )
             postures[rows], error[rows] = found.postures, found.error_m
             for row, status, reason in zip(rows, found.status, found.reasons, strict=True):

@@ -101,11 +101,7 @@ def as_svg(figure: Figure) -> str:
 
 
 def error_by_poses(
-    figure: Figure | SubFigure,
-    error: Mapping[str, FloatArray],
-    what: str,
-    *,
-    first: int = 1,
+    figure: Figure | SubFigure, error: Mapping[str, FloatArray], what: str, *, first: int = 1
 ) -> None:
     """Draw predicted errors against the number of poses.
 

@@ -79,10 +79,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             for frame in result.frames
             for form, text in forms_of(frame.T, frame.parent, frame.label).items()
         ],
-        tables=[
-            Table("Parameters", parameter_rows(result)),
-            Table("Pictures", result.rows()),
-        ],
+        tables=[Table("Parameters", parameter_rows(result)), Table("Pictures", result.rows())],
         files=files,
     )
 

@@ -49,10 +49,7 @@ from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
-from posedesign.report.plots import (
-    figure_of_identification,
-    figure_of_plan,
-)
+from posedesign.report.plots import figure_of_identification, figure_of_plan
 
 PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"

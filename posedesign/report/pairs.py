@@ -98,10 +98,7 @@ def answer_of_pairs(
     details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _sigma_words(rows)]
     details += remarks_of(outcomes)
     if first.result is not None:
-        for letter, T, title in (
-            ("X", first.result.X, frames.X),
-            ("Z", first.result.Z, frames.Z),
-        ):
+        for letter, T, title in (("X", first.result.X, frames.X), ("Z", first.result.Z, frames.Z)):
             parent, child = title.partition(":")[0].split("_")[1:]
             forms = forms_of(T, parent, child)
             details += [f"{letter}, {form}: {text}" for form, text in forms.items()]

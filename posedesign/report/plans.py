@@ -267,10 +267,7 @@ def answer_of_score(cell: Cell, score: Score, scaling: Mapping[str, str]) -> Ans
     verdict = "; ".join([*worst, verdict])
     return Answer(
         verdict,
-        {
-            "largest predicted sigma": _largest(score.sigma),
-            "target": cell.whereabouts.words,
-        },
+        {"largest predicted sigma": _largest(score.sigma), "target": cell.whereabouts.words},
         warnings=[*cell.doubts, *score.not_feasible, *score.off_target],
         not_checked=cell.not_checked,
         notes=cell.remarks,

@@ -41,14 +41,7 @@ _PACKAGE = "studies"
 _FOLDERS = "[0-9]*_*/run.py"
 _NUMBER = "0123456789_"
 
-_OF_DAMAGED_TABLES = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    OSError,
-    TypeError,
-    ValueError,
-)
+_OF_DAMAGED_TABLES = (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError)
 """What pandas, pyarrow and matplotlib raise on them."""
 
 

@@ -17,6 +17,7 @@ from posedesign.files import (
     json_text,
     load_json,
     make_folder,
+    not_written,
     read_bytes_bounded,
     write_bytes_atomic,
     write_text_atomic,
@@ -107,11 +108,8 @@ class Store:
                 aside.replace(self.table)
             except OSError as error:
                 aside.unlink(missing_ok=True)
-                raise OutputError(
-                    f"{self.table}: cannot be written: {error.strerror}",
-                    hint="make room, then start the same command again",
-                    name=str(self.table),
-                ) from error
+                hint = "make room, then start the same command again"
+                raise not_written(self.table, error, hint) from error
             except ValueError as error:
                 aside.unlink(missing_ok=True)
                 raise _damaged(self.folder / _PARTS, error) from error

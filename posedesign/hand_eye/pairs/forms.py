@@ -261,11 +261,7 @@ def read_poses_of(
 
 
 def _find(
-    path: Path,
-    columns: Sequence[str],
-    prefix: str,
-    forms: Mapping[str, tuple[str, ...]],
-    what: str,
+    path: Path, columns: Sequence[str], prefix: str, forms: Mapping[str, tuple[str, ...]], what: str
 ) -> str:
     """The one form that is there as a whole."""
     there = {

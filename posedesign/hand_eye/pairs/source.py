@@ -22,6 +22,7 @@ from calib import se3
 from calib.errors import FileFormatError, InputError, near_names
 from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
+from posedesign.files.csv_tables import a_few
 from posedesign.files.trees import read_tree
 from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.file import Pairs, joined, read_side, read_sides
@@ -183,8 +184,6 @@ Convention = Literal["axzb", "opencv"]
 
 FEWEST_DISTINCT = 3
 """Pairs below which repetitions are left in, so that the solver says what is wrong with them."""
-
-_SHOWN = 5
 
 _STACKS = (".mat", ".npz", ".xml")
 """Endings of files that hold matrices under names."""
@@ -367,9 +366,8 @@ def without_repeats(pairs: Pairs) -> Pairs:
     if kept.all() or kept.sum() < FEWEST_DISTINCT:
         return pairs
     places, again = pairs.places or pairs.names, np.flatnonzero(~kept)
-    shown = [f"{places[i]} as {places[first[i]]}" for i in again[:_SHOWN]]
-    more = f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
-    note = f"pairs that repeat another number by number are left out: {', '.join(shown)}{more}"
+    shown = a_few([f"{places[i]} as {places[first[i]]}" for i in again])
+    note = f"pairs that repeat another number by number are left out: {shown}"
     return replace(
         pairs,
         names=tuple(compress(pairs.names, kept)),

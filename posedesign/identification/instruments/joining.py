@@ -13,13 +13,12 @@ from calib.model.measurements.data import SAME_POSTURE_RAD
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp
 from posedesign.cell.schema_sections import InstrumentSection
-from posedesign.files.csv_tables import LONGEST_SHOWN
+from posedesign.files.csv_tables import LONGEST_SHOWN, a_few
 from posedesign.identification.instruments.joint_logs import JointRows, joints_of
 from posedesign.identification.instruments.matching import (
     Matched,
     in_ranges,
     is_record,
-    listed,
     match_names,
     match_times,
     stops_of,
@@ -113,7 +112,7 @@ def with_joints(
         names = _names_by(readings, match, len(postures))
     missing = [names[k] for k in sorted(set(range(len(postures))) - set(match.stop.tolist()))]
     if missing:
-        notes += (f"{rows.path}: of {len(missing)} poses nothing was read: {listed(missing)}",)
+        notes += (f"{rows.path}: of {len(missing)} poses nothing was read: {a_few(missing)}",)
     return Joined(postures, names, match, notes)
 
 

@@ -32,13 +32,7 @@ from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.schema_sections import InstrumentSection
-from posedesign.files.csv_tables import (
-    LONGEST_SHOWN,
-    Table,
-    is_number,
-    numbers_of,
-    parse_table,
-)
+from posedesign.files.csv_tables import LONGEST_SHOWN, Table, is_number, numbers_of, parse_table
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.identification.instruments.layouts import SECONDS, near, text_of
 from posedesign.identification.instruments.readings import seconds_of

@@ -33,12 +33,7 @@ from types import MappingProxyType
 from calib.errors import FileFormatError, near_names
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files import read_bytes_bounded
-from posedesign.files.csv_tables import (
-    LARGEST_CSV_BYTES,
-    LONGEST_SHOWN,
-    is_number,
-    separator_of,
-)
+from posedesign.files.csv_tables import LARGEST_CSV_BYTES, LONGEST_SHOWN, is_number, separator_of
 
 METRES: Mapping[str, float] = MappingProxyType(
     {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}

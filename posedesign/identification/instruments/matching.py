@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.files.csv_tables import LONGEST_SHOWN
 
 GAP = 5.0
 """Times the usual time between two rows of a record from which it has a gap."""
@@ -22,8 +21,6 @@ CREEP = 3.0
 """Times the range of a standstill that one stop may have over all its time."""
 
 _MOST_SHOWN = 3
-
-MOST_LISTED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +125,6 @@ def in_ranges(lines: Sequence[int]) -> str:
     more = int((ends[_MOST_SHOWN:] - starts[_MOST_SHOWN:] + 1).sum())
     which = ", ".join(shown) + (f" and {more} more" if more else "")
     return f"line{'s' if len(numbers) > 1 else ''} {which}"
-
-
-def listed(names: Sequence[str]) -> str:
-    """A few names, and how many more there are."""
-    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    return ", ".join(name[:LONGEST_SHOWN] for name in names[:MOST_LISTED]) + more
 
 
 def match_names(wanted: Sequence[str], known: Sequence[str]) -> Matched:

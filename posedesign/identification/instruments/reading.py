@@ -23,21 +23,12 @@ from posedesign.cell.measuring import noise_sigma
 from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
-from posedesign.files.csv_tables import LONGEST_SHOWN, is_number
-from posedesign.files.measurements import (
-    MOST_MEASUREMENTS,
-    TOOL,
-    MeasurementTable,
-    check_label,
-)
+from posedesign.files.csv_tables import LONGEST_SHOWN, MOST_LISTED, a_few, first_like, is_number
+from posedesign.files.measurements import MOST_MEASUREMENTS, TOOL, MeasurementTable, check_label
 from posedesign.identification.instruments.joining import Joined, in_same_file, with_joints
 from posedesign.identification.instruments.joint_logs import read_joint_rows
 from posedesign.identification.instruments.layouts import is_known
-from posedesign.identification.instruments.matching import (
-    MOST_LISTED,
-    in_ranges,
-    listed,
-)
+from posedesign.identification.instruments.matching import in_ranges
 from posedesign.identification.instruments.readings import Readings, read_readings
 from posedesign.identification.instruments.scatter import (
     SIGNIFICANT,
@@ -128,7 +119,7 @@ def read_measured(
     grouped = _averaged(_some(of_tool, np.flatnonzero(found)), tool[found], stops, section)
     table, scatter = grouped.table(path, labels, section, stops)
     facts = {
-        "measured": f"{len(of_tool.lines)} readings of {listed(labels)} at "
+        "measured": f"{len(of_tool.lines)} readings of {a_few(labels)} at "
         f"{len(set(grouped.stop.tolist()))} poses, joints {stops.match.how}"
     }
     cell, said, odd = _judged(cell, section, scatter, grouped)
@@ -162,21 +153,23 @@ def _some(readings: Readings, rows: IntArray) -> Readings:
 
 def _once(readings: Readings) -> tuple[Readings, tuple[str, ...]]:
     """Readings without those that are there twice, number by number."""
-    first: dict[tuple[object, ...], int] = {}
-    kept, twice = [], []
-    for i in range(len(readings.lines)):
-        key: tuple[object, ...] = (readings.values[i].tobytes(), readings.reflectors[i])
-        key += (readings.poses[i],) if readings.poses else ()
-        key += (float(readings.times[i]),) if readings.times is not None else ()
-        key += (readings.joints[i].tobytes(),) if readings.joints is not None else ()
-        if first.setdefault(key, i) == i:
-            kept.append(i)
-        else:
-            twice.append(int(readings.lines[i]))
-    if not twice:
+    given = (readings.times, readings.joints)
+    keys = [
+        (
+            readings.values[i].tobytes(),
+            readings.reflectors[i],
+            readings.poses[i] if readings.poses else "",
+            *(values[i].tobytes() for values in given if values is not None),
+        )
+        for i in range(len(readings.lines))
+    ]
+    first = np.array(first_like(keys))
+    kept = first == np.arange(len(first))
+    if kept.all():
         return readings, ()
-    said = f"{readings.path}: {in_ranges(twice)} repeat others number by number, left out"
-    return _some(readings, np.array(kept)), (said,)
+    twice = in_ranges(readings.lines[~kept].tolist())
+    said = f"{readings.path}: {twice} repeat others number by number, left out"
+    return _some(readings, np.flatnonzero(kept)), (said,)
 
 
 def _as_planned(cell: Cell) -> InstrumentSection:
@@ -205,7 +198,7 @@ def _names_of(
         others = {name for name, fixed in zip(names, reference, strict=True) if not fixed}
         if len(others) > 1:
             raise FileFormatError(
-                f"has readings of {len(others)} reflectors: {listed(sorted(others))}",
+                f"has readings of {len(others)} reflectors: {a_few(sorted(others))}",
                 path=readings.path,
                 hint="name those on the tool in instrument.reflectors",
             )

@@ -10,21 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError
-from calib.se3 import (
-    FloatArray,
-    IntArray,
-    rotation_exp,
-    rotation_from_wpr,
-    rotation_log,
-)
+from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_from_wpr, rotation_log
 from posedesign.cell.schema_sections import InstrumentSection
-from posedesign.files.csv_tables import (
-    LONGEST_SHOWN,
-    Row,
-    is_number,
-    numbers_of,
-    parse_table,
-)
+from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, parse_table
 from posedesign.hand_eye.pairs.checks import (
     Place,
     rotations_from_quaternions,

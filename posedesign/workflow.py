@@ -50,12 +50,11 @@ from posedesign.selection import Indices
 
 # what only one step needs is loaded there: most commands take one, and all of it takes a second
 if TYPE_CHECKING:
-    from calib.robot_world import Noise, NoiseShown, PairNoise
+    from calib.robot_world import PairNoise
     from posedesign.acceptance import AcceptancePlan, AcceptanceRequest, RecheckPlan, Watch
     from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.file import AcceptanceFile
     from posedesign.hand_eye import Asked, Calibrated
-    from posedesign.hand_eye.pairs import SolverOutcome
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
     from posedesign.simulation import AccuracyStudy, SimulatedRobot
@@ -369,16 +368,6 @@ def identify_file(
     shown, q_deg = IdentificationFile.model_validate(content), np.rad2deg(table.data.postures)
     draw(results, (png, svg), lambda: figure_of_identification(shown, q_deg))
     return identified
-
-
-def solve_file(
-    pairs: Path, out: Path | Results, noise: Noise | NoiseShown | None = None
-) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB from a ``pairs.csv``; see :func:`~.pairs.tables.solve_and_write`."""
-    from posedesign.hand_eye.pairs import read_pairs
-    from posedesign.report.pairs import solve_and_draw
-
-    return solve_and_draw(read_pairs(pairs), out, noise=noise, inputs=[pairs])
 
 
 def calibrate_from_pictures(

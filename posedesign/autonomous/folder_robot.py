@@ -196,8 +196,11 @@ class FolderRobot(RobotAdapter):
 
     def _wait(self, made: _Move) -> GreyImage:
         """Wait for the picture of a move, or with a camera for no more than the arm's standing."""
-        endings, read = (ENDINGS, read_picture) if self._camera is None else (DONE, _nothing)
-        return self._exchange.wait(made.picture, endings, read, self._hint(made))[0]
+        hint = self._hint(made)
+        if self._camera is None:
+            return self._exchange.wait(made.picture, ENDINGS, read_picture, hint)[0]
+        nothing: GreyImage = np.empty((0, 0), dtype=np.uint8)
+        return self._exchange.wait(made.picture, DONE, lambda path: nothing, hint)[0]
 
     def _moved(self) -> _Move:
         if self._move is None:
@@ -300,11 +303,6 @@ class FolderRobot(RobotAdapter):
             )
         check_recorded_frames(self._cell, self._dialect, positions, path)
         return np.asarray(postures_of(positions, self._seen, made.posture[None])[0])
-
-
-def _nothing(path: Path) -> GreyImage:
-    """What an empty file says."""
-    return np.empty((0, 0), dtype=np.uint8)
 
 
 def _one_pose(name: str, posture: FloatArray) -> PoseList:

@@ -208,9 +208,11 @@ class Journal:
         for what, own in about.items():
             other = begun.get(what) if isinstance(begun, dict) else None
             if other != own:
-                shown = f" ({other!s:.200})" if what == "robot" else ""
+                shown, wanted = "", f"the {what} that there is now"
+                if what == "robot":
+                    shown, wanted = f" ({other!s:.200})", own
                 raise FileFormatError(
-                    f"was begun with another {what}{shown}, not with {_told(what, own)}",
+                    f"was begun with another {what}{shown}, not with {wanted}",
                     path=self.path,
                     hint="choose another `out`, or `restart`",
                     value=other,
@@ -221,11 +223,6 @@ class Journal:
         return FileFormatError(
             "is no journal of a calibration", path=self.path, hint="choose another `out`"
         )
-
-
-def _told(what: str, own: str) -> str:
-    """What a journal is to be of, for the one who is refused."""
-    return own if what == "robot" else f"the {what} that there is now"
 
 
 def open_no_link(path: str, flags: int) -> int:

@@ -193,7 +193,10 @@ def calibrate(
         warn(f"a turn around the target was left out: {note}")
     sigma = measure_noise(cell, station, set_up, loop, progress)
     known = found_cell(cell, set_up, station.image_px, sigma if np.isfinite(sigma).all() else None)
-    write_text_atomic(files.found_cell, _found_text(known, source))
+    bare = known.config.model_copy(update={"truth": type(cell.config.truth)()})
+    said = "The cell with camera and target as posedesign calibrate found them.\n"
+    said += "Lengths in mm, angles in degrees, joints in URDF signs."
+    write_text_atomic(files.found_cell, cell_text(bare, source, said))
     progress("planning", _NOISE)
     later = replace(results, inputs=(*results.inputs, files.found_cell.path))
     plan = plan_poses(known, later)
@@ -283,7 +286,8 @@ def touch_up_plan(
             continue
         names.append(name)
         postures.append(done.q[0])
-        data = _measurements(cell, names, postures)
+        setup, target = Setup.of(len(names)), (cell.config.target.name,)
+        data = Measurements(np.array(postures), setup, target, names=tuple(names))
         write_measurements(files.touch_ups, data)
         seen.add(name, done.q[0])
     station.rest()
@@ -297,21 +301,6 @@ def touch_up_plan(
             hint="give the arm and the camera a clear view of the target",
         )
     return data, tuple(missed)
-
-
-def _measurements(cell: Cell, names: list[str], postures: list[FloatArray]) -> Measurements:
-    q = np.array(postures)
-    return Measurements(q, Setup.of(len(q)), (cell.config.target.name,), names=tuple(names))
-
-
-def _found_text(cell: Cell, source: Path) -> str:
-    bare = cell.config.model_copy(update={"truth": type(cell.config.truth)()})
-    return cell_text(
-        bare,
-        source,
-        "The cell with camera and target as posedesign calibrate found them.\n"
-        "Lengths in mm, angles in degrees, joints in URDF signs.",
-    )
 
 
 _NEAREST, _FARTHEST = 0.5, 2.0

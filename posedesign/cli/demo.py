@@ -10,8 +10,7 @@ from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
 from posedesign.cell import Cell, cell_template
 from posedesign.files import Results, write_text_atomic
-from posedesign.hand_eye.pairs import SolverOutcome
-from posedesign.hand_eye.pairs.tables import ROBOT_WORLD
+from posedesign.hand_eye.pairs import SolverOutcome, read_pairs
 from posedesign.identification import Identified
 from posedesign.planning import PosePlan, displayed
 from posedesign.planning.optimal.outlook import outlook_of
@@ -21,7 +20,7 @@ from posedesign.programs import find_dialect
 from posedesign.report.accuracy import answer_of_study
 from posedesign.report.answer import Answer, Table
 from posedesign.report.identification import answer_of_identification
-from posedesign.report.pairs import answer_of_pairs
+from posedesign.report.pairs import ROBOT_WORLD, answer_of_pairs, solve_and_draw
 from posedesign.report.plans import answer_of_plan
 from posedesign.simulation import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.workflow import (
@@ -35,7 +34,6 @@ from posedesign.workflow import (
     identify_file,
     plan_poses,
     simulate,
-    solve_file,
     write_study,
 )
 
@@ -94,7 +92,10 @@ def run_demo(
     robot = simulate(cell, poses, results)
     identification = identify_file(cell, folder / "touchups.csv", results)
     progress("solving A X = Z B", 0.1)
-    robot_world = solve_file(folder / "pairs.csv", results, noise=camera_noise(cell))
+    pairs = folder / "pairs.csv"
+    robot_world = solve_and_draw(
+        read_pairs(pairs), results, noise=camera_noise(cell), inputs=[pairs]
+    )
     study = accuracy_study(
         cell,
         draws=draws,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -22,7 +21,6 @@ from posedesign.cli.options import (
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
-    Advance,
     note,
     progress,
     rehearsed_words,
@@ -185,7 +183,6 @@ def robot_world(
         noise,
         estimate_scale=estimate_scale,
         certify=certify,
-        quiet=as_json,
     )
     rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
@@ -212,18 +209,14 @@ def _solved(
     *,
     estimate_scale: bool,
     certify: bool,
-    quiet: bool,
 ) -> tuple[SolverOutcome, ...]:
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
     from posedesign.hand_eye.pairs.results import certified
     from posedesign.report.pairs import solve_and_draw
 
-    shown: AbstractContextManager[Advance] = (
-        nullcontext(lambda what, part: None) if quiet else progress("A X = Z B")
-    )
     try:
-        with shown as advance:
+        with progress("A X = Z B") as advance:
             outcomes = solve_and_draw(
                 pairs, out, methods, noise, advance, estimate_scale=estimate_scale
             )

@@ -85,7 +85,9 @@ class Claim(os.PathLike[str]):
         """
         self._check_place()
         why = self.foreign
-        measured = self.origin.kind == "simulated" and _is_measured(self.path)
+        there = origin_of(self.path)
+        is_measured = there.kind == "measured" if there else self.path.name in MEASURED
+        measured = self.origin.kind == "simulated" and is_measured
         if why and (measured or not self.overwrite):
             raise OutputError(
                 f"{self.path} {why}: it is not replaced by {self.origin.kind} "
@@ -127,11 +129,6 @@ def identity_of(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
-
-
-def _is_measured(path: Path) -> bool:
-    there = origin_of(path)
-    return path.is_file() and (there.kind == "measured" if there else path.name in MEASURED)
 
 
 def kept_aside(path: Path) -> Path:
@@ -320,7 +317,11 @@ def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
     aside = target.parent / f".{secrets.token_hex(8)}.tmp"
     try:
         try:
-            _write_new(aside, data)
+            # tempfile would make it readable by its owner only, and the rename would keep that
+            with open(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
             aside.replace(target)
         finally:
             aside.unlink(missing_ok=True)
@@ -334,15 +335,6 @@ def not_written(path: StrPath, error: OSError, hint: str) -> OutputError:
     """The error of a file that cannot be written."""
     said = error.strerror or error
     return OutputError(f"{path}: cannot be written: {said}", hint=hint, name=str(path))
-
-
-def _write_new(path: Path, data: bytes) -> None:
-    """Create a file with the permissions the user's umask gives, and push it to the disk."""
-    # tempfile would create it readable by its owner only, and the rename would keep that.
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
 
 
 def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:

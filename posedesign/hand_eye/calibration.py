@@ -275,6 +275,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     """The result for ``camera.json``: millimetres, degrees, pixels."""
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
+    factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
     joints = {
         name: np.degrees(posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
@@ -305,7 +306,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         "covariance": {
             "names": list(result.estimate.names),
             "units": [DISPLAY[unit][0] for unit in result.estimate.units],
-            "matrix": _displayed_covariance(result).tolist(),
+            "matrix": (result.estimate.covariance * np.outer(factor, factor)).tolist(),
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
@@ -320,11 +321,6 @@ def parameter_rows(result: HandEyeResult) -> list[dict[str, Any]]:
         value = row.value - 0.5 if is_center else row.value
         rows.append({"parameter": row.name, "value": value, "sigma": row.sigma, "unit": row.unit})
     return rows
-
-
-def _displayed_covariance(result: HandEyeResult) -> FloatArray:
-    factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
-    return np.asarray(result.estimate.covariance * np.outer(factor, factor))
 
 
 def frame_as_dict(frame: PlacedFrame) -> dict[str, Any]:

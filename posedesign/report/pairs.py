@@ -13,7 +13,8 @@ import numpy as np
 from calib.robot_world import Noise, NoiseShown, difference
 from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
 from posedesign.files import Results
-from posedesign.hand_eye.pairs import FRAMES
+from posedesign.files.csv_tables import write_table
+from posedesign.hand_eye.pairs import FRAMES, solve_pairs
 from posedesign.hand_eye.pairs.results import (
     Advance,
     noise_judged,
@@ -27,7 +28,6 @@ from posedesign.hand_eye.pairs.tables import (
     largest_sigma,
     opencv_rows,
     pair_rows,
-    solve_and_write,
     solver_row,
 )
 from posedesign.hand_eye.pairs.transforms import forms_of
@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     from posedesign.hand_eye.pairs import Pairs, SolverOutcome
     from posedesign.hand_eye.pairs.certificate import Camera
 
+ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
 DRAWN = tuple((f"robot_world.{ending}", "figure of A X = Z B") for ending in ("png", "svg"))
-"""Names of the files of the figure, and what they say that they are."""
+"""Names of the files, and what they say that they are."""
 
 _LEFT_OVER = {
     "method": "method",
@@ -211,14 +212,21 @@ def solve_and_draw(
     *,
     estimate_scale: bool = False,
 ) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
+    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
+
+    One row a method, and one a pair; drawn are residuals, and how methods differ. ``advance`` is
+    called with what is being done and the part of all work that is done. Raises InputError: an
+    unknown method. NotIdentifiableError: no method has an answer because the motions do not allow
+    one.
+    """
     results = Results.of(out, "robot-world")
-    drawn = results.claim("computed", *DRAWN, inputs=inputs)
-    outcomes = solve_and_write(
-        pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
-    )
+    answers, residuals, *drawn = results.claim("computed", *ROBOT_WORLD, *DRAWN, inputs=inputs)
+    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
     rows = [solver_row(outcome) for outcome in outcomes]
-    figures.draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
+    write_table(answers, list(rows[0]), rows)
+    each = [pair_rows(pairs, outcome) for outcome in outcomes]
+    write_table(residuals, list(each[0][0]), [row for rows_of_one in each for row in rows_of_one])
+    figures.draw(results, drawn, lambda: figure_of_pairs(rows, each[0]))
     return outcomes
 
 

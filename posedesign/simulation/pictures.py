@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,7 +60,9 @@ def simulate_pictures(
     for k, (claim, T) in enumerate(zip(claims, seen, strict=True)):
         advance(claim.path.name, k / len(claims))
         picture = render(camera, [(plate, T @ T_BOARD_PLATE)], imaging, rng)
-        write_bytes_atomic(claim, _png(picture))
+        data = io.BytesIO()
+        Image.fromarray(picture).save(data, "PNG")
+        write_bytes_atomic(claim, data.getvalue())
     columns = ["picture", *(f"j{k + 1}_deg" for k in range(cell.robot.n))]
     rows = [
         dict(zip(columns, [name, *values], strict=True))
@@ -98,11 +101,3 @@ def _camera(cell: Cell) -> Camera:
     own = cell.config.truth.imaging.distortion
     distortion = own if any(own) else (k1, k2, p1, p2, k3)
     return Camera(lens.width_px, lens.height_px, fx, fy, (cx, cy), distortion)
-
-
-def _png(picture: np.ndarray) -> bytes:
-    import io
-
-    data = io.BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
-    return data.getvalue()

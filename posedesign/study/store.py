@@ -82,7 +82,7 @@ class Store:
     def done(self) -> set[int]:
         """Numbers of tasks whose results are there."""
         if self.table.exists():
-            return set(self._numbers_before())
+            return set(range(int(self._about.get("tasks", 0))))
         names = (path.name for path in (self.folder / _PARTS).iterdir())
         return {
             int(found[1])
@@ -119,9 +119,6 @@ class Store:
     def read(self) -> pd.DataFrame:
         """The table of all results."""
         return read_table(self.table)
-
-    def _numbers_before(self) -> range:
-        return range(int(self._about.get("tasks", 0)))
 
     def _tables(self) -> list[Path]:
         return [self.folder / f"{self._name}{ending}" for ending in _ENDINGS]

@@ -104,10 +104,13 @@ def _rotations_from_matrices(
     bad = ~(off <= LARGEST_DEVIATION)
     if bad.any():
         i = int(bad.argmax())
+        hint, wrong = _scale_hint(gram[i]), f"the rotation is not orthonormal (off by {off[i]:.2g})"
+        if hint:
+            wrong = f"the rotation is scaled by {math.sqrt(np.trace(gram[i]) / 3.0):.4g}"
         raise place.error(
             i,
-            f"{_what_is_wrong(gram[i], off[i])}" + and_others(bad),
-            hint=_scale_hint(gram[i]) or "write rotations with six decimals or more",
+            wrong + and_others(bad),
+            hint=hint or "write rotations with six decimals or more",
             column=column,
             value=float(off[i]),
             bound=LARGEST_DEVIATION,
@@ -139,13 +142,6 @@ def _check_last_rows(T: FloatArray, place: Place, column: str | None) -> None:
         else "is this a 4x4 matrix [R t; 0 0 0 1]?",
         column=column,
     )
-
-
-def _what_is_wrong(gram: FloatArray, off: float) -> str:
-    if _scale_hint(gram):
-        scale = math.sqrt(np.trace(gram) / 3.0)
-        return f"the rotation is scaled by {scale:.4g}"
-    return f"the rotation is not orthonormal (off by {off:.2g})"
 
 
 def _scale_hint(gram: FloatArray) -> str:

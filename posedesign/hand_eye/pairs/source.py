@@ -63,34 +63,33 @@ Reading = Callable[[FloatArray], FloatArray]
 Arrange = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
-def _scalar_last(q: FloatArray) -> FloatArray:
-    return se3.rotation_from_quaternion(np.roll(q, 1, axis=-1))
+def _rolled(shift: int) -> Reading:
+    return lambda q: se3.rotation_from_quaternion(np.roll(q, shift, axis=-1))
 
 
-def _scalar_first(q: FloatArray) -> FloatArray:
-    return se3.rotation_from_quaternion(np.roll(q, -1, axis=-1))
-
-
-def _moving_axes(angles: FloatArray) -> FloatArray:
-    """``Rx(W) Ry(P) Rz(R)``, the inverse of what the angles mean the other way round."""
-    return np.swapaxes(se3.rotation_from_wpr(-angles), -1, -2)
-
-
-def _by_columns(numbers: FloatArray) -> FloatArray:
-    return np.swapaxes(numbers.reshape(-1, 3, 3), -1, -2)
+def _transposed(R: FloatArray) -> FloatArray:
+    return np.swapaxes(R, -1, -2)
 
 
 _OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
     "quaternion": (
-        ("the four numbers called qw qx qy qz are x y z w", _scalar_last),
-        ("the four numbers called qx qy qz qw are w x y z", _scalar_first),
+        ("the four numbers called qw qx qy qz are x y z w", _rolled(1)),
+        ("the four numbers called qx qy qz qw are w x y z", _rolled(-1)),
     ),
     "wpr": (
-        ("the three angles turn about moving axes x, y, z", _moving_axes),
+        (  # Rx(W) Ry(P) Rz(R), the inverse of what the angles mean the other way round
+            "the three angles turn about moving axes x, y, z",
+            lambda angles: _transposed(se3.rotation_from_wpr(-angles)),
+        ),
         ("the three angles are a rotation vector: call them rx, ry, rz", se3.rotation_exp),
     ),
     "vector": (("the rotation vector is W, P, R: call it w, p, r", se3.rotation_from_wpr),),
-    "matrix": (("the rotation stands column by column: call r12 r21, and so on", _by_columns),),
+    "matrix": (
+        (
+            "the rotation stands column by column: call r12 r21, and so on",
+            lambda numbers: _transposed(numbers.reshape(-1, 3, 3)),
+        ),
+    ),
 }
 """Mistakes that a form invites, and what the rotations would be without them."""
 

@@ -2,62 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from calib.robot_world import (
     PAPER_METHODS,
-    Noise,
-    NoiseShown,
     PairNoise,
     RobotWorldResult,
     result_to_opencv,
 )
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.files import Results
-from posedesign.files.csv_tables import write_table
 from posedesign.hand_eye.pairs.certificate import FRAMES, Camera, Proof
 from posedesign.hand_eye.pairs.file import DEFAULT_FORM, Pairs
-from posedesign.hand_eye.pairs.results import Advance, SolverOutcome, places_of, solve_pairs
+from posedesign.hand_eye.pairs.results import SolverOutcome, places_of
 
 POSE_AXES = (*DEFAULT_FORM.place_columns, *DEFAULT_FORM.turn_columns)
 _SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *DEFAULT_FORM.place_columns)
 
-ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
-"""Names of the files, and what they say that they are."""
-
 DEFAULT_METHODS = ("ml", "ml-robust", *PAPER_METHODS)
-
-
-def solve_and_write(
-    pairs: Pairs,
-    out: Path | Results,
-    methods: Sequence[str] = DEFAULT_METHODS,
-    noise: Noise | NoiseShown | None = None,
-    advance: Advance = lambda what, part: None,
-    inputs: Sequence[Path] = (),
-    *,
-    estimate_scale: bool = False,
-) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
-
-    One row a method, and one a pair. ``advance`` is called with what is being done and the part of
-    all work that is done.
-
-    Raises InputError: an unknown method. NotIdentifiableError: no method has an answer because the
-    motions do not allow one.
-    """
-    answers, residuals = Results.of(out, "robot-world").claim(
-        "computed", *ROBOT_WORLD, inputs=inputs
-    )
-    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
-    rows = [solver_row(outcome) for outcome in outcomes]
-    write_table(answers, list(rows[0]), rows)
-    each = [row for outcome in outcomes for row in pair_rows(pairs, outcome)]
-    write_table(residuals, list(each[0]), each)
-    return outcomes
 
 
 def solver_row(outcome: SolverOutcome) -> dict[str, object]:

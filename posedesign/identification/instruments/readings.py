@@ -82,6 +82,11 @@ def read_readings(path: Path, section: InstrumentSection) -> Readings:
     at = np.array([row.line for row in kept])
     order = np.argsort(at, kind="stable")
     rows = [kept[i] for i in order]
+    temperatures = None
+    if column := layout.temperature:
+        temperatures = np.full(len(rows), np.nan)
+        known = [i for i, row in enumerate(rows) if row.cells[column].casefold() not in MISSING]
+        temperatures[known] = numbers_of(path, [rows[i] for i in known], [column])[:, 0]
     hidden = sum(count for _, count, _ in found)
     seen = f"{path}: nothing was seen in {hidden} of {hidden + len(rows)} readings"
     return Readings(
@@ -91,7 +96,7 @@ def read_readings(path: Path, section: InstrumentSection) -> Readings:
         tuple(names[i] for i in order),
         tuple(row.cells[layout.pose] for row in rows) if layout.pose else (),
         seconds_of(path, rows, layout.time, layout.time_factor) if layout.time else None,
-        _temperatures(path, rows, layout.temperature) if layout.temperature else None,
+        temperatures,
         numbers_of(path, rows, layout.joints) if layout.joints else None,
         (seen,) if hidden else (),
     )
@@ -161,13 +166,6 @@ def _seconds_since_1970(when: datetime) -> float:
 
 _LATEST_S = 1e11
 """[s] After 1970, in three thousand years: of later times no milliseconds are left."""
-
-
-def _temperatures(path: Path, rows: Sequence[Row], column: str) -> FloatArray:
-    out = np.full(len(rows), np.nan)
-    known = [i for i, row in enumerate(rows) if row.cells[column].casefold() not in MISSING]
-    out[known] = numbers_of(path, [rows[i] for i in known], [column])[:, 0]
-    return out
 
 
 def _unit_of(path: Path, layout: Layout, section: InstrumentSection) -> str:

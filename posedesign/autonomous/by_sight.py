@@ -222,7 +222,7 @@ def run_by_sight(
         about, own, pictures=kind == "image", simulated=True, pictures_mb=pictures_mb or 0.0
     )
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
-    found = _calibrate(cell, arms, results, session, path.parent, restart, progress, warn)
+    found = _calibrate(cell, arms, results, session, path.parent, restart, progress)
     fast = observer if kind == "fast" else true_observer(cell, "fast")
     return SightResult(found, _plate(cell, found, fast, own))
 
@@ -243,7 +243,7 @@ def calibrate_robot(
     arms = OneArm(robot, target_of(cell))
     session = _Session(_about(cell, _named(robot)), pictures_mb=pictures_mb)
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
-    return _calibrate(cell, arms, results, session, source, restart, progress, warn)
+    return _calibrate(cell, arms, results, session, source, restart, progress)
 
 
 @dataclass(frozen=True)
@@ -278,10 +278,9 @@ def _calibrate(
     source: Path,
     restart: bool,
     progress: Progress,
-    warn: Callable[[str], None],
 ) -> Calibration:
     _check_kind(cell)
-    out = make_folder(results.folder)
+    out, warn = make_folder(results.folder), results.say
     results = replace(results, place=identity_of(out))
     with held(out, _DOING):
         if restart:

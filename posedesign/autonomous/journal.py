@@ -241,7 +241,6 @@ def _failed(entry: dict[str, Any]) -> bool:
 
 _STATUS: tuple[Status, ...] = get_args(Status)
 
-
 _ONLY = np.zeros(1, dtype=np.intp)
 
 

@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from posedesign.cli.options import (
+from posedesign.cli.output import (
+    DONE,
     LARGEST_SEED,
+    NOT_REACHED,
     AsJson,
     CellFile,
     OutFolder,
     Overwrite,
     TrustUnits,
     Verbose,
-)
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     command_line,
     knowing,
     progress,

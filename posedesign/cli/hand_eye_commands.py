@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from posedesign.cli.options import (
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
     AsJson,
     CameraPlace,
     CellFile,
@@ -17,10 +19,6 @@ from posedesign.cli.options import (
     Overwrite,
     TrustUnits,
     Verbose,
-)
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     note,
     progress,
     rehearsed_words,
@@ -145,8 +143,7 @@ def robot_world(
     """
     from posedesign.hand_eye.pairs import PairSource
     from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
-    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, reached
-    from posedesign.hand_eye.pairs.tables import outcome_as_dict
+    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, outcome_as_dict, reached
     from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.pairs import answer_of_pairs
 

@@ -11,8 +11,10 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.options import (
+from posedesign.cli.output import (
+    DONE,
     LARGEST_SEED,
+    NOT_REACHED,
     AsJson,
     CellFile,
     OutFolder,
@@ -20,10 +22,6 @@ from posedesign.cli.options import (
     PlannedPoses,
     TrustUnits,
     Verbose,
-)
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     command_line,
     note,
     poses_of,
@@ -289,7 +287,7 @@ def correct(
     from posedesign.identification.correction import box_of
     from posedesign.identification.correction import correct as run
     from posedesign.pose_programs.correcting import correct_program, is_program, numbers_of
-    from posedesign.report.corrections import answer_of_correction, answer_of_program
+    from posedesign.report.identification import answer_of_correction, answer_of_program
 
     loaded = Cell.load(cell)
     results = results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
@@ -375,7 +373,7 @@ def predict(
     from posedesign.cell import Cell
     from posedesign.identification.correction import box_of
     from posedesign.identification.correction import predict as run
-    from posedesign.report.corrections import answer_of_prediction
+    from posedesign.report.identification import answer_of_prediction
 
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)

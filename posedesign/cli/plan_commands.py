@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from posedesign.cli.options import (
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
     AsJson,
     CellFile,
     ListedPoses,
@@ -17,10 +19,6 @@ from posedesign.cli.options import (
     Overwrite,
     TrustUnits,
     Verbose,
-)
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     command_line,
     knowing,
     note,

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
-from posedesign.cli.options import (
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
     AsJson,
     CellFile,
     FileFormat,
@@ -16,10 +18,6 @@ from posedesign.cli.options import (
     PlannedPoses,
     TrustUnits,
     Verbose,
-)
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     command_line,
     knowing,
     note,

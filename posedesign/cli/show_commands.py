@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.options import CellFile, Overwrite, TrustUnits
 from posedesign.cli.output import (
     DONE,
+    CellFile,
+    Overwrite,
+    TrustUnits,
     knowing,
     note,
     poses_of,

@@ -7,10 +7,14 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.options import LARGEST_SEED, AsJson, OutFolder, Overwrite, Verbose
 from posedesign.cli.output import (
     DONE,
+    LARGEST_SEED,
     NOT_REACHED,
+    AsJson,
+    OutFolder,
+    Overwrite,
+    Verbose,
     print_json,
     print_table,
     progress,

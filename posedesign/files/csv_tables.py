@@ -393,7 +393,6 @@ LEAST_POSITIVE = 1e-12
 _LARGEST_IN_JSON = 1e300
 """Results such as chi2 and condition numbers may be larger than what is measured."""
 
-
 _MOST_DIGITS = 19
 """Of a whole number: seeds have as many, and more are none of pixels, moves or poses."""
 

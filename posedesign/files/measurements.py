@@ -74,7 +74,6 @@ _EVERY_READ = tuple(dict.fromkeys(column for columns in _READ.values() for colum
 
 _LABELS = ("target", "pose", "kind", "tool", "payload")
 
-
 MOST_MEASUREMENTS = 50_000
 """Of one file: 20,000 take some 50 s and 0.8 GB to identify, and both grow linearly."""
 

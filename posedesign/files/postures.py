@@ -109,8 +109,8 @@ def postures_in_any_form(
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
     if form is JointForm.ROS and needed[0].endswith("_rad"):
-        return _radians(path, rows, needed, trust_units)
-    degrees = _degrees(path, rows, needed, trust_units)
+        return _angles(path, rows, needed, trust_units, "radians")
+    degrees = _angles(path, rows, needed, trust_units)
     if form is JointForm.ROBODK and robot.controller is not None:
         return robot.controller.posture(degrees)
     return np.asarray(np.deg2rad(degrees))
@@ -147,9 +147,9 @@ def postures_of(
                 hint="set robot.controller in the cell",
             )
         check_columns(path, columns, shown)
-        return controller.posture(_degrees(path, rows, shown, trust_units))
+        return controller.posture(_angles(path, rows, shown, trust_units))
     check_columns(path, columns, own, joints=True)
-    postures = np.deg2rad(_degrees(path, rows, own, trust_units))
+    postures = np.deg2rad(_angles(path, rows, own, trust_units))
     there = [k for k, column in enumerate(shown) if column in columns]
     if controller is not None and there:
         shown = [shown[k] for k in there]
@@ -166,36 +166,28 @@ def postures_of(
     return postures
 
 
-def _degrees(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+def _angles(
+    path: Path,
+    rows: Sequence[Row],
+    columns: Sequence[str],
+    trust_units: bool,
+    unit: str = "degrees",
 ) -> FloatArray:
-    degrees = numbers_of(path, rows, columns)
-    largest = float(np.abs(degrees).max())
-    if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
-        raise FileFormatError(
-            f"the joint values look like radians (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint="multiply them by 57.29578, or pass `trust_units` if they really are degrees",
-            value=largest,
-            bound=2 * math.pi,
-        )
-    return degrees
-
-
-def _radians(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
-) -> FloatArray:
-    radians = numbers_of(path, rows, columns)
-    largest = float(np.abs(radians).max())
-    if not trust_units and largest > LARGEST_RAD:
-        raise FileFormatError(
-            f"the joint values look like degrees (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint="end the names of the columns with _deg, or pass `trust_units` if they really "
-            "are radians",
-            value=largest,
-            bound=LARGEST_RAD,
-        )
-    return radians
+    """Joint values ``(rows, columns)`` in a unit, refused where they look like the other one."""
+    angles = numbers_of(path, rows, columns)
+    largest = float(np.abs(angles).max())
+    small = len(rows) >= 3 and 0 < largest <= 2 * math.pi
+    if trust_units or not (small if unit == "degrees" else largest > LARGEST_RAD):
+        return angles
+    other, bound, remedy = {
+        "degrees": ("radians", 2 * math.pi, "multiply them by 57.29578"),
+        "radians": ("degrees", LARGEST_RAD, "end the names of the columns with _deg"),
+    }[unit]
+    raise FileFormatError(
+        f"the joint values look like {other} (the largest is {largest:.4g})",
+        path=path,
+        column=f"{columns[0]} to {columns[-1]}",
+        hint=f"{remedy}, or pass `trust_units` if they really are {unit}",
+        value=largest,
+        bound=bound,
+    )

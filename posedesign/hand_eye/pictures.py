@@ -44,7 +44,6 @@ Order = Literal["name", "time"]
 _TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables; all others are of programs and lists."""
 
-
 _NOT_MEASURED = ("via", "dropped")
 """Status of rows of a ``poses.csv`` at which no picture was taken."""
 

@@ -56,6 +56,7 @@ from posedesign.identification.correction_routes import (
     NEAR,
     POSES,
     Routes,
+    read_correcting,
     routes_of,
 )
 from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
@@ -167,14 +168,7 @@ def correct(
     wanted += tuple((form.file, form.purpose) for form in forms)
     results = Results.of(out, "correct")
     claims = results.claim("computed", *wanted, inputs=[identification])
-    identified = read_identification(identification, cell, name, reference=True)
-    if identified.model.nuisance.all():
-        raise InputError(
-            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
-            "arm to correct",
-            hint="choose another one with `model`",
-            name="model",
-        )
+    identified = read_correcting(identification, cell, name)
     known = identified if name is None else _judge(identification, cell, identified)
     routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
     description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))

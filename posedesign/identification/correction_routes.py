@@ -9,6 +9,7 @@ errors. The values of each are those that are best for it over the task box, see
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from calib.se3 import BoolArray, FloatArray, rotation_exp, transform
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
 from posedesign.files.measurements import TOOL
-from posedesign.identification.file import IdentifiedModel
+from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import model_of
 
 OTHER_TOOL_M = 0.02
@@ -151,6 +152,22 @@ class Routes:
         """Where the tool point of a route is, in words."""
         place = ", ".join(f"{1e3 * v:.3f}" for v in self[name].tool_m)
         return f"({place}) mm in the axes of the tip"
+
+
+def read_correcting(path: Path, cell: Cell, name: str | None) -> IdentifiedModel:
+    """The model of an ``identification.json`` that says most of the arm, or the one that is named.
+
+    Raises InputError: it says nothing of the arm.
+    """
+    identified = read_identification(path, cell, name, reference=True)
+    if identified.model.nuisance.all():
+        raise InputError(
+            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
+            "arm to correct",
+            hint="choose another one with `model`",
+            name="model",
+        )
+    return identified
 
 
 def corrected_tool(

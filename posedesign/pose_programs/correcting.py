@@ -25,8 +25,11 @@ from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, inverse
 from posedesign.cell import Cell
 from posedesign.files import Results, identity_of, rehearsed, write_bytes_atomic
-from posedesign.identification.correction_routes import corrected_tool, with_described_tool
-from posedesign.identification.file import read_identification
+from posedesign.identification.correction_routes import (
+    corrected_tool,
+    read_correcting,
+    with_described_tool,
+)
 from posedesign.pose_programs.from_plan import arm_of, check_recorded_frames
 from posedesign.programs import (
     DIALECTS,
@@ -154,14 +157,7 @@ def correct_program(
             name="out",
         )
     claims = results.claim("computed", (path.name, "corrected program"), bare=True)
-    identified = read_identification(identification, cell, name, reference=True)
-    if identified.model.nuisance.all():
-        raise InputError(
-            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
-            "arm to correct",
-            hint="choose another one with `model`",
-            name="model",
-        )
+    identified = read_correcting(identification, cell, name)
     chosen = dialect_of(path, dialect).reading(cell.config.program.pulses_per_deg)
     data = read_program_bytes(path)
     program = chosen.parse(data, path)

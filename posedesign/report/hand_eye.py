@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 LONG_ARROW = 0.06
 """Length of the longest residual in a figure, in parts of the picture's width."""
 
-
 SIGNIFICANT = 4.0
 """Standard deviations from which on pictures were taken at another moment than joints were read."""
 

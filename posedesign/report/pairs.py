@@ -16,19 +16,17 @@ from posedesign.files import Results
 from posedesign.files.csv_tables import write_table
 from posedesign.hand_eye.pairs import FRAMES, solve_pairs
 from posedesign.hand_eye.pairs.results import (
-    Advance,
-    noise_judged,
-    reached,
-    remarks_of,
-    warnings_of,
-)
-from posedesign.hand_eye.pairs.tables import (
     DEFAULT_METHODS,
     POSE_AXES,
+    Advance,
     largest_sigma,
+    noise_judged,
     opencv_rows,
     pair_rows,
+    reached,
+    remarks_of,
     solver_row,
+    warnings_of,
 )
 from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
@@ -58,7 +56,6 @@ _LEFT_OVER = {
     "pairs": "of pairs",
 }
 """Columns of the table, and what they are called in print."""
-
 
 _PROOF = {"proven": "proven to be the likeliest", "away": "not the optimum that is proven"}
 """What a proof makes of an answer; its other statuses say it themselves."""

@@ -59,7 +59,6 @@ FRAMES: Mapping[Camera, Frames] = MappingProxyType(
 """Frames of a camera on the flange that sees a fixed target, and of a fixed camera that sees a
 target on the flange."""
 
-
 AT_THE_OPTIMUM = 0.05
 """Standard deviations up to which X and Z count as the optimum that is proven: too few for any use
 of them to tell."""

@@ -33,12 +33,14 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, inverse, transform
 from posedesign.files.trees import numbers
 from posedesign.hand_eye.pairs.certificate import Camera
-from posedesign.hand_eye.pairs.checks import (
+from posedesign.hand_eye.pairs.forms import (
     Place,
+    Poses,
+    check_lengths,
+    refuse_endless,
     rotations_from_quaternions,
     transforms_from_matrices,
 )
-from posedesign.hand_eye.pairs.forms import Poses, check_lengths, refuse_endless
 
 _MOVEIT = ("effector_wrt_world", "object_wrt_sensor")
 _EASY = ("hand_world_samples", "camera_marker_samples")

@@ -39,8 +39,14 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.trees import matrix
-from posedesign.hand_eye.pairs.checks import Place, transforms_from_matrices
-from posedesign.hand_eye.pairs.forms import METRES, Poses, check_lengths, refuse_endless
+from posedesign.hand_eye.pairs.forms import (
+    METRES,
+    Place,
+    Poses,
+    check_lengths,
+    refuse_endless,
+    transforms_from_matrices,
+)
 
 WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
 """Kinds that they cannot be, however their numbers are stacked."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,14 @@ from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.schema_sections import InstrumentSection
-from posedesign.files.csv_tables import LONGEST_SHOWN, Table, is_number, numbers_of, parse_table
+from posedesign.files.csv_tables import (
+    LONGEST_SHOWN,
+    Row,
+    Table,
+    is_number,
+    numbers_of,
+    parse_table,
+)
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.identification.instruments.layouts import SECONDS, near, text_of
 from posedesign.identification.instruments.readings import seconds_of
@@ -135,12 +142,7 @@ def _rows_of(
         return _of_columns(path, table, section, robot)
     ros = _plotjuggler(table, robot)
     if ros:
-        return JointRows(
-            path,
-            _lines(table),
-            numbers_of(path, table.rows, ros),
-            seconds_of(path, table.rows, "__time", 1.0) if "__time" in table.columns else None,
-        )
+        return _with_times(path, table, table.rows, numbers_of(path, table.rows, ros), "__time")
     rows = [row for row in table.rows if row.cells.get("status") not in ("via", "dropped")]
     if not {*find_form(table.columns, robot)[1]} & {*table.columns}:
         raise FileFormatError(
@@ -150,17 +152,26 @@ def _rows_of(
             hint="call them j1_deg .., or name them in instrument.columns.joints",
         )
     postures = postures_in_any_form(path, table.columns, rows, robot, trust_units)
+    return _with_times(path, table, rows, postures, "time_s", pose="pose")
+
+
+def _with_times(
+    path: Path,
+    table: Table,
+    rows: Sequence[Row],
+    postures: FloatArray,
+    time: str,
+    factor: float = 1.0,
+    pose: str = "",
+) -> JointRows:
+    """Rows with their times and names, where a table has these columns."""
     return JointRows(
         path,
         np.array([row.line for row in rows]),
         postures,
-        seconds_of(path, rows, "time_s", 1.0) if "time_s" in table.columns else None,
-        tuple(r.cells["pose"] for r in rows) if "pose" in table.columns else (),
+        seconds_of(path, rows, time, factor) if time in table.columns else None,
+        tuple(row.cells[pose] for row in rows) if pose in table.columns else (),
     )
-
-
-def _lines(table: Table) -> IntArray:
-    return np.array([row.line for row in table.rows])
 
 
 def _log_of(columns: Sequence[str], robot: Robot) -> tuple[Log | None, list[str]]:
@@ -184,11 +195,8 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
     values = numbers_of(path, table.rows, needed)
     if not log.maker:
         values = _by_names(path, table, values, robot)
-    times = None
-    if log.time in table.columns:
-        times = seconds_of(path, table.rows, log.time, SECONDS[log.time_unit])
     postures = _of_controller(path, values, log, robot)
-    return JointRows(path, _lines(table), postures, times)
+    return _with_times(path, table, table.rows, postures, log.time, SECONDS[log.time_unit])
 
 
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
@@ -219,23 +227,24 @@ def _by_names(path: Path, table: Table, values: FloatArray, robot: Robot) -> Flo
     names = [
         f"field.name{k}" for k in range(len(table.columns)) if f"field.name{k}" in table.columns
     ]
-    said = [table.rows[0].cells[name] for name in names]
+    return values[:, _order(path, table, names, robot)] if names else values
+
+
+def _order(path: Path, table: Table, columns: Sequence[str], robot: Robot) -> list[int]:
+    """Places of the robot's joints among those that every row names in these columns."""
+    said = [table.rows[0].cells[column] for column in columns]
     for row in table.rows:
-        if [row.cells[name] for name in names] != said:
+        if [row.cells[column] for column in columns] != said:
             raise FileFormatError(
                 "has the joints in another order than the first row",
                 path=path,
                 row=row.line,
                 hint="give the states of one robot",
             )
-    return values[:, _order(path, said, robot)] if said else values
-
-
-def _order(path: Path, said: Sequence[str], robot: Robot) -> list[int]:
     for joint in robot.joint_names:
         if joint not in said:
             raise FileFormatError(f"has no joint {joint}", path=path, row=1, hint=near(joint, said))
-    return [list(said).index(joint) for joint in robot.joint_names]
+    return [said.index(joint) for joint in robot.joint_names]
 
 
 def _plotjuggler(table: Table, robot: Robot) -> list[str]:
@@ -263,19 +272,11 @@ def _of_ros2(path: Path, text: str, width: int, robot: Robot) -> JointRows:
             row=table.rows[0].line,
             hint="record all of sensor_msgs/JointState: names, then positions",
         )
-    names = header[3 : 3 + count]
-    for row in table.rows:
-        if [row.cells[c] for c in names] != first[3 : 3 + count]:
-            raise FileFormatError(
-                "has the joints in another order than the first row",
-                path=path,
-                row=row.line,
-                hint="give the states of one robot",
-            )
-    order = _order(path, first[3 : 3 + count], robot)
+    order = _order(path, table, header[3 : 3 + count], robot)
     values = numbers_of(path, table.rows, header[3 + count : 3 + 2 * count])[:, order]
     clock = numbers_of(path, table.rows, header[:2])
-    return JointRows(path, _lines(table), values, clock[:, 0] + 1e-9 * clock[:, 1])
+    rows = _with_times(path, table, table.rows, values, "")
+    return replace(rows, times=clock[:, 0] + 1e-9 * clock[:, 1])
 
 
 def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
@@ -329,16 +330,11 @@ def _of_columns(path: Path, table: Table, section: InstrumentSection, robot: Rob
                 hint=f"{near(column, table.columns)}; instrument.columns.joints names them",
             )
     values = numbers_of(path, table.rows, needed)
-    time = next((c for c in (section.columns.time, "time_s") if c in table.columns), None)
-    pose = next((c for c in (section.columns.pose, "pose") if c in table.columns), None)
+    time = next((c for c in (section.columns.time, "time_s") if c in table.columns), "")
+    pose = next((c for c in (section.columns.pose, "pose") if c in table.columns), "")
     factor = SECONDS[section.time_unit] if time == section.columns.time else 1.0
-    return JointRows(
-        path,
-        _lines(table),
-        joints_of(path, values, section, robot),
-        seconds_of(path, table.rows, time, factor) if time else None,
-        tuple(row.cells[pose] for row in table.rows) if pose else (),
-    )
+    postures = joints_of(path, values, section, robot)
+    return _with_times(path, table, table.rows, postures, time, factor, pose)
 
 
 def joints_of(

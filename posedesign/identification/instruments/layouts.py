@@ -39,9 +39,7 @@ METRES: Mapping[str, float] = MappingProxyType(
     {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 )
 
-
 SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
-
 
 _UNITS = {
     **{unit: unit for unit in METRES},
@@ -52,18 +50,14 @@ _UNITS = {
     "inch": "in",
 }
 
-
 _WITH_UNIT = re.compile(r"(.+?)(?:[ _]+|\s*[\[(]\s*)(um|mm|cm|m|in|inch)\s*[\])]?", re.IGNORECASE)
 """A name of a column that ends with a unit: ``X [mm]``, ``x_mm``."""
-
 
 MOST_LINES = 1_000_000
 """An hour of motion capture at 240 frames a second."""
 
-
 _HEAD = 100
 """Lines among which the names of the columns are looked for."""
-
 
 _NOT_MEASURED = ("rigid body marker", "bone marker")
 """Types of Motive that are where a marker is expected."""

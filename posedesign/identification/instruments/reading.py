@@ -25,10 +25,14 @@ from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
 from posedesign.files.csv_tables import LONGEST_SHOWN, MOST_LISTED, a_few, first_like, is_number
 from posedesign.files.measurements import MOST_MEASUREMENTS, TOOL, MeasurementTable, check_label
-from posedesign.identification.instruments.joining import Joined, in_same_file, with_joints
+from posedesign.identification.instruments.joining import (
+    Joined,
+    in_ranges,
+    in_same_file,
+    with_joints,
+)
 from posedesign.identification.instruments.joint_logs import read_joint_rows
 from posedesign.identification.instruments.layouts import is_known
-from posedesign.identification.instruments.matching import in_ranges
 from posedesign.identification.instruments.readings import Readings, read_readings
 from posedesign.identification.instruments.scatter import (
     SIGNIFICANT,
@@ -41,7 +45,6 @@ from posedesign.identification.instruments.scatter import (
 TEMPERATURE, TIME, REPEATS = "temperature_c", "time_s", "readings"
 """Columns that are kept beside measurements: temperature, time of the first reading, their number.
 """
-
 
 STREAM = 20
 """Readings of a reflector at a stop from which they are taken without end: neighbours are alike,

@@ -10,14 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError
-from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_from_wpr, rotation_log
+from calib.se3 import FloatArray, IntArray, rotation_log
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, parse_table
-from posedesign.hand_eye.pairs.checks import (
-    Place,
-    rotations_from_quaternions,
-    transforms_from_matrices,
-)
+from posedesign.hand_eye.pairs.forms import Place, rotations_of
 from posedesign.identification.instruments.layouts import (
     METRES,
     Layout,
@@ -120,18 +116,10 @@ def _of_thing(
 def _rotations(path: Path, rows: Sequence[Row], columns: tuple[str, ...], form: str) -> FloatArray:
     """Rotations ``(N, 3, 3)`` from columns in a form."""
     numbers = numbers_of(path, rows, columns)
-    place = Place(path, tuple(row.line for row in rows))
     kind, _, rest = form.partition("-")
-    if kind == "quaternion":
-        if rest == "xyzw":
-            numbers = numbers[:, [3, 0, 1, 2]]
-        return rotations_from_quaternions(numbers, place, columns[0])[0]
-    if kind == "matrix":
-        T = np.tile(np.eye(4), (len(rows), 1, 1))
-        T[:, :3, :3] = numbers.reshape(-1, 3, 3)
-        return transforms_from_matrices(T, place, columns[0])[0][:, :3, :3]
-    angles = np.deg2rad(numbers) if rest == "deg" else numbers
-    return rotation_exp(angles) if kind == "vector" else rotation_from_wpr(angles)
+    numbers = np.roll(numbers, 1, axis=1) if rest == "xyzw" else numbers
+    numbers = np.deg2rad(numbers) if rest == "deg" else numbers
+    return rotations_of(numbers, kind, Place(path, tuple(row.line for row in rows)), columns[0])[0]
 
 
 def seconds_of(path: Path, rows: Sequence[Row], column: str, factor: float) -> FloatArray:

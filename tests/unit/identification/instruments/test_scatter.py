@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from posedesign.identification.instruments.matching import in_ranges, match_times, stops_of
+from posedesign.identification.instruments.joining import in_ranges, match_times, stops_of
 from posedesign.identification.instruments.scatter import (
     SIGNIFICANT,
     Scatter,

@@ -249,19 +249,16 @@ def check_writable(path: Path) -> None:
         )
 
 
-def write_text_atomic(
-    path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8"
-) -> Path:
-    r"""Write a text file whole or not at all, as :func:`write_bytes_atomic` does.
-
-    ``text``: its lines end in ``\n`` or ``\r\n``. ``newline``: what ends them in the file:
-    ``"\r\n"`` for robot controllers. Raises OutputError, too: the text does not fit the encoding.
-    """
-    return write_bytes_atomic(path, encoded(path, text, newline=newline, encoding=encoding))
+def write_text_atomic(path: StrPath, text: str) -> Path:
+    """Write a text file in UTF-8 whole or not at all, as :func:`write_bytes_atomic` does."""
+    return write_bytes_atomic(path, encoded(path, text))
 
 
 def encoded(path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8") -> bytes:
-    """The bytes of a text file; OutputError where the text does not fit the encoding."""
+    r"""The bytes of a text file; OutputError where the text does not fit the encoding.
+
+    ``newline``: what its lines end in, whether in the text it is ``\n`` or ``\r\n``.
+    """
     try:
         return text.replace("\r\n", "\n").replace("\n", newline).encode(encoding)
     except UnicodeEncodeError as error:

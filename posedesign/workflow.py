@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
+from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import (
     MEASURED,
@@ -26,11 +27,7 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import (
-    MeasurementTable,
-    read_measurements,
-    write_measurements,
-)
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
@@ -48,22 +45,18 @@ from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.report.figures import draw
-from posedesign.report.plots import (
-    figure_of_identification,
-    figure_of_plan,
-)
+from posedesign.report.plots import figure_of_identification, figure_of_plan
 from posedesign.selection import Indices
 
 # what only one step needs is loaded there: most commands take one, and all of it takes a second
 if TYPE_CHECKING:
-    from calib.robot_world import Noise, NoiseShown, PairNoise
+    from calib.robot_world import PairNoise
     from posedesign.acceptance import AcceptancePlan, AcceptanceRequest, RecheckPlan, Watch
     from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.file import AcceptanceFile
     from posedesign.hand_eye import Asked, Calibrated
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
-    from posedesign.pairs import SolverOutcome
     from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
 POSES = ("poses.csv", "measuring poses")
@@ -104,11 +97,8 @@ _MOST_NAMED = 3
 def claim_plan(out: Results, *files: tuple[str, str], inputs: Sequence[Path] = ()) -> list[Claim]:
     """Claim ``poses.csv``, the first, and what goes with it.
 
-    Raises
-    ------
-    OutputError
-        A file is not the command's own, or there is what was measured or written from the plan that
-        is there.
+    Raises OutputError: a file is not the command's own, or there is what was measured or written
+    from the plan that is there.
     """
     needed = "" if out.remakes else depending(out.folder / files[0][0])
     return out.claim("planned", *files, inputs=inputs, needed_by={files[0][0]: needed})
@@ -162,15 +152,8 @@ def plan_optimal_poses(
 ) -> OptimalPlan:
     """Choose the best poses; write ``poses.csv`` and ``validation.csv`` where there are any.
 
-    Parameters
-    ----------
-    cell : Cell
-    out : Path or Results
-    request : Request
-    advance : callable, optional
-        Called with what is being done and the part of all work that is done.
-    keep : PoseList, optional
-        Poses that are to be among the chosen, as they are.
+    ``keep``: poses that are to be among the chosen, as they are. ``advance`` is called with what is
+    being done and the part of all work that is done.
     """
     wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
@@ -215,33 +198,44 @@ def plan_next_poses(
     Of a cell that takes pictures of a board, where to take the next, after those of a list of
     poses, or of a ``camera.json``: with camera, board, lens and noise as they were found then.
     """
+    if not cell.sees_board:  # the file of another kind would be found wrong in other words
+        check_touch_up_cell(cell)
+    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
     if cell.sees_board:
-        return _plan_next_views(
+        cell, postures = _pictured(cell, measurements, trust_units)
+        result = plan_next_views(
+            cell, postures, count, criterion=criterion, least_gain=least_gain, accuracy_m=accuracy_m
+        )
+    else:
+        table = _measured(cell, measurements, trust_units)
+        result = plan_next(
             cell,
-            measurements,
-            out,
+            table.data,
             count,
+            kinds=table.kinds,
             criterion=criterion,
             least_gain=least_gain,
             accuracy_m=accuracy_m,
-            trust_units=trust_units,
         )
-    check_touch_up_cell(
-        cell
-    )  # the file of another kind of cell would be found wrong in other words
-    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
-    table = _measured(cell, measurements, trust_units)
-    result = plan_next(
-        cell,
-        table.data,
-        count,
-        kinds=table.kinds,
-        criterion=criterion,
-        least_gain=least_gain,
-        accuracy_m=accuracy_m,
-    )
     _write_poses(poses, cell, result.poses, result.route)
     return result
+
+
+def _pictured(cell: Cell, taken: Path, trust_units: bool) -> tuple[Cell, FloatArray]:
+    """A cell as far as it is calibrated, and the postures ``(N, n)`` of pictures [rad]."""
+    from posedesign.hand_eye import as_calibrated
+
+    if taken.suffix == ".json":
+        return as_calibrated(cell, taken)
+    listed = read_poses(
+        taken,
+        cell.robot.n,
+        slides=cell.robot.slides,
+        controller=cell.robot.controller,
+        trust_units=trust_units,
+    )
+    check_fit(cell, listed)
+    return cell, listed.measured.postures
 
 
 def _write_poses(
@@ -261,44 +255,6 @@ def _write_poses(
     )
 
 
-def _plan_next_views(
-    cell: Cell,
-    taken: Path,
-    out: Path | Results,
-    count: int,
-    *,
-    criterion: str,
-    least_gain: float,
-    accuracy_m: float | None,
-    trust_units: bool,
-) -> NextPoses:
-    from posedesign.hand_eye import as_calibrated
-
-    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[taken])
-    if taken.suffix == ".json":
-        cell, postures = as_calibrated(cell, taken)
-    else:
-        listed = read_poses(
-            taken,
-            cell.robot.n,
-            slides=cell.robot.slides,
-            controller=cell.robot.controller,
-            trust_units=trust_units,
-        )
-        check_fit(cell, listed)
-        postures = listed.measured.postures
-    result = plan_next_views(
-        cell,
-        postures,
-        count,
-        criterion=criterion,
-        least_gain=least_gain,
-        accuracy_m=accuracy_m,
-    )
-    _write_poses(poses, cell, result.poses, result.route)
-    return result
-
-
 def simulated_files(cell: Cell) -> list[tuple[str, str]]:
     """Files that a rehearsal writes, and what they say that they are: measurements, and pairs."""
     if cell.is_hand_eye:
@@ -308,11 +264,7 @@ def simulated_files(cell: Cell) -> list[tuple[str, str]]:
 
 
 def simulate(
-    cell: Cell,
-    poses: PoseList,
-    out: Path | Results,
-    seed: int | None = None,
-    cycles: int = 1,
+    cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None, cycles: int = 1
 ) -> SimulatedRobot:
     """Measure a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
@@ -321,12 +273,10 @@ def simulate(
     seed alone: the one of the cell, unless another is given. ``cycles``: how often an instrument
     reads all poses, one after another.
 
-    Raises
-    ------
-    InputError
-        Several cycles of what is touched: each touch has joint values of its own, and so a name.
+    Raises InputError: several cycles of what is touched: each touch has joint values of its own,
+    and so a name.
     """
-    from posedesign.pairs import Pairs, write_pairs
+    from posedesign.hand_eye.pairs import Pairs, write_pairs
     from posedesign.simulation import SimulatedRobot
 
     claims = Results.of(out, "simulate").claim("simulated", *simulated_files(cell))
@@ -378,8 +328,12 @@ def identify_file(
     from posedesign.identification import identify_models, results_as_dict, summed_up
     from posedesign.identification.comparison import without_repeats
     from posedesign.identification.file import IdentificationFile, residual_rows
+    from posedesign.identification.instruments import (
+        goes_with_temperature,
+        is_of_instrument,
+        read_measured,
+    )
     from posedesign.identification.measurement_set_up import check_readings, far_rows
-    from posedesign.instruments import goes_with_temperature, is_of_instrument, read_measured
 
     results = Results.of(out, "identify")
     inputs = [measurements] if joints is None else [measurements, joints]
@@ -424,21 +378,6 @@ def identify_file(
     return identified
 
 
-def solve_file(
-    pairs: Path,
-    out: Path | Results,
-    methods: Sequence[str] | None = None,
-    noise: Noise | NoiseShown | None = None,
-) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB from a ``pairs.csv``; see :func:`~posedesign.pairs.tables.solve_and_write`."""
-    from posedesign.pairs import read_pairs
-    from posedesign.pairs.tables import DEFAULT_METHODS
-    from posedesign.report.pairs import solve_and_draw
-
-    asked = DEFAULT_METHODS if methods is None else methods
-    return solve_and_draw(read_pairs(pairs), out, asked, noise, inputs=[pairs])
-
-
 def calibrate_from_pictures(
     cell: Cell,
     pictures: Mapping[str, PictureSet],
@@ -450,20 +389,12 @@ def calibrate_from_pictures(
 ) -> tuple[Calibrated, list[Path]]:
     """Calibrate a camera as :func:`calibrate_camera` does, and draw what is left over.
 
-    Parameters
-    ----------
-    transforms : bool
-        Write camera, board and lens for other tools, too, where nothing looks wrong.
-
-    Returns
-    -------
-    Calibrated
-    list of Path
-        Files that were written.
+    ``transforms``: write camera, board and lens for other tools, too, where nothing looks wrong.
+    Returns the files that were written with it.
     """
     from posedesign.hand_eye import CAMERA_FILES, calibrate_camera
     from posedesign.hand_eye.lens_files import LENS_FILES, camera_info, opencv_lens
-    from posedesign.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
     from posedesign.report.hand_eye import figure_of_camera
 
     results = Results.of(out, "camera")
@@ -536,9 +467,8 @@ def judge_acceptance_test(
     )
     from posedesign.identification.file import read_file as read_identification_file
     from posedesign.identification.file import read_identification
-    from posedesign.identification.measurement_set_up import check_readings
+    from posedesign.identification.instruments import is_of_instrument
     from posedesign.identification.models import FRAMES_ONLY
-    from posedesign.instruments import is_of_instrument
     from posedesign.report.acceptance import figure_of_acceptance
 
     planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
@@ -546,9 +476,7 @@ def judge_acceptance_test(
     file, *drawn = Results.of(out, "prove").claim(
         "computed", ACCEPTANCE, *ACCEPTANCE_DRAWN, inputs=read
     )
-    asked, table = read_rule(planned), _measured(cell, measurements, trust_units)
-    if not trust_units:
-        check_readings(cell, table)
+    asked, table = read_rule(planned), _checked(cell, measurements, trust_units)
     used = before = None
     notes: list[str] = []
     if identification is not None:
@@ -584,7 +512,7 @@ def judge_acceptance_test(
 
 def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
     """Measurements of a table, or of an instrument's that has the joints, too."""
-    from posedesign.instruments import is_of_instrument, read_measured
+    from posedesign.identification.instruments import is_of_instrument, read_measured
 
     if is_of_instrument(cell, path):
         return read_measured(cell, path, None, trust_units=trust_units).table
@@ -597,6 +525,16 @@ def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
         controller=cell.robot.controller,
         trust_units=trust_units,
     )
+
+
+def _checked(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
+    """The same, refused where readings cannot be in the unit of their columns."""
+    from posedesign.identification.measurement_set_up import check_readings
+
+    table = _measured(cell, path, trust_units)
+    if not trust_units:
+        check_readings(cell, table)
+    return table
 
 
 def plan_recheck_poses(
@@ -622,11 +560,8 @@ def recheck_file(
 ) -> Recheck:
     """Test by what was measured whether the arm is still the one that was identified."""
     from posedesign.acceptance.file import check_not_fitted
-    from posedesign.identification.measurement_set_up import check_readings
 
-    table = _measured(cell, measurements, trust_units)
-    if not trust_units:
-        check_readings(cell, table)
+    table = _checked(cell, measurements, trust_units)
     check_not_fitted(measurements, table, identification, None)
     return _watch(cell, identification, table.kinds, set_up_anew).test(table)
 

@@ -15,7 +15,7 @@ from calib.errors import InputError
 from calib.identification import minimise
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, transform
-from posedesign.pairs import PairSource
+from posedesign.hand_eye.pairs import PairSource
 
 MM = 1e-3
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz", "x_m", "y_m", "z_m")

@@ -113,21 +113,10 @@ def whiten(
 ) -> Whitened:
     """What poses tell.
 
-    Parameters
-    ----------
-    J : array (M, P)
-        Derivative of the predictions over the noise.
-    covariance : array (P, P)
-        Of the parameters [SI]; zero where one is taken to be as described.
-    anew : array (P, f)
-        What of the set-up stands anew; (P, 0) for nothing.
-    off : array (M,), optional
-        What was read less what was predicted, over the noise.
-
-    Raises
-    ------
-    InputError
-        Nothing is left that a change could show in.
+    ``J`` (M, P): derivative of the predictions over the noise. ``covariance`` (P, P): of the
+    parameters [SI]; zero where one is taken to be as described. ``anew`` (P, f): what of the set-up
+    stands anew; (P, 0) for nothing. ``off`` (M,): what was read less what was predicted, over the
+    noise. Raises InputError: nothing is left that a change could show in.
     """
     rows = np.flatnonzero((J != 0.0).any(axis=1))
     J = J[rows]

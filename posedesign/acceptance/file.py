@@ -215,15 +215,8 @@ def check_not_fitted(
 ) -> list[str]:
     """Refuse a test by what was identified from; what cannot be told is said.
 
-    Parameters
-    ----------
-    fitted : MeasurementTable, optional
-        What the identification was made from, where that is there.
-
-    Raises
-    ------
-    InputError
-        The file, or a row of it, was identified from.
+    ``fitted``: what the identification was made from, where that is there. Raises InputError: the
+    file, or a row of it, was identified from.
     """
     own, there = checksum(measurements), origin_of(identification)
     used = dict(there.inputs) if there is not None else {}

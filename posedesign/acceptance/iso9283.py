@@ -52,20 +52,10 @@ class Figure:
 class PoseCharacteristics:
     """Accuracy and repeatability at a pose.
 
-    Attributes
-    ----------
-    cycles : int
-        n.
-    accuracy : Figure
-        AP_p [m].
-    deviation : array (3,)
-        AP_x, AP_y, AP_z [m].
-    repeatability : Figure
-        RP_l [m]; NaN from a single cycle.
-    angles : array (3,) or None
-        AP_a, AP_b, AP_c [rad]; None where no orientation was measured.
-    angle_repeatability : tuple of Figure
-        RP_a, RP_b, RP_c [rad]; empty where no orientation was measured.
+    ``cycles``: n. ``accuracy``: AP_p [m]. ``deviation`` (3,): AP_x, AP_y, AP_z [m].
+    ``repeatability``: RP_l [m]; NaN from a single cycle. ``angles`` (3,): AP_a, AP_b, AP_c [rad];
+    None where no orientation was measured. ``angle_repeatability``: RP_a, RP_b, RP_c [rad]; empty
+    where no orientation was measured.
     """
 
     cycles: int
@@ -81,12 +71,8 @@ def pose_characteristics(
 ) -> PoseCharacteristics:
     """AP and RP of a pose.
 
-    Parameters
-    ----------
-    deviations : array (n, 3)
-        Attained less commanded position of each cycle [m].
-    angles : array (n, 3), optional
-        The same of the orientation [rad], by angles about three axes.
+    ``deviations`` (n, 3): attained less commanded position of each cycle [m]. ``angles`` (n, 3):
+    the same of the orientation [rad], by angles about three axes.
     """
     deviations = _checked(deviations)
     count = len(deviations)

@@ -70,25 +70,13 @@ _RESAMPLED = 2000
 class Judged:
     """Errors of one arm in a test.
 
-    Attributes
-    ----------
-    arm : str
-    frames : mapping of str to array (4, 4)
-        By target: pose of the instrument or plate in the base frame; of a foot, its place.
-    errors : array (N, 3)
-        Measured less commanded position of each measurement, base axes [m]; of distances the first
-        number is what was read less what it should be.
-    places : array (K,)
-        Error of each pose of the test [m], the mean of its cycles; in a test of places by the frame
-        that the others give.
-    poses : mapping of str to PoseCharacteristics
-        By pose; empty where distances alone were read.
-    distances : mapping of (str, str) to DistanceCharacteristics
-        By pair of poses, or pose and foot.
-    rms : Figure
-        Root mean square of ``places`` [m].
-    beyond : int
-        Of ``places`` beyond the limit, those that were not measured included.
+    ``frames``: by target, pose ``(4, 4)`` of the instrument or plate in the base frame; of a foot,
+    its place. ``errors`` (N, 3): measured less commanded position of each measurement, base axes
+    [m]; of distances the first number is what was read less what it should be. ``places`` (K,):
+    error of each pose of the test [m], the mean of its cycles; in a test of places by the frame
+    that the others give. ``poses``: by pose; empty where distances alone were read. ``distances``:
+    by pair of poses, or pose and foot. ``rms``: root mean square of ``places`` [m]. ``beyond``: how
+    many places are beyond the limit, those that were not measured included.
     """
 
     arm: str
@@ -151,21 +139,10 @@ def judge(
 ) -> Verdict:
     """Judge an arm by the measurements of a test.
 
-    Parameters
-    ----------
-    planned : sequence of str
-        Names of the poses of the test.
-    used : IdentifiedModel, optional
-        What the arm is corrected by.
-    before : IdentifiedModel, optional
-        The arm as described with its tool as found; by default the tool is that of the cell.
-    given_frame : bool
-        Take the instrument where the cell says, in place of where it fits best.
-
-    Raises
-    ------
-    InputError
-        Measurements that do not tell where the tool is, or too few for a frame.
+    ``planned``: names of the poses of the test. ``used``: what the arm is corrected by. ``before``:
+    the arm as described with its tool as found; by default the tool is that of the cell.
+    ``given_frame``: take the instrument where the cell says, in place of where it fits best. Raises
+    InputError: measurements that do not tell where the tool is, or too few for a frame.
     """
     data, kinds = table.data, [table.kinds[k] for k in table.data.setup.kind]
     strange = next((k for k in kinds if k not in ("point", "pose", "touch-up", "distance")), None)
@@ -330,10 +307,7 @@ def best_frame(read: FloatArray, at: FloatArray) -> FloatArray:
     Of readings that are one place, its shift alone. (Arun, Huang and Blostein 1987, with the sign
     of Umeyama 1991.)
 
-    Raises
-    ------
-    InputError
-        Fewer than three places, or places on a line: a frame can turn about them.
+    Raises InputError: fewer than three places, or places on a line: a frame can turn about them.
     """
     a, b = read - read.mean(axis=0), at - at.mean(axis=0)
     if np.ptp(read, axis=0).max() < ONE_POINT_M:

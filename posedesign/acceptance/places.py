@@ -71,21 +71,11 @@ DRAWN = 4000
 class AcceptanceRequest:
     """What is to be proven.
 
-    Attributes
-    ----------
-    test : {"iso", "places"}
-    limit_m : float
-        Of the error of position [m].
-    content, confidence : float
-        Part of the places that is to be within the limit, and the confidence of saying so.
-    allowed : int
-        Places of the test that may be beyond it.
-    plane : str, optional
-        Of :data:`PLANES`; the first that can be taken by default.
-    cycles : int
-        Times that each pose is measured.
-    seed : int
-        Of the places.
+    ``test`` {"iso", "places"}. ``limit_m``: of the error of position [m]. ``content``,
+    ``confidence``: part of the places that is to be within the limit, and the confidence of saying
+    so. ``allowed``: places of the test that may be beyond it. ``plane``: of :data:`PLANES`; the
+    first that can be taken by default. ``cycles``: times that each pose is measured. ``seed``: of
+    the places.
     """
 
     test: str = PLACES
@@ -142,19 +132,10 @@ class AcceptanceRequest:
 class AcceptancePlan:
     """Poses of a test.
 
-    Attributes
-    ----------
-    poses : PoseSet
-    route : Route
-    where : str
-        The places in words.
-    notes : tuple of str
-    chance : float
-        To pass, by what the identification says of the arm; NaN without one.
-    expected_m : float
-        Root mean square error that it predicts at the poses [m]; NaN without one.
-    distances : bool
-        Whether distances alone are read: nothing is said of errors across them.
+    ``where``: the places in words. ``chance``: to pass, by what the identification says of the arm;
+    NaN without one. ``expected_m``: root mean square error that it predicts at the poses [m]; NaN
+    without one. ``distances``: whether distances alone are read: nothing is said of errors across
+    them.
     """
 
     request: AcceptanceRequest
@@ -190,19 +171,9 @@ def plan_acceptance(
 ) -> AcceptancePlan:
     """Plan the poses of an acceptance test.
 
-    Parameters
-    ----------
-    used : IdentifiedModel, optional
-        What the arm is corrected by.
-    known : IdentifiedModel, optional
-        What says most of the arm: arms drawn from it give the chance to pass.
-
-    Raises
-    ------
-    InputError
-        Poses of ISO 9283 in a cell that touches targets, or fewer poses than the proof takes.
-    UnreachableError
-        The arm cannot take the poses.
+    ``used``: what the arm is corrected by. ``known``: what says most of the arm: arms drawn from it
+    give the chance to pass. Raises InputError: poses of ISO 9283 in a cell that touches targets, or
+    fewer poses than the proof takes. UnreachableError: the arm cannot take the poses.
     """
     check_not_hand_eye(cell, "an acceptance test")
     check_base_pose(cell)
@@ -228,10 +199,7 @@ def plan_acceptance(
 def iso_points(box: TaskBox, plane: str, share: float = 1.0) -> FloatArray:
     """P1 to P5 ``(5, 3)`` [m] of ISO 9283 in the largest cube of a box, or a smaller one.
 
-    Raises
-    ------
-    InputError
-        The box is flat: there is no cube in it.
+    Raises InputError: the box is flat: there is no cube in it.
     """
     edge = share * float((box.highest_m - box.lowest_m).min())
     if edge <= 0.0:

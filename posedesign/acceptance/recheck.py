@@ -17,15 +17,7 @@ from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
 from calib.se3 import FloatArray
-from posedesign.acceptance.drift import (
-    Cause,
-    Pool,
-    Recheck,
-    Whitened,
-    choose,
-    judge_change,
-    whiten,
-)
+from posedesign.acceptance.drift import Cause, Pool, Recheck, Whitened, choose, judge_change, whiten
 from posedesign.candidates import CandidatePoses, away_from_singularities, candidates_of
 from posedesign.cell import Cell
 from posedesign.cell.measuring import noise_of_kind
@@ -81,22 +73,10 @@ class Watch:
     ) -> Watch:
         """The watch of an identification.
 
-        Parameters
-        ----------
-        known : IdentifiedModel
-            The model that says most of the arm.
-        noise : mapping of str to Noise
-            By kind of measurement, as the identification found it.
-        kinds : sequence of str
-            What is measured in the recheck.
-        set_up_anew : bool
-            Targets and instruments stand elsewhere than in the identification: where is found with
-            the test, and tells nothing then.
-
-        Raises
-        ------
-        InputError
-            An identification without a covariance.
+        ``known``: the model that says most of the arm. ``noise``: by kind of measurement, as the
+        identification found it. ``kinds``: what is measured in the recheck. ``set_up_anew``:
+        targets and instruments stand elsewhere than in the identification: where is found with the
+        test, and tells nothing then. Raises InputError: an identification without a covariance.
         """
         if known.covariance is None:
             raise InputError(
@@ -206,24 +186,21 @@ class RecheckPlan:
         return {cause.name: self.told.smallest(cause.name) for cause in self.watch.causes}
 
 
-def plan_recheck(cell: Cell, watch: Watch, count: int = USUAL, *, seed: int = 0) -> RecheckPlan:
+def plan_recheck(cell: Cell, watch: Watch, count: int = USUAL) -> RecheckPlan:
     """Choose the poses that tell a change of the weakest zero best.
 
-    Raises
-    ------
-    InputError
-        Fewer poses than tell anything, or no clear way to them.
+    Raises InputError: fewer poses than tell anything, or no clear way to them.
     """
     if not 1 <= count <= MOST:
         raise InputError(f"{count} poses", hint=f"ask for 1 to {MOST}", name="poses")
     pool = _of_identified(cell, watch, candidates_of(away_from_singularities(cell)))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     if len(pool) > AT_ONCE:
         pool = pool.take(np.sort(rng.choice(len(pool), AT_ONCE, replace=False)))
     router, why = Router.of_cell(cell), ""
     for attempt in range(ATTEMPTS):
         arrays, blind = _arrays(cell, watch, pool)
-        rows, _ = choose(arrays, count, np.random.default_rng(seed))
+        rows, _ = choose(arrays, count, np.random.default_rng(0))
         route = router.route(pool.postures[rows], pool.loads[rows])
         if not route.lost:
             break
@@ -237,7 +214,7 @@ def plan_recheck(cell: Cell, watch: Watch, count: int = USUAL, *, seed: int = 0)
     for k in sorted({*COUNTS, count}):
         if k > len(pool):
             continue
-        best = rows if k == count else choose(arrays, k, np.random.default_rng(seed))[0]
+        best = rows if k == count else choose(arrays, k, np.random.default_rng(0))[0]
         some = pool.take(best)
         try:
             each = watch.told_by(some.postures, _setup(cell, watch, some))
@@ -258,10 +235,7 @@ def _setup(cell: Cell, watch: Watch, pool: CandidatePoses) -> Setup:
 def _of_identified(cell: Cell, watch: Watch, pool: CandidatePoses) -> CandidatePoses:
     """The poses of targets and tools that were identified: others have nothing to be held against.
 
-    Raises
-    ------
-    InputError
-        There are none.
+    Raises InputError: there are none.
     """
     if cell.is_plain:
         return pool

@@ -28,17 +28,8 @@ MOST_PLACES = 1000
 def places_needed(content: float, confidence: float, allowed: int = 0) -> int:
     """The fewest places that can prove it.
 
-    Parameters
-    ----------
-    content, confidence : float
-        P and C, between 0 and 1.
-    allowed : int
-        Places that may be beyond the limit.
-
-    Raises
-    ------
-    InputError
-        A number that is none, or more than :data:`MOST_PLACES` places.
+    ``content``, ``confidence``: P and C, between 0 and 1. ``allowed``: places that may be beyond
+    the limit. Raises InputError: a number that is none, or more than :data:`MOST_PLACES` places.
     """
     for name, value in (("content", content), ("confidence", confidence)):
         if not 0.0 < value < 1.0:

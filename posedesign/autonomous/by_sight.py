@@ -54,10 +54,7 @@ _PLATES = 10
 class SightResult:
     """A calibration, and where the robot was simulated what it is worth on a plate.
 
-    Attributes
-    ----------
-    plate : PlateTest, str or None
-        Or in words why the plate cannot be touched; None for a real robot.
+    ``plate``: or in words why the plate cannot be touched; None for a real robot.
     """
 
     calibration: Calibration
@@ -175,42 +172,20 @@ def run_by_sight(
 ) -> SightResult:
     """Calibrate the robot of a ``cell.toml``: a real one behind a folder, or the simulated one.
 
-    Parameters
-    ----------
-    path : Path
-        The cell.
-    out : Path
-        Folder for the results, and the journal that a stopped calibration goes on from.
-    folder : Path, optional
-        See :class:`~posedesign.autonomous.folder_robot.FolderRobot`.
-    dialect : str, optional
-        Of the programs in the folder; by default that of the robot's controller.
-    camera : str, optional
-        That is connected to this computer: see
-        :class:`~posedesign.autonomous.video_camera.VideoCamera`. By default pictures come through
-        the folder.
-    wait_s : float
-        Longest wait for a picture in the folder [s].
-    kind : {"image", "fast"}
-        Whether the simulated camera takes pictures.
-    seed : int, optional
-        Of the simulated noise; by default the cell's.
-    pictures_mb : float, optional
-        Disk that the pictures may take that are kept; by default 1000 MB of a real robot, and
-        nothing of a rehearsal.
-    restart : bool
-        Put all files of what was measured before aside, together, and begin anew.
-    overwrite : bool
-        Replace files that no calibration wrote; they are kept under other names.
-    progress, warn : callable
-        See :func:`~posedesign.autonomous.process.calibrate`.
-
-    Raises
-    ------
-    CalibError
-        What :func:`~posedesign.autonomous.process.calibrate` raises, a cell that is not one of
-        touch-ups, options that contradict each other, a folder that is in use or has touch-ups of
-        other origin.
+    ``path``: the cell. ``out``: folder for the results, and the journal that a stopped calibration
+    goes on from. ``folder``: see :class:`~posedesign.autonomous.folder_robot.FolderRobot`.
+    ``dialect``: of the programs in the folder; by default that of the robot's controller.
+    ``camera``: that is connected to this computer: see
+    :class:`~posedesign.autonomous.video_camera.VideoCamera`. By default pictures come through the
+    folder. ``wait_s``: longest wait for a picture in the folder [s]. ``kind`` {"image", "fast"}:
+    whether the simulated camera takes pictures. ``seed``: of the simulated noise; by default the
+    cell's. ``pictures_mb``: disk that the pictures may take that are kept; by default 1000 MB of a
+    real robot, and nothing of a rehearsal. ``restart``: put all files of what was measured before
+    aside, together, and begin anew. ``overwrite``: replace files that no calibration wrote; they
+    are kept under other names. ``progress``, ``warn``: see
+    :func:`~posedesign.autonomous.process.calibrate`. Raises CalibError: what
+    :func:`~posedesign.autonomous.process.calibrate` raises, a cell that is not one of touch-ups,
+    options that contradict each other, a folder that is in use or has touch-ups of other origin.
     """
     _check_options(folder, dialect, camera, kind, seed)
     cell = Cell.load(path)
@@ -247,7 +222,7 @@ def run_by_sight(
         about, own, pictures=kind == "image", simulated=True, pictures_mb=pictures_mb or 0.0
     )
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
-    found = _calibrate(cell, arms, results, session, path.parent, restart, progress, warn)
+    found = _calibrate(cell, arms, results, session, path.parent, restart, progress)
     fast = observer if kind == "fast" else true_observer(cell, "fast")
     return SightResult(found, _plate(cell, found, fast, own))
 
@@ -268,17 +243,14 @@ def calibrate_robot(
     arms = OneArm(robot, target_of(cell))
     session = _Session(_about(cell, _named(robot)), pictures_mb=pictures_mb)
     results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
-    return _calibrate(cell, arms, results, session, source, restart, progress, warn)
+    return _calibrate(cell, arms, results, session, source, restart, progress)
 
 
 @dataclass(frozen=True)
 class _Session:
     """What is measured with.
 
-    Attributes
-    ----------
-    about : mapping of str to str
-        See :class:`~posedesign.autonomous.journal.Journal`.
+    ``about``: see :class:`~posedesign.autonomous.journal.Journal`.
     """
 
     about: Mapping[str, str]
@@ -306,10 +278,9 @@ def _calibrate(
     source: Path,
     restart: bool,
     progress: Progress,
-    warn: Callable[[str], None],
 ) -> Calibration:
     _check_kind(cell)
-    out = make_folder(results.folder)
+    out, warn = make_folder(results.folder), results.say
     results = replace(results, place=identity_of(out))
     with held(out, _DOING):
         if restart:

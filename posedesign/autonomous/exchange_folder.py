@@ -18,13 +18,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from calib.errors import FileFormatError, InputError, OutputError
+from calib.errors import FileFormatError, InputError
+from posedesign.files import not_written
 from posedesign.programs.program import in_range
 
 LONGEST_S = 7 * 24 * 3600.0
 """Longest wait: over a week-end that nobody is at the cell, and some days more."""
 
 _NUMBERED = re.compile(r"(?:move)?(\d{4})(?!\d).*", re.ASCII | re.DOTALL)
+
+_CHECK = "check that it is there, can be written and has free space"
 
 T = TypeVar("T")
 
@@ -33,21 +36,10 @@ T = TypeVar("T")
 class ExchangeFolder:
     """A folder with ``out`` for orders and ``in`` for results; both are made if need be.
 
-    Parameters
-    ----------
-    folder : Path
-        Must exist: a share that is not connected is not replaced by a folder on this disk.
-    timeout_s : float
-        Longest wait for a result [s].
-    poll_s : float
-        Time from look to look [s]. A file is read when it has not changed between two.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, a link leads out of it, or a time is out of its range.
-    OutputError
-        The folder cannot be written.
+    ``folder``: must exist: a share that is not connected is not replaced by a folder on this disk.
+    ``timeout_s``: longest wait for a result [s]. ``poll_s``: time from look to look [s]. A file is
+    read when it has not changed between two. Raises InputError: there is no such folder, a link
+    leads out of it, or a time is out of its range. OutputError: the folder cannot be written.
     """
 
     folder: Path
@@ -68,7 +60,7 @@ class ExchangeFolder:
             try:
                 place.mkdir(exist_ok=True)
             except OSError as error:
-                raise _not_written(place, error) from error
+                raise not_written(place, error, _CHECK) from error
 
     @property
     def orders(self) -> Path:
@@ -81,30 +73,15 @@ class ExchangeFolder:
         return self.folder / "in"
 
     def last_number(self) -> int:
-        """Highest number of an order that is there; 0 for none.
-
-        Raises
-        ------
-        FileFormatError
-            The folder cannot be listed.
-        """
+        """Highest number of an order that is there; 0 for none."""
         return max((number_of(name) for name in _entries(self.orders)), default=0)
 
     @contextmanager
     def publishing(self, last: str) -> Iterator[Path]:
         """A folder that an order is written in unseen; left without an error, it goes out.
 
-        Parameters
-        ----------
-        last : str
-            Name of the file that goes last, when all others are there.
-
-        Raises
-        ------
-        OutputError
-            The folder cannot be written.
-        InputError
-            A link leads out of it by now.
+        ``last``: name of the file that goes last, when all others are there. Raises OutputError:
+        the folder cannot be written. InputError: a link leads out of it by now.
         """
         try:
             with tempfile.TemporaryDirectory(
@@ -119,24 +96,14 @@ class ExchangeFolder:
                         # a link that stands there is replaced, not followed
                         os.replace(entry, folder.path / entry.name, dst_dir_fd=folder.descriptor)
         except OSError as error:
-            raise _not_written(self.orders, error) from error
+            raise not_written(self.orders, error, _CHECK) from error
 
     def refuse_early(self, is_its: Callable[[str], bool], event: str) -> None:
         """Refuse a result that is there before it was ordered.
 
-        Parameters
-        ----------
-        is_its : callable
-            Whether the file of this name would be taken for the result.
-        event : str
-            What it was there before, in words.
-
-        Raises
-        ------
-        InputError
-            There is such a file.
-        FileFormatError
-            The folder cannot be listed.
+        ``is_its``: whether the file of this name would be taken for the result. ``event``: what it
+        was there before, in words. Raises InputError: there is such a file. FileFormatError: the
+        folder cannot be listed.
         """
         early = next((name for name in sorted(_entries(self.results)) if is_its(name)), None)
         if early is not None:
@@ -168,28 +135,10 @@ class ExchangeFolder:
     ) -> tuple[T, Path]:
         """Wait for a result that does not change any more and can be read.
 
-        Parameters
-        ----------
-        label : str
-            Name of the file without ending, in the folder of results.
-        endings : sequence of str
-            That it may have.
-        read : callable
-            Reads it; a FileFormatError means that it is not whole yet.
-        hint : str
-            What to do where nothing comes.
-
-        Returns
-        -------
-        T
-            What was read.
-        Path
-            The file.
-
-        Raises
-        ------
-        FileFormatError
-            It has not come in time, or could not be read until then.
+        ``label``: name of the file without ending, in the folder of results. ``endings``: that it
+        may have. ``read``: reads it; a FileFormatError means that it is not whole yet. ``hint``:
+        what to do where nothing comes. Returns what was read, and the file. Raises FileFormatError:
+        it has not come in time, or could not be read until then.
         """
         until = time.monotonic() + self.timeout_s
         before: tuple[object, ...] | None = None
@@ -281,11 +230,3 @@ def _stamp(path: Path) -> tuple[object, ...] | None:
     except OSError:
         return None
     return (path, status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
-
-
-def _not_written(place: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"{place} cannot be written: {error.strerror or error}",
-        hint="check that it is there, can be written and has free space",
-        name=str(place),
-    )

@@ -62,20 +62,10 @@ MOST_MOVES = 9999
 class _Move:
     """The last move: where it was to go, and how far its results are read.
 
-    Attributes
-    ----------
-    number : int
-        Counted from 1 in the folder.
-    posture, written : array (n,)
-        As it was commanded, and as it stands in the program, rounded [rad].
-    program : Path
-        The file with the position, relative to the folder of programs.
-    mark : str
-        Fingerprint that the program carries.
-    pictures : int
-        That were asked for.
-    waiting : bool
-        The last of them has not been read yet.
+    ``number``: counted from 1 in the folder. ``posture``, ``written`` (n,): as it was commanded,
+    and as it stands in the program, rounded [rad]. ``program``: the file with the position,
+    relative to the folder of programs. ``mark``: fingerprint that the program carries.
+    ``pictures``: that were asked for. ``waiting``: the last of them has not been read yet.
     """
 
     number: int
@@ -103,27 +93,13 @@ class FolderRobot(RobotAdapter):
     A move returns when its program is written; the picture tells that it was made, so
     :meth:`grab` and :meth:`joints` wait for it. After a time-out the same call goes on waiting.
 
-    Parameters
-    ----------
-    cell : Cell
-        Whose robot it is, with the ``[program]`` section for speed, frames and time to settle.
-    folder : Path or str
-        Must exist. ``in`` and ``out`` are made in it, and nothing is written elsewhere.
-    dialect : str, optional
-        Format of the programs; by default that of the robot's controller.
-    camera : VideoCamera, optional
-        That takes the pictures; by default they come through the folder.
-    timeout_s : float
-        Longest wait for a result [s].
-    poll_s : float
-        Time from look to look [s]. A file is read when it has not changed between two.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, no dialect, or a time out of its range.
-    OutputError
-        The folder cannot be written.
+    ``cell``: whose robot it is, with the ``[program]`` section for speed, frames and time to
+    settle. ``folder``: must exist. ``in`` and ``out`` are made in it, and nothing is written
+    elsewhere. ``dialect``: format of the programs; by default that of the robot's controller.
+    ``camera``: that takes the pictures; by default they come through the folder. ``timeout_s``:
+    longest wait for a result [s]. ``poll_s``: time from look to look [s]. A file is read when it
+    has not changed between two. Raises InputError: there is no such folder, no dialect, or a time
+    out of its range. OutputError: the folder cannot be written.
     """
 
     def __init__(
@@ -157,15 +133,10 @@ class FolderRobot(RobotAdapter):
     def move(self, q: FloatArray) -> None:
         """Write the program that moves the joints to ``(n,)`` [rad]; results are waited for later.
 
-        Raises
-        ------
-        JointLimitError, InputError
-            The posture is outside the limits or not finite, the format cannot say it, there are
-            results of this number already, or somebody else has ordered a move since the last.
-        FileFormatError
-            The folder cannot be listed: the share that it is on is gone.
-        OutputError
-            A file cannot be written.
+        Raises JointLimitError, InputError: the posture is outside the limits or not finite, the
+        format cannot say it, there are results of this number already, or somebody else has ordered
+        a move since the last. FileFormatError: the folder cannot be listed: the share that it is on
+        is gone. OutputError: a file cannot be written.
         """
         self._cell.robot.check_limits(q)
         before = 0 if self._move is None else self._move.number
@@ -195,12 +166,8 @@ class FolderRobot(RobotAdapter):
         From the table or the program that came with the picture. Where neither came they are those
         that stand in the program that was run, rounded as it rounds them.
 
-        Raises
-        ------
-        InputError
-            There was no move, or they are not those of this move.
-        FileFormatError
-            They, and the picture, have not come in time, or cannot be read.
+        Raises InputError: there was no move, or they are not those of this move. FileFormatError:
+        they, and the picture, have not come in time, or cannot be read.
         """
         made = self._moved()
         shown = self._shown(made)
@@ -212,15 +179,10 @@ class FolderRobot(RobotAdapter):
     def grab(self) -> GreyImage:
         """Picture ``(height, width)`` of 8 bits of the move; another one every time it is called.
 
-        Raises
-        ------
-        InputError
-            There was no move, joint values that came with the picture are not those of this move,
-            or a picture was there before it was asked for.
-        FileFormatError
-            It has not come in time, or cannot be read.
-        OutputError
-            The request for another picture cannot be written.
+        Raises InputError: there was no move, joint values that came with the picture are not those
+        of this move, or a picture was there before it was asked for. FileFormatError: it has not
+        come in time, or cannot be read. OutputError: the request for another picture cannot be
+        written.
         """
         made = self._moved()
         if not made.waiting:
@@ -234,8 +196,11 @@ class FolderRobot(RobotAdapter):
 
     def _wait(self, made: _Move) -> GreyImage:
         """Wait for the picture of a move, or with a camera for no more than the arm's standing."""
-        endings, read = (ENDINGS, read_picture) if self._camera is None else (DONE, _nothing)
-        return self._exchange.wait(made.picture, endings, read, self._hint(made))[0]
+        hint = self._hint(made)
+        if self._camera is None:
+            return self._exchange.wait(made.picture, ENDINGS, read_picture, hint)[0]
+        nothing: GreyImage = np.empty((0, 0), dtype=np.uint8)
+        return self._exchange.wait(made.picture, DONE, lambda path: nothing, hint)[0]
 
     def _moved(self) -> _Move:
         if self._move is None:
@@ -338,11 +303,6 @@ class FolderRobot(RobotAdapter):
             )
         check_recorded_frames(self._cell, self._dialect, positions, path)
         return np.asarray(postures_of(positions, self._seen, made.posture[None])[0])
-
-
-def _nothing(path: Path) -> GreyImage:
-    """What an empty file says."""
-    return np.empty((0, 0), dtype=np.uint8)
 
 
 def _one_pose(name: str, posture: FloatArray) -> PoseList:

@@ -25,7 +25,13 @@ from calib.vision.camera.observers import Target
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
 from calib.vision.touch_up.jacobian import MeasuredJacobian
 from calib.vision.touch_up.servo import Bias, Status
-from posedesign.files import identity_of, json_text, load_json, read_bytes_bounded
+from posedesign.files import (
+    identity_of,
+    json_text,
+    load_json,
+    not_written,
+    read_bytes_bounded,
+)
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
@@ -45,21 +51,10 @@ class Journal:
 
     One process may have it open at a time; see :func:`~posedesign.files.locking.held`.
 
-    Parameters
-    ----------
-    path : Path
-        Made where it does not exist.
-    about : mapping of str to str
-        What the measurements are of, each under a word for it: robot, description, cell. Where the
-        journal has another one under a word, it is named.
-
-    Raises
-    ------
-    FileFormatError
-        The file is of another calibration, of another version, damaged, or no journal; it is left
-        as it is.
-    OutputError
-        It cannot be written, or is a link.
+    ``path``: made where it does not exist. ``about``: what the measurements are of, each under a
+    word for it: robot, description, cell. Where the journal has another one under a word, it is
+    named. Raises FileFormatError: the file is of another calibration, of another version, damaged,
+    or no journal; it is left as it is. OutputError: it cannot be written, or is a link.
     """
 
     def __init__(self, path: Path, about: Mapping[str, str]) -> None:
@@ -106,24 +101,11 @@ class Journal:
     ) -> T:
         """The answer kept under a name, or that of measuring now, which is kept.
 
-        Parameters
-        ----------
-        asked : array (k,)
-            What is asked for, joint values first [rad].
-        measure : callable
-            Makes the measurement; what it raises comes out as it is.
-        read : callable
-            What an answer says; a KeyError, TypeError, ValueError or IndexError of it means that
-            the answer is damaged.
-
-        Raises
-        ------
-        InputError
-            Something else was asked for under this name.
-        FileFormatError
-            The answer cannot be read.
-        OutputError
-            The answer cannot be written.
+        ``asked`` (k,): what is asked for, joint values first [rad]. ``measure``: makes the
+        measurement; what it raises comes out as it is. ``read``: what an answer says; a KeyError,
+        TypeError, ValueError or IndexError of it means that the answer is damaged. Raises
+        InputError: something else was asked for under this name. FileFormatError: the answer cannot
+        be read. OutputError: the answer cannot be written.
         """
         if name not in self._kept:
             self.check_place()  # before an arm moves for what could not be kept
@@ -152,10 +134,8 @@ class Journal:
     def check_place(self) -> None:
         """Refuse to go on where the file, or the folder that it is in, is no longer the same.
 
-        Raises
-        ------
-        OutputError
-            It was removed, or replaced by another one or by a link: what is measured would be lost.
+        Raises OutputError: it was removed, or replaced by another one or by a link: what is
+        measured would be lost.
         """
         own = os.fstat(self._stream.fileno())
         same = (
@@ -228,9 +208,11 @@ class Journal:
         for what, own in about.items():
             other = begun.get(what) if isinstance(begun, dict) else None
             if other != own:
-                shown = f" ({other!s:.200})" if what == "robot" else ""
+                shown, wanted = "", f"the {what} that there is now"
+                if what == "robot":
+                    shown, wanted = f" ({other!s:.200})", own
                 raise FileFormatError(
-                    f"was begun with another {what}{shown}, not with {_told(what, own)}",
+                    f"was begun with another {what}{shown}, not with {wanted}",
                     path=self.path,
                     hint="choose another `out`, or `restart`",
                     value=other,
@@ -243,19 +225,9 @@ class Journal:
         )
 
 
-def _told(what: str, own: str) -> str:
-    """What a journal is to be of, for the one who is refused."""
-    return own if what == "robot" else f"the {what} that there is now"
-
-
 def open_no_link(path: str, flags: int) -> int:
     """Open a file for writing, and no link: what stands behind it is somebody else's."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
-def not_written(path: Path, error: OSError, hint: str) -> OutputError:
-    """The error of a file that cannot be appended to."""
-    return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))
 
 
 def _failed(entry: dict[str, Any]) -> bool:
@@ -269,18 +241,14 @@ def _failed(entry: dict[str, Any]) -> bool:
 
 _STATUS: tuple[Status, ...] = get_args(Status)
 
-
 _ONLY = np.zeros(1, dtype=np.intp)
 
 
 class KeptStation(Station):
     """A station whose measurements are kept in a journal and never made twice.
 
-    Parameters
-    ----------
-    seed : int
-        Simulated arms draw the noise of each measurement from this and its name, so that a
-        calibration comes out the same whether it was stopped or not.
+    ``seed``: simulated arms draw the noise of each measurement from this and its name, so that a
+    calibration comes out the same whether it was stopped or not.
     """
 
     def __init__(self, drive: Drive, journal: Journal, seed: int = 0) -> None:

@@ -28,8 +28,8 @@ from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import Kind
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 from posedesign.identification import Identified
-from posedesign.pairs import Pairs, write_pairs
 from posedesign.planning import PoseList, PosePlan
 from posedesign.simulation import target_of
 from posedesign.workflow import (
@@ -75,16 +75,9 @@ class Missed:
 class Calibration:
     """What a calibration has found.
 
-    Attributes
-    ----------
-    set_up : SetUp
-        Of the first step.
-    cell : Cell
-        With what the first step has found.
-    sigma_m : array (3,)
-        Noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
-    touch_ups : Measurements
-        Of the second step.
+    ``set_up``: of the first step. ``cell``: with what the first step has found. ``sigma_m`` (3,):
+    noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
+    ``touch_ups``: of the second step.
     """
 
     set_up: SetUp
@@ -112,12 +105,8 @@ def loop_of(cell: Cell) -> Loop:
 class SessionFiles:
     """Files of one calibration, claimed before the arm moves.
 
-    Attributes
-    ----------
-    pairs : Claim or None
-        None where there are no pictures.
-    planned : tuple of Claim
-        What planning and identification will write, and claim once more.
+    ``pairs``: None where there are no pictures. ``planned``: what planning and identification will
+    write, and claim once more.
     """
 
     found_cell: Claim
@@ -137,21 +126,10 @@ class SessionFiles:
     ) -> SessionFiles:
         """Files in a folder.
 
-        Parameters
-        ----------
-        session : str
-            What they are of: files of another session are not replaced.
-        simulated : bool
-            Whether the robot is.
-        pictures : bool
-            Whether there are any, to have pairs from.
-        check : bool
-            Refuse what must not be replaced, at once.
-
-        Raises
-        ------
-        OutputError
-            There is a file of somebody else's.
+        ``session``: what they are of: files of another session are not replaced. ``simulated``:
+        whether the robot is. ``pictures``: whether there are any, to have pairs from. ``check``:
+        refuse what must not be replaced, at once. Raises OutputError: there is a file of somebody
+        else's.
         """
         kind: Kind = "simulated" if simulated else "measured"
         made: Kind = "simulated" if simulated else "computed"
@@ -187,30 +165,14 @@ def calibrate(
     ``found_cell.toml``, ``poses.csv``, ``rounds.csv``, ``touchups.csv`` as it grows, where there
     are pictures ``pairs.csv``, and ``identification.json``.
 
-    Parameters
-    ----------
-    cell : Cell
-        Its base posture is the taught one, with the target in view. What it says of tool point,
-        camera and target is not looked at.
-    source : Path
-        Folder that the paths in the cell are relative to.
-    files : SessionFiles, optional
-        As they were claimed; by default those of a real robot with pictures.
-    progress : callable
-        Called with what is being done and the part of all work that is done.
-    warn : callable
-        Told of what is odd.
-
-    Raises
-    ------
-    UnreachableError
-        Camera and target were not found, or no poses can be planned for them.
-    ConvergenceError
-        Too few poses could be touched up.
-    OutputError
-        There is a file of somebody else's, or the folder was replaced meanwhile.
-    CalibError
-        What the adapter of a robot raises.
+    ``cell``: its base posture is the taught one, with the target in view. What it says of tool
+    point, camera and target is not looked at. ``source``: folder that the paths in the cell are
+    relative to. ``files``: as they were claimed; by default those of a real robot with pictures.
+    ``progress``: called with what is being done and the part of all work that is done. ``warn``:
+    told of what is odd. Raises UnreachableError: camera and target were not found, or no poses can
+    be planned for them. ConvergenceError: too few poses could be touched up. OutputError: there is
+    a file of somebody else's, or the folder was replaced meanwhile. CalibError: what the adapter of
+    a robot raises.
     """
     results = results_of(out)
     if results.place is None:
@@ -231,7 +193,10 @@ def calibrate(
         warn(f"a turn around the target was left out: {note}")
     sigma = measure_noise(cell, station, set_up, loop, progress)
     known = found_cell(cell, set_up, station.image_px, sigma if np.isfinite(sigma).all() else None)
-    write_text_atomic(files.found_cell, _found_text(known, source))
+    bare = known.config.model_copy(update={"truth": type(cell.config.truth)()})
+    said = "The cell with camera and target as posedesign calibrate found them.\n"
+    said += "Lengths in mm, angles in degrees, joints in URDF signs."
+    write_text_atomic(files.found_cell, cell_text(bare, source, said))
     progress("planning", _NOISE)
     later = replace(results, inputs=(*results.inputs, files.found_cell.path))
     plan = plan_poses(known, later)
@@ -302,10 +267,7 @@ def touch_up_plan(
 ) -> tuple[Measurements, tuple[Missed, ...]]:
     """Touch up the poses of a plan along its route; ``touchups.csv`` grows with each.
 
-    Raises
-    ------
-    ConvergenceError
-        Hardly a pose could be touched up.
+    Raises ConvergenceError: hardly a pose could be touched up.
     """
     bias = tilt_bias(cell, set_up)
     stops = PoseList.of_route(plan.poses, plan.route)
@@ -324,7 +286,8 @@ def touch_up_plan(
             continue
         names.append(name)
         postures.append(done.q[0])
-        data = _measurements(cell, names, postures)
+        setup, target = Setup.of(len(names)), (cell.config.target.name,)
+        data = Measurements(np.array(postures), setup, target, names=tuple(names))
         write_measurements(files.touch_ups, data)
         seen.add(name, done.q[0])
     station.rest()
@@ -340,21 +303,6 @@ def touch_up_plan(
     return data, tuple(missed)
 
 
-def _measurements(cell: Cell, names: list[str], postures: list[FloatArray]) -> Measurements:
-    q = np.array(postures)
-    return Measurements(q, Setup.of(len(q)), (cell.config.target.name,), names=tuple(names))
-
-
-def _found_text(cell: Cell, source: Path) -> str:
-    bare = cell.config.model_copy(update={"truth": type(cell.config.truth)()})
-    return cell_text(
-        bare,
-        source,
-        "The cell with camera and target as posedesign calibrate found them.\n"
-        "Lengths in mm, angles in degrees, joints in URDF signs.",
-    )
-
-
 _NEAREST, _FARTHEST = 0.5, 2.0
 """Distances of the target, in parts of the designated one, that a cell without a camera section is
 given: the loop brings the target to the designated one, whatever happens on the way."""
@@ -368,12 +316,8 @@ def found_cell(
 ) -> Cell:
     """A cell with what was found in place of what its file says of tool point, camera and target.
 
-    Parameters
-    ----------
-    image_px : tuple of int
-        Width and height of the pictures.
-    sigma_m : array (3,), optional
-        Noise of a touch-up along x, y, z of the camera [m], where it was measured.
+    ``image_px``: width and height of the pictures. ``sigma_m`` (3,): noise of a touch-up along x,
+    y, z of the camera [m], where it was measured.
     """
     config = cell.config
     T = set_up.T_tip_camera
@@ -454,10 +398,7 @@ _QUARTER = np.pi / 2.0
 class TargetPoses:
     """Collects A = T_base_tip and B = T_target_camera at touched-up postures.
 
-    Parameters
-    ----------
-    cell : Cell
-        With camera and target as they were found.
+    ``cell``: with camera and target as they were found.
     """
 
     def __init__(self, cell: Cell, station: Station, set_up: SetUp) -> None:

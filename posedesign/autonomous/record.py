@@ -25,8 +25,8 @@ from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import Views
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up import Arms
-from posedesign.autonomous.journal import not_written, open_no_link
-from posedesign.files import Claim, make_folder, read_bytes_bounded
+from posedesign.autonomous.journal import open_no_link
+from posedesign.files import Claim, make_folder, not_written, read_bytes_bounded
 
 LOG = ("log.csv", "log")
 PICTURES = "pictures"
@@ -49,23 +49,10 @@ _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 class Record:
     """Log and pictures of one calibration, appended to; nothing in them is ever replaced.
 
-    Parameters
-    ----------
-    log : Claim
-        The file; made where it does not exist.
-    n : int
-        Number of joints.
-    keep_mb : float
-        That all pictures may take, those of before included; 0 for none.
-    say : callable
-        Told when pictures are kept no longer.
-
-    Raises
-    ------
-    FileFormatError
-        What is there is no such log.
-    OutputError
-        It cannot be written, or it or the folder of the pictures is a link.
+    ``log``: the file; made where it does not exist. ``n``: number of joints. ``keep_mb``: that all
+    pictures may take, those of before included; 0 for none. ``say``: told when pictures are kept no
+    longer. Raises FileFormatError: what is there is no such log. OutputError: it cannot be written,
+    or it or the folder of the pictures is a link.
     """
 
     def __init__(
@@ -134,10 +121,7 @@ class Record:
     ) -> None:
         """Append a row at once; joints ``(n,)`` in radians, V, H and s ``(3,)`` in pixels.
 
-        Raises
-        ------
-        OutputError
-            The log cannot be written.
+        Raises OutputError: the log cannot be written.
         """
         n = len(self._columns) - 9
         degrees = [""] * n
@@ -222,10 +206,7 @@ class Record:
 class RecordedArms:
     """Arms of one whose moves and looks are recorded; else as they are.
 
-    Parameters
-    ----------
-    arms : Arms
-        Of one arm.
+    ``arms``: of one arm.
     """
 
     def __init__(self, arms: Arms, record: Record) -> None:

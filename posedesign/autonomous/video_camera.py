@@ -44,21 +44,10 @@ _BLACK, _SEEN = 16, 1e-3
 class VideoCamera:
     """Grey pictures, each taken after it was asked for.
 
-    Parameters
-    ----------
-    source : str
-        Number of a device, address of a stream, or a file.
-    size_px : tuple of int, optional
-        Width and height that pictures must have; a device is set to it. By default as they come.
-    open_ : callable
-        Opens a number or a text: OpenCV's, or what stands in for it.
-    clock : callable
-        Seconds that go on.
-
-    Raises
-    ------
-    InputError
-        It cannot be opened.
+    ``source``: number of a device, address of a stream, or a file. ``size_px``: width and height
+    that pictures must have; a device is set to it. By default as they come. ``open_``: opens a
+    number or a text: OpenCV's, or what stands in for it. ``clock``: seconds that go on. Raises
+    InputError: it cannot be opened.
     """
 
     def __init__(
@@ -93,11 +82,8 @@ class VideoCamera:
 
         Of a recording, the next one.
 
-        Raises
-        ------
-        InputError
-            There is none, it has another size than those before, it is black, or the camera
-            repeats one.
+        Raises InputError: there is none, it has another size than those before, it is black, or the
+        camera repeats one.
         """
         if not self._is_live:
             return self._read()

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from posedesign.cli.output import (
     DONE,
+    LARGEST_SEED,
     NOT_REACHED,
+    AsJson,
+    CellFile,
+    OutFolder,
+    Overwrite,
+    TrustUnits,
+    Verbose,
     command_line,
     knowing,
     progress,
@@ -18,30 +25,13 @@ from posedesign.cli.output import (
     results_in,
     tell,
 )
-from posedesign.cli.plan_commands import (
-    LARGEST_SEED,
-    AsJson,
-    CellFile,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-)
 
 if TYPE_CHECKING:
-    from posedesign.acceptance.drift import Recheck
     from posedesign.acceptance.places import AcceptanceRequest
 
 Measured = Annotated[
-    Path | None,
-    typer.Argument(help="What was measured at these poses; none: plan them."),
+    Path | None, typer.Argument(help="What was measured at these poses; none: plan them.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command()(prove)
-    app.command()(recheck)
 
 
 def prove(
@@ -85,7 +75,8 @@ def prove(
         typer.Option(help="The planned test; default: acceptance_test.json at the measurements."),
     ] = None,
     frame: Annotated[
-        str, typer.Option(help="Of the instrument: fit, or given as the cell has it.")
+        Literal["fit", "given"],
+        typer.Option(help="Of the instrument: fit, or given as the cell has it."),
     ] = "fit",
     out: OutFolder = Path("proof"),
     as_json: AsJson = False,
@@ -114,7 +105,7 @@ def prove(
         "seed": seed,
     }
     given = {name: value for name, value in asked.items() if value is not None}
-    given_frame = _frame_is_given(frame)
+    given_frame = frame == "given"
     loaded = Cell.load(cell)
     results = results_in(
         out, "prove", cell, measurements, identification, rule, overwrite=overwrite
@@ -131,9 +122,8 @@ def prove(
             verbose=verbose,
             then=command_line("program", files[0], "--cell", cell, "--out", out),
             first=rehearsed_words(identification),
-            content={**rule_as_dict(plan), "notes": plan.notes, "files": files}
-            if as_json
-            else None,
+            content={**rule_as_dict(plan), "notes": plan.notes, "files": files},
+            as_json=as_json,
         )
         return DONE
     _refuse(next(iter(given), None), "was fixed when the test was planned")
@@ -154,19 +144,10 @@ def prove(
         verbose=verbose,
         then=command_line("report", out),
         first=rehearsed_words(measurements, identification),
-        content=found.model_dump() if as_json else None,
+        content=found.model_dump(),
+        as_json=as_json,
     )
     return DONE if found.passed else NOT_REACHED
-
-
-def _frame_is_given(frame: str) -> bool:
-    from calib.errors import InputError
-
-    if frame not in ("fit", "given"):
-        raise InputError(
-            f"there is no frame {frame[:40]!r}", hint="one of fit, given", name="frame"
-        )
-    return frame == "given"
 
 
 def _refuse(name: object, why: str) -> None:
@@ -208,6 +189,7 @@ def recheck(
     """Is it still the robot that was identified? Plan a few poses, then test what was measured."""
     from posedesign import workflow
     from posedesign.cell import Cell
+    from posedesign.cli.json_forms import recheck_as_dict
     from posedesign.report.acceptance import answer_of_recheck, answer_of_recheck_plan
 
     loaded = Cell.load(cell)
@@ -223,9 +205,8 @@ def recheck(
             verbose=verbose,
             then=command_line("program", files[0], "--cell", cell, "--out", out),
             first=rehearsed_words(identification),
-            content={"smallest_si": plan.smallest(), "blind": plan.blind, "files": files}
-            if as_json
-            else None,
+            content={"smallest_si": plan.smallest(), "blind": plan.blind, "files": files},
+            as_json=as_json,
         )
         return DONE
     found = workflow.recheck_file(
@@ -235,26 +216,7 @@ def recheck(
         answer_of_recheck(found),
         verbose=verbose,
         first=rehearsed_words(measurements, identification),
-        content=_as_dict(found) if as_json else None,
+        content=recheck_as_dict(found),
+        as_json=as_json,
     )
     return DONE if found.same else NOT_REACHED
-
-
-def _as_dict(found: Recheck) -> dict[str, object]:
-    return {
-        "same": found.same,
-        "p_value": found.p_value,
-        "sum_of_squares": found.square,
-        "degrees_of_freedom": found.freedom,
-        "possible": [each.cause for each in found.possible],
-        "causes": [
-            {
-                "cause": each.cause,
-                "unit": each.unit,
-                "change_si": each.change.tolist(),
-                "sigma_si": each.sigma.tolist(),
-                "p_left": each.p_left,
-            }
-            for each in found.explanations
-        ],
-    }

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,15 +16,12 @@ import typer
 from posedesign import __version__
 from posedesign.cli import (
     acceptance_commands,
-    board_command,
-    calibrate_commands,
-    camera_command,
-    correct_commands,
+    hand_eye_commands,
+    identify_commands,
     plan_commands,
     program_commands,
-    robot_world_command,
+    show_commands,
     study_commands,
-    view_command,
 )
 from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, note, plain
 
@@ -42,16 +39,42 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-plan_commands.register(app)
-program_commands.register(app)
-calibrate_commands.register(app)
-correct_commands.register(app)
-acceptance_commands.register(app)
-robot_world_command.register(app)
-study_commands.register(app)
-view_command.register(app)
-camera_command.register(app)
-board_command.register(app)
+COMMANDS: dict[str, Callable[..., int]] = {
+    "robots": plan_commands.robots,
+    "new": plan_commands.new,
+    "plan": plan_commands.plan,
+    "next": plan_commands.next_poses,
+    "check": plan_commands.check,
+    "score": plan_commands.score,
+    "program": program_commands.program,
+    "validate": program_commands.validate,
+    "import": program_commands.import_positions,
+    "record": program_commands.record,
+    "convert": program_commands.convert,
+    "simulate": identify_commands.simulate,
+    "identify": identify_commands.identify,
+    "calibrate": identify_commands.calibrate,
+    "correct": identify_commands.correct,
+    "predict": identify_commands.predict,
+    "prove": acceptance_commands.prove,
+    "recheck": acceptance_commands.recheck,
+    "robot-world": hand_eye_commands.robot_world,
+    "demo": study_commands.demo,
+    "report": show_commands.report,
+    "view": show_commands.view,
+    "camera": hand_eye_commands.camera,
+    "board": show_commands.board,
+}
+"""In the order in which they are listed; then those of ``study``."""
+
+studies = typer.Typer(help="Studies by simulation.")
+studies.command("accuracy")(study_commands.accuracy)
+studies.command("list")(study_commands.list_all)
+studies.command("run")(study_commands.run)
+studies.command("plot")(study_commands.plot)
+for name, command in COMMANDS.items():
+    app.command(name)(command)
+app.add_typer(studies, name="study")
 
 
 def _say_version(asked: bool) -> None:

@@ -1,7 +1,8 @@
-"""How commands print: tables for people, JSON for programs, progress on standard error.
+"""Options that several commands have, and how commands print.
 
-The one place where text leaves for a terminal: names and paths come from files of others, so what
-would steer a terminal, or begin another line, is shown by its code (:func:`plain`).
+Tables for people, JSON for programs, progress on standard error. The one place where text leaves
+for a terminal: names and paths come from files of others, so what would steer a terminal, or begin
+another line, is shown by its code (:func:`plain`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol, TextIO
+
+import typer
 
 from posedesign.report.answer import Line
 
@@ -24,6 +28,37 @@ if TYPE_CHECKING:
     from posedesign.files import Results
     from posedesign.planning import PoseList
     from posedesign.report.answer import Answer
+
+
+LARGEST_SEED = 2**63 - 1
+"""As in a cell."""
+
+CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
+PlannedPoses = Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")]
+ListedPoses = Annotated[
+    Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")
+]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON in place of the answer.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print the tables and all notes, too.")
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace files that this command did not write, too; they are kept beside it as "
+        "NAME.1, NAME.2, ...",
+    ),
+]
+TrustUnits = Annotated[
+    bool, typer.Option("--trust-units", help="Accept joint values that look like radians.")
+]
+FileFormat = Annotated[
+    str | None, typer.Option("--format", help="Of the files; default: what they look like.")
+]
+CameraPlace = Literal["on-flange", "fixed"]
+
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -108,7 +143,25 @@ def note(text: str) -> None:
         _print_line(Line("", text), sys.stderr)
 
 
-def note_misfit(path: Path, listed: PoseList, cell: Cell | None = None) -> None:
+def poses_of(
+    cell: Cell | None, path: Path, *, trust_units: bool = False, of_any_robot: bool = False
+) -> PoseList:
+    """The poses of a list for the robot of a cell; says what is odd about it."""
+    from posedesign.planning.poses_file import read_poses
+
+    robot = cell.robot if cell else None
+    listed = read_poses(
+        path,
+        robot.n if robot else None,
+        slides=robot.slides if robot else 0,
+        controller=robot.controller if robot else None,
+        trust_units=trust_units,
+    )
+    note_misfit(path, listed, None if of_any_robot else cell)
+    return listed
+
+
+def note_misfit(path: Path, listed: PoseList, cell: Cell | None) -> None:
     """Warn of a list of poses that was changed after it was planned, or looks like another's."""
     other = listed.other_robot(cell.robot) if cell else ""
     for said in (listed.misfit, other, *listed.mistyped):
@@ -140,13 +193,14 @@ def tell(
     then: str = "",
     first: str = "",
     content: object = None,
+    as_json: bool = False,
 ) -> None:
     """Print an answer: what fits at a glance, or all of it with its tables.
 
-    Warnings and notes go to standard error. With ``content`` that is printed, as JSON, in place of
-    the result; what was not checked then goes to standard error as well.
+    Warnings and notes go to standard error. As JSON ``content`` is printed in place of the result;
+    what was not checked then goes to standard error as well.
     """
-    if content is not None:
+    if as_json:
         note(first)
         print_json(content)
         for line in answer.all_lines():

@@ -12,10 +12,17 @@ import typer
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
+    AsJson,
+    CellFile,
+    ListedPoses,
+    OutFolder,
+    Overwrite,
+    TrustUnits,
+    Verbose,
     command_line,
     knowing,
     note,
-    note_misfit,
+    poses_of,
     print_json,
     print_table,
     progress,
@@ -33,40 +40,9 @@ if TYPE_CHECKING:
     from posedesign.planning.optimal.outlook import Outlook
     from posedesign.report.answer import Answer
 
-LARGEST_SEED = 2**63 - 1
-"""As in a cell."""
-
 LOOSE_HAND_EYE = 1e3
 """C_G that the first round of a hand-eye calibration hardly ever exceeds: the usual threshold of
 touch-ups would end the loop at the narrowest angles."""
-
-CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
-OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON in place of the answer.")]
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print the tables and all notes, too.")
-]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite",
-        help="Replace files that this command did not write, too; they are kept beside it as "
-        "NAME.1, NAME.2, ...",
-    ),
-]
-TrustUnits = Annotated[
-    bool, typer.Option("--trust-units", help="Accept joint values that look like radians.")
-]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command()(robots)
-    app.command()(new)
-    app.command()(plan)
-    app.command("next")(next_poses)
-    app.command()(check)
-    app.command()(score)
 
 
 def robots(as_json: AsJson = False, verbose: Verbose = False) -> int:
@@ -100,7 +76,7 @@ def new(
         Literal["flange", "fixed"] | None,
         typer.Option(
             help="A cell for pictures of a board: the camera on the flange, or fixed around the "
-            "arm, with the board on the flange.",
+            "arm, with the board on the flange."
         ),
     ] = None,
     xacro_arg: Annotated[
@@ -260,17 +236,11 @@ def plan(
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
         return _plan_by_grid(loaded, results, cell, as_json=as_json, verbose=verbose)
-    from posedesign.cli.plan_json import choice_as_dict
-    from posedesign.planning.poses_file import read_poses
+    from posedesign.cli.json_forms import choice_as_dict
     from posedesign.report.plans import answer_of_choice
     from posedesign.workflow import plan_optimal_poses
 
-    own = None
-    if keep is not None:
-        own = read_poses(
-            keep, loaded.robot.n, slides=loaded.robot.slides, controller=loaded.robot.controller
-        )
-        note_misfit(keep, own)
+    own = None if keep is None else poses_of(loaded, keep, of_any_robot=True)
     with knowing(loaded), progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, request, advance, own)
     names = ("poses.csv", *["validation.csv"] * (result.validation is not None), "plan.png")
@@ -279,7 +249,8 @@ def plan(
         answer_of_choice(loaded, result, files),
         verbose=verbose,
         then=_program_command(loaded, files, cell),
-        content=choice_as_dict(loaded, result) | {"files": files} if as_json else None,
+        content=choice_as_dict(loaded, result) | {"files": files},
+        as_json=as_json,
     )
     return DONE if result.reached else NOT_REACHED
 
@@ -314,7 +285,7 @@ def next_poses(
 ) -> int:
     """Say which poses to measure next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
-    from posedesign.cli.plan_json import next_as_dict
+    from posedesign.cli.json_forms import next_as_dict
     from posedesign.cli.plan_request import parse_length
     from posedesign.report.plans import answer_of_next
     from posedesign.workflow import plan_next_poses
@@ -340,14 +311,15 @@ def next_poses(
         verbose=verbose,
         then=then,
         first=rehearsed_words(cell, measurements),
-        content=next_as_dict(loaded, result) | {"files": files} if as_json else None,
+        content=next_as_dict(loaded, result) | {"files": files},
+        as_json=as_json,
     )
     return NOT_REACHED if result.dropped else DONE
 
 
 def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verbose: bool) -> int:
     """The loop of the paper."""
-    from posedesign.cli.plan_json import plan_as_dict
+    from posedesign.cli.json_forms import plan_as_dict
     from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.workflow import plan_poses
 
@@ -366,7 +338,8 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
         told_plan(loaded, result, outlook, files),
         verbose=verbose,
         then=_program_command(loaded, files, cell),
-        content=plan_as_dict(loaded, result, outlook) | {"files": files} if as_json else None,
+        content=plan_as_dict(loaded, result, outlook) | {"files": files},
+        as_json=as_json,
     )
     return DONE if result.reached else NOT_REACHED
 
@@ -407,7 +380,7 @@ def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[st
 
 def check(
     cell: CellFile,
-    poses: Annotated[Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")],
+    poses: ListedPoses,
     as_json: AsJson = False,
     verbose: Verbose = False,
     trust_units: TrustUnits = False,
@@ -419,18 +392,10 @@ def check(
     from posedesign.cell import Cell
     from posedesign.planning import off_target
     from posedesign.planning.checks import ON_TARGET_M, check_poses
-    from posedesign.planning.poses_file import read_poses
     from posedesign.report.plans import answer_of_check
 
     loaded = Cell.load(cell)
-    listed = read_poses(
-        poses,
-        loaded.robot.n,
-        slides=loaded.robot.slides,
-        controller=loaded.robot.controller,
-        trust_units=trust_units,
-    )
-    note_misfit(poses, listed, loaded)
+    listed = poses_of(loaded, poses, trust_units=trust_units)
     with knowing(loaded), progress("checking poses and motions"):
         verdicts = check_poses(loaded, listed)
         measured = listed.measured
@@ -446,13 +411,13 @@ def check(
         "not_checked": loaded.not_checked,
     }
     answer = answer_of_check(loaded, verdicts, off)
-    tell(answer, verbose=verbose, content=content if as_json else None)
+    tell(answer, verbose=verbose, content=content, as_json=as_json)
     return DONE if good else NOT_REACHED
 
 
 def score(
     cell: CellFile,
-    poses: Annotated[Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")],
+    poses: ListedPoses,
     as_json: AsJson = False,
     verbose: Verbose = False,
     trust_units: TrustUnits = False,
@@ -464,18 +429,10 @@ def score(
     from posedesign.cell import Cell
     from posedesign.planning import scaling_of
     from posedesign.planning.checks import score_poses
-    from posedesign.planning.poses_file import read_poses
     from posedesign.report.plans import answer_of_score, sigma_table
 
     loaded = Cell.load(cell)
-    listed = read_poses(
-        poses,
-        loaded.robot.n,
-        slides=loaded.robot.slides,
-        controller=loaded.robot.controller,
-        trust_units=trust_units,
-    )
-    note_misfit(poses, listed, loaded)
+    listed = poses_of(loaded, poses, trust_units=trust_units)
     with knowing(loaded):
         scored = score_poses(loaded, listed.measured)
     scaling = scaling_of(loaded.model())
@@ -494,5 +451,5 @@ def score(
         "reached": good,
     }
     answer = answer_of_score(loaded, scored, scaling)
-    tell(answer, verbose=verbose, content=content if as_json else None)
+    tell(answer, verbose=verbose, content=content, as_json=as_json)
     return DONE if good else NOT_REACHED

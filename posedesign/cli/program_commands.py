@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
 from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
+    AsJson,
+    CellFile,
+    FileFormat,
+    OutFolder,
+    Overwrite,
+    PlannedPoses,
+    TrustUnits,
+    Verbose,
     command_line,
     knowing,
     note,
     note_misfit,
+    poses_of,
     print_json,
     progress,
     rehearsed_words,
@@ -22,7 +30,6 @@ from posedesign.cli.output import (
     say,
     tell,
 )
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits, Verbose
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
@@ -39,17 +46,8 @@ MOST_SHOWN = 9
 Files = Annotated[list[Path], typer.Argument(help="Program files, backups, or lists in CSV.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command()(program)
-    app.command()(validate)
-    app.command("import")(import_positions)
-    app.command()(record)
-    app.command()(convert)
-
-
 def program(
-    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    poses: PlannedPoses,
     dialect: Annotated[
         str | None,
         typer.Option(
@@ -88,19 +86,11 @@ def program(
     from posedesign.cell import Cell
     from posedesign.planning import check_fit
     from posedesign.planning.checks import check_clear
-    from posedesign.planning.poses_file import read_poses
     from posedesign.pose_programs import chosen_dialect, program_options, write_program
     from posedesign.pose_programs.from_plan import with_approaches
 
     loaded = Cell.load(cell) if cell is not None else None
-    listed = read_poses(
-        poses,
-        loaded.robot.n if loaded else None,
-        slides=loaded.robot.slides if loaded else 0,
-        controller=loaded.robot.controller if loaded else None,
-        trust_units=trust_units,
-    )
-    note_misfit(poses, listed)
+    listed = poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
     listed = listed.of_payload("" if payload == "none" else payload)
     chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
@@ -116,12 +106,8 @@ def program(
     written = write_program(listed, results, chosen, options, title, loaded, forced)
     rehearsed = rehearsed_words(poses, cell)
     content = {**written.__dict__, "paths": [str(path) for path in written.paths]}
-    tell(
-        _told(written, loaded),
-        verbose=verbose,
-        first=rehearsed,
-        content=content if as_json else None,
-    )
+    told = _told(written, loaded)
+    tell(told, verbose=verbose, first=rehearsed, content=content, as_json=as_json)
     return NOT_REACHED if written.problems else DONE
 
 
@@ -159,9 +145,7 @@ def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
 
 def validate(
     files: Files,
-    dialect: Annotated[
-        str | None, typer.Option("--format", help="Of the files; default: what they look like.")
-    ] = None,
+    dialect: FileFormat = None,
     measuring: Annotated[
         bool | None,
         typer.Option(
@@ -172,8 +156,7 @@ def validate(
     ] = None,
     as_json: AsJson = False,
     verbose: Annotated[
-        bool,
-        typer.Option("--verbose", "-v", help="Print all problems of each file."),
+        bool, typer.Option("--verbose", "-v", help="Print all problems of each file.")
     ] = False,
 ) -> int:
     """Check program files strictly against the rules of their controllers."""
@@ -199,7 +182,7 @@ def validate(
         problems = [problem for problem in every if problem.level in levels]
         notes = [problem for problem in every if problem.level == "note"]
         found.append((path, chosen, levels, problems, notes))
-    good = not any(problems for _, _, _, problems, _ in found)
+    good = not any(problems for *_, problems, _ in found)
     if as_json:
         print_json(
             {
@@ -236,15 +219,11 @@ def import_positions(
     files: Files,
     out: OutFolder = Path(),
     poses: Annotated[
-        Path | None,
-        typer.Option(help="The plan that the program was written from: its poses.csv."),
+        Path | None, typer.Option(help="The plan that the program was written from: its poses.csv.")
     ] = None,
-    dialect: Annotated[
-        str | None, typer.Option("--format", help="Of the files; default: what they look like.")
-    ] = None,
+    dialect: FileFormat = None,
     keep_untouched: Annotated[
-        bool,
-        typer.Option("--keep-untouched", help="Take positions that stand as planned, too."),
+        bool, typer.Option("--keep-untouched", help="Take positions that stand as planned, too.")
     ] = False,
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -253,15 +232,11 @@ def import_positions(
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
     from posedesign.files.measurements import write_measurements
-    from posedesign.planning.poses_file import read_robot_poses
     from posedesign.pose_programs import import_touch_ups
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
-    plan = None
-    if poses is not None:
-        plan = read_robot_poses(poses, loaded.robot)
-        note_misfit(poses, plan, loaded)
+    plan = None if poses is None else poses_of(loaded, poses)
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
     with progress("reading programs"):
@@ -284,7 +259,8 @@ def import_positions(
         _told_imported(imported, path, planned=plan is not None),
         verbose=verbose,
         then=command_line("identify", cell, path),
-        content=content if as_json else None,
+        content=content,
+        as_json=as_json,
     )
     return NOT_REACHED if imported.doubtful else DONE
 
@@ -342,21 +318,12 @@ def record(
     from calib.errors import InputError
     from posedesign.cell import Cell
     from posedesign.files import held, make_folder
-    from posedesign.planning.poses_file import read_poses
     from posedesign.pose_programs.recording import Recording, check_recorded
     from posedesign.programs.ur_script.live import told_poses
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
-    controller = loaded.robot.controller
-    plan = read_poses(
-        poses,
-        loaded.robot.n,
-        slides=loaded.robot.slides,
-        controller=controller,
-        trust_units=trust_units,
-    )
-    note_misfit(poses, plan, loaded)
+    plan = poses_of(loaded, poses, trust_units=trust_units)
     check_recorded(loaded, plan)
     arriving = told_poses(host, register, timeout_s, note)
     results = results_in(make_folder(out), "record", poses, overwrite=overwrite)
@@ -394,14 +361,6 @@ def record(
     return NOT_REACHED if recording.missing else DONE
 
 
-class Form(StrEnum):
-    """The names of :class:`posedesign.files.postures.JointForm`: importing it delays --help."""
-
-    USUAL = "usual"
-    ROS = "ros"
-    ROBODK = "robodk"
-
-
 def convert(
     poses: Annotated[
         Path,
@@ -410,12 +369,12 @@ def convert(
     cell: Annotated[Path, typer.Option(help="The cell: its robot has the names of the joints.")],
     out: Annotated[Path, typer.Option("--out", help="The table to write.")],
     to: Annotated[
-        Form,
+        Literal["usual", "ros", "robodk"],
         typer.Option(
             help="usual: j1_deg ..; ros: <joint name>_rad ..; robodk: J1 .. as the pendant shows "
             "them, first in each row."
         ),
-    ] = Form.USUAL,
+    ] = "usual",
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
     overwrite: Overwrite = False,
@@ -431,7 +390,7 @@ def convert(
 
     loaded = Cell.load(cell)
     (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(
-        "planned", (out.name, "converted poses"), bare=to is Form.ROBODK
+        "planned", (out.name, "converted poses"), bare=to == "robodk"
     )
     listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
     for said in outside_limits(loaded, listed.names, listed.postures):
@@ -443,7 +402,7 @@ def convert(
         loaded.robot,
         loaded.tool_m,
         margins=Margins.of(loaded, listed),
-        form=JointForm(to.value),
+        form=JointForm(to),
     )
     if as_json:
         print_json(

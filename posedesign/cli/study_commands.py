@@ -1,16 +1,20 @@
-"""Commands that do more than one step: study, report and demo."""
+"""Commands that do more than one step: study, demo."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from posedesign.cli.output import (
     DONE,
+    LARGEST_SEED,
     NOT_REACHED,
+    AsJson,
+    OutFolder,
+    Overwrite,
+    Verbose,
     print_json,
     print_table,
     progress,
@@ -18,32 +22,14 @@ from posedesign.cli.output import (
     say,
     tell,
 )
-from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, OutFolder, Overwrite, Verbose
 from posedesign.report.answer import WIDTH
 
 MOST_TRIALS = 10_000_000
 """Of a study; its own numbers are thousands."""
 
-if TYPE_CHECKING:
-    from posedesign.demo import DemoResults
-    from posedesign.report.answer import Answer
-
 Draws = Annotated[
     int, typer.Option(min=10, max=100_000, help="Noise draws for each pose set, at least 10.")
 ]
-Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    studies = typer.Typer(help="Studies by simulation.")
-    studies.command("accuracy")(accuracy)
-    studies.command("list")(list_all)
-    studies.command("run")(run)
-    studies.command("plot")(plot)
-    app.add_typer(studies, name="study")
-    app.command()(demo)
-    app.command()(report)
 
 
 def accuracy(
@@ -52,7 +38,7 @@ def accuracy(
     ] = None,
     out: OutFolder = Path(),
     draws: Draws = 50,
-    seed: Seed = 1,
+    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise.")] = 1,
     as_json: AsJson = False,
     verbose: Verbose = False,
     overwrite: Overwrite = False,
@@ -78,8 +64,7 @@ def accuracy(
 
 StudyName = Annotated[str, typer.Argument(help="The study, see: posedesign study list")]
 StudyOut = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder for the results; default: study-results/NAME."),
+    Path | None, typer.Option("--out", help="Folder for the results; default: study-results/NAME.")
 ]
 
 
@@ -167,22 +152,6 @@ def results_of(name: str) -> Path:
     return Path("study-results") / name
 
 
-def report(
-    folder: Annotated[Path, typer.Argument(help="With cell.toml, poses.csv, identification.json.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for report.html. [that of the files]")
-    ] = None,
-    overwrite: Overwrite = False,
-) -> int:
-    """Write one page of HTML, report.html, of all that is in a folder."""
-    from posedesign.report.page import write_report
-
-    with progress("report"):
-        page = write_report(folder, results_in(out or folder, "report", overwrite=overwrite))
-    say(f"wrote: {page}, {page.stat().st_size / 1e6:.1f} MB")
-    return DONE
-
-
 def demo(
     out: OutFolder = Path("posedesign-demo"),
     draws: Draws = 50,
@@ -191,7 +160,7 @@ def demo(
     overwrite: Overwrite = False,
 ) -> int:
     """Run the main job on the reference cell."""
-    from posedesign.demo import run_demo
+    from posedesign.cli.demo import answer_of_demo, run_demo, truth_rows
 
     with progress("demo") as advance:
         folder = results_in(out, "demo", overwrite=overwrite, remakes=True)
@@ -199,92 +168,21 @@ def demo(
     program = results.program
     code = DONE if results.plan.reached and not program.problems else NOT_REACHED
     files = sorted(path.name for path in out.iterdir())
+    content = {
+        "message": results.plan.message,
+        "reached": results.plan.reached,
+        "identified": truth_rows(results),
+        "program_problems": program.problems,
+        "accuracy": [finding.__dict__ for finding in results.study.findings],
+        "files": [str(out / name) for name in files],
+    }
     if as_json:
-        print_json(
-            {
-                "message": results.plan.message,
-                "reached": results.plan.reached,
-                "identified": truth_rows(results),
-                "program_problems": program.problems,
-                "accuracy": [finding.__dict__ for finding in results.study.findings],
-                "files": [str(out / name) for name in files],
-            }
-        )
+        print_json(content)
         return code
     tell(
-        _told(results, out, files),
+        answer_of_demo(results, out, files),
         verbose=verbose,
         then="posedesign new > cell.toml",
         first="SIMULATED, not for a robot: all of this is a rehearsal on the reference cell",
     )
     return code
-
-
-_TRUTH = (
-    "truth: zero offset plus deflection under gravity at the base pose. The rest of the deflection "
-    "changes from pose to pose: no constant offset can follow it, so the model of the paper is off "
-    "by more than its sigma, and the recommended one has compliances. In the study, which is of "
-    "the paper's model too, the plate is for the same reason not best at the smallest C_G."
-)
-
-
-def _told(results: DemoResults, out: Path, files: Sequence[str]) -> Answer:
-    """The story of the demo, with the tables of its steps."""
-    from posedesign.cell import Cell
-    from posedesign.planning.optimal.outlook import outlook_of
-    from posedesign.report.accuracy import answer_of_study
-    from posedesign.report.answer import Answer, Table
-    from posedesign.report.identification import answer_of_identification
-    from posedesign.report.pairs import answer_of_pairs
-    from posedesign.report.plans import answer_of_plan
-
-    plan, program = results.plan, results.program
-    outlook = outlook_of(Cell.load(out / "cell.toml"), plan.model, plan.postures)
-    steps = {
-        "planned": answer_of_plan(Cell.load(out / "cell.toml"), plan, outlook),
-        "identified": answer_of_identification(results.identification),
-        "A X = Z B": answer_of_pairs(results.robot_world),
-        "studied": answer_of_study(results.study),
-    }
-    truth = Table(
-        f"The smallest model ({results.offsets.model}) against the simulated truth",
-        truth_rows(results),
-    )
-    error = steps["identified"].figures.get("expected error", "")
-    pictures = sum(name.endswith(".png") for name in files)
-    tables = [name for name in files if not name.endswith((".png", ".svg"))]
-    return Answer(
-        f"planned: {plan.verdict}",
-        {
-            "program": f"{program.paths[0].name}, {program.poses} poses, "
-            f"{len(program.problems)} objections",
-            "identified": f"{steps['identified'].verdict}; {error.split('; ')[0]}",
-            "A X = Z B": steps["A X = Z B"].figures.get("methods", ""),
-            "study": steps["studied"].verdict,
-            "picture": str(out / "accuracy_vs_condition.png"),
-        },
-        warnings=[text for step in steps.values() for text in step.warnings],
-        not_checked=plan.not_checked,
-        details=[_TRUTH, *(text for step in steps.values() for text in step.details)],
-        tables=[table for step in steps.values() for table in step.tables] + [truth],
-        files=[f"into {out}: {', '.join(tables)}, {pictures} pictures"],
-    )
-
-
-def truth_rows(results: DemoResults) -> list[dict[str, object]]:
-    """Identified parameters beside what the simulation used."""
-    from posedesign.planning import displayed
-
-    shown = zip(
-        results.offsets.displayed(), displayed(results.plan.model, results.truth), strict=True
-    )
-    return [
-        {
-            "parameter": row.name,
-            "truth": true,
-            "identified": row.value,
-            "sigma": row.sigma,
-            "unit": row.unit,
-        }
-        for row, (_, _, true) in shown
-    ]

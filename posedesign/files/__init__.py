@@ -1,17 +1,8 @@
 """Files in and out: written whole or not at all, read up to a size, with their origin."""
 
-from posedesign.files.csv_tables import (
-    LARGEST_NUMBER,
-    LEAST_POSITIVE,
-    load_json,
-    usable,
-)
+from posedesign.files.csv_tables import LARGEST_NUMBER, LEAST_POSITIVE, load_json, usable
 from posedesign.files.locking import held
-from posedesign.files.origin import (
-    head_of,
-    origin_of,
-    rehearsed,
-)
+from posedesign.files.origin import head_of, origin_of, rehearsed
 from posedesign.files.safe import (
     MEASURED,
     Claim,
@@ -23,6 +14,7 @@ from posedesign.files.safe import (
     json_text,
     kept_aside,
     make_folder,
+    not_written,
     plain,
     read_bytes_bounded,
     write_bytes_atomic,
@@ -46,6 +38,7 @@ __all__ = [
     "kept_aside",
     "load_json",
     "make_folder",
+    "not_written",
     "origin_of",
     "plain",
     "read_bytes_bounded",

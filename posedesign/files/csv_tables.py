@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,9 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 LONGEST_SHOWN = 40
 """Characters of a cell that an error shows."""
 
+MOST_LISTED = 5
+"""Names, or lines, of which a message lists no more."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -61,12 +64,8 @@ class Row:
 class Table:
     """What stands in a CSV file.
 
-    Attributes
-    ----------
-    comments : list of str
-        The lines before the header that start with #, without it.
-    notes : tuple of str
-        In what another form it was written than with commas between cells and a point in numbers.
+    ``comments``: the lines before the header that start with #, without it. ``notes``: in what
+    another form it was written than with commas between cells and a point in numbers.
     """
 
     columns: list[str]
@@ -92,14 +91,10 @@ def write_table(
 ) -> Path:
     """Write rows as CSV, whole or not at all.
 
-    Parameters
-    ----------
-    rows : iterable of mapping
-        By column; missing values are empty cells.
-    comments : sequence of str
-        Lines to stand before the header, each with # before it. What would end such a line, or be
-        run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
-        commas such a line can be cut and put together again (:func:`read_table`).
+    ``rows``: by column; missing values are empty cells. ``comments``: lines to stand before the
+    header, each with # before it. What would end such a line, or be run by a spreadsheet that cuts
+    it into cells, becomes a space, and a semicolon a comma: at commas such a line can be cut and
+    put together again (:func:`read_table`).
     """
     return write_text_atomic(path, table_text(columns, rows, comments))
 
@@ -123,19 +118,10 @@ def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[R
 def read_table(path: Path, header: Sequence[str] = (), *, loose: bool = False) -> Table:
     """Header and rows of a CSV file, and the lines with # before them.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns, for a file without a header line.
-    loose : bool
-        Take semicolons, tabs or spaces between the cells, too, and commas in numbers then, with a
-        note; without it they are refused.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, too large, not text, without rows, or a row has too few or too many
-        cells.
+    ``header``: names of the columns, for a file without a header line. ``loose``: take semicolons,
+    tabs or spaces between the cells, too, and commas in numbers then, with a note; without it they
+    are refused. Raises FileFormatError: the file is missing, too large, not text, without rows, or
+    a row has too few or too many cells.
     """
     data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
     try:
@@ -157,10 +143,8 @@ def parse_table(
 ) -> Table:
     """The table in a text that is the content of a file; see :func:`read_table`.
 
-    Parameters
-    ----------
-    only : collection of str, optional
-        Columns whose cells are kept; recordings have hundreds that are not read. All by default.
+    ``only``: columns whose cells are kept; recordings have hundreds that are not read. All by
+    default.
     """
     mark = separator_of(text) if loose else ","
     if mark == " ":
@@ -288,15 +272,8 @@ def check_columns(
 ) -> None:
     """Check that columns are there, in the unit that is expected.
 
-    Parameters
-    ----------
-    joints : bool
-        Refuse columns of more joints than the robot has.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the column, and the one that was probably meant.
+    ``joints``: refuse columns of more joints than the robot has. Raises FileFormatError: naming the
+    column, and the one that was probably meant.
     """
     for column in needed:
         if column in found:
@@ -347,6 +324,19 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
                     value=text,
                 )
     return out
+
+
+def a_few(names: Sequence[str], what: str = "") -> str:
+    """A few names, and how many more there are of what."""
+    more = len(names) - MOST_LISTED
+    shown = ", ".join(name[:LONGEST_SHOWN] for name in names[:MOST_LISTED])
+    return shown + (f" and {more} more {what}".rstrip() if more > 0 else "")
+
+
+def first_like(keys: Iterable[Hashable]) -> list[int]:
+    """Where each of the keys stands first: itself, or what it repeats."""
+    first: dict[Hashable, int] = {}
+    return [first.setdefault(key, i) for i, key in enumerate(keys)]
 
 
 def comment_text(text: str) -> str:
@@ -404,7 +394,6 @@ LEAST_POSITIVE = 1e-12
 _LARGEST_IN_JSON = 1e300
 """Results such as chi2 and condition numbers may be larger than what is measured."""
 
-
 _MOST_DIGITS = 19
 """Of a whole number: seeds have as many, and more are none of pixels, moves or poses."""
 
@@ -419,10 +408,8 @@ def usable(value: object) -> float:
 def load_json(data: bytes | str) -> Any:
     """The content of a JSON text.
 
-    Raises
-    ------
-    ValueError
-        It is no JSON in UTF-8, is nested too deep, or holds a number that no result has.
+    Raises ValueError: it is no JSON in UTF-8, is nested too deep, or holds a number that no result
+    has.
     """
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")

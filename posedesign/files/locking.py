@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from calib.errors import InputError, OutputError
+from calib.errors import InputError
+from posedesign.files.safe import not_written
 
 try:
     import fcntl
@@ -29,35 +30,30 @@ def held(folder: Path, what: str, hint: str = "name another folder: `out`") -> I
 
     Where the file system has no locks, as on some network shares, nothing keeps two apart.
 
-    Parameters
-    ----------
-    folder : Path
-        Must exist.
-    what : str
-        What is being done, for the one who is refused.
-    hint : str
-        What else the one who is refused may do than to wait for it or to stop it.
-
-    Raises
-    ------
-    InputError
-        Another process holds it.
-    OutputError
-        The lock file cannot be written.
+    ``folder``: must exist. ``what``: what is being done, for the one who is refused. ``hint``: what
+    else the one who is refused may do than to wait for it or to stop it. Raises InputError: another
+    process holds it. OutputError: the lock file cannot be written.
     """
     path = folder / LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
     except OSError as error:
-        raise _not_written(path, error, hint) from error
+        raise not_written(path, error, hint) from error
     try:
         if not _locked(descriptor):
-            raise _in_use(folder, _owner(descriptor), what, hint)
+            owner = os.read(descriptor, _LONGEST_NUMBER).strip()  # anything may stand there, too
+            said = owner.decode() if owner.isdigit() else "another"
+            raise InputError(
+                f"{folder}: process {said} is {what} here",
+                hint=f"wait for it, stop it, or {hint}",
+                name=str(folder),
+                value=said,
+            )
         try:
             os.ftruncate(descriptor, 0)
             os.write(descriptor, f"{os.getpid()}\n".encode())
         except OSError as error:
-            raise _not_written(path, error, hint) from error
+            raise not_written(path, error, hint) from error
         try:
             yield
         finally:
@@ -77,22 +73,3 @@ def _locked(descriptor: int) -> bool:
         except OSError:
             return True  # a file system without locks
     return True
-
-
-def _owner(descriptor: int) -> str:
-    """The number that stands in a lock file; anything else may stand there, too."""
-    text = os.read(descriptor, _LONGEST_NUMBER).strip()
-    return text.decode() if text.isdigit() else "another"
-
-
-def _in_use(folder: Path, owner: str, what: str, hint: str) -> InputError:
-    return InputError(
-        f"{folder}: process {owner} is {what} here",
-        hint=f"wait for it, stop it, or {hint}",
-        name=str(folder),
-        value=owner,
-    )
-
-
-def _not_written(path: Path, error: OSError, hint: str) -> OutputError:
-    return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))

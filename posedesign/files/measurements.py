@@ -74,7 +74,6 @@ _EVERY_READ = tuple(dict.fromkeys(column for columns in _READ.values() for colum
 
 _LABELS = ("target", "pose", "kind", "tool", "payload")
 
-
 MOST_MEASUREMENTS = 50_000
 """Of one file: 20,000 take some 50 s and 0.8 GB to identify, and both grow linearly."""
 
@@ -83,18 +82,9 @@ MOST_MEASUREMENTS = 50_000
 class MeasurementTable:
     """Measurements of a file, with the names that their indices mean.
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        Names that ``data.setup.kind`` has indices into.
-    lines : tuple of int
-        Line of the file that each stands on.
-    path : Path
-        The file.
-    notes : tuple of str
-        What is odd in it.
-    extra : mapping of str to tuple of str
-        By name of the column, the cells of columns that posedesign does not know.
+    ``kinds``: names that ``data.setup.kind`` has indices into. ``lines``: line of the file that
+    each stands on. ``path``: the file. ``notes``: what is odd in it. ``extra``: by name of the
+    column, the cells of columns that posedesign does not know.
     """
 
     data: Measurements
@@ -127,24 +117,12 @@ def write_measurements(
 ) -> Path:
     """Write measurements so that :func:`read_measurements` reads them as they are.
 
-    Parameters
-    ----------
-    data : Measurements
-        One set, postures ``(N, n)``.
-    kinds : sequence of str
-        Names that ``data.setup.kind`` has indices into. Without them there is no such column, and
-        all are of the kind of the cell that they are read for.
-    payloads : sequence of str
-        Names of payloads besides the tool's own, which is the first.
-    extra : mapping of str to sequence of str, optional
-        Cells of further columns, one for each measurement.
-    slides : int
-        How many of the joints, the first ones, slide.
-
-    Raises
-    ------
-    InputError
-        Trials of a Monte Carlo run, or a kind or payload without a name.
+    ``data``: one set, postures ``(N, n)``. ``kinds``: names that ``data.setup.kind`` has indices
+    into. Without them there is no such column, and all are of the kind of the cell that they are
+    read for. ``payloads``: names of payloads besides the tool's own, which is the first. ``extra``:
+    cells of further columns, one for each measurement. ``slides``: how many of the joints, the
+    first ones, slide. Raises InputError: trials of a Monte Carlo
+    run, or a kind or payload without a name.
     """
     setup = data.setup
     if data.postures.ndim != 2:
@@ -205,23 +183,11 @@ def read_measurements(
 ) -> MeasurementTable:
     """Read measurements of a robot with n joints; labels in the order of appearance.
 
-    Parameters
-    ----------
-    slides : int
-        How many of the joints, the first ones, slide.
-    kind : str
-        Of rows that do not say theirs.
-    payloads : sequence of str
-        Names of payloads besides the tool's own, which is the first.
-    controller : Controller, optional
-        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
-    trust_units : bool
-        Do not refuse values that look like radians.
-
-    Raises
-    ------
-    FileFormatError
-        Naming file, line and column.
+    ``slides``: how many of the joints, the first ones, slide. ``kind``: of rows that do not say
+    theirs. ``payloads``: names of payloads besides the tool's own, which is the first.
+    ``controller``: turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are
+    refused. ``trust_units``: do not refuse values that look like radians. Raises FileFormatError:
+    naming file, line and column.
     """
     columns, rows = read_rows(path)
     if "target" not in columns and "status" in columns:

@@ -44,18 +44,10 @@ _PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", 33
 class Origin:
     """What a file says of itself.
 
-    Attributes
-    ----------
-    kind : {"measured", "simulated", "planned", "computed"}
-    purpose : str
-        What it is: "touch-ups", "measuring poses".
-    command : str
-        Which wrote it.
-    inputs : tuple of (str, str)
-        Names of the files that it was made from, and the first 8 hexadecimal digits of their
-        SHA-256.
-    day : str
-        When, as in 2026-05-31 (UTC): a day, so that the same work gives the same bytes.
+    ``kind`` {"measured", "simulated", "planned", "computed"}. ``purpose``: what it is: "touch-ups",
+    "measuring poses". ``command``: which wrote it. ``inputs``: names of the files that it was made
+    from, and the first 8 hexadecimal digits of their SHA-256. ``day``: when, as in 2026-05-31
+    (UTC): a day, so that the same work gives the same bytes.
     """
 
     kind: Kind
@@ -127,7 +119,7 @@ def read_whole(path: Path) -> tuple[Origin | None, bool]:
     except OSError:
         return None, False
     origin, written = _read(data[:_HEAD_BYTES])
-    return origin, origin is not None and _digest(_without_digest(data)) == written
+    return origin, origin is not None and _digest(_with_digest(data, "")) == written
 
 
 def checksum(path: Path) -> str:
@@ -142,13 +134,8 @@ def checksum(path: Path) -> str:
 def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     """The content of a file with its origin, as the ending of its name has comments.
 
-    Parameters
-    ----------
-    data : bytes
-        Text in UTF-8, or a PNG.
-    name : str
-        Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml``,
-        ``.launch``, ``.html``, ``.svg`` or ``.png``.
+    ``data``: text in UTF-8, or a PNG. ``name``: of the file: ``.csv``, ``.toml``, ``.yaml``,
+    ``.json`` (an object), ``.urdf``, ``.xml``, ``.launch``, ``.html``, ``.svg`` or ``.png``.
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()
@@ -165,31 +152,20 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
         data = data[:at] + f"<!-- origin: {line} -->\n".encode() + data[at:]
     else:
         data = f"# origin: {line}\n".encode() + data
-    return _filled_in(data)
+    return _with_digest(data, _digest(data))
 
 
-def _filled_in(data: bytes) -> bytes:
-    """The same with the digest in place of the zeros that are there."""
+def _with_digest(data: bytes, digest: str) -> bytes:
+    """The same with another digest; without one zeros, also in a PNG for what follows from it."""
     found = _LINE.search(data[:_HEAD_BYTES])
     if found is None:
         return data
     at, end = found.span(1)
-    data = data[:at] + _digest(data).encode() + data[end:]
-    if data.startswith(_PNG):
-        data = (
-            data[:end] + struct.pack(">I", zlib.crc32(data[_PNG_HEAD + 4 : end])) + data[end + 4 :]
-        )
-    return data
-
-
-def _without_digest(data: bytes) -> bytes:
-    """The same with zeros in place of the digest, and of what follows from it in a PNG."""
-    found = _LINE.search(data[:_HEAD_BYTES])
-    if found is None:
+    data = data[:at] + (digest or "0" * _DIGITS).encode() + data[end:]
+    if not data.startswith(_PNG):
         return data
-    at, end = found.span(1)
-    data = data[:at] + b"0" * _DIGITS + data[end:]
-    return data[:end] + bytes(4) + data[end + 4 :] if data.startswith(_PNG) else data
+    check = zlib.crc32(data[_PNG_HEAD + 4 : end]) if digest else 0
+    return data[:end] + struct.pack(">I", check) + data[end + 4 :]
 
 
 def _digest(data: bytes) -> str:

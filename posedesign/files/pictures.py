@@ -65,16 +65,10 @@ class _Unusable(ValueError):
 class PictureHead:
     """What a file says of its picture, before it is decoded.
 
-    Attributes
-    ----------
-    size_px : tuple of int
-        Width and height, as the sensor had them.
-    digest : str
-        Of all bytes of the file: those of the same picture are the same.
-    is_turned : bool
-        Whether a note in it asks for the picture to be shown turned or mirrored.
-    taken : str
-        When it was taken, by its EXIF: text that sorts by time; empty where it does not say.
+    ``size_px``: width and height, as the sensor had them. ``digest``: of all bytes of the file:
+    those of the same picture are the same. ``is_turned``: whether a note in it asks for the picture
+    to be shown turned or mirrored. ``taken``: when it was taken, by its EXIF: text that sorts by
+    time; empty where it does not say.
     """
 
     size_px: tuple[int, int]
@@ -97,21 +91,11 @@ def read_picture(path: Path | str) -> GreyImage:
     Damage to the pixels themselves a PNG shows by its checksums. JPEG and TIFF have none: bytes of
     them that were changed, not cut off, may come out as other pixels.
 
-    Parameters
-    ----------
-    path : Path or str
-        A file of 8 bits a colour: PNG without animation, PGM (binary, of 255 levels), BMP without
-        compression, baseline JPEG, or TIFF in strips, without compression or with one that loses
-        nothing. Where it has a channel for transparency, it is opaque everywhere.
-
-    Returns
-    -------
-    ndarray of uint8 (height, width)
-
-    Raises
-    ------
-    FileFormatError
-        There is no such file, it is too large, not a picture of these kinds, or not whole.
+    ``path``: a file of 8 bits a colour: PNG without animation, PGM (binary, of 255 levels), BMP
+    without compression, baseline JPEG, or TIFF in strips, without compression or with one that
+    loses nothing. Where it has a channel for transparency, it is opaque everywhere. Raises
+    FileFormatError: there is no such file, it is too large, not a picture of these kinds, or not
+    whole.
     """
     return _read(path, lambda data: _decoded(data, _EIGHT_BITS))
 
@@ -123,14 +107,7 @@ def read_grey(path: Path | str) -> GreyImage:
     as the brightest pixel has above 8. So a camera of 12 bits keeps its upper 8, whichever end of
     the 16 it fills; a dark picture comes out brighter, by a power of two.
 
-    Returns
-    -------
-    ndarray of uint8 (height, width)
-
-    Raises
-    ------
-    FileFormatError
-        As of `read_picture`.
+    Raises FileFormatError: as of `read_picture`.
     """
     return _read(path, lambda data: _decoded(data, _EIGHT_BITS + _SIXTEEN_BITS))
 

@@ -124,8 +124,8 @@ def postures_in_any_form(
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
     if form is JointForm.ROS and needed[-1].endswith("_rad"):
-        return _radians(path, rows, needed, trust_units, robot.slides)
-    shown = _shown(path, rows, needed, trust_units, robot.slides)
+        return _values(path, rows, needed, trust_units, robot.slides, "radians")
+    shown = _values(path, rows, needed, trust_units, robot.slides)
     if form is JointForm.ROBODK and robot.controller is not None:
         return robot.controller.posture(shown)
     return robot.of_shown(shown)
@@ -164,9 +164,9 @@ def postures_of(
                 hint="set robot.controller in the cell",
             )
         check_columns(path, columns, shown)
-        return controller.posture(_shown(path, rows, shown, trust_units, slides))
+        return controller.posture(_values(path, rows, shown, trust_units, slides))
     check_columns(path, columns, own, joints=True)
-    postures = _shown(path, rows, own, trust_units, slides) / shown_of(n, slides)
+    postures = _values(path, rows, own, trust_units, slides) / shown_of(n, slides)
     there = [k for k, column in enumerate(shown) if column in columns]
     if controller is not None and there:
         shown = [shown[k] for k in there]
@@ -184,39 +184,33 @@ def postures_of(
     return postures
 
 
-def _shown(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool, slides: int
+def _values(
+    path: Path,
+    rows: Sequence[Row],
+    columns: Sequence[str],
+    trust_units: bool,
+    slides: int,
+    unit: str = "degrees",
 ) -> FloatArray:
-    """Joint values ``(rows, n)`` [mm, deg]: slides, then what turns."""
+    """Joint values ``(rows, columns)``, refused where angles look like those of another unit.
+
+    Those of slides stand first, and may be anything.
+    """
     values = numbers_of(path, rows, columns)
     columns = columns[slides:]
     largest = float(np.abs(values[:, slides:]).max())
-    if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
-        raise FileFormatError(
-            f"the joint values look like radians (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint="multiply them by 57.29578, or pass `trust_units` if they really are degrees",
-            value=largest,
-            bound=2 * math.pi,
-        )
-    return values
-
-
-def _radians(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool, slides: int
-) -> FloatArray:
-    radians = numbers_of(path, rows, columns)
-    columns = columns[slides:]
-    largest = float(np.abs(radians[:, slides:]).max())
-    if not trust_units and largest > LARGEST_RAD:
-        raise FileFormatError(
-            f"the joint values look like degrees (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint="end the names of the columns with _deg, or pass `trust_units` if they really "
-            "are radians",
-            value=largest,
-            bound=LARGEST_RAD,
-        )
-    return radians
+    small = len(rows) >= 3 and 0 < largest <= 2 * math.pi
+    if trust_units or not (small if unit == "degrees" else largest > LARGEST_RAD):
+        return values
+    other, bound, remedy = {
+        "degrees": ("radians", 2 * math.pi, "multiply them by 57.29578"),
+        "radians": ("degrees", LARGEST_RAD, "end the names of the columns with _deg"),
+    }[unit]
+    raise FileFormatError(
+        f"the joint values look like {other} (the largest is {largest:.4g})",
+        path=path,
+        column=f"{columns[0]} to {columns[-1]}",
+        hint=f"{remedy}, or pass `trust_units` if they really are {unit}",
+        value=largest,
+        bound=bound,
+    )

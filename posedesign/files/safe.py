@@ -36,19 +36,12 @@ class Claim(os.PathLike[str]):
 
     Whatever writes files here takes it for a path, and the file then says its origin.
 
-    Attributes
-    ----------
-    overwrite : bool
-        Whether what is there may be replaced; it is kept beside it, under a name with a number.
-    say : callable
-        Told where what was there is kept.
-    needed_by : str
-        What else belongs to what is there, in words; empty for nothing.
-    bare : bool
-        Whether the file cannot say its origin: other programs could not read it then. It is checked
-        when it is written, and may be replaced by the same bytes only.
-    place : tuple of int, optional
-        The folder as it was claimed in, by device and number: see :func:`identity_of`.
+    ``overwrite``: whether what is there may be replaced; it is kept beside it, under a name with a
+    number. ``say``: told where what was there is kept. ``needed_by``: what else belongs to what is
+    there, in words; empty for nothing. ``bare``: whether the file cannot say its origin: other
+    programs could not read it then. It is checked when it is written, and may be replaced by the
+    same bytes only. ``place``: the folder as it was claimed in, by device and number: see
+    :func:`identity_of`.
     """
 
     path: Path
@@ -88,14 +81,13 @@ class Claim(os.PathLike[str]):
     def check(self) -> str:
         """Why what is there has to be kept aside, empty for nothing.
 
-        Raises
-        ------
-        OutputError
-            What is there must not be replaced.
+        Raises OutputError: what is there must not be replaced.
         """
         self._check_place()
         why = self.foreign
-        measured = self.origin.kind == "simulated" and _is_measured(self.path)
+        there = origin_of(self.path)
+        is_measured = there.kind == "measured" if there else self.path.name in MEASURED
+        measured = self.origin.kind == "simulated" and is_measured
         if why and (measured or not self.overwrite):
             raise OutputError(
                 f"{self.path} {why}: it is not replaced by {self.origin.kind} "
@@ -139,11 +131,6 @@ def identity_of(path: Path) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
-def _is_measured(path: Path) -> bool:
-    there = origin_of(path)
-    return path.is_file() and (there.kind == "measured" if there else path.name in MEASURED)
-
-
 def kept_aside(path: Path) -> Path:
     """Give what is at a path a second name, the first that is free of ``path.1``, ``path.2``, ...
 
@@ -171,20 +158,10 @@ def kept_aside(path: Path) -> Path:
 class Results:
     """The folder that one command writes its results into.
 
-    Attributes
-    ----------
-    command : str
-        Name of the command, or of who else writes.
-    inputs : sequence of Path
-        Files that the results are made from.
-    overwrite : bool
-        Whether files that are not its own may be replaced, and kept aside.
-    say : callable
-        Told of what is kept aside.
-    remakes : bool
-        Whether all that follows from its plan is made anew, too.
-    place : tuple of int, optional
-        The folder as it was at first; see :func:`identity_of`.
+    ``command``: name of the command, or of who else writes. ``inputs``: files that the results are
+    made from. ``overwrite``: whether files that are not its own may be replaced, and kept aside.
+    ``say``: told of what is kept aside. ``remakes``: whether all that follows from its plan is made
+    anew, too. ``place``: the folder as it was at first; see :func:`identity_of`.
     """
 
     folder: Path
@@ -211,25 +188,12 @@ class Results:
     ) -> list[Claim]:
         """Claim files before the work: all may be written, or none is.
 
-        Parameters
-        ----------
-        kind : {"measured", "simulated", "planned", "computed"}
-        *files : tuple of (str, str)
-            Name and purpose of each.
-        inputs : sequence of Path
-            That they are made from, besides those of the command.
-        needed_by : mapping of str to str, optional
-            By name, what else belongs to the file that is there.
-        bare : bool
-            Whether they cannot say their origin; see :class:`Claim`.
-        check : bool
-            False: what is there is looked at when they are written only.
-
-        Raises
-        ------
-        OutputError
-            One is there, and is not this command's own or was changed; or it is in the way; or its
-            folder is closed to writing.
+        ``kind`` {"measured", "simulated", "planned", "computed"}. ``*files``: name and purpose of
+        each. ``inputs``: that they are made from, besides those of the command. ``needed_by``: by
+        name, what else belongs to the file that is there. ``bare``: whether they cannot say their
+        origin; see :class:`Claim`. ``check``: whether what is there is looked at now, and not only
+        when they are written. Raises OutputError: one is there, and is not this command's own or
+        was changed; or it is in the way; or its folder is closed to writing.
         """
         used = dict.fromkeys((*self.inputs, *inputs))
         claims = [
@@ -285,38 +249,16 @@ def check_writable(path: Path) -> None:
         )
 
 
-def write_text_atomic(
-    path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8"
-) -> Path:
-    r"""Write a text file whole or not at all.
-
-    Parameters
-    ----------
-    path : Path, str or Claim
-        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
-        again, and says its origin.
-    text : str
-        The content; its lines end in ``\n`` or ``\r\n``.
-    newline : str
-        What ends the lines of the file: ``"\n"``, or ``"\r\n"`` for robot controllers.
-    encoding : str
-        Name of the encoding.
-
-    Returns
-    -------
-    Path
-        The file written.
-
-    Raises
-    ------
-    OutputError
-        The text does not fit the encoding, or the file cannot be written.
-    """
-    return write_bytes_atomic(path, encoded(path, text, newline=newline, encoding=encoding))
+def write_text_atomic(path: StrPath, text: str) -> Path:
+    """Write a text file in UTF-8 whole or not at all, as :func:`write_bytes_atomic` does."""
+    return write_bytes_atomic(path, encoded(path, text))
 
 
 def encoded(path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8") -> bytes:
-    """The bytes of a text file; OutputError where the text does not fit the encoding."""
+    r"""The bytes of a text file; OutputError where the text does not fit the encoding.
+
+    ``newline``: what its lines end in, whether in the text it is ``\n`` or ``\r\n``.
+    """
     try:
         return text.replace("\r\n", "\n").replace("\n", newline).encode(encoding)
     except UnicodeEncodeError as error:
@@ -352,26 +294,11 @@ def plain(value: Any) -> Any:
 
 
 def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
-    """Write a file whole or not at all.
+    """Write a file whole or not at all, in place of one that exists; return its path.
 
-    Parameters
-    ----------
-    path : Path, str or Claim
-        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
-        again, and says its origin.
-    data : bytes
-        The content.
-
-    Returns
-    -------
-    Path
-        The file written.
-
-    Raises
-    ------
-    OutputError
-        The folder is missing or closed to writing, the disk is full, or the path is a folder or a
-        device.
+    Its folder must exist. What is claimed is checked again, and says its origin. Raises
+    OutputError: the folder is missing or closed to writing, the disk is full, or the path is a
+    folder or a device.
     """
     if isinstance(path, Claim):
         return path.write(data)
@@ -387,47 +314,30 @@ def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
     aside = target.parent / f".{secrets.token_hex(8)}.tmp"
     try:
         try:
-            _write_new(aside, data)
+            # tempfile would make it readable by its owner only, and the rename would keep that
+            with open(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
             aside.replace(target)
         finally:
             aside.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written: {error.strerror or error}",
-            hint=f"check that the folder {target.parent} can be written and has free space",
-            name=str(path),
-        ) from error
+        hint = f"check that the folder {target.parent} can be written and has free space"
+        raise not_written(path, error, hint) from error
     return Path(path)
 
 
-def _write_new(path: Path, data: bytes) -> None:
-    """Create a file with the permissions the user's umask gives, and push it to the disk."""
-    # tempfile would create it readable by its owner only, and the rename would keep that.
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
+def not_written(path: StrPath, error: OSError, hint: str) -> OutputError:
+    """The error of a file that cannot be written."""
+    said = error.strerror or error
+    return OutputError(f"{path}: cannot be written: {said}", hint=hint, name=str(path))
 
 
 def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
-    """Read a file of at most ``most_bytes`` bytes.
+    """Read a file of at most ``most_bytes`` bytes: a wrong one of gigabytes fills no memory.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file.
-    most_bytes : int
-        Largest size accepted: a wrong file of gigabytes is refused before it fills the memory.
-
-    Returns
-    -------
-    bytes
-        The content.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, cannot be opened, or is larger.
+    Raises FileFormatError: the file is missing, cannot be opened, or is larger.
     """
     try:
         data = read_bounded(path, most_bytes)
@@ -446,10 +356,7 @@ def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
 def make_folder(path: Path) -> Path:
     """Create the folder that results go to.
 
-    Raises
-    ------
-    OutputError
-        It cannot be created, or is a file.
+    Raises OutputError: it cannot be created, or is a file.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -35,10 +35,7 @@ def read_tree(path: Path) -> Any:
     The first character tells the format: ``<`` for XML, ``{`` and ``[`` for JSON, all else is YAML.
     Numbers of YAML and XML stay texts: see :func:`number`.
 
-    Raises
-    ------
-    FileFormatError
-        The file is missing, too large, none of these, or nested too deep.
+    Raises FileFormatError: the file is missing, too large, none of these, or nested too deep.
     """
     data = read_bytes_bounded(path, most_bytes=LARGEST_TREE_BYTES)
     try:

@@ -90,10 +90,8 @@ def text_of(data: bytes) -> str:
 def documents(text: str) -> list[Node]:
     """The documents of a text.
 
-    Raises
-    ------
-    Fault
-        It is no YAML, has anchors, aliases or tags, is nested too deeply, or has too many values.
+    Raises Fault: it is no YAML, has anchors, aliases or tags, is nested too deeply, or has too many
+    values.
     """
     short, quick = json_items(text)
     try:

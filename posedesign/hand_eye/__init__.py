@@ -11,10 +11,11 @@ if TYPE_CHECKING:
         CAMERA_FILES,
         Asked,
         Calibrated,
+        Sightings,
         as_calibrated,
         calibrate_camera,
+        find_boards,
     )
-    from posedesign.hand_eye.sightings import Sightings, find_boards
 else:
     __getattr__ = load_when_asked(__name__)
 

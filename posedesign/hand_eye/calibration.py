@@ -1,8 +1,19 @@
-"""The steps of the command ``camera``: pictures and poses in, camera, lens and tables out."""
+"""The steps of the command ``camera``: pictures and poses in, camera, lens and tables out.
+
+Columns of ``camera_points.csv``:
+
+======================  =========================================================================
+``picture``             name of the picture
+``point``               number of the point of the board, from 0: as ``Board.points`` has them
+``x_px``, ``y_px``      where it is, from the left upper corner of the image
+``residual_x_px``       by how much the result shows it elsewhere; empty for what was not used
+``residual_y_px``       the same down the image
+======================  =========================================================================
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,23 +27,54 @@ from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
 from calib.robots import flange_robot, posture_of_pose
-from calib.se3 import (
-    FloatArray,
-    check_transforms,
-    quaternion_from_rotation,
-    wpr_from_rotation,
-)
-from calib.vision.boards import Board
+from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
+from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
 from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
+from posedesign.files.pictures import read_grey
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
+from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pictures import PictureSet
-from posedesign.hand_eye.sightings import Advance, find_boards
-from posedesign.pairs.certificate import Camera
+
+Advance = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What N pictures show of a board of K points.
+
+    ``pixels`` (N, K, 2): from the left upper corner of the image; NaN where a point is not seen.
+    ``reasons``: why a picture shows none of them; empty where it shows some.
+    """
+
+    pixels: FloatArray
+    reasons: tuple[str, ...]
+
+    @property
+    def shown(self) -> int:
+        """Pictures that show the board."""
+        return sum(not reason for reason in self.reasons)
+
+
+def find_boards(
+    paths: Sequence[Path], board: Board, advance: Advance = lambda what, part: None
+) -> Sightings:
+    """Find a board in pictures, one at a time.
+
+    Raises FileFormatError: a picture that cannot be read.
+    """
+    found: list[BoardSighting] = []
+    for k, path in enumerate(paths):
+        advance(path.name, k / max(len(paths), 1))
+        found.append(detect_board(read_grey(path), board))
+    pixels = np.array([one.pixels for one in found]).reshape(len(paths), len(board.points), 2)
+    reasons = ["" if one.is_ok else f"{one.status}: {one.message}" for one in found]
+    return Sightings(pixels, tuple(reasons))
+
 
 CAMERA_FILES = (
     ("camera.json", "calibrated camera"),
@@ -49,22 +91,12 @@ _DETECTING = 0.9
 class Asked:
     """What is to be estimated, and what is known.
 
-    Attributes
-    ----------
-    camera : {"on-flange", "fixed"}
-        Eye-in-hand, or eye-to-hand with the board on the flange.
-    lens : str or Lens
-        Model of a lens that is estimated, or one that is known.
-    free : tuple of str
-        Words of what of the robot is estimated, too, such as ``zero_offsets``.
-    board_errors : tuple of str
-        Of ``scale``, ``bend_x``, ``bend_y``.
-    pixel_sigma : float or None
-        Noise of a coordinate of a point [px]; from the pictures by default.
-    arm_sigma : tuple of two floats or None
-        How far the arm stops from where it says [m, rad]; likewise.
-    board : Board or None
-        In place of the one that the cell describes.
+    ``camera`` {"on-flange", "fixed"}: eye-in-hand, or eye-to-hand with the board on the flange.
+    ``lens``: model of a lens that is estimated, or one that is known. ``free``: words of what of
+    the robot is estimated, too, such as ``zero_offsets``. ``board_errors``: of ``scale``,
+    ``bend_x``, ``bend_y``. ``pixel_sigma``: noise of a coordinate of a point [px]; from the
+    pictures by default. ``arm_sigma``: how far the arm stops from where it says [m, rad]; likewise.
+    ``board``: in place of the one that the cell describes.
     """
 
     camera: Camera = "on-flange"
@@ -80,17 +112,9 @@ class Asked:
 class Calibrated:
     """The result with what is to be said of its files.
 
-    Attributes
-    ----------
-    result : HandEyeResult
-    reasons : tuple of str
-        Why a picture does not show the board; empty where it does.
-    postures : array (N, n)
-        Of each picture [rad]; NaN where it is not known.
-    with_joints : bool
-        Whether they are joint values, and not poses of the flange.
-    notes : tuple of str
-        What is odd about the files.
+    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
+    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
+    and not poses of the flange. ``notes``: what is odd about the files.
     """
 
     result: HandEyeResult
@@ -122,17 +146,9 @@ def calibrate_camera(
 ) -> Calibrated:
     """Find the board, estimate, and write ``camera.json`` and the tables beside it.
 
-    Parameters
-    ----------
-    pictures : mapping of str to PictureSet
-        By the name of the camera; ``camera`` where there is one.
-
-    Raises
-    ------
-    InputError
-        No poses, no board in the pictures, or nothing that fits them.
-    NotIdentifiableError
-        The motion, or the views, do not tell what is asked for.
+    ``pictures``: by the name of the camera; ``camera`` where there is one. Raises InputError: no
+    poses, no board in the pictures, or nothing that fits them. NotIdentifiableError: the motion, or
+    the views, do not tell what is asked for.
     """
     board = asked.board or board_of(cell)
     claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
@@ -179,10 +195,7 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
 
     Camera, board and lens are where they were found, and points and arm scatter as they did.
 
-    Raises
-    ------
-    FileFormatError
-        The file has no joints, several cameras, or is none of this kind.
+    Raises FileFormatError: the file has no joints, several cameras, or is none of this kind.
     """
     tree = read_tree(path)
     found = tree if isinstance(tree, dict) else {}
@@ -211,10 +224,7 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
     )
     carried: Carried = "board" if fixed else "camera"
     camera = CameraFound(
-        read_lens(path),
-        carried,
-        check_transforms(X, names[0]),
-        check_transforms(Z, names[1]),
+        read_lens(path), carried, check_transforms(X, names[0]), check_transforms(Z, names[1])
     )
     config = cell.config.model_copy(update={"measurement": measurement})
     return replace(cell, config=config, camera_found=camera), np.deg2rad(taken)
@@ -248,12 +258,7 @@ def _check_poses(shown: PictureSet, asked: Asked) -> None:
 
 
 def _seen(
-    cell: Cell,
-    shown: PictureSet,
-    board: Board,
-    pixels: FloatArray,
-    asked: Asked,
-    camera: str,
+    cell: Cell, shown: PictureSet, board: Board, pixels: FloatArray, asked: Asked, camera: str
 ) -> Pictures:
     """What the estimate takes: joints of the arm of the cell, or poses of its flange alone."""
     if shown.postures is not None:
@@ -317,6 +322,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     """The result for ``camera.json``: millimetres, degrees, pixels."""
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
+    factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
     joints = {
         name: np.degrees(posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
@@ -347,7 +353,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         "covariance": {
             "names": list(result.estimate.names),
             "units": [DISPLAY[unit][0] for unit in result.estimate.units],
-            "matrix": _displayed_covariance(result).tolist(),
+            "matrix": (result.estimate.covariance * np.outer(factor, factor)).tolist(),
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
@@ -362,11 +368,6 @@ def parameter_rows(result: HandEyeResult) -> list[dict[str, Any]]:
         value = row.value - 0.5 if is_center else row.value
         rows.append({"parameter": row.name, "value": value, "sigma": row.sigma, "unit": row.unit})
     return rows
-
-
-def _displayed_covariance(result: HandEyeResult) -> FloatArray:
-    factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
-    return np.asarray(result.estimate.covariance * np.outer(factor, factor))
 
 
 def frame_as_dict(frame: PlacedFrame) -> dict[str, Any]:

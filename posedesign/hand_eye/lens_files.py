@@ -31,7 +31,7 @@ from calib.lens import DISTORTION, Lens, LensName
 from calib.se3 import FloatArray
 from calib.vision.boards import Board, make_board
 from posedesign.files.trees import number, numbers, read_tree
-from posedesign.pairs.transforms import opencv_matrix
+from posedesign.hand_eye.pairs.transforms import opencv_matrix
 
 LENS_FILES = (("camera_info.yaml", "lens for ROS"), ("lens.json", "lens for OpenCV"))
 """Names of the files, and what they say that they are."""
@@ -98,10 +98,7 @@ def _ros_matrix(M: FloatArray) -> dict[str, object]:
 def read_lens(path: Path) -> Lens:
     """The lens of a ``camera.json``, of ROS's camera_info, of OpenCV, or the one of a camchain.
 
-    Raises
-    ------
-    FileFormatError
-        There is no lens in it, or more than one, or a number is missing.
+    Raises FileFormatError: there is no lens in it, or more than one, or a number is missing.
     """
     tree = read_tree(path)
     found = tree if isinstance(tree, dict) else {}
@@ -188,10 +185,8 @@ def _lens(
 def read_camchain(path: Path) -> dict[str, Lens]:
     """Lenses of a camchain of Kalibr by the names of the cameras, say ``cam0``.
 
-    Raises
-    ------
-    FileFormatError
-        There is none, or one of a model that is not known here, or without its numbers.
+    Raises FileFormatError: there is none, or one of a model that is not known here, or without its
+    numbers.
     """
     tree = read_tree(path)
     cameras = {
@@ -239,10 +234,8 @@ def read_kalibr_target(path: Path) -> dict[str, Any]:
     circles) as whole numbers; lengths [m]; ``tagSpacing``, the gap in lengths of a tag; and
     ``asymmetricGrid``.
 
-    Raises
-    ------
-    FileFormatError
-        The kind of board is not known, or a number is missing or not above zero.
+    Raises FileFormatError: the kind of board is not known, or a number is missing or not above
+    zero.
     """
     tree = read_tree(path)
     kind = str(tree.get("target_type"))[:40] if isinstance(tree, dict) else ""
@@ -273,10 +266,7 @@ def read_kalibr_target(path: Path) -> dict[str, Any]:
 def kalibr_board(path: Path) -> Board:
     """The board that a target of Kalibr describes.
 
-    Raises
-    ------
-    FileFormatError
-        It describes none that can be found here.
+    Raises FileFormatError: it describes none that can be found here.
     """
     found = read_kalibr_target(path)
     if found["target_type"] == "aprilgrid":

@@ -24,22 +24,25 @@ from calib.errors import FileFormatError, InputError
 from calib.hand_eye.pictures import FEWEST_NEAR, NEAR_S, motion_at, rows_near
 from calib.robots import Robot, flange_robot, posture_of_pose
 from calib.se3 import FloatArray, IntArray
-from posedesign.files.csv_tables import LONGEST_SHOWN, Row, is_number, numbers_of, read_table
+from posedesign.files.csv_tables import (
+    LONGEST_SHOWN,
+    Row,
+    a_few,
+    is_number,
+    numbers_of,
+    read_table,
+)
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.pairs.forms import POSE_COLUMNS, read_poses_of
+from posedesign.hand_eye.pairs.forms import POSE_COLUMNS, read_poses_of
 from posedesign.programs.registry import read_joints
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
 Order = Literal["name", "time"]
 
-_SHOWN = 5
-"""Names that a message lists."""
-
 _TABLES = (".csv", ".txt", ".tsv", ".dat")
 """Endings of tables; all others are of programs and lists."""
-
 
 _NOT_MEASURED = ("via", "dropped")
 """Status of rows of a ``poses.csv`` at which no picture was taken."""
@@ -49,24 +52,13 @@ _NOT_MEASURED = ("via", "dropped")
 class PictureSet:
     """Pictures by one lens, and how the arm stood when each was taken.
 
-    Attributes
-    ----------
-    paths : tuple of Path
-        Their files, in order.
-    names : tuple of str
-        Names of the files; each is there once.
-    size_px : tuple of int
-        Width and height of all.
-    postures : array (N, n) or None
-        Joint values [rad]; NaN for a picture without, which serves the lens only. None where poses
-        of the flange are given, or nothing.
-    T_base_flange : array (N, 4, 4) or None
-        Poses of the flange in the base frame [m], likewise.
-    motion : array (N, 2, n) or None
-        Velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
-        postures of :func:`calib.robots.flange_robot`, where it is of poses.
-    notes : tuple of str
-        What is odd about them, or was taken for granted, in words.
+    ``paths``: their files, in order. ``names``: names of the files; each is there once.
+    ``size_px``: width and height of all. ``postures`` (N, n): joint values [rad]; NaN for a picture
+    without, which serves the lens only. None where poses of the flange are given, or nothing.
+    ``T_base_flange`` (N, 4, 4): poses of the flange in the base frame [m], likewise. ``motion`` (N,
+    2, n): velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
+    postures of :func:`calib.robots.flange_robot`, where it is of poses. ``notes``: what is odd
+    about them, or was taken for granted, in words.
     """
 
     paths: tuple[Path, ...]
@@ -90,28 +82,15 @@ def read_picture_set(
 
     The pixels are read later, one picture at a time, by `read_grey`.
 
-    Parameters
-    ----------
-    pictures : Path or sequence of Path
-        A folder, or files and folders in any order.
-    poses : Path, optional
-        A table (CSV) with joint columns (:mod:`posedesign.files.postures`) or the pose of the
-        flange (:mod:`posedesign.pairs.forms`); a robot program, or a list for ROS or RoboDK, of
-        joint values. Without it the pictures serve the lens only.
-    robot : Robot, optional
-        The arm that joint values are of.
-    order : {"name", "time"}
-        Order of the pictures: by name, numbers in it by their value, or by the time in their EXIF.
-    trust_units : bool
-        Do not refuse values that look like those of another unit.
-
-    Raises
-    ------
-    FileFormatError
-        A picture cannot be read, has another size than the others, or is there twice at different
-        poses; rows do not fit the pictures, or hold something else than numbers.
-    InputError
-        There are no pictures, two have one name, or joint values and no robot.
+    ``pictures``: a folder, or files and folders in any order. ``poses``: a table (CSV) with joint
+    columns (:mod:`posedesign.files.postures`) or the pose of the flange (:mod:`.pairs.forms`); a
+    robot program, or a list for ROS or RoboDK, of joint values. Without it the pictures serve the
+    lens only. ``robot``: the arm that joint values are of. ``order`` {"name", "time"}: order of the
+    pictures: by name, numbers in it by their value, or by the time in their EXIF. ``trust_units``:
+    do not refuse values that look like those of another unit. Raises FileFormatError: a picture
+    cannot be read, has another size than the others, or is there twice at different poses; rows do
+    not fit the pictures, or hold something else than numbers. InputError: there are no pictures,
+    two have one name, or joint values and no robot.
     """
     paths, notes = _files_of([pictures] if isinstance(pictures, Path) else pictures, poses)
     heads = _heads_of(paths)
@@ -120,7 +99,7 @@ def read_picture_set(
     turned = [path.name for path, head in zip(paths, heads, strict=True) if head.is_turned]
     if turned:
         notes.append(
-            f"{_listed(turned)}: a note in the file asks to turn the picture; it stays as the "
+            f"{a_few(turned)}: a note in the file asks to turn the picture; it stays as the "
             "sensor had it, as the lens does"
         )
     found = None
@@ -131,7 +110,7 @@ def read_picture_set(
     if values is not None:
         without = [paths[i].name for i, v in zip(kept, values, strict=True) if np.isnan(v).any()]
         if without:
-            notes.append(f"{_listed(without)}: no pose is given, used for the lens only")
+            notes.append(f"{a_few(without)}: no pose is given, used for the lens only")
     return PictureSet(
         tuple(paths[i] for i in kept),
         tuple(paths[i].name for i in kept),
@@ -154,11 +133,6 @@ def cameras_in(folder: Path) -> dict[str, Path]:
         if inside and not any(entry.suffix.lower() in ENDINGS for entry in entries):
             return {entry.name: entry for entry in inside}
     return {"camera": folder}
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(name[:LONGEST_SHOWN] for name in names[:_SHOWN]) + more
 
 
 def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
@@ -187,7 +161,7 @@ def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], li
         other += [entry.name for entry in entries if entry.suffix.casefold() not in ENDINGS]
     if not paths:
         raise InputError(
-            "there are no pictures" + (f", only {_listed(sorted(other))}" if other else ""),
+            "there are no pictures" + (f", only {a_few(sorted(other))}" if other else ""),
             hint=f"name the folder with the files {' '.join(ENDINGS)}",
             name="pictures",
         )
@@ -195,13 +169,13 @@ def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], li
     double = [name for name, count in Counter(path.name for path in paths).items() if count > 1]
     if double:
         raise InputError(
-            f"several pictures have the name {_listed(double)}",
+            f"several pictures have the name {a_few(double)}",
             hint="rename those of one folder: rows and messages tell pictures by name",
             name="pictures",
             value=double[0],
         )
     passed = sorted(name for name in other if poses is None or name != poses.name)
-    return paths, [f"no pictures, passed over: {_listed(passed)}"] if passed else []
+    return paths, [f"no pictures, passed over: {a_few(passed)}"] if passed else []
 
 
 def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
@@ -217,7 +191,7 @@ def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
         more = [fault.path.name for fault in faults[1:]]
         said = faults[0].message.removeprefix(f"{faults[0].path}: ")
         raise FileFormatError(
-            said + (f"; nor can {_listed(more)} be read" if more else ""),
+            said + (f"; nor can {a_few(more)} be read" if more else ""),
             path=faults[0].path,
             hint=f"{faults[0].hint}, or take it out",
         ) from faults[0]
@@ -229,7 +203,7 @@ def _heads_of(paths: Sequence[Path]) -> list[PictureHead]:
         others = [paths[i].name for i in odd[1:]]
         raise FileFormatError(
             f"has {width} by {height} pixels, where {count} others have {usual[0]} by {usual[1]}"
-            + (f"; so have other sizes {_listed(others)}" if others else ""),
+            + (f"; so have other sizes {a_few(others)}" if others else ""),
             path=paths[odd[0]],
             hint="it was turned when it was saved: save it as the camera gives it"
             if (height, width) == usual
@@ -244,7 +218,7 @@ def _by_time(
     silent = [path.name for path, head in zip(paths, heads, strict=True) if not head.taken]
     if silent:
         raise InputError(
-            f"{_listed(silent)}: the file does not say when it was taken (no time in its EXIF)",
+            f"{a_few(silent)}: the file does not say when it was taken (no time in its EXIF)",
             hint="take the order of names",
             name="order",
         )
@@ -252,7 +226,7 @@ def _by_time(
     times = Counter(head.taken for head in heads)
     same = [path.name for path, head in zip(paths, heads, strict=True) if times[head.taken] > 1]
     if same:
-        notes.append(f"{_listed(same)}: taken at the same time as another, in the order of names")
+        notes.append(f"{a_few(same)}: taken at the same time as another, in the order of names")
     return [paths[i] for i in ranks], [heads[i] for i in ranks]
 
 
@@ -260,16 +234,9 @@ def _by_time(
 class _Poses:
     """Joint values or poses of the flange, row by row of a file.
 
-    Attributes
-    ----------
-    joints : bool
-        Whether they are joint values.
-    values : array (R, n) or (R, 4, 4)
-        NaN in rows that give none.
-    pictures : list of str
-        The picture of each row; empty where the file does not say.
-    motion : array (R, 2, n) or None
-        How the joints moved, where the file is a record of them.
+    ``joints``: whether they are joint values. ``values`` (R, n) or (R, 4, 4): NaN in rows that give
+    none. ``pictures``: the picture of each row; empty where the file does not say. ``motion`` (R,
+    2, n): how the joints moved, where the file is a record of them.
     """
 
     path: Path
@@ -400,7 +367,7 @@ class _Poses:
                 lost.append(f"line {line} {cell[:LONGEST_SHOWN]!r}")
                 continue
             if len(fits) > 1:
-                raise self._fault(line, f"may be {_listed([paths[i].name for i in fits])}")
+                raise self._fault(line, f"may be {a_few([paths[i].name for i in fits])}")
             if fits[0] in lines:
                 raise self._fault(
                     line, f"gives a second pose of {name}, after line {lines[fits[0]]}"
@@ -412,7 +379,7 @@ class _Poses:
                 self.lines[0], f"no row names a picture that is there; the first is {paths[0].name}"
             )
         if lost:
-            notes.append(f"{self.path}: there is no such picture, passed over: {_listed(lost)}")
+            notes.append(f"{self.path}: there is no such picture, passed over: {a_few(lost)}")
         values = _picked(self.values, row_of)
         motion = None if self.motion is None else _picked(self.motion, row_of)
         return replace(self, values=values, lines=[], pictures=[], motion=motion)
@@ -482,10 +449,7 @@ def _pictures_of(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> lis
 
 
 def _without_copies(
-    paths: Sequence[Path],
-    heads: Sequence[PictureHead],
-    values: FloatArray | None,
-    notes: list[str],
+    paths: Sequence[Path], heads: Sequence[PictureHead], values: FloatArray | None, notes: list[str]
 ) -> list[int]:
     """Which pictures to keep, each once; FileFormatError where one is there at two poses."""
     bare = np.full(len(paths), False)

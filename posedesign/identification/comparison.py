@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.task_box import workplace
+from posedesign.files.csv_tables import MOST_LISTED, a_few, first_like
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.findings import diagnose_table, in_words, is_gross, is_of_the_model
 from posedesign.identification.measurement_set_up import nominal_distances, seen_once
@@ -64,20 +65,14 @@ LEFT_OVER_M = 2e-3
 FAR_FROM_NOISE = 10.0
 """Residuals over noise beyond which a model explains nothing, where no larger one can be fitted."""
 
-_MOST_LISTED = 5
-
 
 @dataclass(frozen=True)
 class Contradiction:
     """Something of a model that cannot be, or that such arms do not have.
 
-    Attributes
-    ----------
-    kind : {"zero", "arm", "sign", "distance"}
-        A joint's zero, or another error of the arm, beyond what is known of it; a compliance below
-        zero; a known distance that comes out otherwise.
-    said : str
-        In words.
+    ``kind`` {"zero", "arm", "sign", "distance"}: a joint's zero, or another error of the arm,
+    beyond what is known of it; a compliance below zero; a known distance that comes out otherwise.
+    ``said``: in words.
     """
 
     kind: Literal["zero", "arm", "sign", "distance"]
@@ -88,20 +83,12 @@ class Contradiction:
 class Identified:
     """All models on one set of measurements.
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        What explains the residuals by name, the likeliest first.
-    contradictions : tuple of Contradiction
-        What the recommended model says against what is known of such arms.
-    workplace : str
-        Where the errors of the models are expected, in words; empty where they are not.
-    held_only : tuple of str
-        Models that were not tried, since nothing measured sees the scale of their links.
-    probabilities : dict of str to float
-        Of errors that the arm may have, as models with priors: what the others were judged by.
-    measured : dict of str to str
-        What the file of an instrument has, in words by what it is about.
+    ``findings``: what explains the residuals by name, the likeliest first. ``contradictions``: what
+    the recommended model says against what is known of such arms. ``workplace``: where the errors
+    of the models are expected, in words; empty where they are not. ``held_only``: models that were
+    not tried, since nothing measured sees the scale of their links. ``probabilities``: of errors
+    that the arm may have, as models with priors: what the others were judged by. ``measured``: what
+    the file of an instrument has, in words by what it is about.
     """
 
     comparison: Comparison
@@ -179,16 +166,10 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     not the robot's, and a "before" that contains them flatters every calibration. Then each set of
     ``parameters.models``, from small to large.
 
-    Parameters
-    ----------
-    table : MeasurementTable
-        Of any targets; their positions need not be known.
-
-    Raises
-    ------
-    InputError, NotIdentifiableError, ConvergenceError
-        As :func:`calib.identification.identify`, for the baseline or where all else is refused;
-        measurements that contradict each other, with no mistake that explains it.
+    ``table``: of any targets; their positions need not be known. Raises InputError,
+    NotIdentifiableError, ConvergenceError: as :func:`calib.identification.identify`, for the
+    baseline or where all else is refused; measurements that contradict each other, with no mistake
+    that explains it.
     """
     section = cell.config.parameters
     # otherwise the fit is to be the paper's
@@ -233,7 +214,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     once = seen_once(table.data)
     if once:
         said.append(
-            f"measured once, which says nothing but where they are: {listed(once, 'targets')}"
+            f"measured once, which says nothing but where they are: {a_few(once, 'targets')}"
         )
     said += left_out(cell)
     findings = diagnose_table(cell, table)
@@ -274,7 +255,7 @@ def contradictions(judge: Reference, identified: Identified) -> list[Contradicti
         prior, np.where(np.isfinite(result.prior), 0.0, result.sigma)
     )
     said: list[Contradiction] = []
-    for k in np.argsort(-beyond).tolist()[:_MOST_LISTED]:
+    for k in np.argsort(-beyond).tolist()[:MOST_LISTED]:
         if beyond[k] > BEYOND_PRIOR:
             unit, factor = DISPLAY[result.units[k]]
             off = factor * (result.values[k] - result.nominal[k])
@@ -300,9 +281,7 @@ def contradictions(judge: Reference, identified: Identified) -> list[Contradicti
                 f"apart, known are {1e3 * known.length_m:.3f}",
             )
             for known, off in zip(
-                model.distances,
-                rows * np.array([d.sigma_m for d in model.distances]),
-                strict=True,
+                model.distances, rows * np.array([d.sigma_m for d in model.distances]), strict=True
             )
             if abs(off) > BEYOND_PRIOR * known.sigma_m
         ]
@@ -351,16 +330,10 @@ def _unexplained(comparison: Comparison) -> Comparison:
     return replace(comparison, recommended=None, reason=reason, criterion="")
 
 
-def listed(names: Sequence[str], what: str) -> str:
-    """A few names, and how many more there are of what."""
-    more = len(names) - _MOST_LISTED
-    return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more {what}" if more > 0 else "")
-
-
 def summed_up(lines: Sequence[str], what: str) -> list[str]:
     """A few lines, and in another one how many more there are of what."""
-    more = len(lines) - _MOST_LISTED
-    return [*lines[:_MOST_LISTED], *([f"and {more} more {what}"] if more > 0 else [])]
+    more = len(lines) - MOST_LISTED
+    return [*lines[:MOST_LISTED], *([f"and {more} more {what}"] if more > 0 else [])]
 
 
 def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
@@ -395,22 +368,17 @@ def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str
     A measurement that was made twice differs in its last digits; a row that was pasted twice does
     not, and would count double.
     """
-    data, setup = table.data, table.data.setup
-    first: dict[tuple[Any, ...], int] = {}
-    kept, repeats = [], []
-    for i in range(data.count):
-        key: tuple[Any, ...] = (setup.kind[i], setup.tool[i], setup.target[i], setup.payload[i])
-        key += (data.postures[i].tobytes(),)
-        if data.observed is not None:
-            key += (data.observed[i].tobytes(),)
-        if first.setdefault(key, i) == i:
-            kept.append(i)
-        else:
-            repeats.append(f"line {table.lines[i]} as line {table.lines[first[key]]}")
-    if not repeats:
+    data, setup, lines = table.data, table.data.setup, table.lines
+    read = np.zeros((data.count, 0)) if data.observed is None else data.observed
+    of = np.stack([setup.kind, setup.tool, setup.target, setup.payload], axis=1)
+    rows = zip(of.tolist(), data.postures, read, strict=True)
+    first = np.array(first_like((*k, q.tobytes(), r.tobytes()) for k, q, r in rows))
+    kept = first == np.arange(data.count)
+    if kept.all():
         return table, []
-    said = f"rows that repeat another number by number are left out: {listed(repeats, 'rows')}"
-    return table.some(np.array(kept, dtype=np.intp)), [said]
+    again = [f"line {lines[i]} as line {lines[first[i]]}" for i in np.flatnonzero(~kept)]
+    said = f"rows that repeat another number by number are left out: {a_few(again, 'rows')}"
+    return table.some(np.flatnonzero(kept)), [said]
 
 
 def missing_poses(names: Sequence[str]) -> list[str]:
@@ -423,7 +391,7 @@ def missing_poses(names: Sequence[str]) -> list[str]:
     gaps = [k for k in range(1, max(numbers)) if k not in numbers]
     if not gaps:
         return []
-    absent = listed([f"P{k:0{width}d}" for k in gaps], "poses")
+    absent = a_few([f"P{k:0{width}d}" for k in gaps], "poses")
     return [f"of the poses up to P{max(numbers):0{width}d} there are no measurements of {absent}"]
 
 

@@ -56,6 +56,7 @@ from posedesign.identification.correction_routes import (
     NEAR,
     POSES,
     Routes,
+    read_correcting,
     routes_of,
 )
 from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
@@ -93,16 +94,9 @@ next to nothing to gain."""
 class Correction:
     """What was made of an identification.
 
-    Attributes
-    ----------
-    identified : IdentifiedModel
-        What is corrected by.
-    routes : Routes
-        What error each way leaves.
-    compensated : Compensated or None
-        Commands for the poses.
-    rehearsed : str
-        What is to be said first of what comes of a simulated robot; empty for a real one.
+    ``identified``: what is corrected by. ``routes``: what error each way leaves. ``compensated``:
+    commands for the poses. ``rehearsed``: what is to be said first of what comes of a simulated
+    robot; empty for a real one.
     """
 
     identified: IdentifiedModel
@@ -158,49 +152,23 @@ def correct(
 ) -> Correction:
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
 
-    Parameters
-    ----------
-    cell_file : Path
-        Where it was read from: its robot's URDF is named relative to it.
-    identification : Path
-        An ``identification.json``.
-    poses : Path, optional
-        A ``poses.csv``.
-    name : str, optional
-        Of a model whose values are used as they are. By default they are the best ones for each
-        way, by the reference of the identification.
-    tool : str, optional
-        Which tool point of the identification is that of the cell.
-    box : TaskBox, optional
-        Where the arm works; that of the cell by default.
-    exports : sequence of str
-        Other forms of the corrected description that are wanted, keys of
-        :data:`posedesign.identification.exports.EXPORTS`.
-    trust_units : bool
-        See :func:`posedesign.planning.poses_file.read_poses`.
-
-    Raises
-    ------
-    FileFormatError
-        A file that cannot be used.
-    InputError
-        A model that says nothing of the arm, a tool that the identification does not have.
-    UnreachableError
-        No point of the box can be reached.
+    ``cell_file``: where it was read from: its robot's URDF is named relative to it.
+    ``identification``: an ``identification.json``. ``poses``: A ``poses.csv``. ``name``: of a model
+    whose values are used as they are. By default they are the best ones for each way, by the
+    reference of the identification. ``tool``: which tool point of the identification is that of the
+    cell. ``box``: where the arm works; that of the cell by default. ``exports``: other forms of the
+    corrected description that are wanted, keys of
+    :data:`posedesign.identification.exports.EXPORTS`. ``trust_units``: see
+    :func:`posedesign.planning.poses_file.read_poses`. Raises FileFormatError: a file that cannot be
+    used. InputError: a model that says nothing of the arm, a tool that the identification does not
+    have. UnreachableError: no point of the box can be reached.
     """
     forms = find_exports(exports)
     wanted = CORRECTION if poses is not None else CORRECTION[:2]
     wanted += tuple((form.file, form.purpose) for form in forms)
     results = Results.of(out, "correct")
     claims = results.claim("computed", *wanted, inputs=[identification])
-    identified = read_identification(identification, cell, name, reference=True)
-    if identified.model.nuisance.all():
-        raise InputError(
-            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
-            "arm to correct",
-            hint="choose another one with `model`",
-            name="model",
-        )
+    identified = read_correcting(identification, cell, name)
     known = identified if name is None else _judge(identification, cell, identified)
     routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
     description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))
@@ -350,12 +318,8 @@ def predict(
     Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
     worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
 
-    Raises
-    ------
-    InputError, NotIdentifiableError
-        The poses do not identify the parameters, or the cell asks for no such model.
-    UnreachableError
-        No point of the box can be reached.
+    Raises InputError, NotIdentifiableError: the poses do not identify the parameters, or the cell
+    asks for no such model. UnreachableError: no point of the box can be reached.
     """
     (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
     check_not_hand_eye(cell, "a prediction over a box")
@@ -381,9 +345,7 @@ def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel
     known = {candidate.name: candidate.model for candidate in tried}
     if name not in known:
         raise InputError(
-            f"the cell asks for no model {name[:60]!r}",
-            hint=near_names(name, known),
-            name="model",
+            f"the cell asks for no model {name[:60]!r}", hint=near_names(name, known), name="model"
         )
     return known[name]
 
@@ -391,10 +353,7 @@ def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel
 def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
     """The box of a command line, or that of the cell.
 
-    Raises
-    ------
-    InputError
-        There is none, or it is no box.
+    Raises InputError: there is none, or it is no box.
     """
     section = cell.config.task_box
     if text is None and section is None:
@@ -426,18 +385,11 @@ _STEM = "zero_offset."
 class Mastering:
     """Corrections of the zero points of joints that turn, as the robot's pendant shows them.
 
-    Attributes
-    ----------
-    correction : array (n,)
-        To be added to what the pendant shows to get where each joint is [rad].
-    sigma : array (n,)
-        Standard deviation of each [rad]; NaN where it is not known.
-    identified : array (n,) of bool
-        Whether a joint's own zero offset was identified. Others count as none: target or tool
-        take it up, or it was not asked for.
-    bounded : bool
-        Correlations were not known: where several offsets make one correction, its standard
-        deviation is the largest that is possible.
+    ``correction`` (n,): to be added to what the pendant shows to get where each joint is [rad].
+    ``sigma`` (n,): standard deviation of each [rad]; NaN where it is not known. ``identified``
+    (n,): whether a joint's own zero offset was identified. Others count as none: target or tool
+    take it up, or it was not asked for. ``bounded``: correlations were not known: where several
+    offsets make one correction, its standard deviation is the largest that is possible.
     """
 
     robot: Robot
@@ -504,14 +456,8 @@ def mastering(
 ) -> Mastering:
     """Corrections of the zero points from what was identified.
 
-    Parameters
-    ----------
-    x : array (p,)
-        Identified parameters [SI].
-    covariance : array (p, p), optional
-        [SI]
-    sigma : array (p,), optional
-        Standard deviations [SI], where correlations are not known.
+    ``x`` (p,): identified parameters [SI]. ``covariance`` (p, p): [SI]. ``sigma`` (p,): standard
+    deviations [SI], where correlations are not known.
     """
     robot = model.robot
     names = [f"{_STEM}{joint}" for joint in robot.turning]

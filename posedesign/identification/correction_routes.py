@@ -9,6 +9,7 @@ errors. The values of each are those that are best for it over the task box, see
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from calib.se3 import BoolArray, FloatArray, rotation_exp, transform
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
 from posedesign.files.measurements import TOOL
-from posedesign.identification.file import IdentifiedModel
+from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import model_of
 
 OTHER_TOOL_M = 0.02
@@ -64,14 +65,9 @@ _DESCRIBED = "tool as described"
 class CorrectedTool:
     """The point of the tool that is to stand where it should.
 
-    Attributes
-    ----------
-    index : int
-        Of the tool in the model.
-    parameters : tuple of str
-        Names of those that place it; none where it is taken as described.
-    said : str
-        What is to be known of the choice; empty where it is the cell's own tool, as identified.
+    ``index``: of the tool in the model. ``parameters``: names of those that place it; none where it
+    is taken as described. ``said``: what is to be known of the choice; empty where it is the cell's
+    own tool, as identified.
     """
 
     index: int
@@ -83,14 +79,8 @@ class CorrectedTool:
 class Route:
     """One way to use what was identified.
 
-    Attributes
-    ----------
-    values : Carried
-        Model, parameters and their covariance [SI].
-    expected : ErrorToExpect
-        Over the task box.
-    tool_m : array (3,)
-        The tool point that goes with it, in tip axes [m].
+    ``values``: model, parameters and their covariance [SI]. ``expected``: over the task box.
+    ``tool_m`` (3,): the tool point that goes with it, in tip axes [m].
     """
 
     name: str
@@ -103,10 +93,7 @@ class Route:
 class Routes:
     """All ways, the best one first, and the arm as it is.
 
-    Attributes
-    ----------
-    where : str
-        Which box, in words.
+    ``where``: which box, in words.
     """
 
     routes: tuple[Route, ...]
@@ -167,6 +154,22 @@ class Routes:
         return f"({place}) mm in the axes of the tip"
 
 
+def read_correcting(path: Path, cell: Cell, name: str | None) -> IdentifiedModel:
+    """The model of an ``identification.json`` that says most of the arm, or the one that is named.
+
+    Raises InputError: it says nothing of the arm.
+    """
+    identified = read_identification(path, cell, name, reference=True)
+    if identified.model.nuisance.all():
+        raise InputError(
+            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
+            "arm to correct",
+            hint="choose another one with `model`",
+            name="model",
+        )
+    return identified
+
+
 def corrected_tool(
     cell: Cell, identified: IdentifiedModel, name: str | None = None
 ) -> CorrectedTool:
@@ -175,10 +178,8 @@ def corrected_tool(
     Where there is none the point is the cell's as described, the last tool of the models that
     :func:`with_described_tool` returns.
 
-    Raises
-    ------
-    InputError
-        A name that is none of the identification, or is of another point than the cell's tool.
+    Raises InputError: a name that is none of the identification, or is of another point than the
+    cell's tool.
     """
     model = identified.model
     places = {label: _place(identified, k) for k, label in enumerate(model.tools)}
@@ -247,17 +248,8 @@ def postures_of_box(
     Those of the arm as described inside its joint limits, nearest to the base posture. What it may
     run into is left out of account.
 
-    Parameters
-    ----------
-    box : TaskBox
-        Its steps are of no account.
-    rng : numpy.random.Generator, optional
-        Another source of chance than the usual one.
-
-    Raises
-    ------
-    UnreachableError
-        The arm reaches none.
+    ``box``: its steps are of no account. ``rng``: another source of chance than the usual one.
+    Raises UnreachableError: the arm reaches none.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     points = rng.uniform(box.lowest_m, box.highest_m, (DRAWN, 3))
@@ -287,24 +279,11 @@ def routes_of(
 ) -> Routes:
     """Compare the ways to use an identification over a task box.
 
-    Parameters
-    ----------
-    known : IdentifiedModel
-        What is known of the arm: errors are to be expected by it.
-    box : TaskBox, optional
-        That of the cell by default.
-    tool : str, optional
-        Which identified tool point is the cell's tool.
-    used : IdentifiedModel, optional
-        A model of the same tools whose values are used as they are. By default those that are known
-        are used, and are the best ones for each route.
-
-    Raises
-    ------
-    UnreachableError
-        No point of the box can be reached.
-    InputError
-        A tool that the identification does not have.
+    ``known``: what is known of the arm: errors are to be expected by it. ``box``: that of the cell
+    by default. ``tool``: which identified tool point is the cell's tool. ``used``: a model of the
+    same tools whose values are used as they are. By default those that are known are used, and are
+    the best ones for each route. Raises UnreachableError: no point of the box can be reached.
+    InputError: a tool that the identification does not have.
     """
     point = corrected_tool(cell, used or known, tool)
     box, words = box_of_cell(cell) if box is None else (box, "the box given")

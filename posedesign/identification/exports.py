@@ -97,12 +97,9 @@ def dh_text(robot: Robot, said: Sequence[str], form: Form, parallel_rad: float) 
 
 def _placed(T: FloatArray) -> str:
     """A transform in words: ``x y z = 0.0 0.0 450.0 mm, w p r = 0.0 0.0 90.0 deg``."""
-    place, turn = (" ".join(map(repr, v.tolist())) for v in (1e3 * T[:3, 3], _wpr_deg(T)))
+    given = 1e3 * T[:3, 3], np.rad2deg(rpy_of(T[:3, :3]))
+    place, turn = (" ".join(map(repr, numbers.tolist())) for numbers in given)
     return f"x y z = {place} mm, w p r = {turn} deg (Rz(r) Ry(p) Rx(w))"
-
-
-def _wpr_deg(T: FloatArray) -> FloatArray:
-    return np.rad2deg(rpy_of(T[:3, :3]))
 
 
 def ur_kinematics_text(robot: Robot, said: Sequence[str]) -> str:
@@ -112,10 +109,7 @@ def ur_kinematics_text(robot: Robot, said: Sequence[str]) -> str:
     in the axes of ``base_link_inertia``, which are those of the controller's base. The hash is none
     of an arm: the driver says that it is not the one that it is connected to.
 
-    Raises
-    ------
-    InputError
-        The arm is no such arm.
+    Raises InputError: the arm is no such arm.
     """
     controller = robot.controller
     about_z = np.abs(robot.chain.axes - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-12

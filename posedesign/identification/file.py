@@ -133,24 +133,12 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_file(path: Path) -> IdentificationFile:
-    """Read an ``identification.json``.
-
-    Raises
-    ------
-    FileFormatError
-        It is none.
-    """
+    """Read an ``identification.json``."""
     return read_json(path, IdentificationFile, _WRITTEN)
 
 
 def read_json(path: Path, what: type[M], hint: str) -> M:
-    """Read a JSON file that holds what a pydantic model says; ``hint`` says who writes such a file.
-
-    Raises
-    ------
-    FileFormatError
-        It does not.
-    """
+    """Read a JSON file that holds what a pydantic model says; ``hint``: who writes such files."""
     data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
     try:
         return what.model_validate(load_json(data))
@@ -194,16 +182,9 @@ _IN_WORDS = {
 class IdentifiedModel:
     """One model of an identification, with the calibration model that it is of.
 
-    Attributes
-    ----------
-    x : array (p,)
-        Identified parameters [SI].
-    sigma : array (p,)
-        Standard deviations [SI]; NaN where the file has none.
-    covariance : array (p, p) or None
-        [SI]; None where the file has none.
-    held : tuple of str
-        Parameters of which the measurements say nothing: what is known beforehand holds them.
+    ``x`` (p,): identified parameters [SI]. ``sigma`` (p,): standard deviations [SI]; NaN where the
+    file has none. ``covariance`` (p, p): [SI]; None where the file has none. ``held``: parameters
+    of which the measurements say nothing: what is known beforehand holds them.
     """
 
     name: str
@@ -220,21 +201,11 @@ def read_identification(
 ) -> IdentifiedModel:
     """Read one model of an ``identification.json``.
 
-    Parameters
-    ----------
-    cell : Cell
-        With the robot that was identified.
-    name : str, optional
-        Of the model; the recommended one by default.
-    reference : bool
-        Of the models that the file has, the one that says most of the arm is meant by default: its
-        ``reference``, or where it names none the recommended one.
-
-    Raises
-    ------
-    FileFormatError
-        The file is no identification, is of another robot, has no such model, or a number in it
-        cannot be used.
+    ``cell``: with the robot that was identified. ``name``: of the model; the recommended one by
+    default. ``reference``: of the models that the file has, the one that says most of the arm is
+    meant by default: its ``reference``, or where it names none the recommended one. Raises
+    FileFormatError: the file is no identification, is of another robot, has no such model, or a
+    number in it cannot be used.
     """
     content = read_file(path)
     if content.robot is None:

@@ -20,17 +20,8 @@ import numpy as np
 
 from calib.errors import FileFormatError
 from calib.model.measurements import Measurements
-from calib.model.parameters import (
-    Frames,
-    ParameterBlock,
-)
-from calib.se3 import (
-    FloatArray,
-    IntArray,
-    rotation_angle,
-    rotation_exp,
-    wpr_from_rotation,
-)
+from calib.model.parameters import Frames, ParameterBlock
+from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.cell.observations import place_of, target_named
 from posedesign.cell.observations import set_up_blocks as place_set_up
@@ -141,10 +132,7 @@ _SAID = ", or correct the unit where the cell says that of an instrument's file"
 def check_readings(cell: Cell, table: MeasurementTable) -> None:
     """Refuse places, distances and rotations that cannot be in the unit of their columns.
 
-    Raises
-    ------
-    FileFormatError
-        Naming file and columns, and the unit that they look like.
+    Raises FileFormatError: naming file and columns, and the unit that they look like.
     """
     if table.data.observed is None:
         return

@@ -124,17 +124,11 @@ def candidates(
     Models that free what these measurements cannot tell are reduced, and say so; zero offsets
     that the cell lists by name are not left out in silence: their model is refused.
 
-    Parameters
-    ----------
-    kinds : sequence of Measurement, optional
-        With their noise; by default that of the cell.
-    without : sequence of str
-        Names of models that are not to be tried, such as those of :func:`held_only`.
-    own_noise : bool
-        Where the noise was found, estimate that of models without priors anew, each its own: a
-        robust loss would weigh down most of what a model that leaves much of the arm out misses.
-    before_measuring : bool
-        See :func:`kinds_of`.
+    ``kinds``: with their noise; by default that of the cell. ``without``: names of models that are
+    not to be tried, such as those of :func:`held_only`. ``own_noise``: where the noise was found,
+    estimate that of models without priors anew, each its own: a robust loss would weigh down most
+    of what a model that leaves much of the arm out misses. ``before_measuring``: see
+    :func:`kinds_of`.
     """
     if kinds is None:
         kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
@@ -255,15 +249,8 @@ def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
 def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
     """The model that has these parameters, by their names: of a result that is read from a file.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Such as ``zero_offset.joint_2``, ``link.joint_3.rx``, ``tool.x``, ``target.T1.z``.
-
-    Raises
-    ------
-    InputError
-        A name that is no parameter of this cell's robot; the hint lists near ones.
+    ``names``: such as ``zero_offset.joint_2``, ``link.joint_3.rx``, ``tool.x``, ``target.T1.z``.
+    Raises InputError: a name that is no parameter of this cell's robot; the hint lists near ones.
     """
     robot, payloads, wanted = cell.robot, payloads_of(cell), set(names)
     joints, section = robot.turning, cell.config.parameters

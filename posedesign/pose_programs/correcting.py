@@ -25,8 +25,11 @@ from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, inverse
 from posedesign.cell import Cell
 from posedesign.files import Results, identity_of, rehearsed, write_bytes_atomic
-from posedesign.identification.correction_routes import corrected_tool, with_described_tool
-from posedesign.identification.file import read_identification
+from posedesign.identification.correction_routes import (
+    corrected_tool,
+    read_correcting,
+    with_described_tool,
+)
 from posedesign.pose_programs.from_plan import arm_of, check_recorded_frames
 from posedesign.programs import (
     DIALECTS,
@@ -66,28 +69,14 @@ _SAME_TOOL_M = 1e-6
 class CorrectedProgram:
     """A program with corrected positions.
 
-    Attributes
-    ----------
-    data : bytes
-        Content of the file; empty where a position cannot be corrected: nothing is written then.
-    program : RecordedProgram
-        As it was.
-    corrected : array (M,) of int
-        Which of its positions were to be corrected; M may be less than all.
-    reasons : tuple of str
-        Why each of these cannot be corrected; empty where it is.
-    moved_m : array (M,)
-        How far off the tool point stands without the correction [m]; NaN where the arm as
-        described does not reach it.
-    error_m : array (M,)
-        How far off it stands with it [m].
-    written_m : array (M,)
-        The same with the numbers as they stand in the file, rounded [m]; none where nothing is
-        written.
-    notes : tuple of str
-    files : tuple of Path
-    simulated : str
-        What is to be said first where the errors are those of a simulated robot.
+    ``data``: content of the file; empty where a position cannot be corrected: nothing is written
+    then. ``program``: as it was. ``corrected`` (M,): which of its positions were to be corrected; M
+    may be less than all. ``reasons``: why each of these cannot be corrected; empty where it is.
+    ``moved_m`` (M,): how far off the tool point stands without the correction [m]; NaN where the
+    arm as described does not reach it. ``error_m`` (M,): how far off it stands with it [m].
+    ``written_m`` (M,): the same with the numbers as they stand in the file, rounded [m]; none where
+    nothing is written. ``simulated``: what is to be said first where the errors are those of a
+    simulated robot.
     """
 
     data: bytes
@@ -151,32 +140,14 @@ def correct_program(
 ) -> CorrectedProgram:
     """Write a program with corrected positions into another folder, under its own name.
 
-    Parameters
-    ----------
-    identification : Path
-        An ``identification.json``.
-    path : Path
-        The file with the positions. Others of the program go with the new one as they are.
-    dialect : str, optional
-        Of the program; by default its ending and its content tell.
-    joints : bool
-        Correct joint targets, too.
-    leave : collection of int
-        Numbers of positions that stay as they are.
-    name : str, optional
-        Of the model that is used; by default what the identification holds for the most likely.
-    tool : str, optional
-        Which tool point of the identification is that of the cell.
-
-    Raises
-    ------
-    FileFormatError
-        A file that cannot be used.
-    InputError
-        A frame that is not known, a program without anything to correct, a model that says nothing
-        of the arm.
-    OutputError
-        The program itself, or another file that is not to be replaced, is in the way.
+    ``identification``: an ``identification.json``. ``path``: the file with the positions. Others of
+    the program go with the new one as they are. ``dialect``: of the program; by default its ending
+    and its content tell. ``joints``: correct joint targets, too. ``leave``: numbers of positions
+    that stay as they are. ``name``: of the model that is used; by default what the identification
+    holds for the most likely. ``tool``: which tool point of the identification is that of the cell.
+    Raises FileFormatError: a file that cannot be used. InputError: a frame that is not known, a
+    program without anything to correct, a model that says nothing of the arm. OutputError: the
+    program itself, or another file that is not to be replaced, is in the way.
     """
     if cell.robot.slides:
         raise InputError(
@@ -192,14 +163,7 @@ def correct_program(
             name="out",
         )
     claims = results.claim("computed", (path.name, "corrected program"), bare=True)
-    identified = read_identification(identification, cell, name, reference=True)
-    if identified.model.nuisance.all():
-        raise InputError(
-            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
-            "arm to correct",
-            hint="choose another one with `model`",
-            name="model",
-        )
+    identified = read_correcting(identification, cell, name)
     chosen = dialect_of(path, dialect).reading(cell.config.program.pulses_per_deg)
     data = read_program_bytes(path)
     program = chosen.parse(data, path)
@@ -269,19 +233,12 @@ def correct_positions(
 ) -> CorrectedProgram:
     """The content of a program with corrected positions; nothing is written to disk.
 
-    Parameters
-    ----------
-    data, path
-        Content of the file, and its name for messages.
-    arm : Arm
-        As the dialect shows it, with the frames of positions whose frames the file does not say.
-    model, x
-        Of the arm, and its identified parameters ``(p,)`` [SI].
-    tool, tool_m
-        Which tool of the model is that of the program, and where it is on the tip as described
-        ``(3,)`` [m]. Positions of another tool bring the tip to where it was meant.
-
-    Other parameters and errors: see :func:`correct_program`.
+    ``data``, ``path``: content of the file, and its name for messages. ``arm``: as the dialect
+    shows it, with the frames of positions whose frames the file does not say. ``model``, ``x``: of
+    the arm, and its identified parameters ``(p,)`` [SI]. ``tool``, ``tool_m``: which tool of the
+    model is that of the program, and where it is on the tip as described ``(3,)`` [m]. Positions of
+    another tool bring the tip to where it was meant. Other parameters and errors: see
+    :func:`correct_program`.
     """
     program = dialect.parse(data, path)
     positions, notes = program.positions, []
@@ -379,12 +336,7 @@ class _Found:
                 T_tip_tool = inverse(model.robot.fk(zero[0])) @ first.wanted[0]
                 wanted[rows] = wanted_tip[rows] @ T_tip_tool
             found = compensate(
-                model,
-                x,
-                poses=wanted[rows],
-                postures=nominal[rows],
-                point=point,
-                setup=setup,
+                model, x, poses=wanted[rows], postures=nominal[rows], point=point, setup=setup
             )
             postures[rows], error[rows] = found.postures, found.error_m
             for row, status, reason in zip(rows, found.status, found.reasons, strict=True):

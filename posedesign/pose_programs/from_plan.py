@@ -118,7 +118,12 @@ def check_recorded_frames(
                 )
     if any(p.user_frame is not None and p.T_world_user is None for p in posed):
         check_frames(cell, dialect)
-    open_ = [p for p in posed if _is_open(p)]
+    open_ = [  # a frame is known neither by number nor by value
+        p
+        for p in posed
+        if (p.user_frame is None and p.T_world_user is None)
+        or (p.tool_frame is None and p.T_tip_tool is None)
+    ]
     if not open_:
         return []
     return [
@@ -126,13 +131,6 @@ def check_recorded_frames(
         + " and others" * (len(open_) > 1)
         + "; taken to be the tool and user frame of the cell"
     ]
-
-
-def _is_open(p: RecordedPosition) -> bool:
-    """Whether a frame of a pose is known neither by number nor by value."""
-    return (p.user_frame is None and p.T_world_user is None) or (
-        p.tool_frame is None and p.T_tip_tool is None
-    )
 
 
 @dataclass(frozen=True)

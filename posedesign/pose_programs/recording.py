@@ -112,18 +112,9 @@ class Recording:
     def take(self, number: int, shown_rad: FloatArray) -> tuple[str, float]:
         """Keep the joints ``(n,)`` [rad] as the controller shows them at a pose of the program.
 
-        Returns
-        -------
-        name : str
-        moved_m : float
-            How far the tool point of the nominal arm is from where the plan has it [m].
-
-        Raises
-        ------
-        InputError
-            They are not taken: there is no such pose, it has a row, or they cannot be its touch-up.
-        OutputError
-            The row cannot be written.
+        Returns its name, and how far the tool point of the nominal arm is from where the plan has
+        it [m]. Raises InputError: they are not taken: there is no such pose, it has a row, or they
+        cannot be its touch-up. OutputError: the row cannot be written.
         """
         if not 1 <= number <= len(self.plan.names):
             raise InputError(f"there is no pose {number} in the plan of {len(self.plan.names)}")

@@ -59,9 +59,7 @@ def answer_of_acceptance_plan(
     )
 
 
-def answer_of_verdict(
-    found: AcceptanceFile, files: Sequence[str] = (), warned: Sequence[str] = ()
-) -> Answer:
+def answer_of_verdict(found: AcceptanceFile, files: Sequence[str] = ()) -> Answer:
     """The answer of a test: passed or not, and the figures of before and after."""
     rule, arm = found.rule, found.final
     said = "passed" if found.passed else "NOT passed"
@@ -76,7 +74,7 @@ def answer_of_verdict(
             f"{arm.arm}: at least {100 * arm.proven:.1f} % of all are, with confidence "
             f"{100 * rule.confidence:g} %; {worst}"
         )
-    warnings = list(warned)
+    warnings = []
     if found.missing:
         listed = ", ".join(found.missing[:3]) + " ..." * (len(found.missing) > 3)
         warnings.append(
@@ -239,7 +237,7 @@ def _smallest_shown(unit: str, value: float) -> str:
     return f"{np.rad2deg(value):.3g} deg" if unit == "rad" else f"{1e3 * value:.3g} mm"
 
 
-def answer_of_recheck(found: Recheck, files: Sequence[str] = ()) -> Answer:
+def answer_of_recheck(found: Recheck) -> Answer:
     """The answer of a recheck: still the same or not, and what has moved."""
     square = f"sum of squares {found.square:.1f} with {found.freedom} degrees of freedom"
     chance = f"p = {found.p_value:.2g}" if found.p_value >= 1e-12 else "p < 1e-12"
@@ -247,7 +245,6 @@ def answer_of_recheck(found: Recheck, files: Sequence[str] = ()) -> Answer:
         return Answer(
             f"still the same robot, as far as these poses tell ({chance})",
             {"test": square},
-            files=files,
         )
     moved, also = "no single cause explains it: identify again", ""
     if found.possible:
@@ -258,7 +255,6 @@ def answer_of_recheck(found: Recheck, files: Sequence[str] = ()) -> Answer:
         f"NOT the same robot ({chance})",
         {"likeliest single cause": moved, "not told apart from it": also, "test": square},
         tables=[Table("What a single cause would explain", [_row(e) for e in found.explanations])],
-        files=files,
     )
 
 

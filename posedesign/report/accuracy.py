@@ -12,14 +12,7 @@ from calib.identification import DISPLAY
 from calib.robot_world import PAPER_METHODS
 from posedesign.files import StrPath, write_bytes_atomic
 from posedesign.report.answer import Answer, Table
-from posedesign.report.drawing import (
-    STYLES,
-    condition_axis,
-    curve,
-    label_ends,
-    log_y,
-    set_answer,
-)
+from posedesign.report.drawing import STYLES, condition_axis, curve, label_ends, log_y, set_answer
 from posedesign.report.figures import as_png
 from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 

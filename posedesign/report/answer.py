@@ -86,27 +86,12 @@ class Line:
 class Answer:
     """What a step found, the most important first.
 
-    Attributes
-    ----------
-    verdict : str
-        Whether it did what was asked for, in a sentence.
-    figures : mapping of str to str
-        What matters most, by its name: ``{"tool point": "0.14 mm rms"}``.
-    warnings : sequence of str
-        What may be wrong with it, the most important first.
-    not_checked : sequence of str
-        What nobody looked at.
-    notes : sequence of str
-        What is good to know of the cell and the files.
-    details : sequence of str
-        More of the result, for who asks for the tables.
-    tables : sequence of Table
-    files : sequence of str
-        Paths that were written.
-    then : str
-        The next command.
-    first : str
-        What is to be said before all else: that a robot was simulated.
+    ``verdict``: whether it did what was asked for, in a sentence. ``figures``: what matters most,
+    by its name: ``{"tool point": "0.14 mm rms"}``. ``warnings``: what may be wrong with it, the
+    most important first. ``not_checked``: what nobody looked at. ``notes``: what is good to know of
+    the cell and the files. ``details``: more of the result, for who asks for the tables. ``files``:
+    paths that were written. ``then``: the next command. ``first``: what is to be said before all
+    else: that a robot was simulated.
     """
 
     verdict: str

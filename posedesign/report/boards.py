@@ -39,20 +39,10 @@ _MM_PER_INCH, _POINTS_PER_INCH = 25.4, 72.0
 class Sheet:
     """A board on a sheet of paper; all in mm from its left upper corner.
 
-    Attributes
-    ----------
-    width_mm, height_mm : float
-        Of the sheet.
-    rectangles : ndarray (M, 4)
-        Left, top, right and bottom of what is black.
-    discs : ndarray (D, 3)
-        Centre and radius of what is black and round.
-    cut_out : ndarray (C, 4)
-        Left, top, right and bottom of what is white in it.
-    lines : ndarray (L, 4)
-        Of the ruler, from x, y to x, y.
-    texts : tuple of (float, float, str)
-        Where each line of text begins, and the text.
+    ``width_mm``, ``height_mm``: of the sheet. ``rectangles`` (M, 4): left, top, right and bottom of
+    what is black. ``discs`` (D, 3): centre and radius of what is black and round. ``cut_out`` (C,
+    4): left, top, right and bottom of what is white in it. ``lines`` (L, 4): of the ruler, from x,
+    y to x, y. ``texts``: where each line of text begins, and the text.
     """
 
     width_mm: float
@@ -67,10 +57,7 @@ class Sheet:
     def of(cls, board: Board, page: str = "a4") -> Sheet:
         """The board on a page, upright or across, with its ruler and its words.
 
-        Raises
-        ------
-        InputError
-            An unknown page, or one that the board does not fit on.
+        Raises InputError: an unknown page, or one that the board does not fit on.
         """
         if page.lower() not in (*PAGES_MM, AS_THE_BOARD):
             raise InputError(
@@ -136,19 +123,9 @@ def _ruler(left: float, base: float) -> Iterator[list[float]]:
 def write_board(board: Board, path: os.PathLike[str], *, page: str = "a4") -> None:
     """Write a board to scale, as a vector drawing.
 
-    Parameters
-    ----------
-    path : Path
-        Ends in ``.svg`` or ``.pdf``.
-    page : str
-        One of :data:`PAGES_MM`, or ``"board"`` for a page of its size.
-
-    Raises
-    ------
-    InputError
-        Another ending, an unknown page, or one that the board does not fit on.
-    OutputError
-        The file cannot be written.
+    ``path``: ends in ``.svg`` or ``.pdf``. ``page``: one of :data:`PAGES_MM`, or ``"board"`` for a
+    page of its size. Raises InputError: another ending, an unknown page, or one that the board does
+    not fit on. OutputError: the file cannot be written.
     """
     ending = Path(path).suffix.lower()
     if ending not in (".svg", ".pdf"):

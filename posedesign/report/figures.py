@@ -101,22 +101,13 @@ def as_svg(figure: Figure) -> str:
 
 
 def error_by_poses(
-    figure: Figure | SubFigure,
-    error: Mapping[str, FloatArray],
-    what: str,
-    *,
-    first: int = 1,
+    figure: Figure | SubFigure, error: Mapping[str, FloatArray], what: str, *, first: int = 1
 ) -> None:
     """Draw predicted errors against the number of poses.
 
-    Parameters
-    ----------
-    error : mapping of str to array (N,)
-        By what the order of the poses is: of 1, 2, .. N of them; NaN where they do not suffice.
-    what : str
-        What stands beside the axis, with its unit.
-    first : int
-        How many poses the first error is that of.
+    ``error`` (N,): by what the order of the poses is: of 1, 2, .. N of them; NaN where they do not
+    suffice. ``what``: what stands beside the axis, with its unit. ``first``: how many poses the
+    first error is that of.
     """
     (panel,) = panels_of(figure)
     most = 0
@@ -139,12 +130,8 @@ def error_by_poses(
 def error_over_box(figure: Figure | SubFigure, points_m: FloatArray, error_m: FloatArray) -> None:
     """Draw the error of the tool point over a box, from above and from the side.
 
-    Parameters
-    ----------
-    points_m : array (N, 3)
-        On a grid, base frame.
-    error_m : array (N,)
-        [m]; NaN where the point cannot be reached. Of points behind each other the largest counts.
+    ``points_m`` (N, 3): on a grid, base frame. ``error_m`` (N,): [m]; NaN where the point cannot be
+    reached. Of points behind each other the largest counts.
     """
     panels = panels_of(figure, 2)
     finite = 1e3 * error_m[np.isfinite(error_m)]
@@ -186,14 +173,8 @@ def residuals_by_pose(
 ) -> None:
     """Draw the residual at each pose by each model, outliers marked and named.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the poses, N of them.
-    residuals : mapping of str to array (N,)
-        By the name of the model, in the unit.
-    outliers : array (N,) of bool
-        Of the last model.
+    ``names``: of the poses, N of them. ``residuals`` (N,): by the name of the model, in the unit.
+    ``outliers`` (N,): of the last model.
     """
     (panel,) = panels_of(figure)
     at = np.arange(len(names))
@@ -230,10 +211,7 @@ def residuals_by_joint(
 ) -> None:
     """Draw residuals against each joint's angle: a slope or a bow is what a model leaves out.
 
-    Parameters
-    ----------
-    q_deg : array (N, n)
-    residuals_mm : mapping of str to array (N,)
+    ``q_deg`` (N, n). ``residuals_mm`` (N,).
     """
     panels = panels_of(figure, len(joints))
     for k, (panel, joint) in enumerate(zip(panels, joints, strict=True)):
@@ -257,16 +235,9 @@ def answers_beside_the_first(
 ) -> None:
     """Draw how far the answers of methods are from that of the first, a row for each.
 
-    Parameters
-    ----------
-    first : str
-        The method that the others are compared with.
-    off : mapping of str to array (2,)
-        By method: distance [mm] and angle [deg].
-    sigma : array (2,), optional
-        Largest standard deviations of the first along an axis [mm], and about one [deg].
-    refused : sequence of str
-        Methods without an answer to be trusted; they have rows, too.
+    ``first``: the method that the others are compared with. ``off`` (2,): by method: distance [mm]
+    and angle [deg]. ``sigma`` (2,): largest standard deviations of the first along an axis [mm],
+    and about one [deg]. ``refused``: methods without an answer to be trusted; they have rows, too.
     """
     panels = panels_of(figure, 2)
     names = [*off, *refused]

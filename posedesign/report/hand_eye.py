@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.hand_eye.calibration import lens_as_dict, parameter_rows
-from posedesign.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 from posedesign.report.drawing import BLUE
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 LONG_ARROW = 0.06
 """Length of the longest residual in a figure, in parts of the picture's width."""
-
 
 SIGNIFICANT = 4.0
 """Standard deviations from which on pictures were taken at another moment than joints were read."""
@@ -79,10 +78,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             for frame in result.frames
             for form, text in forms_of(frame.T, frame.parent, frame.label).items()
         ],
-        tables=[
-            Table("Parameters", parameter_rows(result)),
-            Table("Pictures", result.rows()),
-        ],
+        tables=[Table("Parameters", parameter_rows(result)), Table("Pictures", result.rows())],
         files=files,
     )
 

@@ -7,7 +7,7 @@ checks, the measurements and the identification, X and Z, and where every file i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files as resources
 from pathlib import Path
@@ -33,13 +33,7 @@ from posedesign.files import (
 from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.origin import checksum, read_whole
-from posedesign.identification.file import (
-    FittedModel,
-    IdentificationFile,
-    Parameter,
-    Residual,
-    read_file,
-)
+from posedesign.identification.file import IdentificationFile, ReadFromFile, read_file
 from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.loop import told_by
@@ -50,10 +44,7 @@ from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
-from posedesign.report.plots import (
-    figure_of_identification,
-    figure_of_plan,
-)
+from posedesign.report.plots import figure_of_identification, figure_of_plan
 
 PAGE = ("report.html", "report")
 CELL, POSES, IDENTIFICATION = "cell.toml", "poses.csv", "identification.json"
@@ -88,12 +79,7 @@ class Section:
 def write_report(folder: Path, out: Results) -> Path:
     """Write ``report.html`` of the files of a folder.
 
-    Raises
-    ------
-    InputError
-        There is nothing to report of.
-    FileFormatError
-        A file that cannot be read.
+    Raises InputError: there is nothing to report of. FileFormatError: a file that cannot be read.
     """
     if not folder.is_dir():
         raise InputError(
@@ -226,7 +212,10 @@ def _section_of_cell(cell: Cell) -> Section:
 
 def _sections_of_poses(cell: Cell, listed: PoseList, folder: Path) -> Iterator[Section]:
     """What the poses promise, and whether the robot can take them."""
-    plan = Section("Poses", tables=[_pose_table(folder)])
+    table = read_table(folder / POSES)
+    columns = [name for name in _POSE_COLUMNS if name in table.columns]
+    shown = [{column: row.cells[column] for column in columns} for row in table.rows]
+    plan = Section("Poses", tables=[Table("Poses in the order of the visit", shown)])
     if listed.misfit:
         plan.lines.append(f"warning: {listed.misfit}")
     try:
@@ -270,14 +259,6 @@ def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
     section.tables.append(sigma_table(displayed(model, sigma)))
 
 
-def _pose_table(folder: Path) -> Table:
-    table = read_table(folder / POSES)
-    columns = [name for name in _POSE_COLUMNS if name in table.columns]
-    return Table(
-        "Poses in the order of the visit", [{c: r.cells[c] for c in columns} for r in table.rows]
-    )
-
-
 def _section_of_identification(folder: Path) -> Section:
     content = _read_identification(folder / IDENTIFICATION)
     chosen = content.chosen
@@ -286,7 +267,10 @@ def _section_of_identification(folder: Path) -> Section:
     )
     section.lines += [f"warning: {text}" for text in content.warnings]
     section.lines += [f"warning: {each.text}" for each in content.findings]
-    section.tables.append(Table("Models", [_model_row(model) for model in content.models]))
+    models = [
+        _row(model, _OF_MODEL) | {"parameters": len(model.parameters)} for model in content.models
+    ]
+    section.tables.append(Table("Models", models))
     if chosen is None:
         return section
     figure = figure_of_identification(content, _measured_deg(folder, content))
@@ -294,22 +278,17 @@ def _section_of_identification(folder: Path) -> Section:
         svg = figures.as_svg(figure)
         section.figures.append(("Residuals by pose and by joint, before and after", svg))
     section.tables += [
-        Table(f"Parameters of {chosen.name}", [_parameter_row(row) for row in chosen.parameters]),
+        Table(f"Parameters of {chosen.name}", [_row(p, _OF_PARAMETER) for p in chosen.parameters]),
         Table(
             f"Residual at each pose, by {chosen.name}",
-            [_residual_row(row) for row in chosen.residuals],
+            [_row(residual, _OF_RESIDUAL) for residual in chosen.residuals],
         ),
     ]
     return section
 
 
 def _read_identification(path: Path) -> IdentificationFile:
-    """What an identification.json has of what is shown.
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """What an identification.json has of what is shown."""
     content = read_file(path)
     if content.recommended and not (content.chosen and content.chosen.residuals):
         raise FileFormatError(
@@ -321,39 +300,24 @@ def _read_identification(path: Path) -> IdentificationFile:
     return content
 
 
-def _model_row(model: FittedModel) -> dict[str, object]:
-    return {
-        "model": model.name,
-        "parameters": len(model.parameters),
-        "rms [mm]": model.rms_mm,
-        "leave-one-out [mm]": model.leave_one_out_rms_mm,
-        "expected error [mm]": model.expected_box_mm,
-        "residual / noise": model.noise_scale,
-        "said": model.message,
-    }
+_OF_MODEL = {
+    "model": "name",
+    "parameters": "parameters",
+    "rms [mm]": "rms_mm",
+    "leave-one-out [mm]": "leave_one_out_rms_mm",
+    "expected error [mm]": "expected_box_mm",
+    "residual / noise": "noise_scale",
+    "said": "message",
+}
+_OF_PARAMETER = {"parameter": "name", "value": "value", "change": "change", "sigma": "sigma"}
+_OF_PARAMETER |= {"95 % from": "low", "to": "high", "unit": "unit"}
+_OF_RESIDUAL = {"pose": "pose", "target": "target", "residual [mm]": "mm"}
+_OF_RESIDUAL |= {"when left out [mm]": "leave_one_out_mm", "weight": "weight", "outlier": "outlier"}
+"""Columns of tables, and what of the file stands in them."""
 
 
-def _parameter_row(row: Parameter) -> dict[str, object]:
-    return {
-        "parameter": row.name,
-        "value": row.value,
-        "change": row.change,
-        "sigma": row.sigma,
-        "95 % from": row.low,
-        "to": row.high,
-        "unit": row.unit,
-    }
-
-
-def _residual_row(row: Residual) -> dict[str, object]:
-    return {
-        "pose": row.pose,
-        "target": row.target,
-        "residual [mm]": row.mm,
-        "when left out [mm]": row.leave_one_out_mm,
-        "weight": row.weight,
-        "outlier": row.outlier,
-    }
+def _row(read: ReadFromFile, columns: Mapping[str, str]) -> dict[str, object]:
+    return {title: getattr(read, key) for title, key in columns.items()}
 
 
 def _measured_deg(folder: Path, content: IdentificationFile) -> FloatArray | None:
@@ -427,10 +391,7 @@ _PAIR = ("method", "pose", "used", "residual_mm", "residual_deg")
 def _rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Rows of a table that has to have some columns.
 
-    Raises
-    ------
-    FileFormatError
-        One is missing, or there is no row.
+    Raises FileFormatError: one is missing, or there is no row.
     """
     table = read_table(path)
     missing = [name for name in columns if name not in table.columns]

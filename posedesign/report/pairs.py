@@ -13,18 +13,22 @@ import numpy as np
 from calib.robot_world import Noise, NoiseShown, difference
 from calib.se3 import FloatArray, rotation_angle, rotation_from_wpr
 from posedesign.files import Results
-from posedesign.pairs import FRAMES
-from posedesign.pairs.results import Advance, noise_judged, reached, remarks_of, warnings_of
-from posedesign.pairs.tables import (
+from posedesign.files.csv_tables import write_table
+from posedesign.hand_eye.pairs import FRAMES, solve_pairs
+from posedesign.hand_eye.pairs.results import (
     DEFAULT_METHODS,
     POSE_AXES,
+    Advance,
     largest_sigma,
+    noise_judged,
     opencv_rows,
     pair_rows,
-    solve_and_write,
+    reached,
+    remarks_of,
     solver_row,
+    warnings_of,
 )
-from posedesign.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import forms_of
 from posedesign.report import figures
 from posedesign.report.answer import Answer, Table
 
@@ -33,11 +37,12 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from posedesign.pairs import Pairs, SolverOutcome
-    from posedesign.pairs.certificate import Camera
+    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
+    from posedesign.hand_eye.pairs.certificate import Camera
 
+ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
 DRAWN = tuple((f"robot_world.{ending}", "figure of A X = Z B") for ending in ("png", "svg"))
-"""Names of the files of the figure, and what they say that they are."""
+"""Names of the files, and what they say that they are."""
 
 _LEFT_OVER = {
     "method": "method",
@@ -51,7 +56,6 @@ _LEFT_OVER = {
     "pairs": "of pairs",
 }
 """Columns of the table, and what they are called in print."""
-
 
 _PROOF = {"proven": "proven to be the likeliest", "away": "not the optimum that is proven"}
 """What a proof makes of an answer; its other statuses say it themselves."""
@@ -92,10 +96,7 @@ def answer_of_pairs(
     details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _sigma_words(rows)]
     details += remarks_of(outcomes)
     if first.result is not None:
-        for letter, T, title in (
-            ("X", first.result.X, frames.X),
-            ("Z", first.result.Z, frames.Z),
-        ):
+        for letter, T, title in (("X", first.result.X, frames.X), ("Z", first.result.Z, frames.Z)):
             parent, child = title.partition(":")[0].split("_")[1:]
             forms = forms_of(T, parent, child)
             details += [f"{letter}, {form}: {text}" for form, text in forms.items()]
@@ -208,14 +209,21 @@ def solve_and_draw(
     *,
     estimate_scale: bool = False,
 ) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB as :func:`solve_and_write` does, and draw residuals and how methods differ."""
+    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
+
+    One row a method, and one a pair; drawn are residuals, and how methods differ. ``advance`` is
+    called with what is being done and the part of all work that is done. Raises InputError: an
+    unknown method. NotIdentifiableError: no method has an answer because the motions do not allow
+    one.
+    """
     results = Results.of(out, "robot-world")
-    drawn = results.claim("computed", *DRAWN, inputs=inputs)
-    outcomes = solve_and_write(
-        pairs, results, methods, noise, advance, inputs, estimate_scale=estimate_scale
-    )
+    answers, residuals, *drawn = results.claim("computed", *ROBOT_WORLD, *DRAWN, inputs=inputs)
+    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
     rows = [solver_row(outcome) for outcome in outcomes]
-    figures.draw(results, drawn, lambda: figure_of_pairs(rows, pair_rows(pairs, outcomes[0])))
+    write_table(answers, list(rows[0]), rows)
+    each = [pair_rows(pairs, outcome) for outcome in outcomes]
+    write_table(residuals, list(each[0][0]), [row for rows_of_one in each for row in rows_of_one])
+    figures.draw(results, drawn, lambda: figure_of_pairs(rows, each[0]))
     return outcomes
 
 
@@ -230,10 +238,7 @@ def figure_of_pairs(
 
     None where the first has no answer.
 
-    Parameters
-    ----------
-    answers, each : sequence of mapping
-        Rows of robot_world.csv and robot_world_pairs.csv.
+    ``answers``, ``each``: rows of robot_world.csv and robot_world_pairs.csv.
     """
     first = answers[0]
     own = [row for row in each if row["method"] == first["method"]]

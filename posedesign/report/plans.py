@@ -189,19 +189,17 @@ def answer_of_next(cell: Cell, result: NextPoses, files: Sequence[str] = ()) -> 
             "is predicted is scaled by it. Where the model leaves something out, a larger one "
             "mends that and no further pose does: identify compares them"
         )
+    seen = result.things[1]
+    what = seen if seen.startswith("what ") else f"the {seen}"
     return Answer(
         result.message,
         {"poses": ", ".join(result.poses.names), "target": cell.whereabouts.words},
         warnings=[*cell.doubts, *([scaled] if scaled else [])],
         not_checked=cell.not_checked,
         notes=cell.remarks,
-        tables=[Table(f"Error of {_the(result.things[1])}, as predicted", result.rows())],
+        tables=[Table(f"Error of {what}, as predicted", result.rows())],
         files=files,
     )
-
-
-def _the(what: str) -> str:
-    return what if what.startswith("what ") else f"the {what}"
 
 
 def answer_of_check(cell: Cell, verdicts: Sequence[PoseVerdict], off: Sequence[str]) -> Answer:
@@ -267,10 +265,7 @@ def answer_of_score(cell: Cell, score: Score, scaling: Mapping[str, str]) -> Ans
     verdict = "; ".join([*worst, verdict])
     return Answer(
         verdict,
-        {
-            "largest predicted sigma": _largest(score.sigma),
-            "target": cell.whereabouts.words,
-        },
+        {"largest predicted sigma": _largest(score.sigma), "target": cell.whereabouts.words},
         warnings=[*cell.doubts, *score.not_feasible, *score.off_target],
         not_checked=cell.not_checked,
         notes=cell.remarks,

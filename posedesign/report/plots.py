@@ -41,10 +41,7 @@ def plot(result: object) -> Figure:
     pose. A X = Z B: residuals by pair. The accuracy over a box: a map of it. Next poses: the error
     of the tool point after each.
 
-    Raises
-    ------
-    InputError
-        There is no figure of such a thing.
+    Raises InputError: there is no figure of such a thing.
     """
     raise InputError(
         f"there is no figure of a {type(result).__name__}",
@@ -107,12 +104,7 @@ def figure_of_plan(
 
     Of poses for a camera, the standard deviations of X and Z.
 
-    Parameters
-    ----------
-    q : array (N, n)
-        Postures in the order of the visit [rad].
-    setup : Setup, optional
-        What is measured at each.
+    ``q`` (N, n): postures in the order of the visit [rad]. ``setup``: what is measured at each.
     """
     if cell.is_hand_eye:
         return figure_of_sigmas(model, q, setup, {"tool": "X", "target": "Z", "lens": "lens"})
@@ -144,12 +136,7 @@ def figure_of_sigmas(
 ) -> Figure:
     """Predicted standard deviations against the number of poses, lengths and angles apart.
 
-    Parameters
-    ----------
-    q : array (N, n)
-        [rad]
-    called : mapping of str to str, optional
-        What to call tool and targets.
+    ``q`` (N, n): [rad]. ``called``: what to call tool and targets.
     """
     white = model.linearise(q, setup=setup).white_jacobian
     of = np.array([name.rpartition(".")[0] for name in model.names])
@@ -177,18 +164,10 @@ _KINDS = (
 def errors_of_fewer(white: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Error [SI] of the first poses of a tour, and of the best of all of it.
 
-    Parameters
-    ----------
-    white : array (N, m, p)
-        Whitened blocks.
-    functions : array (K, r, p)
-        How what is asked for moves with the parameters, at K places.
-
-    Returns
-    -------
-    first, best : array (N,)
-        Root mean square over the places, for 1, 2, .. N poses; NaN where they do not suffice. The
-        best are found by leaving out, one after the other, the pose that is missed least.
+    ``white`` (N, m, p): whitened blocks. ``functions`` (K, r, p): how what is asked for moves with
+    the parameters, at K places. Returns ``first`` and ``best`` (N,), root mean square over the
+    places, for 1, 2, .. N poses; NaN where they do not suffice. The best are found by leaving out,
+    one after the other, the pose that is missed least.
     """
     blocks = np.einsum("nmp,nmq->npq", white, white)
     wanted = np.einsum("kip,kiq->pq", functions, functions) / len(functions)
@@ -222,10 +201,7 @@ def figure_of_identification(
 ) -> Figure | None:
     """Residuals by pose and by joint, before and after; None where no model is recommended.
 
-    Parameters
-    ----------
-    q_deg : array (N, n), optional
-        Postures that were measured at [deg].
+    ``q_deg`` (N, n): postures that were measured at [deg].
     """
     chosen = content.chosen
     if chosen is None:

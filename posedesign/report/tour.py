@@ -20,7 +20,7 @@ from posedesign.cell import Cell
 from posedesign.constraints import Collision
 from posedesign.constraints.checker import ROUNDING
 from posedesign.constraints.space import Workspace
-from posedesign.pairs import Pairs
+from posedesign.hand_eye.pairs import Pairs
 from posedesign.planning.checks import PoseVerdict, check_poses
 from posedesign.planning.poses_file import PoseList
 

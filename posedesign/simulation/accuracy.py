@@ -44,24 +44,15 @@ Advance = Callable[[str, float], None]
 class Finding:
     """What the draws of one pose set gave for one quantity by one estimator.
 
-    Attributes
-    ----------
-    truth : str
-        ``deflecting``: reducers give way under gravity, which constant offsets cannot follow.
-        ``rigid``: the model that is identified is the true one.
-    d_w_deg, d_p_deg, d_r_deg : float
-        Variation of the pose set.
-    estimator : str
-        ``touch-up weighted``, ``touch-up unweighted``, ``view line``, ``uncalibrated``, or a
-        solver, with ``, identified arm`` where A was computed with the identified offsets.
-    predicted_sigma : float
-        From the covariance, before any draw; NaN where there is none.
-    spread, spread_low, spread_high : float
-        Standard deviation over the draws with its 95 % interval; NaN for errors that have no sign.
-    error_median, error_p95 : float
-        Of the absolute error against the truth.
-    draws, failed : int
-        Draws, and how many of them gave no answer.
+    ``truth``: ``deflecting``: reducers give way under gravity, which constant offsets cannot
+    follow. ``rigid``: the model that is identified is the true one. ``d_w_deg``, ``d_p_deg``,
+    ``d_r_deg``: variation of the pose set. ``estimator``: ``touch-up weighted``, ``touch-up
+    unweighted``, ``view line``, ``uncalibrated``, or a solver, with ``, identified arm`` where A
+    was computed with the identified offsets. ``predicted_sigma``: from the covariance, before any
+    draw; NaN where there is none. ``spread``, ``spread_low``, ``spread_high``: standard deviation
+    over the draws with its 95 % interval; NaN for errors that have no sign. ``error_median``,
+    ``error_p95``: of the absolute error against the truth. ``draws``, ``failed``: draws, and how
+    many of them gave no answer.
     """
 
     truth: str
@@ -88,10 +79,7 @@ class Finding:
 class AccuracyStudy:
     """All findings, and what could not be studied.
 
-    Attributes
-    ----------
-    plan : PosePlan
-        The loop that the pose sets are from.
+    ``plan``: the loop that the pose sets are from.
     """
 
     findings: tuple[Finding, ...]
@@ -122,21 +110,10 @@ def accuracy_study(
 ) -> AccuracyStudy:
     """Run the study on a cell.
 
-    Parameters
-    ----------
-    cell : Cell
-        Its threshold plays no part: the loop goes on to the widest angles.
-    draws : int
-        Noise draws a pose set, at least ten.
-    progress : callable, optional
-        Called with what is being done and the part of the work that is done.
-
-    Raises
-    ------
-    InputError
-        Fewer than ten draws.
-    CalibError
-        What planning, simulation or identification raise.
+    ``cell``: its threshold plays no part: the loop goes on to the widest angles. ``draws``: noise
+    draws a pose set, at least ten. ``progress``: called with what is being done and the part of the
+    work that is done. Raises InputError: fewer than ten draws. CalibError: what planning,
+    simulation or identification raise.
     """
     if draws < FEWEST_DRAWS:
         raise InputError(

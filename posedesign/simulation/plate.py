@@ -27,10 +27,8 @@ PLATE_PITCH_M = 0.1
 class PlateTest:
     """The plate as seen by one robot after another: section 3.4 and Fig. 11 of the paper.
 
-    Attributes
-    ----------
-    postures : array (T, 25, n)
-        Joint values with the tool point on each point of the plate, a trial a row [rad].
+    ``postures`` (T, 25, n): joint values with the tool point on each point of the plate, a trial a
+    row [rad].
     """
 
     postures: FloatArray
@@ -39,10 +37,7 @@ class PlateTest:
     def measure(cls, robot: SimulatedRobot, rng: np.random.Generator, trials: int) -> PlateTest:
         """Touch up every point of a plate around the target, the tool held as at the base pose.
 
-        Raises
-        ------
-        UnreachableError
-            The arm cannot reach all of the plate.
+        Raises UnreachableError: the arm cannot reach all of the plate.
         """
         cell = robot.cell
         points = _points_around(cell, robot.target_m)
@@ -76,20 +71,10 @@ class PlateTest:
     ) -> PlateTest:
         """Touch up every point of a plate around the target by what a simulated camera sees.
 
-        Parameters
-        ----------
-        cell : Cell
-            With camera and target as they were found: where the arm is sent.
-        truth : TrueCell
-            With one target, in the middle of the plate, which lies across the camera of the base
-            pose.
-        trials : int
-            How often the plate is measured.
-
-        Raises
-        ------
-        UnreachableError
-            A point cannot be reached, or was not touched.
+        ``cell``: with camera and target as they were found: where the arm is sent. ``truth``: with
+        one target, in the middle of the plate, which lies across the camera of the base pose.
+        ``trials``: how often the plate is measured. Raises UnreachableError: a point cannot be
+        reached, or was not touched.
         """
         found = _plate_postures(cell, cell.target_m)
         R = cell.robot.fk(cell.base_posture)[:3, :3]
@@ -114,17 +99,8 @@ class PlateTest:
     def worst_error(self, model: CalibrationModel, x: FloatArray) -> FloatArray:
         """Largest error of a distance between two points of one row or column.
 
-        Parameters
-        ----------
-        model : CalibrationModel
-            The robot that turns joint values into positions.
-        x : array (p,) or (T, p)
-            Its parameters.
-
-        Returns
-        -------
-        array (T, 4)
-            [m], for distances of 1, 2, 3 and 4 pitches.
+        ``model``: the robot that turns joint values into positions. ``x`` (p,) or (T, p): its
+        parameters. Returns ``(T, 4)`` [m], for distances of 1, 2, 3 and 4 pitches.
         """
         grid = model.view(self.postures, x).tool_points.reshape(-1, PLATE_POINTS, PLATE_POINTS, 3)
         worst = np.zeros((len(grid), PLATE_POINTS - 1))
@@ -143,12 +119,7 @@ def _points_around(cell: Cell, middle: FloatArray) -> FloatArray:
 
 
 def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
-    """Postures ``(25, n)`` [rad] that touch a plate, the tool held as at the base pose.
-
-    Raises
-    ------
-    UnreachableError
-    """
+    """Postures ``(25, n)`` [rad] that touch a plate, the tool held as at the base pose."""
     points = _points_around(cell, middle)
     rotation = cell.robot.fk(cell.base_posture)[:3, :3]
     poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)

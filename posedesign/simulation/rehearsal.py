@@ -108,11 +108,8 @@ def true_cell(cell: Cell) -> TrueCell:
 def true_observer(cell: Cell, kind: Kind, noise: MeasurementNoise | None = None) -> Observer:
     """What looks at the target: through pictures, or fast with the noise of such pictures.
 
-    Parameters
-    ----------
-    kind : {"image", "fast"}
-    noise : MeasurementNoise, optional
-        Of the fast one; by default calibrated from pictures at the stand-off of the cell.
+    ``kind`` {"image", "fast"}. ``noise``: of the fast one; by default calibrated from pictures at
+    the stand-off of the cell.
     """
     camera, target, imaging = true_camera(cell), target_of(cell), imaging_of(cell)
     if kind == "fast" and noise is None:
@@ -152,12 +149,8 @@ def _facing(normal: FloatArray) -> FloatArray:
 class SimulatedRobot:
     """The robot as it really is, known to nothing but the simulation.
 
-    Attributes
-    ----------
-    model : CalibrationModel
-        With zero offsets of all joints and, where asked for, deflection.
-    values : array (p,)
-        True parameters [SI].
+    ``model``: with zero offsets of all joints and, where asked for, deflection. ``values`` (p,):
+    true parameters [SI].
     """
 
     cell: Cell
@@ -236,14 +229,8 @@ class SimulatedRobot:
     ) -> Measurements:
         """Measure whatever the poses of a plan are of, one measurement for each tool that is seen.
 
-        Parameters
-        ----------
-        q : array (N, n)
-            Planned postures [rad].
-        which : array (N,)
-            Observation of the cell that each is of.
-        names : sequence of str
-            Of the poses.
+        ``q`` (N, n): planned postures [rad]. ``which`` (N,): observation of the cell that each is
+        of. ``names``: of the poses.
         """
         row, setup = self.cell.one_by_one(self.model, q, which)
         found = simulate(self.model, self.values, q[row], rng, trials=trials, setup=setup)
@@ -258,20 +245,11 @@ class SimulatedRobot:
     ) -> tuple[FloatArray, FloatArray]:
         """What robot and camera report at recorded postures: pairs of A X = Z B.
 
-        Parameters
-        ----------
-        q : array (..., N, n)
-            Joint values as the controller shows them [rad].
-        rng : numpy.random.Generator, optional
-            Source of the camera's noise; none: no noise.
-
-        Returns
-        -------
-        A : array (..., N, 4, 4)
-            ``T_base_tip`` that the controller computes, without the arm's errors.
-        B : array (..., N, 4, 4)
-            ``T_target_camera`` that the camera measures, with its noise in camera axes. In a cell
-            of hand-eye calibration it is that of the measurement: of the target as it is seen.
+        ``q`` (..., N, n): joint values as the controller shows them [rad]. ``rng``: source of the
+        camera's noise; none: no noise. Returns ``A`` (..., N, 4, 4), ``T_base_tip`` that the
+        controller computes, without the arm's errors, and ``B`` (..., N, 4, 4), ``T_target_camera``
+        that the camera measures, with its noise in camera axes. In a cell of hand-eye calibration
+        it is that of the measurement: of the target as it is seen.
         """
         T_base_camera = self.model.view(q, self.values).T_base_tip @ self.T_tip_camera
         B = inverse(self.T_base_target) @ T_base_camera

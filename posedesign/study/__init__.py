@@ -5,12 +5,7 @@ that repeats one simulation over a grid of conditions gives :mod:`.grid` its con
 :mod:`.runner` runs them on one machine or a cluster; its results are kept by :mod:`.store`.
 """
 
-from posedesign.study.library import (
-    Advance,
-    Options,
-    call,
-    own_folder,
-)
+from posedesign.study.library import Advance, Options, call, own_folder
 from posedesign.study.runner import Grid, Task, Workers, run_grid
 from posedesign.study.store import Store, read_table
 

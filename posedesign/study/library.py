@@ -41,14 +41,7 @@ _PACKAGE = "studies"
 _FOLDERS = "[0-9]*_*/run.py"
 _NUMBER = "0123456789_"
 
-_OF_DAMAGED_TABLES = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    OSError,
-    TypeError,
-    ValueError,
-)
+_OF_DAMAGED_TABLES = (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError)
 """What pandas, pyarrow and matplotlib raise on them."""
 
 
@@ -56,16 +49,9 @@ _OF_DAMAGED_TABLES = (
 class Options:
     """How a study is to be run.
 
-    Attributes
-    ----------
-    out : Path
-        Folder for tables and key figures.
-    trials : int, optional
-        In place of the study's own number: a short form.
-    restart : bool
-        Begin anew, whatever results there are.
-    advance : callable
-        Called with what is being done and the part of all work that is done.
+    ``out``: folder for tables and key figures. ``trials``: in place of the study's own number: a
+    short form. ``restart``: begin anew, whatever results there are. ``advance``: called with what
+    is being done and the part of all work that is done.
     """
 
     out: Path
@@ -117,12 +103,9 @@ class Study:
     def run(self, options: Options) -> Any:
         """Run it, and return its key figures.
 
-        Raises
-        ------
-        InputError
-            Workers for a study that runs in one process: only one whose ``run.py`` says
-            ``WORKERS = True`` shares its tasks. Or a short form that would replace the study's own
-            results.
+        Raises InputError: workers for a study that runs in one process: only one whose ``run.py``
+        says ``WORKERS = True`` shares its tasks. Or a short form that would replace the study's own
+        results.
         """
         function = self._function("study")
         if options.trials is not None and self._owns(options.out):
@@ -144,12 +127,8 @@ class Study:
     def plot(self, folder: Path) -> list[Path]:
         """Draw the figures of the tables in a folder.
 
-        Raises
-        ------
-        InputError
-            A table is not there.
-        FileFormatError
-            A table is damaged, or another than the study left there.
+        Raises InputError: a table is not there. FileFormatError: a table is damaged, or another
+        than the study left there.
         """
         try:
             return list(self._function("plot")(folder))
@@ -241,10 +220,7 @@ def studies_folder() -> Path:
     """The folder ``studies``: that of the environment's :data:`NAMED_BY`, of the checkout that this
     package is run from, or of the current folder or one above it.
 
-    Raises
-    ------
-    InputError
-        There is none: studies are no part of the installed package.
+    Raises InputError: there is none: studies are no part of the installed package.
     """
     named = os.environ.get(NAMED_BY)
     here = Path.cwd()
@@ -268,10 +244,7 @@ def list_studies() -> list[Study]:
 def find_study(name: str) -> Study:
     """A study by its name, with or without its number, or by the number alone.
 
-    Raises
-    ------
-    InputError
-        There is none of that name; the hint has near ones.
+    Raises InputError: there is none of that name; the hint has near ones.
     """
     every = list_studies()
     for study in every:
@@ -297,18 +270,9 @@ def call(folder_name: str, function: str, task: Any) -> Any:
 def own_folder(folder: Path, study: str, endings: Sequence[str] = ENDINGS) -> Iterator[None]:
     """Run a study, or draw it, in a folder; what it leaves there is noted, also where it fails.
 
-    Parameters
-    ----------
-    study : str
-        Its name.
-    endings : sequence of str
-        Of the files that are going to be written.
-
-    Raises
-    ------
-    OutputError
-        There are files of such endings that the study has not written, or that were changed since;
-        or the folder is closed to writing.
+    ``study``: its name. ``endings``: of the files that are going to be written. Raises OutputError:
+    there are files of such endings that the study has not written, or that were changed since; or
+    the folder is closed to writing.
     """
     check_writable(folder / WRITTEN)
     listed = _listed(folder, study)

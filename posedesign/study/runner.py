@@ -26,16 +26,9 @@ MOST_TASKS = 100_000
 class Task:
     """Some trials of one condition: what a worker does at once.
 
-    Attributes
-    ----------
-    number : int
-        Counted from 0 over the whole grid.
-    condition : mapping
-        Plain values that can be sent to another machine.
-    first, trials : int
-        The trials of the condition that it does.
-    seed : int
-        Of the study.
+    ``number``: counted from 0 over the whole grid. ``condition``: plain values that can be sent to
+    another machine. ``first``, ``trials``: the trials of the condition that it does. ``seed``: of
+    the study.
     """
 
     number: int
@@ -54,17 +47,11 @@ class Task:
 class Grid:
     """All conditions, each with as many trials.
 
-    Attributes
-    ----------
-    batch : int
-        Trials of a task: enough for arrays to pay, and small enough for a task to be lost. It
-        decides which random numbers a trial gets, so it is a number of the study and does not
-        depend on how many workers there are.
+    ``batch``: trials of a task: enough for arrays to pay, and small enough for a task to be lost.
+    It decides which random numbers a trial gets, so it is a number of the study and does not depend
+    on how many workers there are.
 
-    Raises
-    ------
-    InputError
-        Nothing to do.
+    Raises InputError: nothing to do.
     """
 
     conditions: Sequence[Mapping[str, Any]]
@@ -143,12 +130,8 @@ _TRIES = 3
 class Workers:
     """Who does the work.
 
-    Attributes
-    ----------
-    jobs : int
-        Processes on this machine.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``; then its workers do it.
+    ``jobs``: processes on this machine. ``scheduler``: address of a Dask scheduler, such as
+    ``tcp://host:8786``; then its workers do it.
     """
 
     jobs: int = 1
@@ -178,23 +161,10 @@ def run_grid(
 
     The same table on any workers, to the last bit: random numbers belong to tasks.
 
-    Parameters
-    ----------
-    workers : Workers, optional
-        One process by default: this one.
-    restart : bool
-        Begin anew.
-    advance : callable
-        Called as tasks are done.
-
-    Raises
-    ------
-    InputError
-        The folder is in use, or the scheduler cannot be reached.
-    ConvergenceError
-        Workers died again and again, with the task that did it; what was done is kept.
-    CalibError
-        The scheduler went or lost its workers; or what ``simulate`` raises.
+    ``workers``: one process by default: this one. ``restart``: begin anew. ``advance``: called as
+    tasks are done. Raises InputError: the folder is in use, or the scheduler cannot be reached.
+    ConvergenceError: workers died again and again, with the task that did it; what was done is
+    kept. CalibError: the scheduler went or lost its workers; or what ``simulate`` raises.
     """
     workers = workers or Workers()
     with store.open(restart=restart):

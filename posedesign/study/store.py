@@ -17,6 +17,7 @@ from posedesign.files import (
     json_text,
     load_json,
     make_folder,
+    not_written,
     read_bytes_bounded,
     write_bytes_atomic,
     write_text_atomic,
@@ -41,12 +42,8 @@ class Store:
     there they are put behind each other, in the order of the tasks and one at a time, into one
     table; so it is the same whatever the workers were, and however often it was stopped.
 
-    Parameters
-    ----------
-    name : str
-        Of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
-    about : mapping
-        What makes results comparable: the study and all its numbers.
+    ``name``: of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
+    ``about``: what makes results comparable: the study and all its numbers.
     """
 
     def __init__(self, folder: Path, name: str, about: Mapping[str, Any]) -> None:
@@ -64,14 +61,9 @@ class Store:
     def open(self, *, restart: bool = False) -> Iterator[None]:
         """Hold the folder, and check that what is in it is of this study.
 
-        Raises
-        ------
-        InputError
-            Another process is running a study in it.
-        FileFormatError
-            The folder has results of other numbers, or files of other origin under their names.
-        OutputError
-            The folder cannot be written.
+        Raises InputError: another process is running a study in it. FileFormatError: the folder has
+        results of other numbers, or files of other origin under their names. OutputError: the
+        folder cannot be written.
         """
         make_folder(self.folder)
         with held(self.folder, "running a study"):
@@ -90,7 +82,7 @@ class Store:
     def done(self) -> set[int]:
         """Numbers of tasks whose results are there."""
         if self.table.exists():
-            return set(self._numbers_before())
+            return set(range(int(self._about.get("tasks", 0))))
         names = (path.name for path in (self.folder / _PARTS).iterdir())
         return {
             int(found[1])
@@ -106,12 +98,7 @@ class Store:
     def assemble(self, count: int) -> Path:
         """One table of the results of all ``count`` tasks, in order; the parts are removed.
 
-        Raises
-        ------
-        FileFormatError
-            A part is damaged.
-        OutputError
-            The table cannot be written.
+        Raises FileFormatError: a part is damaged. OutputError: the table cannot be written.
         """
         if not self.table.exists():
             parts = [self.folder / _PARTS / f"{k:09d}{self._ending}" for k in range(count)]
@@ -121,11 +108,8 @@ class Store:
                 aside.replace(self.table)
             except OSError as error:
                 aside.unlink(missing_ok=True)
-                raise OutputError(
-                    f"{self.table}: cannot be written: {error.strerror}",
-                    hint="make room, then start the same command again",
-                    name=str(self.table),
-                ) from error
+                hint = "make room, then start the same command again"
+                raise not_written(self.table, error, hint) from error
             except ValueError as error:
                 aside.unlink(missing_ok=True)
                 raise _damaged(self.folder / _PARTS, error) from error
@@ -135,9 +119,6 @@ class Store:
     def read(self) -> pd.DataFrame:
         """The table of all results."""
         return read_table(self.table)
-
-    def _numbers_before(self) -> range:
-        return range(int(self._about.get("tasks", 0)))
 
     def _tables(self) -> list[Path]:
         return [self.folder / f"{self._name}{ending}" for ending in _ENDINGS]
@@ -200,10 +181,7 @@ def has_parquet() -> bool:
 def read_table(path: Path) -> pd.DataFrame:
     """A table of results, whatever its form.
 
-    Raises
-    ------
-    FileFormatError
-        It is not there, or damaged.
+    Raises FileFormatError: it is not there, or damaged.
     """
     import pandas as pd
 

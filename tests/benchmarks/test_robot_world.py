@@ -26,7 +26,7 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.se3 import FloatArray
-from posedesign.pairs import Pairs, write_pairs
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot
 

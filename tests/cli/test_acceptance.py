@@ -145,7 +145,7 @@ def test_what_was_identified_from_proves_nothing(tracked, refuse):
         (("--limit", "0"), ("'0' is no accuracy",)),
         (("--content", "95"), ("a content of 95", "between 0 and 1")),
         (("--plane", "up", "--test", "iso"), ("there is no plane 'up'", "x=z")),
-        (("--frame", "free"), ("there is no frame 'free'", "fit, given")),
+        (("--frame", "free"), ("--frame", "fit", "given")),
         (("--frame", "given"), ("--frame is of measurements",)),
         (("--identification", "none.json"), ("none.json: cannot be read",)),
         (("--out", "run"), ("run/poses.csv holds", "another output folder")),

@@ -12,7 +12,7 @@ from calib.robot_world import PAPER_METHODS
 from posedesign.cell import Cell
 from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
-from posedesign.pairs import read_pairs
+from posedesign.hand_eye.pairs import read_pairs
 from posedesign.planning.poses_file import read_poses
 from posedesign.programs import validate
 from tests.cli.conftest import rows_of, unfolded

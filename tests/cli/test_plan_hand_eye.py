@@ -9,7 +9,7 @@ import pytest
 from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
 from posedesign.cell import Cell, cell_template
-from posedesign.pairs import read_pairs
+from posedesign.hand_eye.pairs import read_pairs
 from posedesign.planning import NEAR_TARGET_M
 from posedesign.planning.poses_file import read_poses
 from tests.cli.conftest import rows_of, with_keys

@@ -20,9 +20,9 @@ from calib.robot_world import (
     solve,
 )
 from calib.se3 import FloatArray, inverse
-from posedesign.pairs import Pairs, solve_pairs, write_pairs
-from posedesign.pairs import results as pairs_results
-from posedesign.pairs.forms import PoseForm
+from posedesign.hand_eye.pairs import Pairs, solve_pairs, write_pairs
+from posedesign.hand_eye.pairs import results as pairs_results
+from posedesign.hand_eye.pairs.forms import PoseForm
 from tests.cli.conftest import rows_of, unfolded
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")

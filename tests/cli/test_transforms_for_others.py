@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.robot_world import PairNoise, add_noise, random_problems
 from calib.se3 import FloatArray
-from posedesign.pairs import Pairs, write_pairs
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 from tests.cli.conftest import rows_of
 
 CAMERAS = {"on-flange": ("flange camera", "base target"), "fixed": ("flange target", "base camera")}

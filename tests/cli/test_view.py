@@ -13,7 +13,7 @@ import pytest
 from calib.se3 import inverse
 from posedesign.cell import Cell
 from posedesign.files import Results
-from posedesign.pairs import Pairs, write_pairs
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 
 pytest.importorskip("viser", reason="needs viser (posedesign[view])")
 

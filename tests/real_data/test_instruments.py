@@ -8,7 +8,7 @@ import pytest
 
 from posedesign.cell import Cell
 from posedesign.files.measurements import read_measurements
-from posedesign.instruments import read_measured
+from posedesign.identification.instruments import read_measured
 
 pytestmark = pytest.mark.real_data
 

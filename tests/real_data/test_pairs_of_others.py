@@ -9,8 +9,8 @@ import pytest
 from calib.errors import FileFormatError
 from calib.se3 import FloatArray, rotation_angle
 from posedesign.cli.main import run
-from posedesign.pairs import Pairs, PairSource, write_pairs
-from posedesign.pairs.forms import PoseForm
+from posedesign.hand_eye.pairs import Pairs, PairSource, write_pairs
+from posedesign.hand_eye.pairs.forms import PoseForm
 from tests.cli.conftest import unfolded
 
 pytestmark = pytest.mark.real_data

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.robot_world import PairNoise, difference, residuals, solve, solve_batch
-from posedesign.pairs import PairSource
+from posedesign.hand_eye.pairs import PairSource
 
 pytestmark = [pytest.mark.real_data, pytest.mark.slow]
 

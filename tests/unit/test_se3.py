@@ -13,7 +13,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.model.parameters import TargetFrame, ToolFrame
 from calib.se3 import FloatArray
-from posedesign.pairs import Pairs, write_pairs
+from posedesign.hand_eye.pairs import Pairs, write_pairs
 
 
 def rotations(count: int, seed: int = 0) -> np.ndarray:

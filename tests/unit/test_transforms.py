@@ -10,7 +10,7 @@ import pytest
 from defusedxml import ElementTree
 from scipy.spatial.transform import Rotation
 
-from posedesign.pairs.transforms import forms_of
+from posedesign.hand_eye.pairs.transforms import forms_of
 
 
 @pytest.mark.parametrize("seed", range(5))

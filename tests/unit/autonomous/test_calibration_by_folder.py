@@ -17,7 +17,7 @@ from calib.vision.touch_up import SimulatedArms
 from posedesign.autonomous import FolderRobot, calibrate_robot
 from posedesign.cell import Cell
 from posedesign.cell.schema_sections import BoardSection
-from posedesign.pairs import read_pairs
+from posedesign.hand_eye.pairs import read_pairs
 from posedesign.simulation import true_cell, true_observer
 
 ONLY = np.zeros(1, dtype=np.intp)

@@ -14,6 +14,7 @@ from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.files import (
     Results,
     csv_tables,
+    encoded,
     held,
     locking,
     read_bytes_bounded,
@@ -27,9 +28,8 @@ from posedesign.study import own_folder
 
 def test_text_is_written_with_the_asked_line_ends(tmp_path):
     path = tmp_path / "a.txt"
-    assert write_text_atomic(path, "one\ntwo\r\n", newline="\r\n") == path
-    assert path.read_bytes() == b"one\r\ntwo\r\n"
-    write_text_atomic(path, "one\ntwo\r\n")
+    assert encoded(path, "one\ntwo\r\n", newline="\r\n") == b"one\r\ntwo\r\n"
+    assert write_text_atomic(path, "one\ntwo\r\n") == path
     assert path.read_bytes() == b"one\ntwo\n"
     assert os.listdir(tmp_path) == ["a.txt"]
 
@@ -69,10 +69,9 @@ def test_a_device_is_not_replaced():
     assert not Path(os.devnull).is_file()
 
 
-def test_a_character_outside_the_encoding_is_refused_before_the_disk(tmp_path):
+def test_a_character_outside_the_encoding_is_refused_before_the_disk():
     with pytest.raises(OutputError, match=r"'\\xe9' cannot be written in ascii"):
-        write_text_atomic(tmp_path / "a.txt", "é", encoding="ascii")
-    assert not os.listdir(tmp_path)
+        encoded("a.txt", "é", encoding="ascii")
 
 
 class _FullDisk:

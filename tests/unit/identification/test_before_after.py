@@ -13,13 +13,13 @@ from calib.identification import DISPLAY
 from calib.model import simulate
 from calib.model.parameters import LinkGeometry
 from posedesign.files import json_text
+from posedesign.files.csv_tables import a_few
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification import identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import (
     BELIEVABLE,
     beyond_belief,
     is_believable,
-    listed,
     missing_poses,
     why_another,
     without_repeats,
@@ -94,8 +94,8 @@ def test_long_lists_are_summed_up():
     lines = [str(k) for k in range(8)]
     assert summed_up(lines[:5], "rows") == lines[:5]
     assert summed_up(lines, "rows") == [*lines[:5], "and 3 more rows"]
-    assert listed(lines, "poses") == "0, 1, 2, 3, 4 and 3 more poses"
-    assert listed(lines[:1], "poses") == "0"
+    assert a_few(lines, "poses") == "0, 1, 2, 3, 4 and 3 more poses"
+    assert a_few(lines[:1], "poses") == "0"
 
 
 def measured_by(lab: Any, offset_deg: float, shift_m: float, tmp_path: Path) -> MeasurementTable:

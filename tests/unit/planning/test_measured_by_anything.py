@@ -21,7 +21,7 @@ from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.files.measurements import read_measurements
 from posedesign.identification.correction import predict
-from posedesign.instruments import read_measured
+from posedesign.identification.instruments import read_measured
 from posedesign.planning import plan
 from posedesign.planning.checks import check_poses, score_poses
 from posedesign.planning.optimal import OptimalPlan, Request, plan_next, plan_optimal

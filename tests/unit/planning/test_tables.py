@@ -16,8 +16,8 @@ from posedesign.files import csv_tables
 from posedesign.files import safe as files
 from posedesign.files.csv_tables import check_columns, read_rows, write_table
 from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.hand_eye.pairs import Pairs, read_pairs, write_pairs
 from posedesign.motion.route import Route, Stop
-from posedesign.pairs import Pairs, read_pairs, write_pairs
 from posedesign.planning import plan
 from posedesign.planning.pose_plan import PoseSet, PoseStatus
 from posedesign.planning.poses_file import read_poses, write_poses

@@ -25,7 +25,7 @@ from calib.geometry import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 from calib.se3 import FloatArray, inverse, rotation_from_quaternion, transform
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
-from posedesign.pairs import Pairs
+from posedesign.hand_eye.pairs import Pairs
 from posedesign.planning import PoseList
 from posedesign.report import scene as drawing
 from posedesign.report.tour import (

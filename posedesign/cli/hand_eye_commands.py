@@ -1,0 +1,429 @@
+"""Commands of hand-eye calibration: robot-world, camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    AsJson,
+    CameraPlace,
+    CellFile,
+    OutFolder,
+    Overwrite,
+    TrustUnits,
+    Verbose,
+    note,
+    progress,
+    rehearsed_words,
+    results_in,
+    tell,
+)
+
+if TYPE_CHECKING:
+    from calib.lens import Lens, LensName
+    from calib.robot_world import Noise, NoiseShown
+    from posedesign.files import Results
+    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
+
+
+def robot_world(
+    pairs: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Pairs A, B of A X = Z B. A table, each pose as x_mm y_mm z_mm or x_m y_m z_m "
+            "with w_deg p_deg r_deg, qw qx qy qz, rx_rad ry_rad rz_rad (a rotation vector) or r11 "
+            ".. r33, and a_ or b_ before each name, in capitals or not; matrices in MATLAB's .mat, "
+            "NumPy's .npz or OpenCV's .xml, .yaml, .json; samples of MoveIt or easy_handeye."
+        ),
+    ] = None,
+    a: Annotated[Path | None, typer.Option("--a", help="Or A in a file of its own,")] = None,
+    b: Annotated[Path | None, typer.Option("--b", help="and B in another.")] = None,
+    columns: Annotated[
+        str,
+        typer.Option(
+            help="Names of the columns where a table has no header line, say "
+            "qw,qx,qy,qz,x_m,y_m,z_m; matrix16_mm: a matrix row by row, matrix12_mm: without its "
+            "last row; -: to be passed over."
+        ),
+    ] = "",
+    variables: Annotated[
+        str, typer.Option(help="Names of A and B in a file of matrices, say T_hand,T_cam.")
+    ] = "",
+    unit: Annotated[
+        Literal["mm", "m"] | None, typer.Option(help="Unit of length in a file of matrices.")
+    ] = None,
+    camera: Annotated[
+        CameraPlace,
+        typer.Option(
+            help="Where it is. on-flange: A = T_base_flange, B = T_target_camera. fixed, with the "
+            "target on the flange: A = T_base_flange, B = T_camera_target."
+        ),
+    ] = "on-flange",
+    invert: Annotated[
+        Literal["none", "a", "b", "both"],
+        typer.Option(
+            help="What the files have the other way round. OpenCV's gripper2base and target2cam "
+            "with the camera on the flange: b."
+        ),
+    ] = "none",
+    convention: Annotated[
+        Literal["axzb", "opencv"],
+        typer.Option(
+            help="opencv: A is world2cam and B is base2gripper, as calibrateRobotWorldHandEye "
+            "takes them, in tables (a_, b_) or files of matrices; its base2world and gripper2cam "
+            "are printed too. Where B is gripper2base: with --invert b."
+        ),
+    ] = "axzb",
+    method: Annotated[
+        str,
+        typer.Option(help="Methods, with commas between them; papers: those of the papers; all."),
+    ] = "ml,ml-robust,papers",
+    noise_deg: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of rotations [deg]; default: from the residuals."),
+    ] = None,
+    noise_mm: Annotated[
+        float | None, typer.Option(help="Standard deviation of translations [mm], likewise.")
+    ] = None,
+    noise_on: Annotated[
+        Literal["a", "b", "both", "seen", "shown"] | None,
+        typer.Option(
+            help="Which side has it; default: b, and without sizes, for ml and ml-robust, what the "
+            "residuals of 20 pairs or more show. b without sizes: that of B, the same in all "
+            "directions. seen: the target as the camera sees it, as a camera's data sheet has it: "
+            "with the camera on the flange, the inverse of B. shown: as the residuals show it for "
+            "the standard deviations of all methods."
+        ),
+    ] = None,
+    estimate_scale: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-scale",
+            help="Estimate by what B's translations are to be multiplied, with X and Z, and "
+            "correct them: where the size of the target, the unit or the focal length is not "
+            "sure. Without it the scale is estimated, too, and said where it is not 1.",
+        ),
+    ] = False,
+    certify: Annotated[
+        bool,
+        typer.Option(
+            "--certify",
+            help="Prove that no other X and Z are likelier: needs the method ml, and noise on one "
+            "side, the same in all directions: that of B where no sizes are given.",
+        ),
+    ] = False,
+    out: OutFolder = Path(),
+    transforms: Annotated[
+        bool,
+        typer.Option(
+            "--transforms",
+            help="Write X and Z for other tools, too, where they are to be trusted: "
+            "transforms.launch.xml (ROS 2), camera.launch (ROS 1), camera.urdf (a fixed joint), "
+            "camera.calib (easy_handeye2), transforms.json (cv2.FileStorage).",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: Annotated[
+        bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
+    ] = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Solve A X = Z B: camera on flange and target in base, or the other way.
+
+    By one method or by many, with standard deviations, what is left over pair by pair, and what
+    each pair has left over when it is left out.
+    """
+    from posedesign.hand_eye.pairs import PairSource
+    from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
+    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, outcome_as_dict, reached
+    from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
+    from posedesign.report.pairs import answer_of_pairs
+
+    source = PairSource(
+        pairs,
+        a,
+        b,
+        listed(columns),
+        listed(variables),
+        unit,
+        invert,
+        convention,
+        trust_units,
+        camera,
+    )
+    methods = methods_of(method)
+    refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
+    if certify:
+        # a proof is of one noise that is known beforehand, and of the answer by it
+        noise_on = noise_on or "b"
+        refuse_uncertifiable(methods, noise_on, camera)
+    found = source.read()
+    sizes = (
+        None if noise_deg is None else math.radians(noise_deg),
+        None if noise_mm is None else noise_mm / 1e3,
+    )
+    noise = asked_noise(found, camera, *sizes, noise_on)
+    results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    claims = claim_transforms(results) if transforms else []
+    outcomes = _solved(
+        found,
+        results,
+        methods,
+        noise,
+        estimate_scale=estimate_scale,
+        certify=certify,
+    )
+    rehearsed = rehearsed_words(pairs, a, b)
+    opencv = convention == "opencv"
+    made = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
+    files = [str(out / name) for name in made if (out / name).is_file()]
+    trusted = outcomes[0].result if reached(outcomes) else None
+    if claims and trusted is not None:
+        write_transforms(claims, trusted, camera)
+        files += [str(claim.path) for claim in claims]
+    else:
+        results.remove(*TRANSFORMS)
+    inverted = invert in ("b", "both")
+    answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
+    content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
+    tell(answer, verbose=verbose, first=rehearsed, content=content, as_json=as_json)
+    return DONE if reached(outcomes) else NOT_REACHED
+
+
+def _solved(
+    pairs: Pairs,
+    out: Results,
+    methods: Sequence[str],
+    noise: Noise | NoiseShown | None,
+    *,
+    estimate_scale: bool,
+    certify: bool,
+) -> tuple[SolverOutcome, ...]:
+    """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
+    from calib.errors import CalibError, InputError
+    from posedesign.hand_eye.pairs.results import certified
+    from posedesign.report.pairs import solve_and_draw
+
+    try:
+        with progress("A X = Z B") as advance:
+            outcomes = solve_and_draw(
+                pairs, out, methods, noise, advance, estimate_scale=estimate_scale
+            )
+            return certified(pairs, outcomes) if certify else outcomes
+    except CalibError as error:
+        for text in pairs.notes:
+            note(f"warning: {text}")
+        if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
+            # the same finding, but by one who knows how the numbers were read
+            raise InputError(pairs.misread, name="pairs") from error
+        if pairs.misread:
+            note(f"warning: {pairs.misread}")
+        raise
+
+
+def refuse_unfit_noise(
+    methods: Sequence[str], noise_deg: float | None, noise_mm: float | None, noise_on: str | None
+) -> None:
+    """Both sizes of the noise, none below zero, or nothing of it."""
+    from calib.errors import InputError
+    from calib.robot_world import METHODS
+    from posedesign.files import LEAST_POSITIVE, usable
+
+    weighing = [name for name in methods if METHODS[name].likelihood]
+    for option, value, unit in (("--noise-deg", noise_deg, "deg"), ("--noise-mm", noise_mm, "mm")):
+        if value is None or usable(value) >= LEAST_POSITIVE:
+            continue
+        if value == 0.0 and not weighing:
+            continue
+        what = f"and {weighing[0]} weighs by it" if value == 0.0 else "no standard deviation"
+        raise InputError(
+            f"{option} is {value:g} {unit}, {what}",
+            hint=f"give one above 0 {unit}, or leave the noise to the residuals",
+            name=option,
+            value=value,
+            bound=0.0,
+        )
+    if noise_on == "shown":
+        if noise_deg is not None or noise_mm is not None:
+            raise InputError(
+                "--noise-on shown finds the sizes itself: give no others", name="noise"
+            )
+        return
+    if (noise_deg is None) != (noise_mm is None):
+        raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
+    if noise_deg is None and noise_on not in (None, "b"):
+        raise InputError(
+            f"--noise-on {noise_on} needs --noise-deg and --noise-mm",
+            hint="b and shown alone have their sizes from the residuals",
+            name="noise",
+        )
+
+
+def listed(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",")] if text.strip() else []
+
+
+def camera(
+    cell: CellFile,
+    pictures: Annotated[
+        Path,
+        typer.Argument(
+            help="A folder of pictures of the board that [board] describes; of several cameras a "
+            "folder each in it, with the same names for pictures of one stop."
+        ),
+    ],
+    joints: Annotated[
+        Path | None,
+        typer.Option(
+            "--joints",
+            help="Joints of each picture (j1_deg ..), or poses of the flange (x_mm .. r_deg and "
+            "other forms), by the column picture or in the order of the pictures; or a list for "
+            "ROS or RoboDK.",
+        ),
+    ] = None,
+    camera: Annotated[
+        CameraPlace | None,
+        typer.Option(
+            help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange. Default: as "
+            "camera.mount of the cell says."
+        ),
+    ] = None,
+    lens: Annotated[
+        str,
+        typer.Option(
+            help="Estimate a pinhole (5 terms of distortion), rational (8) or fisheye lens; or a "
+            "file of a lens that is known: camera.json, camera_info.yaml."
+        ),
+    ] = "pinhole",
+    free: Annotated[
+        str,
+        typer.Option(
+            "--free",
+            help="What of the robot to identify with it, with commas: zero_offsets, geometry, "
+            "compliance, priors.",
+        ),
+    ] = "",
+    target: Annotated[
+        Path | None,
+        typer.Option(help="A target of Kalibr (YAML) in place of the board of the cell."),
+    ] = None,
+    board_errors: Annotated[
+        str, typer.Option("--board-errors", help="Of the board: scale, bend_x, bend_y.")
+    ] = "",
+    pixel_sigma: Annotated[
+        float | None,
+        typer.Option("--pixel-sigma", help="Noise of a point [px]; from the pictures by default."),
+    ] = None,
+    arm_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--arm-mm", help="How far the arm stops from where it says [mm]; from the pictures."
+        ),
+    ] = None,
+    arm_deg: Annotated[
+        float | None, typer.Option("--arm-deg", help="The same of its turn [deg].")
+    ] = None,
+    order: Annotated[
+        Literal["name", "time"],
+        typer.Option(
+            help="Order of the pictures: by name, or by the time that they were taken at."
+        ),
+    ] = "name",
+    out: OutFolder = Path(),
+    transforms: Annotated[
+        bool,
+        typer.Option(
+            "--transforms",
+            help="Write camera, board and lens for other tools, too: ROS 2, URDF, easy_handeye2, "
+            "OpenCV, camera_info.yaml.",
+        ),
+    ] = False,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Calibrate a camera from pictures of a board: its place, its lens, and the board's place.
+
+    One estimate over all pixels, with standard deviations; pictures that contradict the others
+    take no part, and what looks wrong is named.
+    """
+    from posedesign.cell import Cell
+    from posedesign.hand_eye import Asked
+    from posedesign.hand_eye.calibration import board_of, result_as_dict
+    from posedesign.hand_eye.lens_files import kalibr_board
+    from posedesign.hand_eye.pictures import cameras_in, read_picture_set
+    from posedesign.report.hand_eye import answer_of_camera
+    from posedesign.workflow import calibrate_from_pictures
+
+    loaded = Cell.load(cell)
+    board = board_of(loaded) if target is None else kalibr_board(target)  # said before all else
+    asked = Asked(
+        camera or ("fixed" if loaded.camera_stands else "on-flange"),
+        lens_of(lens),
+        tuple(listed(free)),
+        tuple(listed(board_errors)),
+        pixel_sigma,
+        arm_sigma_of(arm_mm, arm_deg),
+        board,
+    )
+    results = results_in(out, "camera", cell, joints, overwrite=overwrite)
+    shown = {
+        name: read_picture_set(folder, joints, loaded.robot, order=order, trust_units=trust_units)
+        for name, folder in cameras_in(pictures).items()
+    }
+    with progress("calibrating the camera", with_time_left=True) as advance:
+        found, files = calibrate_from_pictures(
+            loaded, shown, asked, results, advance, transforms=transforms
+        )
+    tell(
+        answer_of_camera(found, [str(path) for path in files]),
+        verbose=verbose,
+        first=rehearsed_words(joints),
+        content=result_as_dict(found),
+        as_json=as_json,
+    )
+    return DONE if found.result.is_ok else NOT_REACHED
+
+
+def lens_of(text: str) -> LensName | Lens:
+    """The model of a lens by its name, or the lens of a file."""
+    from calib.errors import InputError, near_names
+    from calib.lens import DISTORTION
+    from posedesign.hand_eye.lens_files import read_lens
+
+    name: LensName
+    for name in ("pinhole", "rational", "fisheye"):
+        if text == name:
+            return name
+    if not Path(text).exists() and "." not in text:
+        raise InputError(
+            f"--lens {text}: there is no such lens, and no such file",
+            hint=near_names(text, tuple(DISTORTION)),
+            name="lens",
+        )
+    return read_lens(Path(text))
+
+
+def arm_sigma_of(mm: float | None, deg: float | None) -> tuple[float, float] | None:
+    """How far the arm stops from where it says [m, rad], if both are given."""
+    from calib.errors import InputError
+
+    if mm is None and deg is None:
+        return None
+    if mm is None or deg is None or not (mm >= 0 and deg >= 0):
+        raise InputError(
+            "give both --arm-mm and --arm-deg, not below zero, or neither",
+            hint="without them both are found from the pictures",
+            name="arm",
+        )
+    return mm / 1e3, math.radians(deg)

@@ -21,7 +21,6 @@ from calib.robots.chain import SerialChain, idealised
 from calib.robots.inverse.solutions import (
     CLOSURE_TOLERANCE,
     InverseKinematics,
-    InverseSolutions,
     close_in,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
@@ -43,6 +42,8 @@ _CHECKED_AT_ONCE = 2048
 class ClosedForm(InverseKinematics):
     """Every branch of a six-axis arm in closed form."""
 
+    poses_at_once = 100_000
+
     def __init__(self, chain: SerialChain, solver: eaik.Robot, ideal: SerialChain) -> None:
         super().__init__(chain)
         self._solver, self._ideal = solver, ideal
@@ -63,9 +64,9 @@ class ClosedForm(InverseKinematics):
                 return cls(chain, solver, ideal)
         return None
 
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
+    def _some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
         count = len(T_base_tip)
         postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
         distance, angle, straight = compare(self._ideal, postures, T_base_tip, pose)
@@ -88,7 +89,7 @@ class ClosedForm(InverseKinematics):
         if not exact.all():
             postures, pose = postures[exact], pose[exact]
         gap_m[np.isinf(gap_m)] = np.nan
-        return self._answer(postures, pose, gap_m, bounds, near, every_turn)
+        return postures, pose, gap_m
 
     def _mend(
         self,

@@ -29,7 +29,6 @@ from calib.robots.inverse.closed_form import across, angle_about, compare, repea
 from calib.robots.inverse.solutions import (
     CLOSURE_TOLERANCE,
     InverseKinematics,
-    InverseSolutions,
     close_in,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
@@ -72,9 +71,6 @@ _SHORT_M = 1e-3
 _LEAST = 1e-14
 """Of the largest coefficient of a polynomial, which is rounded to 1e-16 of it."""
 
-_POSES_AT_ONCE = 512
-"""Their companion matrices are 2 MB."""
-
 Numbers = NDArray[Any]
 """Real ones, or those of complex branches."""
 
@@ -90,6 +86,8 @@ class _Branch(NamedTuple):
 
 class OffsetWrist(InverseKinematics):
     """Every branch of a six-axis arm with parallel axes 2 and 3, and axes 4 and 5 that meet."""
+
+    poses_at_once = 512  # their companion matrices are 2 MB
 
     def __init__(self, chain: SerialChain, ideal: SerialChain, meeting: FloatArray) -> None:
         super().__init__(chain)
@@ -140,22 +138,15 @@ class OffsetWrist(InverseKinematics):
                 return solver
         return None
 
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
-        postures, pose = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
+    def _some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        q, of = self._every_branch(T_base_tip)
+        lost = np.setdiff1d(np.arange(len(T_base_tip)), of)
         gap_m = np.zeros(len(T_base_tip))
-        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
-            some = T_base_tip[start : start + _POSES_AT_ONCE]
-            q, of = self._every_branch(some)
-            postures.append(q)
-            pose.append(of + start)
-            lost = np.setdiff1d(np.arange(len(some)), of)
-            with np.errstate(over="ignore", invalid="ignore"):
-                gap_m[start + lost] = self._gap(some[lost])
-        return self._answer(
-            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
-        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            gap_m[lost] = self._gap(T_base_tip[lost])
+        return q, of, gap_m
 
     def _every_branch(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
         """Postures ``(S, 6)`` of poses ``(N, 4, 4)`` in any turn, and their poses ``(S,)``."""

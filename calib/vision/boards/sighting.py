@@ -19,7 +19,7 @@ from calib.vision.boards.board import (
     RoundTarget,
 )
 from calib.vision.boards.board_map import BoardMap, fit_map
-from calib.vision.boards.edges import Refined, read_grey, refine
+from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
     Found,
     find_chessboard,
@@ -29,6 +29,7 @@ from calib.vision.boards.finding import (
     match_markers,
 )
 from calib.vision.boards.round_target import find_round_targets
+from calib.vision.camera.edges import read_grey
 from calib.vision.camera.rendering import GreyImage
 
 Status = Literal[

@@ -139,6 +139,15 @@ def ellipse_points(ellipse: FloatArray, count: int) -> FloatArray:
     return np.asarray(ellipse[..., None, :2] + unit @ half_axes(ellipse))
 
 
+def ellipse_of_axes(
+    center_px: ArrayLike, long_px: float, short_px: float, angle: float
+) -> FloatArray:
+    """Ellipse ``(5,)`` [px] of two axes (whole lengths), the first in a direction [rad]."""
+    cos, sin, a, b = np.cos(angle), np.sin(angle), long_px / 2, short_px / 2
+    matrix = [a * cos * cos + b * sin * sin, (a - b) * cos * sin, a * sin * sin + b * cos * cos]
+    return np.array([*np.asarray(center_px), *matrix])
+
+
 def half_axes(ellipse: FloatArray) -> FloatArray:
     """Symmetric matrices S ``(..., 2, 2)`` [px] that map the unit circle to the ellipses."""
     return np.asarray(ellipse[..., [2, 3, 3, 4]].reshape(*ellipse.shape[:-1], 2, 2))

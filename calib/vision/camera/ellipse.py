@@ -12,7 +12,13 @@ from typing import Literal
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.camera.conic import ellipse_axes, ellipse_points, fit_robust, is_sound
+from calib.vision.camera.conic import (
+    ellipse_axes,
+    ellipse_of_axes,
+    ellipse_points,
+    fit_robust,
+    is_sound,
+)
 from calib.vision.camera.edges import find_candidates, find_edges
 from calib.vision.camera.rendering import GreyImage
 
@@ -81,14 +87,9 @@ class EllipseMeasurement:
     @property
     def ellipse(self) -> FloatArray:
         """The ellipse as :mod:`calib.vision.camera.conic` writes it ``(5,)`` [px]."""
-        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        long, short = self.long_axis_px / 2, self.short_axis_px / 2
-        matrix = [
-            long * cos * cos + short * sin * sin,
-            (long - short) * cos * sin,
-            long * sin * sin + short * cos * cos,
-        ]
-        return np.concatenate([self.center_px, matrix])
+        return ellipse_of_axes(
+            self.center_px, self.long_axis_px, self.short_axis_px, self.angle_rad
+        )
 
     @classmethod
     def from_ellipse(

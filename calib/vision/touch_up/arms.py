@@ -15,7 +15,7 @@ from calib.model.parameters import GravityLoad, Payload
 from calib.model.parameters.gravity import NOTHING
 from calib.robots import Robot
 from calib.robots.one_posture import OnePosture
-from calib.se3 import FloatArray, IntArray, inverse, transform
+from calib.se3 import FloatArray, IntArray, inverse
 from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
 from calib.vision.camera.observers import Target
 from calib.vision.camera.rendering import GreyImage
@@ -217,12 +217,6 @@ class SimulatedArms:
         if cell.vibration_m > 0.0:
             T[:, :3, 3] += cell.vibration_m * self._rng.standard_normal((len(which), 3))
         return np.asarray(T)
-
-
-def straight_to(T_base_tip: FloatArray, T_tip_camera: FloatArray, distance_m: float) -> FloatArray:
-    """Pose ``(4, 4)`` of a target that faces the camera, on its axis at a distance [m]."""
-    facing = transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, distance_m])
-    return np.asarray(T_base_tip @ T_tip_camera @ facing)
 
 
 class RobotAdapter(ABC):

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from calib.se3 import FloatArray, rotation_angle, transform
 from calib.vision.boards import Board, detect_board
 from calib.vision.boards.board_map import fit_map
-from calib.vision.boards.plate import T_BOARD_PLATE, BoardPlate
+from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, pose_from_points
 from calib.vision.camera.conic import disc_image, ellipse_of_slope
 from calib.vision.camera.rendering import GreyImage

@@ -78,11 +78,6 @@ class Lens:
         Size of the image.
     values : tuple of float
         fx, fy, cx, cy [px], then the distortion in OpenCV's order.
-
-    Raises
-    ------
-    InputError
-        An unknown model, another number of values, or values that no lens has.
     """
 
     name: LensName

@@ -239,11 +239,6 @@ def rigid(T: ArrayLike, name: str) -> FloatArray:
 
     A file holds them less well. A step of Newton's iteration for the nearest rotation squares the
     deviation: two are enough, and far cheaper than the singular values of every one.
-
-    Raises
-    ------
-    InputError
-        As :func:`check_transforms`.
     """
     array, deviation = _checked(T, name)
     if deviation.max(initial=0.0) < _EXACT:

@@ -67,12 +67,7 @@ class Prepared:
 
     @classmethod
     def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
-        """Find lens, poses, X and Z to start from.
-
-        Raises
-        ------
-        InputError, NotIdentifiableError
-        """
+        """Find lens, poses, X and Z to start from."""
         usable = np.flatnonzero(pictures.usable)
         _check_enough(pictures, len(usable))
         first = lens if isinstance(lens, Lens) else _lens_of(pictures, lens)

@@ -121,11 +121,6 @@ def check_identifiable(
         Whitened or not; all rows of all measurements.
     nuisance : array (p,) of bool, optional
         Parameters of the set-up: they have to be free, so they are blamed last.
-
-    Raises
-    ------
-    NotIdentifiableError
-        Naming the parameters to leave out and the invisible combinations.
     """
     if is_identifiable(jacobian):
         return
@@ -141,11 +136,6 @@ def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Un
     ----------
     sigma : array (p,)
         Standard deviations [SI].
-
-    Raises
-    ------
-    NotIdentifiableError
-        Naming those whose standard deviation is beyond ``LARGEST_SIGMA``.
     """
     hopeless = [
         (name, f"{name} stays uncertain by {s * DISPLAY[unit][1]:.3g} {DISPLAY[unit][0]}")
@@ -245,12 +235,7 @@ def covariance_at(
 
 
 def check_unweighted(model: CalibrationModel) -> None:
-    """Refuse what an estimate that takes all rows alike cannot use.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what an estimate that takes all rows alike cannot use."""
     if model.knows_besides:
         raise InputError(
             "priors and known distances need rows that are weighted by their noise",
@@ -265,12 +250,7 @@ def triangle(rows: FloatArray) -> FloatArray:
 
 
 def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
-    """Check that measurements and model speak of the same things, with enough equations.
-
-    Raises
-    ------
-    InputError
-    """
+    """Check that measurements and model speak of the same things, with enough equations."""
     for found, known, what in (
         (measurements.targets, model.targets, "target"),
         (measurements.tools, model.tools, "tool"),
@@ -316,13 +296,7 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
 def check_identifiable_at(
     model: CalibrationModel, measurements: Measurements, x: FloatArray
 ) -> None:
-    """Check what measurements can tell, at parameters ``(p,)``.
-
-    Raises
-    ------
-    NotIdentifiableError
-        Parameters that they cannot tell apart, or whose standard deviation says nothing.
-    """
+    """Check what measurements can tell, at parameters ``(p,)``."""
     white = triangle(clean_root(model, measurements, x))
     check_identifiable(white, model.names, model.nuisance)
     if any(kind.estimated for kind in model.measurements):

@@ -98,10 +98,6 @@ def noise_scales(
         At x, where it is there already.
     needed : bool
         Refuse kinds of unknown noise that do not show it.
-
-    Raises
-    ------
-    InputError
     """
     rows, free = redundancy(model, data, x, weights, linear)
     scales = []

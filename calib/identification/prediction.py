@@ -88,12 +88,6 @@ def predict_accuracy(
         Parameters to predict at; the nominal ones by default.
     against : {"base", "target"}
         The target is that of ``setup``.
-
-    Raises
-    ------
-    InputError
-        A covariance of another shape, or one that is not finite: of parameters that the
-        measurements do not identify.
     """
     C = np.asarray(covariance, dtype=float)
     if C.shape != (model.p, model.p):
@@ -245,11 +239,6 @@ class Expectation:
     ----------
     jacobian : array (3 K, r)
         Displacements of the tool point by each parameter, the base placed anew [m per unit].
-
-    Raises
-    ------
-    InputError
-        A covariance of another shape, or one that is not finite.
     """
 
     def __init__(
@@ -457,11 +446,6 @@ class DrawnArms:
     ----------
     kinds : sequence of Posterior
         With probabilities that add up to one.
-
-    Raises
-    ------
-    InputError
-        A covariance that is not finite.
     """
 
     def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:

@@ -213,11 +213,6 @@ def choose(
     """Which measurements to keep, ``(N,)``, and the fit to them, ``(p,)``; from parameters.
 
     The draws are always the same ones, so that a result can be had again.
-
-    Raises
-    ------
-    InputError
-        More than half of them would have to be left out.
     """
     rng = np.random.default_rng(0)
     needed = _needed(model, data, x)

@@ -248,12 +248,7 @@ class CalibrationModel:
         return view, values
 
     def check_setup(self, setup: Setup, count: int) -> None:
-        """Check that a set-up is one of ``count`` measurements, with what the model has.
-
-        Raises
-        ------
-        InputError
-        """
+        """Check that a set-up is one of ``count`` measurements, with what the model has."""
         if setup.count != count:
             raise InputError(
                 f"{count} postures need {count} targets, {setup.count} were given", name="target"

@@ -81,13 +81,7 @@ class Setup:
         target: ArrayLike = 0,
         payload: ArrayLike = 0,
     ) -> Setup:
-        """Set-up of ``count`` measurements; one index means the same for all, by default the first.
-
-        Raises
-        ------
-        InputError
-            Another number of indices than measurements, or one below zero.
-        """
+        """Set-up of ``count`` measurements; one index is that of all, by default the first."""
         named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
         arrays: dict[str, Any] = {}
         for name, given in named.items():

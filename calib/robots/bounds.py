@@ -150,11 +150,6 @@ def every_turn(
         row that does not fit.
     source : array (K,)
         Row that each comes from.
-
-    Raises
-    ------
-    InputError
-        There are too many.
     """
     lowest, highest = _turns(postures, lower, upper)
     count = np.maximum(highest - lowest + 1.0, 0.0)

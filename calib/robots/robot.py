@@ -188,13 +188,7 @@ class Robot:
 
     @classmethod
     def preset(cls, name: str, tip: str | None = None, base: str | None = None) -> Robot:
-        """Load one of the robots that come with the library (``calib.robots.preset_names()``).
-
-        Raises
-        ------
-        RobotModelError
-            There is no preset of that name; the hint lists near names.
-        """
+        """Load one of the robots that come with the library (``calib.robots.preset_names()``)."""
         check_type(name, str, "name")
         preset = load_preset(name)
         robot = cls.from_model(
@@ -332,13 +326,7 @@ class Robot:
         return self.upper - self.lower
 
     def state(self, q: ArrayLike) -> ChainState:
-        """Where joints and tip are at postures ``(..., n)`` [rad].
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each.
-        """
+        """Where joints and tip are at postures ``(..., n)`` [rad]."""
         return self.chain.forward(self.check_posture(q))
 
     def fk(self, q: ArrayLike) -> FloatArray:
@@ -457,11 +445,6 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
     placements : array (n, 4, 4)
         Frame of each joint at zero, in the frame of the link before it (the first: in the base)
         [m].
-
-    Raises
-    ------
-    InputError
-        Not one rigid transform for each joint.
     """
     placed = check_transforms(placements, "placements")
     if placed.shape != (robot.n, 4, 4):

@@ -118,13 +118,7 @@ class Measurements:
         return Measurements(postures, self.setup[rows], self.targets, self.tools, observed, names)
 
     def with_labels(self, targets: Sequence[str], tools: Sequence[str]) -> Measurements:
-        """The same with other lists of names, each measurement of the names that it had.
-
-        Raises
-        ------
-        InputError
-            A name that measurements are of is not among them.
-        """
+        """The same with other lists of names, each measurement of the names that it had."""
         found = []
         for what, index, own, names in (
             ("target", self.setup.target, self.targets, list(targets)),

@@ -38,8 +38,6 @@ class Frames(ParameterBlock):
         In the tip frame or in the base frame [m].
     free : sequence of str
         Axes to identify, of x, y, z, rx, ry, rz; the same for all frames.
-    prior_m, prior_rad : float, optional
-        Standard deviations of places and rotations known before measuring.
     """
 
     nuisance = True
@@ -236,8 +234,6 @@ class ToolPoint(ToolPoints):
     free : str
         Axes of the tip frame along which it is to be identified, a part of ``"xyz"``. A view line
         says nothing of the position along itself: give ``"xy"`` there.
-    prior_m : float, optional
-        Standard deviation known before measuring.
     """
 
     def __init__(
@@ -276,8 +272,6 @@ class ToolBody(ParameterBlock):
         Nominal pose in the tip frame [m].
     name : str
         Of the body, in the names of its parameters.
-    prior_m, prior_rad : float, optional
-        Standard deviations of place and rotation known before measuring.
     """
 
     nuisance = True
@@ -336,8 +330,6 @@ class TargetPoints(AroundArm):
     free : bool
         Whether they are to be identified. Surveyed targets are not, and then even the offset of
         the first joint can be.
-    prior_m : float, optional
-        Standard deviation known before measuring.
     """
 
     def __init__(
@@ -425,8 +417,6 @@ class LengthOffsets(ParameterBlock):
     ----------
     labels : sequence of str
         Targets that it is measured from.
-    prior_m : float, optional
-        Standard deviation known before measuring.
     """
 
     nuisance = True

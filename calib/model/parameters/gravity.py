@@ -69,11 +69,6 @@ class GravityLoad:
 
         About the origin of each joint, of all that the joint carries. The arm is the nominal one,
         not deflected: the torque does not depend on the parameters.
-
-        Raises
-        ------
-        InputError
-            A measurement with a payload that is not known.
         """
         if setup.payload.max(initial=0) >= len(self.payloads):
             raise InputError(

@@ -33,8 +33,6 @@ class LinkGeometry(ParameterBlock):
     ----------
     freed : sequence of str, optional
         Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
-    prior_m, prior_rad : float, optional
-        Standard deviations of lengths and angles known before measuring.
     """
 
     beyond_chain = ""
@@ -130,11 +128,6 @@ class BearingCompliance(ParameterBlock):
         With link masses.
     joints : sequence of str
         The joints whose bearings give way.
-    payload : Payload or sequence of them, optional
-        What the flange carries; several where measurements were taken with several
-        (``Setup.payload``).
-    prior : float, optional
-        Standard deviation known before measuring [rad/Nm].
     """
 
     beyond_chain = "compliance of bearings"

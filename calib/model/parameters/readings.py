@@ -34,8 +34,6 @@ class ReadingParameters(ParameterBlock):
         Of all k; the label goes before the names.
     free : sequence of str, optional
         Names of those to identify; all by default.
-    prior : array_like, optional
-        Standard deviation known before measuring, one for all k or one for each.
     """
 
     nuisance = True

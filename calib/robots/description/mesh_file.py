@@ -102,13 +102,7 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
 
 
 def checked_mesh(vertices: FloatArray, triangles: IntArray, path: Path) -> Mesh:
-    """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file.
-
-    Raises
-    ------
-    FileFormatError
-        There are no triangles, too many, or some that cannot be.
-    """
+    """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file."""
     _check(vertices, triangles, path)
     return _merged(vertices, triangles)
 

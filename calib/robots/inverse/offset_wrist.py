@@ -387,14 +387,10 @@ def _real_root(x: Numbers) -> Numbers:
 
 
 def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
-    """Zeros of trigonometric polynomials ``Re sum c_k exp(i k x)``, and what almost is one.
+    """Zeros of polynomials ``Re sum c_k exp(i k x)`` with ``(N, degree + 1)``, almost zeros too.
 
     Eigenvalues of the companion matrix of the polynomial in ``z = exp(i x)``: zeros lie on the
     unit circle, and leave it in pairs where they cease to exist.
-
-    Parameters
-    ----------
-    c : array (N, degree + 1) of complex
 
     Returns
     -------

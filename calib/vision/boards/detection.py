@@ -46,16 +46,6 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     Boards with markers may be seen in part. Chessboards, grids of circles and round targets must
     be seen as a whole; of those that look the same after half a turn, the way round is taken whose
     x runs to the right of the picture.
-
-    Parameters
-    ----------
-    picture : ndarray (height, width) of uint8
-    board : Board
-
-    Raises
-    ------
-    InputError
-        What is given is no grey picture, or no board.
     """
     check_type(board, Board, "board")
     check_picture(picture)
@@ -67,12 +57,7 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
 
 
 def check_picture(picture: object) -> None:
-    """Refuse what is no grey picture of eight bits.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no grey picture of eight bits."""
     if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 2:
         said = (
             f"an array {picture.shape} of {picture.dtype}"

@@ -31,11 +31,6 @@ def board_picture(board: Board, px_per_m: float, margin_m: float = 0.0) -> NDArr
         Pixels in a metre.
     margin_m : float
         White about the pattern [m].
-
-    Raises
-    ------
-    InputError
-        A picture without pixels, or of too many.
     """
     left, top, right, bottom = board.box + margin_m * np.array([-1.0, -1.0, 1.0, 1.0])
     width, height = (int(np.ceil(side * px_per_m - 1e-6)) for side in (right - left, bottom - top))

@@ -37,19 +37,13 @@ moves it by 1e-5 px."""
 def circle_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -> FloatArray:
     """Ellipse ``(..., 5)`` [px] that the circle in the x-y plane of a target is seen as.
 
+    NaN where the circle is not wholly in front of the lens, or shows its back. Target at poses
+    ``(..., 4, 4)``.
+
     Exact for an ideal lens: the dual conic of the circle, ``diag(r², r², -1)``, maps by the
     homography ``H = K [r1 r2 p]`` to ``H diag(r², r², -1) Hᵀ`` [HartleyZisserman2004]_ (Eq. 2.16).
     With distortion the curve is no ellipse: then the one nearest to it, fitted to points of the
     rim as it is to an image.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
-
-    Returns
-    -------
-    ndarray (..., 5)
-        NaN where the circle is not wholly in front of the lens, or shows its back.
 
     References
     ----------
@@ -79,15 +73,7 @@ def disc_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -
     """Ellipse ``(..., 5)`` [px] of a circle by the map of the image at its middle alone.
 
     That of an infinitely small circle, enlarged: its centre is the image of the middle at any tilt.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
-
-    Returns
-    -------
-    ndarray (..., 5)
-        NaN where the circle shows its back.
+    Of a target at poses ``(..., 4, 4)``; NaN where it shows its back.
     """
     middle = T_camera_target[..., :3, 3]
     slope = camera.project_jacobian(middle) @ T_camera_target[..., :3, :2]
@@ -159,7 +145,7 @@ def fit_ellipse(
     start: FloatArray | None = None,
     steps: int = _FIT_STEPS,
 ) -> FloatArray:
-    """Ellipse of least squared distance from points, by Gauss-Newton.
+    """Ellipse ``(..., 5)`` of least squared distance from points, by Gauss-Newton.
 
     Parameters
     ----------
@@ -170,10 +156,6 @@ def fit_ellipse(
     start : ndarray (..., 5), optional
         Ellipse to start from. Unless given, mean and scatter of the points, which must then lie
         evenly about the whole of it.
-
-    Returns
-    -------
-    ndarray (..., 5)
     """
     weight = np.broadcast_to(np.asarray(weights, dtype=float), points.shape[:-1])
     ellipse = _from_scatter(points) if start is None else np.asarray(start, dtype=float)
@@ -318,12 +300,8 @@ def circle_center_bias(
 ) -> FloatArray:
     """Centre of the ellipse less the image of the middle of the circle ``(..., 2)`` [px].
 
-    Exact, by projective geometry, for an ideal lens; with distortion for the ellipse that is
-    fitted to the image. NaN where the circle is not seen.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
+    Of a target at poses ``(..., 4, 4)``. Exact, by projective geometry, for an ideal lens; with
+    distortion for the ellipse that is fitted to the image. NaN where the circle is not seen.
     """
     ellipse = circle_image(camera, diameter_m, T_camera_target)
     return np.asarray(ellipse[..., :2] - camera.project(T_camera_target[..., :3, 3]))

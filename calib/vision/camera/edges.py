@@ -278,15 +278,6 @@ def find_candidates(
     Otsu's threshold first; where it shows nothing whole, which uneven light or a glare can bring
     about, some fixed ones between dark and light. Where none shows a whole rim, something may hide
     a part of it: then pieces of the contours are looked at.
-
-    Parameters
-    ----------
-    image : ndarray (height, width) of uint8
-
-    Returns
-    -------
-    whole, cut : list of ndarray (5,)
-        [px].
     """
     smooth = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), dtype=np.uint8)
     low, high, _, _ = cv2.minMaxLoc(smooth)

@@ -131,11 +131,6 @@ def measure_ellipse(
     near_px : ndarray (2,), optional
         Where the target is expected: of several the nearest is measured. Unless given, several are
         an outcome of their own.
-
-    Returns
-    -------
-    EllipseMeasurement
-        Look at its ``status``.
     """
     whole, cut = find_candidates(image, dark=dark, smallest_px=smallest_px)
     if not whole:

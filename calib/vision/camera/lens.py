@@ -89,11 +89,6 @@ class Camera(PinholeCamera):
         ``cx, cy`` plus one half); the middle of the image unless given.
     distortion : tuple of five floats
         k1, k2, p1, p2, k3: OpenCV's order.
-
-    Raises
-    ------
-    InputError
-        A focal length or a size that is not positive, or numbers that are not finite.
     """
 
     focal_y_px: float | None = None

@@ -200,7 +200,6 @@ class ImageObserver:
         rng: np.random.Generator,
         near_px: FloatArray | None = None,
     ) -> Views:
-        """See :meth:`Observer.views`."""
         near = [None] * len(T_camera_target) if near_px is None else list(near_px)
         return Views.of(
             [
@@ -274,11 +273,6 @@ def make_observer(
         For ``"image"``.
     noise : MeasurementNoise
         For ``"fast"``, which needs it.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or no noise for the fast one.
     """
     if kind == "image":
         return ImageObserver(camera, target, imaging or Imaging())

@@ -121,10 +121,6 @@ def render(
         shows its back or lies behind the lens is not drawn.
     rng : numpy.random.Generator
         Of the noise.
-
-    Returns
-    -------
-    ndarray (height, width) of uint8
     """
     shape = (camera.height_px, camera.width_px)
     reflectance = np.full(shape, imaging.surroundings, dtype=np.float32)

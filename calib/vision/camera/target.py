@@ -45,12 +45,6 @@ class CircleTarget:
     circle, face : float
         Reflectance (0 black, 1 white) of the circle, and of plate and cross. A light circle with a
         dark cross on a dark plate has ``circle > face``.
-
-    Raises
-    ------
-    InputError
-        A size that is not positive, a cross longer than the circle or one not longer than wide, a
-        circle larger than the plate, or two reflectances that are the same or outside 0 to 1.
     """
 
     diameter_m: float = 0.020
@@ -84,7 +78,6 @@ class CircleTarget:
     def measure(
         self, image: GreyImage, near_px: FloatArray | None = None
     ) -> tuple[FloatArray, str]:
-        """See :meth:`~calib.vision.camera.observers.Target.measure`."""
         found = measure_ellipse(image, dark=self.is_dark, smallest_px=SMALLEST_PX, near_px=near_px)
         if found.is_ok:
             return found.ellipse, ""
@@ -93,7 +86,6 @@ class CircleTarget:
     def image(
         self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
     ) -> FloatArray:
-        """See :meth:`~calib.vision.camera.observers.Target.image`."""
         return circle_image(
             camera, self.diameter_m if diameter_m is None else diameter_m, T_camera_target
         )
@@ -208,11 +200,6 @@ def pose_from_image(
     -------
     TargetPose
         Its covariance is that of the scatter of the edges about the pose.
-
-    Raises
-    ------
-    InputError
-        A target without a cross.
     """
     if target.cross_length_m == 0.0:
         raise InputError(

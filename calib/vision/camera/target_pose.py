@@ -86,11 +86,6 @@ def pose_from_points(
     sigma_px : float
         Standard deviation of each coordinate, independent.
 
-    Returns
-    -------
-    TargetPose
-        Look at its ``status``.
-
     Raises
     ------
     InputError

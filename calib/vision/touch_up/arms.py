@@ -155,16 +155,13 @@ class SimulatedArms:
 
     @property
     def count(self) -> int:
-        """See :meth:`Arms.count`."""
         return self._count
 
     @property
     def image_px(self) -> tuple[int, int]:
-        """See :meth:`Arms.image_px`."""
         return self._observer.camera.width_px, self._observer.camera.height_px
 
     def move(self, which: IntArray, q: FloatArray) -> None:
-        """See :meth:`Arms.move`."""
         lost = self._cell.lost_motion
         torque = np.zeros_like(q)
         if lost.has_backlash and len(q) == 1:
@@ -179,11 +176,9 @@ class SimulatedArms:
         self._stopped[which] = lost.scatter_rad * self._rng.standard_normal(q.shape)
 
     def joints(self, which: IntArray) -> FloatArray:
-        """See :meth:`Arms.joints`."""
         return self._motors[which].copy()
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
-        """See :meth:`Arms.look`."""
         self.pictures += len(which)
         T, observer = self.T_camera_target(which), self._observer
         if len(which) > 1 or not isinstance(observer, ImageObserver):
@@ -193,7 +188,6 @@ class SimulatedArms:
         return Views.of([observer.target.measure(self.seen, near)])
 
     def picture(self, arm: int) -> GreyImage | None:
-        """See :meth:`Arms.picture`."""
         if not isinstance(self._observer, ImageObserver):
             return None
         T = self.T_camera_target(np.array([arm]))[0]
@@ -324,20 +318,17 @@ class OneArm:
         return self._size
 
     def move(self, which: IntArray, q: FloatArray) -> None:
-        """See :meth:`Arms.move`."""
         self._last = None
         for posture in q:
             self._moved = True
             self._robot.move(posture.copy())
 
     def joints(self, which: IntArray) -> FloatArray:
-        """See :meth:`Arms.joints`."""
         if not (self._moved or self._robot.shows_before_moving):
             return np.full((len(which), 1), np.nan)
         return np.array([self._shown() for _ in which])
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
-        """See :meth:`Arms.look`."""
         seen = []
         for k in range(len(which)):
             image = self._grabbed()

@@ -45,11 +45,6 @@ class Loop:
         Pictures whose mean is taken at each stop.
     view_line : bool
         Only V and H: the target is brought onto the view line, at any distance (Fig. 1a).
-
-    Raises
-    ------
-    InputError
-        Numbers that no loop can end by.
     """
 
     center_px: float = 0.1
@@ -124,20 +119,8 @@ def touch_up(
 
     Look, and where the error is above its threshold shift the tip by what the Jacobian says
     (Eq. 3), the orientation as the controller believes it held. Nothing but pictures and joint
-    values of the controller is used.
-
-    Parameters
-    ----------
-    q : array (S, n)
-        Where the arms are sent first: one posture for each.
-    bias : callable, optional
-        Taken off V, H and s: :class:`~calib.vision.touch_up.sighting.TiltBias`. The paper does
-        without.
-
-    Returns
-    -------
-    TouchUps
-        Failures are outcomes in it; nothing is raised for what a cell may do.
+    values of the controller is used. Failures are outcomes: nothing is raised for what a cell may
+    do. The paper does without a bias; see :class:`~calib.vision.touch_up.sighting.TiltBias`.
     """
     return _Run(drive, q, jacobian, loop, bias).run()
 

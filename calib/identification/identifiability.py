@@ -129,18 +129,15 @@ def check_identifiable(
         raise NotIdentifiableError([names[k] for k in found.left_out], found.why)
 
 
-def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Unit]) -> None:
-    """Refuse parameters that are identifiable by the letter, and in practice unknown.
+def check_believable(model: CalibrationModel, sigma: FloatArray) -> None:
+    """Refuse parameters of standard deviations ``(p,)`` [SI] that are in practice unknown.
 
-    Parameters
-    ----------
-    sigma : array (p,)
-        Standard deviations [SI].
+    What is known beforehand is known whatever was measured.
     """
     hopeless = [
         (name, f"{name} stays uncertain by {s * DISPLAY[unit][1]:.3g} {DISPLAY[unit][0]}")
-        for name, unit, s in zip(names, units, sigma, strict=True)
-        if not s <= LARGEST_SIGMA[unit]
+        for name, unit, s, prior in zip(model.names, model.units, sigma, model.prior, strict=True)
+        if not (s <= LARGEST_SIGMA[unit] or np.isfinite(prior))
     ]
     if hopeless:
         raise NotIdentifiableError(
@@ -303,9 +300,7 @@ def check_identifiable_at(
         return  # nobody knows the noise yet: the result is judged by what it turns out to be
     # what the noise alone leaves unknown would wander off before it could be refused
     sigma = np.linalg.norm(np.linalg.inv(white), axis=1)
-    # what is known beforehand is known whatever was measured
-    unknown = np.where(np.isfinite(model.prior), 0.0, sigma)
-    check_believable(unknown, model.names, model.units)
+    check_believable(model, sigma)
 
 
 def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArray) -> FloatArray:

@@ -89,6 +89,13 @@ def predict_accuracy(
     against : {"base", "target"}
         The target is that of ``setup``.
     """
+    C = _checked(covariance, model)
+    J = tool_motion(model, q, setup, x=x, against=against)
+    return np.asarray(J @ C @ np.swapaxes(J, -1, -2))
+
+
+def _checked(covariance: ArrayLike, model: CalibrationModel) -> FloatArray:
+    """A covariance ``(p, p)`` of all parameters of a model."""
     C = np.asarray(covariance, dtype=float)
     if C.shape != (model.p, model.p):
         raise InputError(
@@ -101,8 +108,7 @@ def predict_accuracy(
             hint="measure other or more poses, or leave parameters out",
             name="covariance",
         )
-    J = tool_motion(model, q, setup, x=x, against=against)
-    return np.asarray(J @ C @ np.swapaxes(J, -1, -2))
+    return C
 
 
 def tool_motion(
@@ -249,12 +255,7 @@ class Expectation:
         q: FloatArray,
         setup: Setup | None = None,
     ) -> None:
-        if covariance.shape != (model.p, model.p) or not np.isfinite(covariance).all():
-            raise InputError(
-                f"a covariance of the {model.p} parameters is needed, of finite numbers",
-                name="covariance",
-            )
-        self.model, self.x, self.covariance = model, x, covariance
+        self.model, self.x, self.covariance = model, x, _checked(covariance, model)
         self.q, self.setup = q, setup
         self.points = model.view(q, x, setup).tool_points
         self._rigid = rigid_motions(self.points)

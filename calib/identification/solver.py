@@ -110,9 +110,7 @@ def identify(
             model, measurements, x, loss=loss, weighted=weighted, near=start is not None
         )
     result = make_result(solved, measurements, weighted=weighted, name=name)
-    # what is known beforehand is known whatever was measured
-    unknown = np.where(np.isfinite(result.prior), 0.0, result.sigma)
-    check_believable(unknown, model.names, model.units)
+    check_believable(model, result.sigma)
     return result
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray, transform
+from calib.se3 import FloatArray, IntArray, frame_about, transform
 
 _BLOCK = 1024
 """Postures walked at once: what a joint needs of them (100 kB) stays in the cache of a core."""
@@ -191,7 +191,7 @@ class SerialChain:
         for placement, axis in zip(self.placements, self.axes, strict=True):
             k = int(np.argmax(np.abs(axis)))
             along = 1.0 - abs(axis[k]) < _EXACT
-            turned = np.eye(3) if along else _frame_about(axis)
+            turned = np.eye(3) if along else frame_about(axis)
             joints.append(
                 _Joint(
                     fixed=_exact(before.T @ placement[:3, :3] @ turned),
@@ -347,14 +347,6 @@ class SerialChain:
             R_base_tip=R_base_tip.reshape(*batch, 3, 3),
             p_base_tip=p_base_tip.reshape(*batch, 3),
         )
-
-
-def _frame_about(axis: FloatArray) -> FloatArray:
-    """A right-handed rotation (3, 3) whose third column is the axis."""
-    x = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    x = x - axis * (axis @ x)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def _exact(R: FloatArray) -> FloatArray:

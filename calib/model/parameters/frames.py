@@ -20,6 +20,7 @@ from calib.model.parameters.links import AXES
 from calib.se3 import (
     FloatArray,
     check_transforms,
+    frame_about,
     right_jacobian,
     rotation_exp,
     rotation_log,
@@ -387,11 +388,7 @@ class TargetPlane(AroundArm):
         length = float(np.linalg.norm(z)) if z.shape == (3,) else 0.0
         if not (np.isfinite(length) and length > 0):
             raise InputError("the normal of a plane needs a direction", name="target")
-        z = z / length
-        x = np.eye(3)[int(np.argmin(np.abs(z)))]
-        x = x - z * (z @ x)
-        x /= np.linalg.norm(x)
-        T = transform(np.column_stack([x, np.cross(z, x), z]), point_m)
+        T = transform(frame_about(z / length), point_m)
         super().__init__([label], T[None], ("z", "rx", "ry") if free else ())
 
     @property

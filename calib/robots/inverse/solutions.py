@@ -35,6 +35,7 @@ __all__ = [
     "InverseKinematics",
     "InverseSolutions",
     "NoPosture",
+    "damped_step",
     "first_per_group",
     "nearest_turns",
     "pose_error",
@@ -220,6 +221,20 @@ def twist_to(state: ChainState, T_wanted: FloatArray) -> FloatArray:
     R = T_wanted[..., :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
     turn = rotation_log(columns_of(R.reshape(-1, 3, 3))).T.reshape(*R.shape[:-1])
     return np.concatenate([T_wanted[..., :3, 3] - state.p_base_tip, turn], axis=-1)
+
+
+def damped_step(
+    J: FloatArray, right: FloatArray, damping: FloatArray | float, largest_rad: float
+) -> FloatArray:
+    """Damped least-squares steps ``(..., n)`` [rad] of ``J dq = right``, cut to a largest turn.
+
+    Jacobians ``(..., m, n)``, right sides ``(..., m)``, and what is added to ``J Jᵀ`` ``(...)``.
+    """
+    Jt = np.swapaxes(J, -1, -2)
+    JJt = J @ Jt + np.asarray(damping)[..., None, None] * np.eye(J.shape[-2])
+    step = (Jt @ np.linalg.solve(JJt, right[..., None]))[..., 0]
+    largest = np.abs(step).max(axis=-1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, largest_rad / np.maximum(largest, 1e-300)))
 
 
 _STARTS = 12

@@ -18,30 +18,12 @@ import numpy as np
 
 from calib.batch_last import columns_of, product, rotation_log, transposed
 from calib.robots.bounds import (
-    LIMIT_TOLERANCE,
     Bounds,
     first_per_group,
-    nearest_turns,
     turned_inside,
 )
 from calib.robots.chain import ChainState, SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-__all__ = [
-    "CLOSURE_TOLERANCE",
-    "LIMIT_TOLERANCE",
-    "NEAR_SINGULAR",
-    "Bounds",
-    "InverseKinematics",
-    "InverseSolutions",
-    "NoPosture",
-    "damped_step",
-    "first_per_group",
-    "nearest_turns",
-    "pose_error",
-    "singular_postures",
-    "twist_to",
-]
 
 CLOSURE_TOLERANCE = 1e-9
 """Largest distance [m] and angle [rad] between the pose asked for and the one a posture takes.

@@ -74,17 +74,7 @@ class UnreachableError(CalibError):
 
 
 class JointLimitError(CalibError):
-    """A joint value outside its limits.
-
-    Parameters
-    ----------
-    joint : str
-        Name of the joint.
-    value_deg, lower_deg, upper_deg : float
-        The value and the limits it breaks.
-    hint : str
-        What to do about it.
-    """
+    """A joint value outside its limits."""
 
     def __init__(
         self, joint: str, value_deg: float, lower_deg: float, upper_deg: float, *, hint: str = ""

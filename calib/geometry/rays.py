@@ -65,16 +65,10 @@ def box_box_bound(
 ) -> FloatArray:
     """Lower bound ``(M,)`` [m] of the signed distance of boxes, better than that of capsules.
 
-    Each box is enclosed by one along the axes of the other, and the distance of those two boxes
+    Box b is at ``R_a_b (M, 3, 3)`` and ``p_a_b (M, 3)``, from centre to centre in axes of box a;
+    halves of the edges are ``(M, 3)`` [m]. Each is enclosed by one along the axes of the other,
+    and the distance of those two boxes
     is exact: the gaps along the axes add up as a vector, or the widest of them separates.
-
-    Parameters
-    ----------
-    R_a_b : array (M, 3, 3)
-    p_a_b : array (M, 3)
-        Centre of box b, in axes of box a, from its centre [m].
-    half_a, half_b : array (M, 3)
-        Half of the edges [m].
     """
     turned = np.abs(R_a_b)
     p_b_a = (np.swapaxes(R_a_b, -1, -2) @ p_a_b[..., None])[..., 0]

@@ -289,13 +289,7 @@ class Scene:
         return Sight(blocker < 0, blocker)
 
     def extent(self, q: ArrayLike, *, state: ChainState | None = None) -> Extent:
-        """Box around the tool and the links from the second on, along the axes of the base.
-
-        Parameters
-        ----------
-        q : array_like (S, n)
-            [rad]
-        """
+        """Box around tool and links from the second on, in base axes, at postures ``(S, n)``."""
         postures = self._postures(q, "q")
         lowest = np.full((len(postures), 3), np.inf)
         highest = np.full((len(postures), 3), -np.inf)

@@ -347,16 +347,7 @@ class Expectation:
 def part_of(
     model: CalibrationModel, x: FloatArray, covariance: FloatArray, part: CalibrationModel
 ) -> Carried:
-    """A correction with its parameters as identified, and as described where they were not.
-
-    Parameters
-    ----------
-    x : array (r,)
-        Its parameters [SI].
-    covariance : array (r, r)
-    part : CalibrationModel
-        With the parameters that the correction has, by the same names.
-    """
+    """A correction with its parameters as identified ``(r,)`` [SI], others as described."""
     taken = _shared(model, part)
     values = np.where(taken.any(axis=1), taken @ x, part.nominal)
     return Carried(part, values, taken @ covariance @ taken.T)
@@ -393,21 +384,11 @@ INTERVAL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
-    """Where an arm will work.
+    """Where an arm will work."""
 
-    Attributes
-    ----------
-    postures : array (K, n)
-        [rad]
-    setup : Setup
-        Tool and payload at each.
-    words : str
-        What they are, for reports.
-    """
-
-    postures: FloatArray
-    setup: Setup
-    words: str
+    postures: FloatArray  # (K, n) [rad]
+    setup: Setup  # tool and payload at each
+    words: str  # what they are, for reports
 
 
 @dataclass(frozen=True)
@@ -429,15 +410,9 @@ class ExpectedError:
 
 @dataclass(frozen=True, eq=False)
 class Posterior(Carried):
-    """What is known of the true arm after the measurements, if it is of one kind.
+    """What is known of the true arm after the measurements, if it is of one kind."""
 
-    Attributes
-    ----------
-    probability : float
-        That it is of this kind.
-    """
-
-    probability: float = 1.0
+    probability: float = 1.0  # that it is of this kind
 
 
 class DrawnArms:

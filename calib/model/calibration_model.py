@@ -436,16 +436,9 @@ class CalibrationModel:
         return np.asarray(self.known(self.nominal[None])[1][0])
 
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What is known besides the measurements, whitened: priors, then distances.
+        """What is known besides measurements, whitened: priors, then distances.
 
-        Parameters
-        ----------
-        x : array (T, p)
-
-        Returns
-        -------
-        rows : array (T, K)
-        jacobian : array (T, K, p)
+        At parameters ``(T, p)``: rows ``(T, K)`` and their derivative ``(T, K, p)``.
         """
         held = np.flatnonzero(np.isfinite(self.prior))
         total = len(held) + len(self.distances)
@@ -619,15 +612,7 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class KnownDistance:
-    """A distance between two targets that is known from elsewhere.
-
-    Attributes
-    ----------
-    first, second : str
-        Labels of the targets.
-    sigma_m : float
-        Standard deviation of the length.
-    """
+    """A distance between two targets, by their labels, that is known from elsewhere."""
 
     first: str
     second: str

@@ -164,13 +164,7 @@ def touch_ups(
 ) -> Measurements:
     """Touch-ups: postures ``(..., N, n)`` [rad] at which the tool point stood on a target.
 
-    Parameters
-    ----------
-    postures : array_like (..., N, n)
-    target : array_like (N,)
-        Index into ``targets``; the first for all by default.
-    names : sequence of str, optional
-        Of the poses.
+    By index ``(N,)`` into ``targets``; the first for all by default.
     """
     q = np.asarray(postures, dtype=float)
     count = len(np.atleast_1d(target)) if np.ndim(target) else (q.shape[-2] if q.ndim > 1 else 1)
@@ -186,12 +180,7 @@ by hundredths of a degree, and another posture of a plan by degrees."""
 def repeated_together(pose: IntArray, postures: FloatArray) -> IntArray:
     """Groups ``(N,)``, counted from zero, of measurements of one pose or at one posture.
 
-    Parameters
-    ----------
-    pose : array (N,)
-        Index of the pose that each measurement belongs to.
-    postures : array (N, n)
-        [rad]
+    Of poses by their index ``(N,)``, and postures ``(N, n)`` [rad].
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -278,13 +278,7 @@ class ViewLine(Contact):
 
 
 class PlaneContact(Contact):
-    """The tool point is brought into contact with a plane: the target's z = 0.
-
-    Parameters
-    ----------
-    sigma : float or None
-        Standard deviation [m] along the normal.
-    """
+    """The tool point is brought into contact with a plane: the target's z = 0."""
 
     name = "plane"
     rows = 1
@@ -444,13 +438,7 @@ class CameraPose(PoseReading):
 
 
 class Distance(Measurement):
-    """Distance of the tool point from the target: a ball bar, or a wire.
-
-    Parameters
-    ----------
-    sigma : float or None
-        Standard deviation [m].
-    """
+    """Distance of the tool point from the target: a ball bar, or a wire."""
 
     name = "distance"
     rows = 1

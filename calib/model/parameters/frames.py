@@ -408,13 +408,7 @@ class TargetPlane(AroundArm):
 
 
 class LengthOffsets(ParameterBlock):
-    """What a wire or a ball bar shows more than the distance: the zero of its reading.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        Targets that it is measured from.
-    """
+    """What a wire or a ball bar shows more than the distance: the zero that its reading has."""
 
     nuisance = True
     beyond_chain = ""

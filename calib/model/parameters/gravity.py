@@ -100,16 +100,7 @@ def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) 
     """Torque that gravity puts on each joint, ``(..., n)`` [Nm].
 
     Positive where gravity turns the joint in its positive sense: the opposite of what the motors
-    hold against it (``pinocchio.computeGeneralizedGravity``).
-
-    Parameters
-    ----------
-    robot : Robot
-        Links without mass weigh nothing.
-    q : array (..., n)
-        Postures [rad].
-    payload : Payload, optional
-        Mass carried at the tip.
+    hold against it (``pinocchio.computeGeneralizedGravity``). Links without mass weigh nothing.
     """
     last = np.ascontiguousarray(q.reshape(-1, robot.n).T)
     load = GravityLoad(robot, payload)

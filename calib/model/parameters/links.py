@@ -121,13 +121,6 @@ class BearingCompliance(ParameterBlock):
 
     Where the joint axis is no axis of its frame, the two directions are those across it that are
     next to two axes of the frame, and have their names.
-
-    Parameters
-    ----------
-    robot : Robot
-        With link masses.
-    joints : sequence of str
-        The joints whose bearings give way.
     """
 
     beyond_chain = "compliance of bearings"

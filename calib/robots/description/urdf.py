@@ -257,15 +257,7 @@ SECONDS = 20.0
 
 @dataclass(frozen=True)
 class Expanded:
-    """What became of a xacro file.
-
-    Attributes
-    ----------
-    text : str
-        The URDF.
-    folders : tuple of Path
-        The packages whose files it may name.
-    """
+    """What became of a xacro file: the URDF, and the packages whose files it may name."""
 
     text: str
     folders: tuple[Path, ...]

@@ -390,14 +390,7 @@ def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
     """Zeros of polynomials ``Re sum c_k exp(i k x)`` with ``(N, degree + 1)``, almost zeros too.
 
     Eigenvalues of the companion matrix of the polynomial in ``z = exp(i x)``: zeros lie on the
-    unit circle, and leave it in pairs where they cease to exist.
-
-    Returns
-    -------
-    row : array (S,)
-        Which of the N.
-    x : array (S,)
-        [rad]
+    unit circle, and leave it in pairs where they cease to exist. Rows of the N, and x [rad].
     """
     degree = c.shape[1] - 1
     p = np.concatenate([c[:, :0:-1].conj(), 2.0 * c[:, :1].real, c[:, 1:]], axis=1)

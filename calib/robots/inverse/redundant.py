@@ -255,15 +255,8 @@ def move_near(
 
     Each step closes the pose (Newton) and follows the part of ``near - q`` that does not move the
     tip; joints that a step would take out of their limits are held on them. The gain of the pull
-    is Barzilai and Borwein's, which on a curve is the secant method.
-
-    Parameters
-    ----------
-    q : array (S, n)
-        Starts [rad]; they need not take their poses.
-    T_wanted : array (S, 4, 4)
-    lower, upper, near : array (n,)
-        [rad]
+    is Barzilai and Borwein's, which on a curve is the secant method. Starts ``(S, n)`` need not
+    take their poses ``(S, 4, 4)``.
 
     Returns
     -------

@@ -426,13 +426,7 @@ class KalibrAprilGrid(AprilTagGrid):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Chessboard(GridBoard):
-    """A chessboard; its left upper square is black.
-
-    Attributes
-    ----------
-    square_m : float
-        Side of the squares.
-    """
+    """A chessboard; its left upper square is black."""
 
     name: ClassVar[str] = "chessboard"
     square_m: float
@@ -607,11 +601,6 @@ class RoundTarget(Board):
     The corner without a square, right below, tells which way is up. Points are the corners of cross
     and squares. The middle of the circle is none: perspective and the lens move the middle of so
     large an ellipse, and edges that meet in a corner they do not.
-
-    Attributes
-    ----------
-    diameter_m : float
-        Of the circle.
     """
 
     name: ClassVar[str] = "round-target"

@@ -20,17 +20,10 @@ LARGEST_PX = 20_000
 
 
 def board_picture(board: Board, px_per_m: float, margin_m: float = 0.0) -> NDArray[np.uint8]:
-    """The printed pattern as a picture ``(height, width)``, black 0 on white 255.
+    """The printed pattern as a picture ``(height, width)``, black 0 on white 255, white about it.
 
     The left upper corner of :attr:`Board.box`, less the margin, is the left upper corner of the
     picture; edges between pixels are drawn in between.
-
-    Parameters
-    ----------
-    px_per_m : float
-        Pixels in a metre.
-    margin_m : float
-        White about the pattern [m].
     """
     left, top, right, bottom = board.box + margin_m * np.array([-1.0, -1.0, 1.0, 1.0])
     width, height = (int(np.ceil(side * px_per_m - 1e-6)) for side in (right - left, bottom - top))
@@ -79,16 +72,10 @@ PX_PER_M = 10_000.0
 
 @dataclass(frozen=True, eq=False)
 class BoardPlate:
-    """A printed board with white about it.
-
-    Attributes
-    ----------
-    margin_m : float
-        Width of the white [m].
-    """
+    """A printed board with white about it."""
 
     board: Board
-    margin_m: float = 0.02
+    margin_m: float = 0.02  # of white
 
     @cached_property
     def _print(self) -> NDArray[np.float32]:

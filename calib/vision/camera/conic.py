@@ -166,21 +166,11 @@ def fit_ellipse(
 
 
 def ellipse_distance(ellipse: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances of points from ellipses, positive outside, and their derivatives.
+    """Signed distances ``(..., K)`` [px] of points ``(..., K, 2)`` from ellipses ``(..., 5)``.
+
+    Positive outside; and their derivatives ``(..., K, 5)`` by the numbers of the ellipse.
 
     To first order in the distance [Sampson1982]_: ``(|w| - 1) / |grad|``, ``w = S⁻¹ (p - center)``.
-
-    Parameters
-    ----------
-    ellipse : ndarray (..., 5)
-    points : ndarray (..., K, 2)
-
-    Returns
-    -------
-    distance : ndarray (..., K)
-        [px].
-    jacobian : ndarray (..., K, 5)
-        By the numbers of the ellipse.
 
     References
     ----------
@@ -310,15 +300,10 @@ def circle_center_bias(
 def circle_poses(
     camera: Camera, diameter_m: float, ellipse: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Both places and normals of a circle of known diameter that look like an ellipse.
+    """Both places and normals of a circle of known diameter that look like ellipses ``(..., 5)``.
 
     The cone through the ellipse, turned to its axes, has two families of circular sections: from
     one ellipse alone nobody can tell which of the two the circle is [Forsyth1991]_.
-
-    Parameters
-    ----------
-    ellipse : ndarray (..., 5)
-        [px], as :mod:`calib.vision.camera.conic` writes it.
 
     Returns
     -------

@@ -211,13 +211,7 @@ class ImageObserver:
 
 @dataclass(frozen=True, eq=False)
 class FastObserver:
-    """Projects the circle and adds noise to its ellipse: no image, and many poses at once.
-
-    Attributes
-    ----------
-    noise : MeasurementNoise
-        That of images: :func:`noise_from_images`.
-    """
+    """Projects the circle and adds noise to its ellipse: no image, and many poses at once."""
 
     camera: Camera
     target: Target
@@ -264,16 +258,7 @@ def make_observer(
     imaging: Imaging | None = None,
     noise: MeasurementNoise | None = None,
 ) -> Observer:
-    """Observer of one kind or the other.
-
-    Parameters
-    ----------
-    kind : {"image", "fast"}
-    imaging : Imaging, optional
-        For ``"image"``.
-    noise : MeasurementNoise
-        For ``"fast"``, which needs it.
-    """
+    """Observer of one kind or the other; the fast one needs noise: :func:`noise_from_images`."""
     if kind == "image":
         return ImageObserver(camera, target, imaging or Imaging())
     if kind != "fast":

@@ -247,11 +247,6 @@ class Station:
 
     A process that asks for the same names in the same order can be run again from what was kept
     under them; a subclass that keeps the answers makes a process that survives being stopped.
-
-    Parameters
-    ----------
-    drive : Drive
-        Of one arm.
     """
 
     def __init__(self, drive: Drive) -> None:

@@ -61,13 +61,7 @@ class SetUp:
 
 @dataclass(frozen=True)
 class NoSetUp:
-    """Why camera and target were not found.
-
-    Attributes
-    ----------
-    hint : str
-        What to do about it.
-    """
+    """Why camera and target were not found, and what to do about it."""
 
     reason: str
     hint: str

@@ -23,20 +23,11 @@ class Enclosure:
     """A box with rounded edges about a solid, in the axes of the solid.
 
     A ball, a capsule and a box are their own enclosure.
-
-    Attributes
-    ----------
-    centre : array (3,)
-        [m]
-    half : array (3,)
-        Half of the edges of the box, before it is rounded [m].
-    radius_m : float
-        How far the rounding reaches beyond the box.
     """
 
-    centre: FloatArray
-    half: FloatArray
-    radius_m: float
+    centre: FloatArray  # (3,) [m]
+    half: FloatArray  # (3,): half of the edges of the box, before it is rounded [m]
+    radius_m: float  # how far the rounding reaches beyond the box
 
     @property
     def corners(self) -> FloatArray:

@@ -81,16 +81,10 @@ class Sight:
 
 
 class Extent(NamedTuple):
-    """Box around what moves, along the axes of the base.
+    """Box around what moves, along the axes of the base."""
 
-    Attributes
-    ----------
-    lowest, highest : array (S, 3)
-        [m]; plus and minus infinity where nothing moves.
-    """
-
-    lowest: FloatArray
-    highest: FloatArray
+    lowest: FloatArray  # (S, 3) [m]; plus and minus infinity where nothing moves
+    highest: FloatArray  # (S, 3) [m]; plus and minus infinity where nothing moves
 
 
 WAY_TOLERANCE_M = 1e-3

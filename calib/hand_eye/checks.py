@@ -48,18 +48,10 @@ FAR_BETTER = 0.3
 
 @dataclass(frozen=True)
 class Suspicion:
-    """Something that would explain a part of the residuals.
+    """Something that would explain a part of the residuals."""
 
-    Attributes
-    ----------
-    text : str
-        What it is, and what to do.
-    gain : float
-        By how much it lowers chi², over what noise alone is taken for.
-    """
-
-    text: str
-    gain: float
+    text: str  # what it is, and what to do
+    gain: float  # by how much it lowers chi², over what noise alone is taken for
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,19 +50,11 @@ def is_identifiable(jacobian: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class Sorting:
-    """Parameters sorted into those that a Jacobian can tell apart and the rest.
+    """Parameters sorted into those that a Jacobian can tell apart and the rest."""
 
-    Attributes
-    ----------
-    kept : tuple of int
-        Columns, in order.
-    why : tuple of str
-        Of each column left out, in words.
-    """
-
-    kept: tuple[int, ...]
+    kept: tuple[int, ...]  # columns, in order
     left_out: tuple[int, ...]
-    why: tuple[str, ...]
+    why: tuple[str, ...]  # of each column left out, in words
 
 
 def sort_out(

@@ -111,18 +111,10 @@ class Walk(NamedTuple):
 
 
 class Displacement(NamedTuple):
-    """How the frame of a joint sits off its place, in its own axes as described.
+    """How the frame of a joint sits off its place, in its own axes as described."""
 
-    Attributes
-    ----------
-    translation : array (3, S) or (3, 1)
-        [m]
-    rotation : array (3, 3, S) or (3, 3, 1)
-        Rows, then columns.
-    """
-
-    translation: FloatArray
-    rotation: FloatArray
+    translation: FloatArray  # (3, S) or (3, 1) [m]
+    rotation: FloatArray  # (3, 3, S) or (3, 3, 1): rows, then columns
 
 
 _AS_DESCRIBED: Mapping[int, Displacement] = MappingProxyType({})

@@ -38,24 +38,12 @@ LARGEST_URDF_BYTES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A URDF as text and as a tree, nothing in it checked but that it is one.
+    """A URDF as text and as a tree, nothing in it checked but that it is one."""
 
-    Attributes
-    ----------
-    text : bytes
-        As it stands in the file; of a xacro, what it expands to.
-    root : Element
-        The outermost element, name spaces of its elements removed.
-    folders : tuple of Path
-        Where the files lie that it may name.
-    packages : Packages
-        Those that it may name.
-    """
-
-    text: bytes
-    root: Element
-    folders: tuple[Path, ...]
-    packages: Packages
+    text: bytes  # as it stands in the file; of a xacro, what it expands to
+    root: Element  # the outermost element, name spaces of its elements removed
+    folders: tuple[Path, ...]  # where the files lie that it may name
+    packages: Packages  # those that it may name
     notices: tuple[str, ...]
 
 

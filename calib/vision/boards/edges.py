@@ -56,25 +56,13 @@ _INV_SQRT_2PI = 0.3989422804014327
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Points as the picture shows them.
+    """Points as the picture shows them."""
 
-    Attributes
-    ----------
-    px : ndarray (K, 2)
-        In OpenCV's pixels.
-    good : ndarray (K,) of bool
-        All edges of the point are there.
-    sigma_px : float
-        Standard deviation of the blur.
-    dark, light : ndarray (K,)
-        Grey levels of both sides.
-    """
-
-    px: FloatArray
-    good: BoolArray
-    sigma_px: float
-    dark: FloatArray
-    light: FloatArray
+    px: FloatArray  # (K, 2): in OpenCV's pixels
+    good: BoolArray  # (K,): all edges of the point are there
+    sigma_px: float  # standard deviation of the blur
+    dark: FloatArray  # (K,): grey levels of both sides
+    light: FloatArray  # (K,): grey levels of both sides
 
 
 def refine(

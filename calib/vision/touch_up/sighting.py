@@ -137,25 +137,13 @@ _CHECK_ROBOT = "check robot, joint signs and camera"
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A target as it is followed from its first touch-up.
-
-    Attributes
-    ----------
-    q : array (n,)
-        Of the first touch-up [rad].
-    ellipse : array (5,)
-        That it ended with [px].
-    noise_m : float
-        What the loop leaves along the view line [m].
-    step_m : float
-        Length of the moves that the Jacobian was measured by.
-    """
+    """A target as it is followed from its first touch-up."""
 
     jacobian: ImageJacobian
-    q: FloatArray
-    ellipse: FloatArray
-    noise_m: float
-    step_m: float
+    q: FloatArray  # (n,): of the first touch-up [rad]
+    ellipse: FloatArray  # (5,): that it ended with [px]
+    noise_m: float  # what the loop leaves along the view line [m]
+    step_m: float  # length of the moves that the Jacobian was measured by
 
 
 CIRCLE: Target = CircleTarget()
@@ -374,24 +362,12 @@ _START_SIDES = 8
 
 @dataclass(frozen=True, eq=False)
 class Facing:
-    """The face of a target.
+    """The face of a target."""
 
-    Attributes
-    ----------
-    normal : array (3,)
-        Unit vector out of it, in base axes.
-    sigma_rad : float
-        Larger of the two standard deviations of its direction, from the residuals.
-    rms_px : float
-        What is left of the half axes.
-    flaw : str
-        Why the ellipses are not those of one flat circle; empty where they are.
-    """
-
-    normal: FloatArray
-    sigma_rad: float
-    rms_px: float
-    flaw: str
+    normal: FloatArray  # (3,): unit vector out of it, in base axes
+    sigma_rad: float  # larger of the two standard deviations of its direction, from the residuals
+    rms_px: float  # what is left of the half axes
+    flaw: str  # why the ellipses are not those of one flat circle; empty where they are
 
 
 @dataclass(frozen=True, eq=False)

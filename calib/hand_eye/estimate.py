@@ -150,10 +150,7 @@ class _Fit:
 
 
 def _fitted(
-    problem: Problem,
-    good: BoolArray,
-    sigma_px: float | None,
-    arm_sigma: tuple[float, float] | None,
+    problem: Problem, good: BoolArray, sigma_px: float | None, arm_sigma: tuple[float, float] | None
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = dict.fromkeys(problem.lenses, sigma_px or _USUAL_PX), arm_sigma or _USUAL_ARM

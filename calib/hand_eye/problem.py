@@ -17,13 +17,7 @@ from calib.hand_eye.start import board_poses, start_lens
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView, BoardViews, Measurements, board_views
-from calib.model.parameters import (
-    AXES,
-    BoardErrors,
-    LensParameters,
-    ParameterBlock,
-    TimeOffsets,
-)
+from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock, TimeOffsets
 from calib.model.parameters.frames import AroundArm, OnTool
 from calib.robot_world import RobotWorldResult
 from calib.robot_world import solve as solve_robot_world

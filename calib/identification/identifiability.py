@@ -183,11 +183,7 @@ def covariance_of(
 
 
 def covariance_at(
-    linear: Linearisation,
-    x: FloatArray,
-    *,
-    weighted: bool = True,
-    noise: FloatArray | None = None,
+    linear: Linearisation, x: FloatArray, *, weighted: bool = True, noise: FloatArray | None = None
 ) -> FloatArray:
     """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
 

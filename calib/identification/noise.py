@@ -128,11 +128,7 @@ def _share(free: FloatArray) -> float:
 
 
 def costs_of(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    loss: Loss,
+    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray, loss: Loss
 ) -> tuple[FloatArray, FloatArray]:
     """Consistency and variance factor of a loss for each measurement: ``(N,)`` and ``(N,)``."""
     usual, factor = np.ones(data.count), np.ones(data.count)

@@ -21,11 +21,7 @@ from calib.identification.identifiability import (
     check_identifiable_at,
     check_unweighted,
 )
-from calib.identification.least_squares import (
-    ITERATIONS,
-    STEP_TOLERANCE,
-    minimise,
-)
+from calib.identification.least_squares import ITERATIONS, STEP_TOLERANCE, minimise
 from calib.identification.noise import Loss
 from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult

@@ -388,11 +388,7 @@ class CalibrationModel:
         return self._gathered(view, (), off)
 
     def whiten(
-        self,
-        q: ArrayLike,
-        rows: FloatArray,
-        x: ArrayLike | None = None,
-        setup: Setup | None = None,
+        self, q: ArrayLike, rows: FloatArray, x: ArrayLike | None = None, setup: Setup | None = None
     ) -> FloatArray:
         """Blocks ``(..., N, m, k)`` divided by the noise of their kinds of measurement.
 

@@ -16,14 +16,7 @@ from calib.batch_last import along, columns_of, cross, product, turn, turn_back
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.robots.chain import Displacement, Walk
-from calib.se3 import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    right_jacobian,
-    rotation_exp,
-    transform,
-)
+from calib.se3 import BoolArray, FloatArray, IntArray, right_jacobian, rotation_exp, transform
 
 
 def reading_label(kind: str, name: str, usual: str) -> str:

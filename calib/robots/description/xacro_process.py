@@ -287,9 +287,7 @@ class ExpressionError(Exception):
 
 
 def evaluate(
-    text: str,
-    symbols: Mapping[str, Any],
-    functions: Mapping[str, Callable[..., Any]] = FUNCTIONS,
+    text: str, symbols: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]] = FUNCTIONS
 ) -> Any:
     """Work out an expression of numbers, texts, lists and tables.
 

@@ -18,11 +18,7 @@ import numpy as np
 
 from calib.robots.bounds import Bounds
 from calib.robots.chain import SerialChain, idealised
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
 
 _POLISHING = 12

@@ -26,11 +26,7 @@ from numpy.typing import NDArray
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain, idealised
 from calib.robots.inverse.closed_form import across, angle_about, compare, repeated
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
 
 _DEGREE = 8

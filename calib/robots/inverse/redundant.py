@@ -22,11 +22,7 @@ from calib.robots.inverse.closed_form import (
     every_branch,
     repeated,
 )
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
 SWEEP_STEP_RAD = np.deg2rad(5.0)

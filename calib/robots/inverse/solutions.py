@@ -17,11 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from calib.batch_last import columns_of, product, rotation_log, transposed
-from calib.robots.bounds import (
-    Bounds,
-    first_per_group,
-    turned_inside,
-)
+from calib.robots.bounds import Bounds, first_per_group, turned_inside
 from calib.robots.chain import ChainState, SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray
 

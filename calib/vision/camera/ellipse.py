@@ -75,13 +75,7 @@ class EllipseMeasurement:
 
     @property
     def vhs_px(self) -> FloatArray:
-        """V (down), H (to the right) and size s ``(3,)``: the data of [Watanabe2006]_, sec. 2.1.
-
-        References
-        ----------
-        .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots
-           using autonomous visual measurement, CIRP Annals 55.
-        """
+        """V (down), H (to the right) and size s ``(3,)``: the data of [Watanabe2006]_, sec. 2.1."""
         return np.array([self.center_px[1], self.center_px[0], self.long_axis_px])
 
     @property

@@ -132,11 +132,6 @@ class Camera(PinholeCamera):
         """Camera of section 3.1 of [Watanabe2006]_: 640 x 480 pixels on 1/3 inch, f = 12 mm.
 
         A 1/3 inch sensor is 4.8 x 3.6 mm, so the focal length is 1600 px.
-
-        References
-        ----------
-        .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots
-           using autonomous visual measurement, CIRP Annals 55.
         """
         return cls.from_sensor((640, 480), (4.8, 3.6), 12.0)
 

@@ -132,10 +132,7 @@ def render(
 
 
 def _draw(
-    reflectance: NDArray[np.float32],
-    camera: Camera,
-    target: Plate,
-    T_camera_target: FloatArray,
+    reflectance: NDArray[np.float32], camera: Camera, target: Plate, T_camera_target: FloatArray
 ) -> None:
     """Draw one target: its pattern at the corners of the pixels, sampled finely on its edges.
 

@@ -109,11 +109,7 @@ Bias = Callable[[FloatArray], FloatArray]
 
 
 def touch_up(
-    drive: Drive,
-    q: FloatArray,
-    jacobian: ImageJacobian,
-    loop: Loop,
-    bias: Bias | None = None,
+    drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop, bias: Bias | None = None
 ) -> TouchUps:
     """Move arms from postures ``(S, n)`` [rad] until each sees its target as designated.
 
@@ -129,12 +125,7 @@ class _Run:
     """State of a loop: where each arm is, what it saw last, and what became of it."""
 
     def __init__(
-        self,
-        drive: Drive,
-        q: FloatArray,
-        jacobian: ImageJacobian,
-        loop: Loop,
-        bias: Bias | None,
+        self, drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop, bias: Bias | None
     ) -> None:
         count = len(q)
         self.drive, self.jacobian, self.loop, self.bias = drive, jacobian, loop, bias

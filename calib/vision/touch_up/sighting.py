@@ -151,11 +151,7 @@ CIRCLE: Target = CircleTarget()
 
 
 def sight(
-    station: Station,
-    q: FloatArray,
-    loop: Loop,
-    size_px: float | None,
-    target: Target = CIRCLE,
+    station: Station, q: FloatArray, loop: Loop, size_px: float | None, target: Target = CIRCLE
 ) -> Sighting:
     """Follow the target from a taught posture ``(n,)`` [rad], to its first touch-up.
 
@@ -297,11 +293,7 @@ def _in_depth(
 
 
 def _lengthened(
-    jacobian: ImageJacobian,
-    along: FloatArray,
-    here: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
+    jacobian: ImageJacobian, along: FloatArray, here: FloatArray, near: FloatArray, far: FloatArray
 ) -> ImageJacobian:
     """The Jacobian that says of a way ``(3,)`` [m] to either side what was seen there."""
     change = near - far
@@ -407,10 +399,7 @@ class TiltBias:
 
 
 def find_normal(
-    jacobian: ImageJacobian,
-    R_base_tip: FloatArray,
-    ellipses: FloatArray,
-    target: Target = CIRCLE,
+    jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: FloatArray, target: Target = CIRCLE
 ) -> Facing:
     """Normal of a target seen in the designated relation from orientations ``(N, 3, 3)``.
 

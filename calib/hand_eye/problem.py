@@ -64,7 +64,13 @@ class Prepared:
         """Find lens, poses, X and Z to start from."""
         usable = np.flatnonzero(pictures.usable)
         _check_enough(pictures, len(usable))
-        first = lens if isinstance(lens, Lens) else _lens_of(pictures, lens)
+        first = (
+            lens
+            if isinstance(lens, Lens)
+            else start_lens(
+                lens, pictures.size_px, pictures.board, pictures.pixels[pictures.with_board]
+            )
+        )
         _check_size(pictures, first)
         is_free = not isinstance(lens, Lens) if free_lens is None else free_lens
         pixels, postures = pictures.pixels[usable], pictures.postures[usable]
@@ -124,11 +130,6 @@ def _check_size(pictures: Pictures, lens: Lens) -> None:
             hint="calibrate it with pictures of this size",
             name="lens",
         )
-
-
-def _lens_of(pictures: Pictures, name: LensName) -> Lens:
-    pixels = pictures.pixels[pictures.with_board]
-    return start_lens(name, pictures.size_px, pictures.board, pixels)
 
 
 def _the_same_way_round(

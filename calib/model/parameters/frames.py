@@ -167,13 +167,11 @@ class AroundArm(Frames):
     side = "target"
 
 
-def points_as_frames(
-    places: ArrayLike, labels: Sequence[str], message: str, name: str
-) -> FloatArray:
-    """Poses ``(K, 4, 4)`` of points ``(K, 3)``; InputError with the message for anything else."""
+def points_as_frames(places: ArrayLike, labels: Sequence[str], what: str, name: str) -> FloatArray:
+    """Poses ``(K, 4, 4)`` of points ``(K, 3)``."""
     p = np.atleast_2d(np.asarray(places, dtype=float))
     if p.shape != (len(labels), 3) or not np.isfinite(p).all():
-        raise InputError(message, name=name)
+        raise InputError(f"each {what} needs three finite numbers", name=name)
     return transform(np.eye(3), p)
 
 
@@ -217,10 +215,8 @@ class ToolPoints(OnTool):
         free: str = "xyz",
         prior_m: float | None = None,
     ) -> None:
-        places = points_as_frames(
-            positions_m, labels, "each tool point needs three finite numbers", "tool"
-        )
-        super().__init__(labels, places, _letters(free), prior_m)
+        places = points_as_frames(positions_m, labels, "tool point", "tool")
+        super().__init__(labels, places, free, prior_m)
 
 
 class ToolPoint(ToolPoints):
@@ -240,21 +236,12 @@ class ToolPoint(ToolPoints):
     def __init__(
         self, position_m: ArrayLike, free: str = "xyz", prior_m: float | None = None
     ) -> None:
-        position = np.asarray(position_m, dtype=float)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise InputError("the tool point needs three finite numbers", name="tool")
-        super().__init__([position], ["tool"], free, prior_m)
+        super().__init__(position_m, ["tool"], free, prior_m)
 
     @property
     def position_m(self) -> FloatArray:
         """Nominal position ``(3,)`` [m] in tip axes, free or not."""
         return np.asarray(self.positions_m[0])
-
-
-def _letters(free: str) -> str:
-    if sorted(set(free)) != sorted(free) or not set(free) <= set("xyz"):
-        raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
-    return free
 
 
 class ToolBody(ParameterBlock):
@@ -287,8 +274,7 @@ class ToolBody(ParameterBlock):
         prior_m: float | None = None,
         prior_rad: float | None = None,
     ) -> None:
-        message = "each point of the body needs three finite numbers"
-        self._places = points_as_frames(positions_m, labels, message, "tool")[:, :3, 3]
+        self._places = points_as_frames(positions_m, labels, "point of the body", "tool")[:, :3, 3]
         self.tools = tuple(labels)
         if len(set(self.tools)) != len(self.tools):
             raise InputError("two tools have the same name", name="tool", hint="rename one")
@@ -340,9 +326,7 @@ class TargetPoints(AroundArm):
         free: bool = True,
         prior_m: float | None = None,
     ) -> None:
-        places = points_as_frames(
-            positions_m, labels, "each target needs three finite numbers", "target"
-        )
+        places = points_as_frames(positions_m, labels, "target", "target")
         super().__init__(labels, places, "xyz" if free else "", prior_m)
 
 

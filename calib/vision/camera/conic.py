@@ -105,7 +105,7 @@ def axis_lengths(ellipse: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
-    """V (down), H (to the right) and size s ``(..., 3)`` [px]: data of [Watanabe2006]_, sec. 2.1."""
+    """V (down), H (to the right) and size s ``(..., 3)`` [px], sec. 2.1 of [Watanabe2006]_."""
     out = np.empty((*ellipse.shape[:-1], 3))
     out[..., 0], out[..., 1] = ellipse[..., 1], ellipse[..., 0]
     out[..., 2] = axis_lengths(ellipse)[0]

@@ -2,6 +2,11 @@
 
 Knows nothing of pose planning. Names are loaded when they are first used: errors and conventions
 must not wait for the robot libraries.
+
+The paper that all of it began with is cited as [Watanabe2006]_.
+
+.. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
+   autonomous visual measurement, CIRP Annals 55.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 One family: everything that a user can put right derives from :class:`CalibError`. Its message is
 one line, the remedy stands in ``hint``, and the offending ``name``, ``value`` and ``bound`` are
 kept as attributes so that a program can act on them without parsing text.
+
+Arguments that cannot be used raise :class:`InputError` wherever they are given; docstrings name
+errors only where there is more to say of them.
 """
 
 from __future__ import annotations
@@ -71,19 +74,7 @@ class UnreachableError(CalibError):
 
 
 class JointLimitError(CalibError):
-    """A joint value outside its limits.
-
-    Parameters
-    ----------
-    joint : str
-        Name of the joint.
-    value, lower, upper : float
-        The value and the limits it breaks, in the unit.
-    hint : str
-        What to do about it.
-    unit : str
-        ``mm`` for a joint that slides.
-    """
+    """A joint value outside its limits, all in the unit: mm for a joint that slides."""
 
     def __init__(
         self,
@@ -210,12 +201,7 @@ _SHOWN = 60
 
 
 def check_type(value: object, kind: type | tuple[type, ...], name: str) -> None:
-    """Refuse an argument that is of another kind.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an argument that is of another kind."""
     if isinstance(value, kind):
         return
     kinds = kind if isinstance(kind, tuple) else (kind,)

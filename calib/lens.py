@@ -52,20 +52,11 @@ Terms = Sequence[float] | FloatArray
 
 
 class Projection(NamedTuple):
-    """Pixels of points and their derivatives.
+    """Pixels of points and their derivatives."""
 
-    Attributes
-    ----------
-    pixels : array (2, K, S)
-    by_point : array (2, 3, K, S)
-        [px/m]
-    by_lens : array (L, 2, K, S)
-        By the parameters of the lens.
-    """
-
-    pixels: FloatArray
-    by_point: FloatArray
-    by_lens: FloatArray
+    pixels: FloatArray  # (2, K, S)
+    by_point: FloatArray  # (2, 3, K, S) [px/m]
+    by_lens: FloatArray  # (L, 2, K, S), by the parameters of the lens
 
 
 @dataclass(frozen=True)
@@ -78,11 +69,6 @@ class Lens:
         Size of the image.
     values : tuple of float
         fx, fy, cx, cy [px], then the distortion in OpenCV's order.
-
-    Raises
-    ------
-    InputError
-        An unknown model, another number of values, or values that no lens has.
     """
 
     name: LensName
@@ -189,14 +175,7 @@ class Lens:
 
 
 def project(name: str, values: FloatArray, points: FloatArray) -> Projection:
-    """Project points ``(3, K, S)`` [m] in the frame of the camera.
-
-    Parameters
-    ----------
-    name : str
-        Of the lens.
-    values : array (L, S) or (L, 1)
-    """
+    """Project points ``(3, K, S)`` [m] in the frame of a camera by lens values ``(L, S)``."""
     depth = np.maximum(points[2], NEAREST_M)
     x, y = points[0] / depth, points[1] / depth
     distort = _fisheye if name == "fisheye" else _radial
@@ -247,23 +226,12 @@ def slope_by_point(
 
 
 def distorted(terms: Terms, x: FloatArray, y: FloatArray) -> Image:
-    """Brown's distortion, with a denominator where the terms are eight.
+    """The image in focal lengths by Brown's distortion, with a denominator of eight terms.
 
     With ``r² = x² + y²`` and the factor ``f = 1 + k1 r² + k2 r⁴ + k3 r⁶``, over ``1 + k4 r² + k5 r⁴
     + k6 r⁶`` of eight terms: ``x' = x f + 2 p1 x y + p2 (r² + 2 x²)`` and ``y' = y f + p1 (r² + 2
-    y²) + 2 p2 x y`` [Brown1971]_.
-
-    Parameters
-    ----------
-    terms : sequence of float, or of arrays that go with the points
-        As :data:`DISTORTION` has them.
-    x, y : array (...)
-        Points over their depth.
-
-    Returns
-    -------
-    tuple of array (...)
-        x and y of the image in focal lengths.
+    y²) + 2 p2 x y`` [Brown1971]_. Of points over their depth ``(...)``, by terms as
+    :data:`DISTORTION` has them.
     """
     r2 = x * x + y * y
     return _bent(terms, x, y, r2, _radial_factor(terms, r2)[0])

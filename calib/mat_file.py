@@ -31,19 +31,11 @@ _SECONDS = 20.0
 
 @dataclass(frozen=True)
 class Variable:
-    """An array in a MATLAB file.
+    """An array in a MATLAB file."""
 
-    Attributes
-    ----------
-    kind : str
-        Its class: double, cell, ...
-    array : ndarray, optional
-        Its numbers, where it is 4x4xN of a kind of :data:`NUMBERS`.
-    """
-
-    kind: str
+    kind: str  # its class: double, cell and so on
     shape: tuple[int, ...]
-    array: FloatArray | None = None
+    array: FloatArray | None = None  # its numbers, where it is 4x4xN of a kind of :data:`NUMBERS`
 
     @property
     def is_stacked(self) -> bool:

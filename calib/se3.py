@@ -223,6 +223,14 @@ def rotation_angle(rotation: ArrayLike) -> FloatArray:
     return np.asarray(np.linalg.norm(rotation_log(rotation), axis=-1))
 
 
+def frame_about(axis: FloatArray) -> FloatArray:
+    """A rotation ``(3, 3)`` whose third column is a unit vector ``(3,)``."""
+    x = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = x - axis * (axis @ x)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
 def project_to_rotation(matrix: ArrayLike) -> FloatArray:
     """Nearest rotations (Frobenius norm, determinant +1) to matrices ``(..., 3, 3)``, by SVD.
 
@@ -239,11 +247,6 @@ def rigid(T: ArrayLike, name: str) -> FloatArray:
 
     A file holds them less well. A step of Newton's iteration for the nearest rotation squares the
     deviation: two are enough, and far cheaper than the singular values of every one.
-
-    Raises
-    ------
-    InputError
-        As :func:`check_transforms`.
     """
     array, deviation = _checked(T, name)
     if deviation.max(initial=0.0) < _EXACT:

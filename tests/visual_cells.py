@@ -31,9 +31,8 @@ from calib.vision.camera import (
     circle_image,
     ellipse_axes,
 )
-from calib.vision.touch_up import TrueCell
+from calib.vision.touch_up import SetUp, TrueCell
 from calib.vision.touch_up.arms import LostMotion
-from calib.vision.touch_up.set_up import SetUp
 from calib.vision.touch_up.sighting import LEAST_SIZE_PX
 
 PRESETS = (

@@ -16,9 +16,8 @@ from calib.vision.camera import (
     render,
 )
 from calib.vision.camera.rendering import GreyImage
-from calib.vision.touch_up import RobotAdapter, SimulatedArms
+from calib.vision.touch_up import RobotAdapter, SetUp, SimulatedArms
 from calib.vision.touch_up.arms import LostMotion
-from calib.vision.touch_up.set_up import SetUp
 from tests.visual_cells import PRESETS, Sight, preset, random_sight, with_true
 
 SMALL = ((320, 240), (400, 300))

@@ -19,6 +19,7 @@ from calib.errors import InputError, JointLimitError
 from calib.model import CalibrationModel, Setup
 from calib.model.context import MeasurementContext
 from calib.robots import InverseSolutions, Robot
+from calib.robots.inverse.solutions import damped_step
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
 
 CLOSED = 1e-9
@@ -235,11 +236,8 @@ def _newton(
         if stale == _PATIENCE or np.abs(left).max() < _ENOUGH:
             break
         J = _jacobian(view, at[:, :3, 3])
-        damping = _DAMPING * np.sum(twist**2, axis=1)[:, None, None] + 1e-14
-        JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
-        step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, twist[..., None]))[..., 0]
-        largest = np.abs(step).max(axis=1, keepdims=True)
-        q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
+        damping = _DAMPING * np.sum(twist**2, axis=1) + 1e-14
+        q = q + damped_step(J, twist, damping, _LARGEST_STEP_RAD)
     return best, left
 
 

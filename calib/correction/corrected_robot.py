@@ -84,11 +84,6 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
     ----------
     x : array_like (p,)
         Identified parameters [SI].
-
-    Raises
-    ------
-    InputError
-        Not one finite value for each parameter.
     """
     values = check_values(model, x)
     robot = model.robot
@@ -115,13 +110,7 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
 
 
 def check_values(model: CalibrationModel, x: ArrayLike) -> FloatArray:
-    """One set of parameters as an array ``(p,)``.
-
-    Raises
-    ------
-    InputError
-        Not one finite value for each parameter.
-    """
+    """One set of parameters as an array ``(p,)``."""
     values = np.asarray(x, dtype=float)
     if values.shape != (model.p,):
         raise InputError(

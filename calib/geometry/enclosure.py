@@ -23,20 +23,11 @@ class Enclosure:
     """A box with rounded edges about a solid, in the axes of the solid.
 
     A ball, a capsule and a box are their own enclosure.
-
-    Attributes
-    ----------
-    centre : array (3,)
-        [m]
-    half : array (3,)
-        Half of the edges of the box, before it is rounded [m].
-    radius_m : float
-        How far the rounding reaches beyond the box.
     """
 
-    centre: FloatArray
-    half: FloatArray
-    radius_m: float
+    centre: FloatArray  # (3,) [m]
+    half: FloatArray  # (3,): half of the edges of the box, before it is rounded [m]
+    radius_m: float  # how far the rounding reaches beyond the box
 
     @property
     def corners(self) -> FloatArray:
@@ -53,13 +44,7 @@ class Enclosure:
 
 
 def enclose(solid: Solid) -> Enclosure:
-    """Enclosure of a bounded solid.
-
-    Raises
-    ------
-    InputError
-        A half-space, which nothing encloses.
-    """
+    """Enclosure of a bounded solid."""
     centre = np.zeros(3)
     match solid:
         case Sphere(radius_m=radius):
@@ -278,13 +263,7 @@ def candidate_pairs(
 def without_ignored(
     pairs: IntArray, names: Sequence[str], ignore: Sequence[tuple[str, str]]
 ) -> IntArray:
-    """Leave out the pairs whose names are ignored, in either order.
-
-    Raises
-    ------
-    InputError
-        A name is not that of a body.
-    """
+    """Leave out the pairs whose names are ignored, in either order."""
     for pair in ignore:
         for name in pair:
             if name not in names:
@@ -299,21 +278,12 @@ def without_ignored(
 
 
 def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) -> FloatArray:
-    """How fast a joint can change the distance of a pair at most, whatever the posture.
+    """How fast joints can change distances of pairs ``(P, 2)`` at most, ``(P, n)`` [m/rad].
 
     A joint between the two links changes the distance no faster than it moves the one body seen
     from the other: by the largest distance of that body from the joint's axis. Either of the two
     may be taken to be the moving one, because the closest points of both lie on the line along
     which the distance changes. Largest distances are added up link by link.
-
-    Parameters
-    ----------
-    pairs : array (P, 2) of int
-
-    Returns
-    -------
-    array (P, n)
-        [m/rad, m/m]
     """
     outward, inward = _radii(chain, bodies)
     links = np.array([body.link for body in bodies], dtype=np.intp)

@@ -27,7 +27,7 @@ def _share(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
 
 
 def segment_segment(apart: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distance between the segments ``-a..a`` and ``apart - b..apart + b``.
+    """Distance ``(...)`` [m] between the segments ``-a..a`` and ``apart - b..apart + b``.
 
     The square of the distance is convex in the places s, t on the two segments. The best s for
     the unclipped t is clipped, then the best t for that s, then the best s for that t: this ends
@@ -39,11 +39,6 @@ def segment_segment(apart: FloatArray, a: FloatArray, b: FloatArray) -> FloatArr
         From the middle of the first to the middle of the second [m].
     a, b : array (..., 3)
         From the middle of each to its end [m].
-
-    Returns
-    -------
-    array (...)
-        [m]
 
     References
     ----------
@@ -68,23 +63,12 @@ def point_segment(apart: FloatArray, b: FloatArray) -> FloatArray:
 def box_box_bound(
     R_a_b: FloatArray, p_a_b: FloatArray, half_a: FloatArray, half_b: FloatArray
 ) -> FloatArray:
-    """Lower bound of the signed distance of two boxes, better than that of their capsules.
+    """Lower bound ``(M,)`` [m] of the signed distance of boxes, better than that of capsules.
 
-    Each box is enclosed by one along the axes of the other, and the distance of those two boxes
+    Box b is at ``R_a_b (M, 3, 3)`` and ``p_a_b (M, 3)``, from centre to centre in axes of box a;
+    halves of the edges are ``(M, 3)`` [m]. Each is enclosed by one along the axes of the other,
+    and the distance of those two boxes
     is exact: the gaps along the axes add up as a vector, or the widest of them separates.
-
-    Parameters
-    ----------
-    R_a_b : array (M, 3, 3)
-    p_a_b : array (M, 3)
-        Centre of box b, in axes of box a, from its centre [m].
-    half_a, half_b : array (M, 3)
-        Half of the edges [m].
-
-    Returns
-    -------
-    array (M,)
-        [m]
     """
     turned = np.abs(R_a_b)
     p_b_a = (np.swapaxes(R_a_b, -1, -2) @ p_a_b[..., None])[..., 0]

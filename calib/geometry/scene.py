@@ -56,7 +56,8 @@ class Scene:
     the zero posture are left out, since descriptions overlap at the joints; so are a body of the
     tool and one of the last link but one that touch at every angle of the last joint.
 
-    Bodies are solid, closed meshes too.
+    Bodies are solid, closed meshes too. Methods take as ``state`` what ``chain.forward(q)`` gives,
+    where it is known already.
 
     Parameters
     ----------
@@ -83,12 +84,6 @@ class Scene:
         The pairs that are checked, as rows of ``bodies``.
     excluded : tuple of (str, str)
         Names of the bodies that are left out because they touch, see above.
-
-    Raises
-    ------
-    InputError
-        A body is on no link of its group, has sizes or a placement that cannot be, a half-space
-        moves, an ignored name is not that of a body, or the zero posture is not one.
     """
 
     def __init__(
@@ -181,13 +176,6 @@ class Scene:
             Distances beyond this are not told apart.
         depths : bool
             Say how deep meshes are in what they touch, which takes milliseconds a contact.
-        state : ChainState, optional
-            What ``chain.forward(q)`` gives, where it is known already.
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each, or the cap is not above zero.
         """
         postures = self._postures(q, "q")
         _check_length(cap_m, "cap_m", 1e-9)
@@ -205,11 +193,6 @@ class Scene:
         """Distances ``(S, P)`` of all pairs at postures ``(S, n)`` [m], as far as they are small.
 
         Those of pairs that touch are negative; those beyond ``cap_m`` are said to be ``cap_m``.
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each, or the cap is negative.
         """
         postures = self._postures(q, "q")
         _check_length(cap_m, "cap_m", 0.0)
@@ -237,12 +220,6 @@ class Scene:
             Distance that all pairs have to keep.
         cap_m : float
             Distances beyond this are not told apart, if it is more than ``keep_m``.
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each, starts and ends are not as many, or
-            the distance to keep is negative.
         """
         starts, ends = self._postures(start, "start"), self._postures(end, "end")
         _check_length(keep_m, "keep_m", 0.0)
@@ -288,14 +265,6 @@ class Scene:
             From the end of each line to further ends [m]: lines to all of them must be free.
         ignore : sequence of str
             Names of bodies that may be looked through.
-        state : ChainState, optional
-            What ``chain.forward(q)`` gives, where it is known already.
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each, the points have not three, they are
-            not as many, or an ignored name is not that of a body.
         """
         postures = self._postures(q, "q")
         starts, ends = _points(start, "start"), _points(end, "end")
@@ -320,20 +289,7 @@ class Scene:
         return Sight(blocker < 0, blocker)
 
     def extent(self, q: ArrayLike, *, state: ChainState | None = None) -> Extent:
-        """Box around the tool and the links from the second on, along the axes of the base.
-
-        Parameters
-        ----------
-        q : array_like (S, n)
-            [rad]
-        state : ChainState, optional
-            What ``chain.forward(q)`` gives, where it is known already.
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each.
-        """
+        """Box around tool and links from the second on, in base axes, at postures ``(S, n)``."""
         postures = self._postures(q, "q")
         lowest = np.full((len(postures), 3), np.inf)
         highest = np.full((len(postures), 3), -np.inf)
@@ -356,11 +312,6 @@ class Scene:
         array (S,) of int
             The first obstacle, a row of ``obstacles`` as they were given; -1: none. Meshes are
             taken to be closed.
-
-        Raises
-        ------
-        InputError
-            The points do not have three finite values each.
         """
         wanted = _points(points, "points")
         found = np.full(len(wanted), -1, dtype=np.intp)

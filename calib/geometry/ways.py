@@ -81,16 +81,10 @@ class Sight:
 
 
 class Extent(NamedTuple):
-    """Box around what moves, along the axes of the base.
+    """Box around what moves, along the axes of the base."""
 
-    Attributes
-    ----------
-    lowest, highest : array (S, 3)
-        [m]; plus and minus infinity where nothing moves.
-    """
-
-    lowest: FloatArray
-    highest: FloatArray
+    lowest: FloatArray  # (S, 3) [m]; plus and minus infinity where nothing moves
+    highest: FloatArray  # (S, 3) [m]; plus and minus infinity where nothing moves
 
 
 WAY_TOLERANCE_M = 1e-3
@@ -240,7 +234,7 @@ class LinesOfSight:
         aside: FloatArray,
         ignore: Collection[str],
     ) -> IntArray:
-        """Find the first body in each beam of lines.
+        """Find the first body, its row or -1, in each beam of lines ``(S,)``.
 
         Parameters
         ----------
@@ -252,11 +246,6 @@ class LinesOfSight:
             From the end of a beam's middle line to those of its others, in base axes [m].
         ignore : collection of str
             Names of bodies that are looked through.
-
-        Returns
-        -------
-        array (S,) of int
-            Row of the bodies, or -1.
         """
         found = np.full(len(start), -1, dtype=np.intp)
         # all lines of a beam lie this near to its middle one, and only in these directions from it

@@ -48,18 +48,10 @@ FAR_BETTER = 0.3
 
 @dataclass(frozen=True)
 class Suspicion:
-    """Something that would explain a part of the residuals.
+    """Something that would explain a part of the residuals."""
 
-    Attributes
-    ----------
-    text : str
-        What it is, and what to do.
-    gain : float
-        By how much it lowers chi², over what noise alone is taken for.
-    """
-
-    text: str
-    gain: float
+    text: str  # what it is, and what to do
+    gain: float  # by how much it lowers chi², over what noise alone is taken for
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,14 +252,10 @@ def explain_misfit(
     names: Sequence[str],
     mirrored: Iterator[FloatArray],
 ) -> str:
-    """Say why no X and Z fit, by what would fit far better; empty where nothing does.
+    """Say why no X and Z fit ``T_base_flange`` and ``T_camera_board`` ``(N, 4, 4)``.
 
-    Parameters
-    ----------
-    A, poses : array (N, 4, 4)
-        ``T_base_flange`` and ``T_camera_board``.
-    mirrored : iterator of array (N, 4, 4)
-        The poses if the pictures are mirrored ones.
+    By what would fit far better; empty where nothing does. ``mirrored`` are the poses if the
+    pictures are mirrored ones.
     """
     before = _misfit(A, poses, carried)
     said, least = "", FAR_BETTER * before
@@ -362,14 +350,8 @@ def find_half_turns(
     """Which pictures ``(N,)`` show a board the other way round that looks alike after half a turn.
 
     The arm knows by how much it has turned between two pictures, and so by how much the board has
-    to have turned in them. The pictures agree with the one that most of them agree with.
-
-    Parameters
-    ----------
-    A, poses : array (N, 4, 4)
-        ``T_base_flange`` and ``T_camera_board``.
-    half_turn : array (4, 4)
-        Of the board, about its middle.
+    to have turned in them. The pictures agree with the one that most of them agree with. Poses
+    ``(N, 4, 4)`` are ``T_base_flange`` and ``T_camera_board``; the half turn is about its middle.
     """
     both = np.stack([poses, poses @ half_turn])
     N = len(A)

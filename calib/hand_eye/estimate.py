@@ -150,10 +150,7 @@ class _Fit:
 
 
 def _fitted(
-    problem: Problem,
-    good: BoolArray,
-    sigma_px: float | None,
-    arm_sigma: tuple[float, float] | None,
+    problem: Problem, good: BoolArray, sigma_px: float | None, arm_sigma: tuple[float, float] | None
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
     pixel, arm = dict.fromkeys(problem.lenses, sigma_px or _USUAL_PX), arm_sigma or _USUAL_ARM
@@ -303,6 +300,13 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     board, suspicions = _suspicions(problem, fit)
     names, status, at = _listed(problem, fit.good)
     off = _at_boards(problem, fit.parts.off[stops], poses)
+
+    def listed(values: FloatArray) -> FloatArray:
+        """Of all pictures, NaN for those that were not usable."""
+        out = np.full((len(names), *values.shape[1:]), np.nan)
+        out[at] = values
+        return out
+
     return HandEyeResult(
         carried=first.carried,
         X=X,
@@ -318,13 +322,13 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         arm_sigma=fit.arm_sigma,
         names=names,
         status=status,
-        rms_px=_spread(len(names), at, _rms(residuals, data.setup)),
-        scatter_px=_spread(len(names), at, pixel * np.sqrt(fit.parts.scatter)),
-        pixels=_spread(len(names), at, _of_points(observed, data.setup)),
-        residuals_px=_spread(len(names), at, _of_points(residuals, data.setup)),
-        within_px=_spread(len(names), at, _of_points(pixel[:, None] * fit.parts.left, data.setup)),
-        off=_spread(len(names), at, off),
-        left_out_px=_spread(len(names), at, left),
+        rms_px=listed(_rms(residuals, data.setup)),
+        scatter_px=listed(pixel * np.sqrt(fit.parts.scatter)),
+        pixels=listed(_of_points(observed, data.setup)),
+        residuals_px=listed(_of_points(residuals, data.setup)),
+        within_px=listed(_of_points(pixel[:, None] * fit.parts.left, data.setup)),
+        off=listed(off),
+        left_out_px=listed(left),
         distance_m=distance,
         point_sigma_m=_point_sigma(
             fit.model, estimate, first.camera, lenses[first.camera], distance
@@ -454,12 +458,6 @@ def _at_boards(problem: Problem, off: FloatArray, poses: Mapping[str, FloatArray
         X, Z = (poses[label] for label in pictures.labels)
         at = Z @ middle if pictures.carried == "camera" else (flange @ X) @ middle
         out[own, :3] += np.cross(off[own, 3:], at[..., :3] - flange[:, :3, 3])
-    return out
-
-
-def _spread(count: int, rows: IntArray, values: FloatArray) -> FloatArray:
-    out = np.full((count, *values.shape[1:]), np.nan)
-    out[rows] = values
     return out
 
 

@@ -280,10 +280,6 @@ def wrong_points(parts: Deviations, seen: BoolArray) -> BoolArray:
 
     A corner at the edge of something in front of the board, say. How far the others scatter is
     taken from their median, of all pictures or of that one if it scatters more.
-
-    Parameters
-    ----------
-    seen : array (N, K) of bool
     """
     far = np.linalg.norm(parts.left.reshape(*seen.shape, 2), axis=-1)
     own = np.where(seen, far, np.nan)

@@ -17,13 +17,7 @@ from calib.hand_eye.start import board_poses, start_lens
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView, BoardViews, Measurements, board_views
-from calib.model.parameters import (
-    AXES,
-    BoardErrors,
-    LensParameters,
-    ParameterBlock,
-    TimeOffsets,
-)
+from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock, TimeOffsets
 from calib.model.parameters.frames import AroundArm, OnTool
 from calib.robot_world import RobotWorldResult
 from calib.robot_world import solve as solve_robot_world
@@ -67,15 +61,16 @@ class Prepared:
 
     @classmethod
     def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
-        """Find lens, poses, X and Z to start from.
-
-        Raises
-        ------
-        InputError, NotIdentifiableError
-        """
+        """Find lens, poses, X and Z to start from."""
         usable = np.flatnonzero(pictures.usable)
         _check_enough(pictures, len(usable))
-        first = lens if isinstance(lens, Lens) else _lens_of(pictures, lens)
+        first = (
+            lens
+            if isinstance(lens, Lens)
+            else start_lens(
+                lens, pictures.size_px, pictures.board, pictures.pixels[pictures.with_board]
+            )
+        )
         _check_size(pictures, first)
         is_free = not isinstance(lens, Lens) if free_lens is None else free_lens
         pixels, postures = pictures.pixels[usable], pictures.postures[usable]
@@ -135,11 +130,6 @@ def _check_size(pictures: Pictures, lens: Lens) -> None:
             hint="calibrate it with pictures of this size",
             name="lens",
         )
-
-
-def _lens_of(pictures: Pictures, name: LensName) -> Lens:
-    pixels = pictures.pixels[pictures.with_board]
-    return start_lens(name, pictures.size_px, pictures.board, pixels)
 
 
 def _the_same_way_round(

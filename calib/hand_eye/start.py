@@ -25,19 +25,10 @@ def start_lens(
 ) -> Lens:
     """A lens from pictures of a board alone (Zhang, IEEE TPAMI 22, 2000), by OpenCV.
 
-    Its higher terms of distortion are zero: pictures may say nothing of them.
+    Points ``(K, 3)`` [m] and pixels ``(N, K, 2)``, NaN where a point was not seen.
 
-    Parameters
-    ----------
-    points : array (K, 3)
-        [m]
-    pixels : array (N, K, 2)
-        NaN where a point was not seen.
-
-    Returns
-    -------
-    Lens
-        One of usual focal length and without distortion where the pictures say nothing of it.
+    Its higher terms of distortion are zero: pictures may say nothing of them. It is one of usual
+    focal length and without distortion where they say nothing of it at all.
     """
     seen = np.asarray(np.isfinite(pixels).all(axis=-1))
     rich = np.flatnonzero(seen.sum(axis=1) >= FEWEST_POINTS)

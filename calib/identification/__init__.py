@@ -9,11 +9,7 @@ from calib.doors import load_when_asked
 if TYPE_CHECKING:
     from calib.identification.candidate import Candidate, Reference, Trial, fit_reference
     from calib.identification.comparison import Comparison, compare
-    from calib.identification.evidence import (
-        PriorGroup,
-        TunedPriors,
-        tune_priors,
-    )
+    from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
     from calib.identification.identifiability import (
         Reduction,
         check_enough,
@@ -32,16 +28,8 @@ if TYPE_CHECKING:
         predict_accuracy,
         tool_motion,
     )
-    from calib.identification.result import (
-        DISPLAY,
-        IdentificationResult,
-        KindNoise,
-    )
-    from calib.identification.solver import (
-        finite_difference_jacobian,
-        identify,
-        identify_batch,
-    )
+    from calib.identification.result import DISPLAY, IdentificationResult, KindNoise
+    from calib.identification.solver import finite_difference_jacobian, identify, identify_batch
 else:
     __getattr__ = load_when_asked(__name__)
 

@@ -142,11 +142,6 @@ def fit(
 
     Sizes of its priors, and with them noise that is to be estimated, are found first, unless they
     are given. Compliances held by a prior that come out below zero are held at zero.
-
-    Raises
-    ------
-    CalibError
-        As :func:`~calib.identification.tune_priors` and :func:`calib.identify`.
     """
     model, start, known = candidate.model, None, None
     of_sizes: FloatArray | float = 0.0
@@ -243,11 +238,6 @@ def fit_reference(
         Arms without some of it. One that cannot be fitted is improbable.
     loss : Loss, optional
         By default least squares, or Student's where residuals have heavier tails than noise has.
-
-    Raises
-    ------
-    CalibError
-        As :func:`~calib.identification.candidate.fit`.
     """
     usual: Loss = "least-squares" if loss is None else loss
     given = candidate.model

@@ -5,7 +5,9 @@ described, ``frames only`` fits tool and targets. Every model is judged by what 
 measurements that it has not seen.
 
 Squares of the lengths that a model leaves where it has not seen them are compared in units of one
-noise, the same for all models: in metres the coarsest kind or axis would drown the others. The
+noise, that of the largest model for all: in metres the coarsest kind or axis would drown the
+others. Weights and what counts as a gross error are those of that model, too: it leaves least of
+the arm out. The
 smallest model is taken that is not worse than the best by more than chance. What chance does is
 seen in the differences from pose to pose, of squares of two models at the same poses. Where
 targets are left out, those of one target have its absence in common: the standard error is then
@@ -139,86 +141,69 @@ def compare(
     able = [trial for trial in trials if trial.result is not None]
     if not able and trials[0].error is not None:
         raise trials[0].error
-    chosen = (choose if reference is None else choose_expected)(able, data, weighted=weighted)
+    able = _judgeable(able) if reference is None else able
+    place = _left_out(able, data, weighted)
+    sizes = [one.found.effective_parameters for one in able]
+    taken, criterion = None, ""
+    reason = "no measurement can be left out of every model, so they cannot be judged"
+    if reference is not None:
+        contradicted = _contradicted(sizes, place)
+        taken = _least_expected(able, sizes, contradicted)
+        reason, criterion = _by_expected(able, place, contradicted, taken), "expected error"
+    elif place is not None:
+        taken, best = _smallest_no_worse(place, sizes)
+        reason, criterion = _by_left_out(place, sizes, taken, best), place.criterion
+        reason += _in_orientation(able, _turns_left_out(able, data), taken)
     return Comparison(
         np.full(data.count, np.nan) if nominal_m is None else nominal_m,
         trials,
-        chosen.name,
-        chosen.reason,
-        chosen.criterion,
+        None if taken is None else able[taken].name,
+        reason,
+        criterion,
         None if reference is None else reference.candidate.name,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The model to take.
-
-    Attributes
-    ----------
-    criterion : str
-        ``leave-one-out`` or ``leave-one-target-out``; empty where no model is taken.
-    """
-
-    name: str | None
-    reason: str
-    criterion: str = ""
+def _smallest_no_worse(place: _Errors, sizes: Sequence[float]) -> tuple[int, int]:
+    """The smallest model that is not worse than the best by more than chance, and the best."""
+    best = min(range(len(sizes)), key=lambda k: float(place.squares[k].mean()))
+    order = sorted(range(len(sizes)), key=lambda k: sizes[k])
+    return next(k for k in order if k == best or place.no_worse(k, best)), best
 
 
-def choose(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
-    """The smallest model that is not worse than the best by more than chance.
-
-    Weights, noise and what counts as a gross error are those of the largest model: it leaves least
-    of the arm out, and what is compared has to be the same for all.
-
-    Parameters
-    ----------
-    data : Measurements
-        One set.
-    weighted : bool
-        As in the fits: in units of the noise, or all lengths alike.
-    """
-    able = _judgeable(able)
-    place = _left_out(able, data, weighted)
-    if place is None:
-        said = "no measurement can be left out of every model, so they cannot be judged"
-        return Choice(None, said)
-    sizes = [one.found.effective_parameters for one in able]
-    order = sorted(range(len(able)), key=lambda k: sizes[k])
-    best = min(range(len(able)), key=lambda k: float(place.squares[k].mean()))
-    taken = next(k for k in order if k == best or place.no_worse(k, best))
-    said = f"{place.of(taken)}{_in_position(place, sizes, taken, best)}{place.aside}"
-    said += _in_orientation(able, data, taken)
-    return Choice(able[taken].name, said, place.criterion)
+def _contradicted(sizes: Sequence[float], place: _Errors | None) -> list[bool]:
+    """Models that say less of measurements left out than a smaller one, by more than chance."""
+    return [
+        place is not None
+        and any(not place.no_worse(k, j) for j, other in enumerate(sizes) if other < size)
+        for k, size in enumerate(sizes)
+    ]
 
 
-def choose_expected(able: Sequence[Trial], data: Measurements, *, weighted: bool = True) -> Choice:
+def _least_expected(
+    able: Sequence[Trial], sizes: Sequence[float], contradicted: Sequence[bool]
+) -> int:
     """The smallest model whose expected error where the arm will work is as good as the least.
 
-    What measurements left out say has a veto: a model that says less of them than a smaller one,
-    by more than chance, is not taken.
-
-    Parameters
-    ----------
-    able : sequence of Trial
-        With their expected errors, the baseline first.
-    data, weighted
-        See :func:`choose`.
+    Of those that measurements left out do not contradict.
     """
     # models of one draw of the noise differ less than their intervals say: they are of one arm
-    error = [one.expected.rms_m if one.expected is not None else np.inf for one in able]
-    place = _left_out(able, data, weighted)
-    sizes = [one.found.effective_parameters for one in able]
-    contradicted = [False] * len(able)
-    if place is not None:
-        for k, size in enumerate(sizes):
-            smaller = [j for j, other in enumerate(sizes) if other < size]
-            contradicted[k] = any(not place.no_worse(k, j) for j in smaller)
+    error = _expected_m(able)
     free = [k for k in range(len(able)) if not contradicted[k]]
-    least = min(free, key=lambda k: error[k])
-    near = [k for k in free if error[k] <= (1.0 + AS_GOOD) * error[least]]
-    taken = min(near, key=lambda k: sizes[k])
-    said = [_expected_in_words(able, taken)]
+    least = min(error[k] for k in free)
+    near = [k for k in free if error[k] <= (1.0 + AS_GOOD) * least]
+    return min(near, key=lambda k: sizes[k])
+
+
+def _expected_m(able: Sequence[Trial]) -> list[float]:
+    return [one.expected.rms_m if one.expected is not None else np.inf for one in able]
+
+
+def _by_expected(
+    able: Sequence[Trial], place: _Errors | None, contradicted: Sequence[bool], taken: int
+) -> str:
+    """Say why a model was taken by its expected error."""
+    error, said = _expected_m(able), [_expected_in_words(able, taken)]
     if taken == 0:
         said.append("no model of the arm is better than the arm as described by more than that")
     if place is not None:
@@ -236,7 +221,7 @@ def choose_expected(able: Sequence[Trial], data: Measurements, *, weighted: bool
                 f"measurements left out speak for another model, {place.against(k, taken)}; the "
                 "error expected where the arm will work decides"
             )
-    return Choice(able[taken].name, "; ".join(said), "expected error")
+    return "; ".join(said)
 
 
 def _expected_in_words(able: Sequence[Trial], taken: int) -> str:
@@ -453,9 +438,9 @@ def _rms_milli(squares: FloatArray) -> float:
     return 1e3 * float(np.sqrt(squares.mean()))
 
 
-def _in_position(place: _Errors, sizes: Sequence[float], taken: int, best: int) -> str:
-    """What the model taken is better than, and what gains nothing over it."""
-    said = ""
+def _by_left_out(place: _Errors, sizes: Sequence[float], taken: int, best: int) -> str:
+    """Say what the model taken is better than, and what gains nothing over it."""
+    said = place.of(taken)
     smaller = [k for k in range(len(sizes)) if sizes[k] < sizes[taken]]
     if smaller:
         k = min(smaller, key=lambda k: float(place.squares[k].mean()))
@@ -469,22 +454,27 @@ def _in_position(place: _Errors, sizes: Sequence[float], taken: int, best: int) 
     if idle:
         listed = "; ".join(place.against(k, taken) for k in idle)
         said += f"; larger models gain nothing in position beyond chance: {listed}"
-    return said
+    return said + place.aside
 
 
-def _in_orientation(able: Sequence[Trial], data: Measurements, taken: int) -> str:
-    """Whether another model than the one taken is better in orientation; nothing without angles."""
+def _turns_left_out(able: Sequence[Trial], data: Measurements) -> _Errors | None:
+    """Errors of all models in orientation at measurements left out of each; None without any."""
     largest = max(able, key=lambda one: one.found.effective_parameters).found
     turns = [one.found.leave_one_out_rad for one in able]
     common = np.isfinite(turns).all(axis=0) & largest.used
     if not common.any():
-        return ""
+        return None
     units = _Units.of(data, common, None, largest.weights)
     squares = [units.mean(np.nan_to_num(1e3 * turn) ** 2) for turn in turns]
     rms = [float(np.sqrt(each.mean())) for each in squares]
-    names = [one.name for one in able]
-    angle = _Errors(names, squares, rms, "mrad", "mrad²", "leave-one-out")
-    best = int(np.argmin(rms))
+    return _Errors([one.name for one in able], squares, rms, "mrad", "mrad²", "leave-one-out")
+
+
+def _in_orientation(able: Sequence[Trial], angle: _Errors | None, taken: int) -> str:
+    """Say whether another model than the one taken is better in orientation."""
+    if angle is None:
+        return ""
+    best = int(np.argmin(angle.rms))
     if angle.no_worse(taken, best):
         return f"; no other is better in orientation beyond chance: {angle.of(taken)}"
     gains = [

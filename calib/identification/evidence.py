@@ -69,11 +69,6 @@ class PriorGroup:
     usual : float, optional
         What the standard deviation is for such arms, within a factor of three [SI]: a few
         parameters do not tell it well. Without it every size within the bounds is as likely.
-
-    Raises
-    ------
-    InputError
-        No parameters, or bounds that are not in order above zero.
     """
 
     name: str

@@ -51,19 +51,11 @@ def is_identifiable(jacobian: FloatArray) -> bool:
 
 @dataclass(frozen=True)
 class Sorting:
-    """Parameters sorted into those that a Jacobian can tell apart and the rest.
+    """Parameters sorted into those that a Jacobian can tell apart and the rest."""
 
-    Attributes
-    ----------
-    kept : tuple of int
-        Columns, in order.
-    why : tuple of str
-        Of each column left out, in words.
-    """
-
-    kept: tuple[int, ...]
+    kept: tuple[int, ...]  # columns, in order
     left_out: tuple[int, ...]
-    why: tuple[str, ...]
+    why: tuple[str, ...]  # of each column left out, in words
 
 
 def sort_out(
@@ -122,11 +114,6 @@ def check_identifiable(
         Whitened or not; all rows of all measurements.
     nuisance : array (p,) of bool, optional
         Parameters of the set-up: they have to be free, so they are blamed last.
-
-    Raises
-    ------
-    NotIdentifiableError
-        Naming the parameters to leave out and the invisible combinations.
     """
     if is_identifiable(jacobian):
         return
@@ -135,23 +122,15 @@ def check_identifiable(
         raise NotIdentifiableError([names[k] for k in found.left_out], found.why)
 
 
-def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Unit]) -> None:
-    """Refuse parameters that are identifiable by the letter, and in practice unknown.
+def check_believable(model: CalibrationModel, sigma: FloatArray) -> None:
+    """Refuse parameters of standard deviations ``(p,)`` [SI] that are in practice unknown.
 
-    Parameters
-    ----------
-    sigma : array (p,)
-        Standard deviations [SI].
-
-    Raises
-    ------
-    NotIdentifiableError
-        Naming those whose standard deviation is beyond ``LARGEST_SIGMA``.
+    What is known beforehand is known whatever was measured.
     """
     hopeless = [
         (name, f"{name} stays uncertain by {s * DISPLAY[unit][1]:.3g} {DISPLAY[unit][0]}")
-        for name, unit, s in zip(names, units, sigma, strict=True)
-        if not s <= LARGEST_SIGMA[unit]
+        for name, unit, s, prior in zip(model.names, model.units, sigma, model.prior, strict=True)
+        if not (s <= LARGEST_SIGMA[unit] or np.isfinite(prior))
     ]
     if hopeless:
         raise NotIdentifiableError(
@@ -205,11 +184,7 @@ def covariance_of(
 
 
 def covariance_at(
-    linear: Linearisation,
-    x: FloatArray,
-    *,
-    weighted: bool = True,
-    noise: FloatArray | None = None,
+    linear: Linearisation, x: FloatArray, *, weighted: bool = True, noise: FloatArray | None = None
 ) -> FloatArray:
     """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
 
@@ -246,12 +221,7 @@ def covariance_at(
 
 
 def check_unweighted(model: CalibrationModel) -> None:
-    """Refuse what an estimate that takes all rows alike cannot use.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what an estimate that takes all rows alike cannot use."""
     if model.knows_besides:
         raise InputError(
             "priors and known distances need rows that are weighted by their noise",
@@ -266,12 +236,7 @@ def triangle(rows: FloatArray) -> FloatArray:
 
 
 def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
-    """Check that measurements and model speak of the same things, with enough equations.
-
-    Raises
-    ------
-    InputError
-    """
+    """Check that measurements and model speak of the same things, with enough equations."""
     for found, known, what in (
         (measurements.targets, model.targets, "target"),
         (measurements.tools, model.tools, "tool"),
@@ -317,22 +282,14 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
 def check_identifiable_at(
     model: CalibrationModel, measurements: Measurements, x: FloatArray
 ) -> None:
-    """Check what measurements can tell, at parameters ``(p,)``.
-
-    Raises
-    ------
-    NotIdentifiableError
-        Parameters that they cannot tell apart, or whose standard deviation says nothing.
-    """
+    """Check what measurements can tell, at parameters ``(p,)``."""
     white = triangle(clean_root(model, measurements, x))
     check_identifiable(white, model.names, model.nuisance)
     if any(kind.estimated for kind in model.measurements):
         return  # nobody knows the noise yet: the result is judged by what it turns out to be
     # what the noise alone leaves unknown would wander off before it could be refused
     sigma = np.linalg.norm(np.linalg.inv(white), axis=1)
-    # what is known beforehand is known whatever was measured
-    unknown = np.where(np.isfinite(model.prior), 0.0, sigma)
-    check_believable(unknown, model.names, model.units)
+    check_believable(model, sigma)
 
 
 def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArray) -> FloatArray:

@@ -98,10 +98,6 @@ def noise_scales(
         At x, where it is there already.
     needed : bool
         Refuse kinds of unknown noise that do not show it.
-
-    Raises
-    ------
-    InputError
     """
     rows, free = redundancy(model, data, x, weights, linear)
     scales = []
@@ -132,11 +128,7 @@ def _share(free: FloatArray) -> float:
 
 
 def costs_of(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    loss: Loss,
+    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray, loss: Loss
 ) -> tuple[FloatArray, FloatArray]:
     """Consistency and variance factor of a loss for each measurement: ``(N,)`` and ``(N,)``."""
     usual, factor = np.ones(data.count), np.ones(data.count)
@@ -179,8 +171,12 @@ def limits(
     """
     scales = noise_scales(model, data, x, good.astype(float))
     variances = _at_least_given(model, [float(np.mean(scale**2)) for scale in scales])
-    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
-    return chance * variances[data.setup.kind], scales
+    return by_chance(model, data) * variances[data.setup.kind], scales
+
+
+def by_chance(model: CalibrationModel, data: Measurements) -> FloatArray:
+    """Squares ``(N,)`` of residuals over their noise that noise alone does not exceed."""
+    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
 
 
 def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> BoolArray:
@@ -189,8 +185,7 @@ def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> Bool
     By the noise given, or that of the residuals of the others where this is larger.
     """
     s2 = distances2(model, data, x)
-    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
-    good = s2 <= chance * spread(model, data, s2)
+    good = s2 <= by_chance(model, data) * spread(model, data, s2)
     for _ in range(_ROUNDS):
         limit, _ = limits(model, data, x, good)
         before, good = good, s2 <= limit

@@ -88,13 +88,14 @@ def predict_accuracy(
         Parameters to predict at; the nominal ones by default.
     against : {"base", "target"}
         The target is that of ``setup``.
-
-    Raises
-    ------
-    InputError
-        A covariance of another shape, or one that is not finite: of parameters that the
-        measurements do not identify.
     """
+    C = _checked(covariance, model)
+    J = tool_motion(model, q, setup, x=x, against=against)
+    return np.asarray(J @ C @ np.swapaxes(J, -1, -2))
+
+
+def _checked(covariance: ArrayLike, model: CalibrationModel) -> FloatArray:
+    """A covariance ``(p, p)`` of all parameters of a model."""
     C = np.asarray(covariance, dtype=float)
     if C.shape != (model.p, model.p):
         raise InputError(
@@ -107,8 +108,7 @@ def predict_accuracy(
             hint="measure other or more poses, or leave parameters out",
             name="covariance",
         )
-    J = tool_motion(model, q, setup, x=x, against=against)
-    return np.asarray(J @ C @ np.swapaxes(J, -1, -2))
+    return C
 
 
 def tool_motion(
@@ -246,11 +246,6 @@ class Expectation:
     ----------
     jacobian : array (3 K, r)
         Displacements of the tool point by each parameter, the base placed anew [m per unit].
-
-    Raises
-    ------
-    InputError
-        A covariance of another shape, or one that is not finite.
     """
 
     def __init__(
@@ -261,12 +256,7 @@ class Expectation:
         q: FloatArray,
         setup: Setup | None = None,
     ) -> None:
-        if covariance.shape != (model.p, model.p) or not np.isfinite(covariance).all():
-            raise InputError(
-                f"a covariance of the {model.p} parameters is needed, of finite numbers",
-                name="covariance",
-            )
-        self.model, self.x, self.covariance = model, x, covariance
+        self.model, self.x, self.covariance = model, x, _checked(covariance, model)
         self.q, self.setup = q, setup
         self.points = model.view(q, x, setup).tool_points
         self._rigid = rigid_motions(self.points)
@@ -358,16 +348,7 @@ class Expectation:
 def part_of(
     model: CalibrationModel, x: FloatArray, covariance: FloatArray, part: CalibrationModel
 ) -> Carried:
-    """A correction with its parameters as identified, and as described where they were not.
-
-    Parameters
-    ----------
-    x : array (r,)
-        Its parameters [SI].
-    covariance : array (r, r)
-    part : CalibrationModel
-        With the parameters that the correction has, by the same names.
-    """
+    """A correction with its parameters as identified ``(r,)`` [SI], others as described."""
     taken = _shared(model, part)
     values = np.where(taken.any(axis=1), taken @ x, part.nominal)
     return Carried(part, values, taken @ covariance @ taken.T)
@@ -404,21 +385,11 @@ INTERVAL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
-    """Where an arm will work.
+    """Where an arm will work."""
 
-    Attributes
-    ----------
-    postures : array (K, n)
-        [rad]
-    setup : Setup
-        Tool and payload at each.
-    words : str
-        What they are, for reports.
-    """
-
-    postures: FloatArray
-    setup: Setup
-    words: str
+    postures: FloatArray  # (K, n) [rad]
+    setup: Setup  # tool and payload at each
+    words: str  # what they are, for reports
 
 
 @dataclass(frozen=True)
@@ -440,15 +411,9 @@ class ExpectedError:
 
 @dataclass(frozen=True, eq=False)
 class Posterior(Carried):
-    """What is known of the true arm after the measurements, if it is of one kind.
+    """What is known of the true arm after the measurements, if it is of one kind."""
 
-    Attributes
-    ----------
-    probability : float
-        That it is of this kind.
-    """
-
-    probability: float = 1.0
+    probability: float = 1.0  # that it is of this kind
 
 
 class DrawnArms:
@@ -458,11 +423,6 @@ class DrawnArms:
     ----------
     kinds : sequence of Posterior
         With probabilities that add up to one.
-
-    Raises
-    ------
-    InputError
-        A covariance that is not finite.
     """
 
     def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:

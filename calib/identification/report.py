@@ -10,9 +10,7 @@ import numpy as np
 
 from calib.chance import chi2_tail
 from calib.identification.cross_validation import leave_one_out
-from calib.identification.identifiability import (
-    covariance_at,
-)
+from calib.identification.identifiability import covariance_at
 from calib.identification.least_squares import column_lengths, orthonormal
 from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
@@ -172,11 +170,7 @@ def _few(freedom: int) -> list[str]:
 
 
 def _contradicting(
-    solved: Solved,
-    linear: Linearisation,
-    left: FloatArray,
-    poses: Sequence[str],
-    doubted: bool,
+    solved: Solved, linear: Linearisation, left: FloatArray, poses: Sequence[str], doubted: bool
 ) -> list[str]:
     """What was left out, or what should perhaps be where the noise does not explain the rest."""
     if solved.outliers.any():

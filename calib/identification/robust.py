@@ -17,14 +17,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise, orthonormal
 from calib.identification.noise import (
-    OUTLIER_CHANCE,
     WEIGHED_DOWN,
     WEIGHTS,
     Loss,
+    by_chance,
     costs_of,
     distances2,
     limits,
@@ -213,11 +212,6 @@ def choose(
     """Which measurements to keep, ``(N,)``, and the fit to them, ``(p,)``; from parameters.
 
     The draws are always the same ones, so that a result can be had again.
-
-    Raises
-    ------
-    InputError
-        More than half of them would have to be left out.
     """
     rng = np.random.default_rng(0)
     needed = _needed(model, data, x)
@@ -230,16 +224,12 @@ def choose(
     x = _best_of_many(model, part, x, needed, rng)
     x = _graduate(model, part, x)
     s2 = distances2(model, data, x)
-    return _settle(model, data, x, s2 <= _chance(model, data) * spread(model, data, s2))
-
-
-def _chance(model: CalibrationModel, data: Measurements) -> FloatArray:
-    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
+    return _settle(model, data, x, s2 <= by_chance(model, data) * spread(model, data, s2))
 
 
 def _graduate(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
     """From a loss with one minimum to that of truncated least squares: parameters ``(p,)``."""
-    chance = _chance(model, data)
+    chance = by_chance(model, data)
     s2 = distances2(model, data, x)
     limit = chance * spread(model, data, s2)
     shape = 1.0 / max(float(np.max(2.0 * s2 / limit)) - 1.0, 1e-3)

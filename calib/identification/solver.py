@@ -21,11 +21,7 @@ from calib.identification.identifiability import (
     check_identifiable_at,
     check_unweighted,
 )
-from calib.identification.least_squares import (
-    ITERATIONS,
-    STEP_TOLERANCE,
-    minimise,
-)
+from calib.identification.least_squares import ITERATIONS, STEP_TOLERANCE, minimise
 from calib.identification.noise import Loss
 from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
@@ -111,9 +107,7 @@ def identify(
             model, measurements, x, loss=loss, weighted=weighted, near=start is not None
         )
     result = make_result(solved, measurements, weighted=weighted, name=name)
-    # what is known beforehand is known whatever was measured
-    unknown = np.where(np.isfinite(result.prior), 0.0, result.sigma)
-    check_believable(unknown, model.names, model.units)
+    check_believable(model, result.sigma)
     return result
 
 

@@ -248,12 +248,7 @@ class CalibrationModel:
         return view, values
 
     def check_setup(self, setup: Setup, count: int) -> None:
-        """Check that a set-up is one of ``count`` measurements, with what the model has.
-
-        Raises
-        ------
-        InputError
-        """
+        """Check that a set-up is one of ``count`` measurements, with what the model has."""
         if setup.count != count:
             raise InputError(
                 f"{count} postures need {count} targets, {setup.count} were given", name="target"
@@ -393,11 +388,7 @@ class CalibrationModel:
         return self._gathered(view, (), off)
 
     def whiten(
-        self,
-        q: ArrayLike,
-        rows: FloatArray,
-        x: ArrayLike | None = None,
-        setup: Setup | None = None,
+        self, q: ArrayLike, rows: FloatArray, x: ArrayLike | None = None, setup: Setup | None = None
     ) -> FloatArray:
         """Blocks ``(..., N, m, k)`` divided by the noise of their kinds of measurement.
 
@@ -441,16 +432,9 @@ class CalibrationModel:
         return np.asarray(self.known(self.nominal[None])[1][0])
 
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What is known besides the measurements, whitened: priors, then distances.
+        """What is known besides measurements, whitened: priors, then distances.
 
-        Parameters
-        ----------
-        x : array (T, p)
-
-        Returns
-        -------
-        rows : array (T, K)
-        jacobian : array (T, K, p)
+        At parameters ``(T, p)``: rows ``(T, K)`` and their derivative ``(T, K, p)``.
         """
         held = np.flatnonzero(np.isfinite(self.prior))
         total = len(held) + len(self.distances)
@@ -624,15 +608,7 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class KnownDistance:
-    """A distance between two targets that is known from elsewhere.
-
-    Attributes
-    ----------
-    first, second : str
-        Labels of the targets.
-    sigma_m : float
-        Standard deviation of the length.
-    """
+    """A distance between two targets, by their labels, that is known from elsewhere."""
 
     first: str
     second: str

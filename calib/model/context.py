@@ -16,14 +16,7 @@ from calib.batch_last import along, columns_of, cross, product, turn, turn_back
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.robots.chain import Displacement, Walk
-from calib.se3 import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    right_jacobian,
-    rotation_exp,
-    transform,
-)
+from calib.se3 import BoolArray, FloatArray, IntArray, right_jacobian, rotation_exp, transform
 
 
 def reading_label(kind: str, name: str, usual: str) -> str:
@@ -81,13 +74,7 @@ class Setup:
         target: ArrayLike = 0,
         payload: ArrayLike = 0,
     ) -> Setup:
-        """Set-up of ``count`` measurements; one index means the same for all, by default the first.
-
-        Raises
-        ------
-        InputError
-            Another number of indices than measurements, or one below zero.
-        """
+        """Set-up of ``count`` measurements; one index is that of all, by default the first."""
         named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
         arrays: dict[str, Any] = {}
         for name, given in named.items():

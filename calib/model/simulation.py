@@ -9,6 +9,7 @@ from calib.model.calibration_model import CalibrationModel
 from calib.model.context import MeasurementContext, Setup
 from calib.model.measurements import Measurements
 from calib.model.measurements.kinds import Contact
+from calib.robots.inverse.solutions import damped_step
 from calib.se3 import FloatArray, rotation_log
 
 
@@ -176,11 +177,7 @@ def touch(
         J, right = _shift(model, q, x, setup, displacement, R_held)
         if np.abs(right).max(initial=0.0) < TOUCH_TOLERANCE_M:
             break
-        Jt = np.swapaxes(J, -1, -2)
-        JJt = J @ Jt + _DAMPING * np.eye(J.shape[-2])
-        step = (Jt @ np.linalg.solve(JJt, right[..., None]))[..., 0]
-        largest = np.abs(step).max(axis=-1, keepdims=True)
-        q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
+        q = q + damped_step(J, right, _DAMPING, _LARGEST_STEP_RAD)
     else:
         right = _shift(model, q, x, setup, displacement, R_held)[1]
     return np.asarray(q), np.asarray(np.linalg.norm(right[..., :3], axis=-1))

@@ -63,11 +63,6 @@ def with_capsules(robot: Robot, radius_m: Sequence[float] | FloatArray) -> Robot
     ----------
     radius_m : sequence of float
         One for all links, or one for the link that each joint moves [m].
-
-    Raises
-    ------
-    RobotModelError
-        Neither one radius nor n of them.
     """
     if len(radius_m) not in (1, robot.n):
         raise RobotModelError(
@@ -171,16 +166,11 @@ def makers_like(robot: Robot) -> tuple[str, ...]:
 
 
 def centre_lines(chain: SerialChain) -> list[FloatArray]:
-    """Corners of the line from each joint to the next, in the frame of its link, base first.
+    """Corners ``(K, 3)`` [m] of the line from each joint to the next, in its link, base first.
 
     Along the axis of the joint to the common normal with the next axis, across, and along the next
     axis to its joint; between parallel axes along the longer part first. Links without length have
     none, nor has a base whose frame is not on the first axis: where it stands is not known.
-
-    Returns
-    -------
-    list of array (K, 3)
-        [m], n + 1 of them.
     """
     axes = chain.axes
     ahead = (chain.placements[:, :3, :3] @ axes[:, :, None])[..., 0]

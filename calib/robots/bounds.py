@@ -101,14 +101,7 @@ class Bounds:
 def nearest_turns(
     postures: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Shift each joint by full turns into its limits, as near to a reference as they allow.
-
-    Parameters
-    ----------
-    postures : array (S, n)
-        [rad]
-    lower, upper, near : array (n,)
-        Limits and reference posture [rad].
+    """Shift joints of ``(S, n)`` by full turns into limits, as near to a reference as they allow.
 
     Returns
     -------
@@ -142,14 +135,7 @@ def _turns(
 def every_turn(
     postures: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """All combinations of full turns of the joints that lie inside limits.
-
-    Parameters
-    ----------
-    postures : array (S, n)
-        [rad]
-    lower, upper : array (n,)
-        [rad]
+    """All combinations of full turns of postures ``(S, n)`` [rad] that lie inside limits ``(n,)``.
 
     Returns
     -------
@@ -158,11 +144,6 @@ def every_turn(
         row that does not fit.
     source : array (K,)
         Row that each comes from.
-
-    Raises
-    ------
-    InputError
-        There are too many.
     """
     lowest, highest = _turns(postures, lower, upper)
     count = np.maximum(highest - lowest + 1.0, 0.0)

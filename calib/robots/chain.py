@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray, transform
+from calib.se3 import FloatArray, IntArray, frame_about, transform
 
 _BLOCK = 1024
 """Postures walked at once: what a joint needs of them (100 kB) stays in the cache of a core."""
@@ -117,18 +117,10 @@ class Walk(NamedTuple):
 
 
 class Displacement(NamedTuple):
-    """How the frame of a joint sits off its place, in its own axes as described.
+    """How the frame of a joint sits off its place, in its own axes as described."""
 
-    Attributes
-    ----------
-    translation : array (3, S) or (3, 1)
-        [m]
-    rotation : array (3, 3, S) or (3, 3, 1)
-        Rows, then columns.
-    """
-
-    translation: FloatArray
-    rotation: FloatArray
+    translation: FloatArray  # (3, S) or (3, 1) [m]
+    rotation: FloatArray  # (3, 3, S) or (3, 3, 1): rows, then columns
 
 
 _AS_DESCRIBED: Mapping[int, Displacement] = MappingProxyType({})
@@ -222,7 +214,7 @@ class SerialChain:
         for placement, axis in zip(self.placements, self.axes, strict=True):
             k = int(np.argmax(np.abs(axis)))
             along = 1.0 - abs(axis[k]) < _EXACT
-            turned = np.eye(3) if along else _frame_about(axis)
+            turned = np.eye(3) if along else frame_about(axis)
             joints.append(
                 _Joint(
                     fixed=_exact(before.T @ placement[:3, :3] @ turned),
@@ -386,14 +378,6 @@ class SerialChain:
             p_base_tip=p_base_tip.reshape(*batch, 3),
             slides=self.slides,
         )
-
-
-def _frame_about(axis: FloatArray) -> FloatArray:
-    """A right-handed rotation (3, 3) whose third column is the axis."""
-    x = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    x = x - axis * (axis @ x)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def _exact(R: FloatArray) -> FloatArray:

@@ -117,11 +117,6 @@ def values_held(
         Joints that follow another: its name, the factor and the offset.
     flaws : mapping of str to RobotModelError
         Joints whose limits mean nothing.
-
-    Raises
-    ------
-    RobotModelError
-        A joint cannot be held at one value, or not at this one.
     """
     for name in (*held_rad, *held_m):
         if not model.existJointName(name):  # one that is fixed passes where joints are locked

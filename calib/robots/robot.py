@@ -193,13 +193,7 @@ class Robot:
 
     @classmethod
     def preset(cls, name: str, tip: str | None = None, base: str | None = None) -> Robot:
-        """Load one of the robots that come with the library (``calib.robots.preset_names()``).
-
-        Raises
-        ------
-        RobotModelError
-            There is no preset of that name; the hint lists near names.
-        """
+        """Load one of the robots that come with the library (``calib.robots.preset_names()``)."""
         check_type(name, str, "name")
         preset = load_preset(name)
         robot = cls.from_model(
@@ -371,13 +365,7 @@ class Robot:
         return self.upper - self.lower
 
     def state(self, q: ArrayLike) -> ChainState:
-        """Where joints and tip are at postures ``(..., n)`` [rad].
-
-        Raises
-        ------
-        InputError
-            The postures do not have n finite values each.
-        """
+        """Where joints and tip are at postures ``(..., n)`` [rad]."""
         return self.chain.forward(self.check_posture(q))
 
     def fk(self, q: ArrayLike) -> FloatArray:
@@ -436,7 +424,7 @@ class Robot:
         return self._inverse.solve(poses, bounds, reference, every_turn)
 
     @cached_property
-    def _inverse(self) -> InverseKinematics:
+    def _inverse(self) -> InverseKinematics | OnSlides:
         """The solver that gives most of the postures of the chain."""
         arm = self.chain.arm
         solver = (
@@ -498,11 +486,6 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
     placements : array (n, 4, 4)
         Frame of each joint at zero, in the frame of the link before it (the first: in the base)
         [m].
-
-    Raises
-    ------
-    InputError
-        Not one rigid transform for each joint.
     """
     placed = check_transforms(placements, "placements")
     if placed.shape != (robot.n, 4, 4):

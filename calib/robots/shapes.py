@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, frame_about, transform
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,6 @@ def capsule_between(
     start: FloatArray, end: FloatArray, radius_m: float
 ) -> tuple[FloatArray, Capsule]:
     """The capsule around a segment: its placement ``(4, 4)`` in the frame of the points (3,)."""
-    way = end - start
-    length = float(np.linalg.norm(way))
-    rotation = np.eye(3)
-    if length > 0.0:
-        z = way / length
-        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-        x /= np.linalg.norm(x)
-        rotation = np.column_stack([x, np.cross(z, x), z])
+    length = float(np.linalg.norm(end - start))
+    rotation = frame_about((end - start) / length) if length > 0.0 else np.eye(3)
     return transform(rotation, (start + end) / 2.0), Capsule(float(radius_m), length)

@@ -19,8 +19,7 @@ from calib.errors import ConvergenceError, UnreachableError
 from calib.model import Setup
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, inverse, rotation_exp, transform, wpr_from_rotation
-from calib.vision.touch_up import Loop, Station, TiltBias, find_set_up, follow
-from calib.vision.touch_up.set_up import NoSetUp, SetUp
+from calib.vision.touch_up import Loop, NoSetUp, SetUp, Station, TiltBias, find_set_up, follow
 from calib.vision.touch_up.sighting import camera_of
 from posedesign.cell import CameraSection, Cell
 from posedesign.cell.board_set_up import FOUND_WHOLE

@@ -13,7 +13,7 @@ from calib.errors import InputError
 from calib.lens import Lens
 from calib.model.measurements import TouchUp
 from calib.se3 import FloatArray, inverse, rotation_from_wpr
-from calib.vision.boards.plate import T_BOARD_PLATE, BoardPlate
+from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, render
 from posedesign.cell import Cell
 from posedesign.files import Results, make_folder, write_bytes_atomic

@@ -19,6 +19,7 @@ from calib.vision.touch_up import (
     Drive,
     ImageJacobian,
     Loop,
+    NoSetUp,
     SimulatedArms,
     Station,
     TiltBias,
@@ -26,7 +27,6 @@ from calib.vision.touch_up import (
     find_set_up,
     touch_up,
 )
-from calib.vision.touch_up.set_up import NoSetUp
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import TruthSection
 from posedesign.planning import plan

@@ -9,8 +9,7 @@ from calib.identification import minimise
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
-from calib.vision.touch_up import Drive, SimulatedArms, Station, find_set_up, touch_up
-from calib.vision.touch_up.set_up import SetUp
+from calib.vision.touch_up import Drive, SetUp, SimulatedArms, Station, find_set_up, touch_up
 from posedesign.autonomous.process import found_cell, loop_of, tilt_bias
 from posedesign.cell import Cell, cell_template
 from posedesign.planning import plan

@@ -12,9 +12,17 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp, transform
-from calib.vision.touch_up import Drive, Loop, SimulatedArms, Station, find_set_up, follow
+from calib.vision.touch_up import (
+    Drive,
+    Loop,
+    NoSetUp,
+    SetUp,
+    SimulatedArms,
+    Station,
+    find_set_up,
+    follow,
+)
 from calib.vision.touch_up.arms import OneArm
-from calib.vision.touch_up.set_up import NoSetUp, SetUp
 from tests.marks import rest_in_full
 from tests.visual_cells import Sight, is_right, random_sight
 from tests.visual_mischief import TrickyRobot, nasty_cell

@@ -252,20 +252,12 @@ _NOISE = (np.log(1e-2), np.log(1e2))
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """A solution with the noise and the priors that the measurements show.
-
-    Attributes
-    ----------
-    sigma : array (G,)
-        Standard deviation of each group [SI].
-    log_evidence : float
-        Logarithm of the marginal likelihood.
-    """
+    """A solution with the noise and the priors that the measurements show."""
 
     held: Held
     groups: tuple[PriorGroup, ...]
-    sigma: FloatArray
-    log_evidence: float
+    sigma: FloatArray  # (G,): standard deviation of each group [SI]
+    log_evidence: float  # logarithm of the marginal likelihood
 
 
 def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:

@@ -311,7 +311,6 @@ class BoardViews(BoardView):
         super().__init__(sigma, largest.board, largest.lens, largest.carried, arm_sigma)
 
     def sigma_of(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`BoardView.sigma_of`."""
         out = np.ones((1, view.q.shape[1]))
         for look, _, columns in self._looked(view):
             out[:, columns] = look.sigma[0]

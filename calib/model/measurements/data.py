@@ -118,13 +118,7 @@ class Measurements:
         return Measurements(postures, self.setup[rows], self.targets, self.tools, observed, names)
 
     def with_labels(self, targets: Sequence[str], tools: Sequence[str]) -> Measurements:
-        """The same with other lists of names, each measurement of the names that it had.
-
-        Raises
-        ------
-        InputError
-            A name that measurements are of is not among them.
-        """
+        """The same with other lists of names, each measurement of the names that it had."""
         found = []
         for what, index, own, names in (
             ("target", self.setup.target, self.targets, list(targets)),
@@ -170,13 +164,7 @@ def touch_ups(
 ) -> Measurements:
     """Touch-ups: postures ``(..., N, n)`` [rad] at which the tool point stood on a target.
 
-    Parameters
-    ----------
-    postures : array_like (..., N, n)
-    target : array_like (N,)
-        Index into ``targets``; the first for all by default.
-    names : sequence of str, optional
-        Of the poses.
+    By index ``(N,)`` into ``targets``; the first for all by default.
     """
     q = np.asarray(postures, dtype=float)
     count = len(np.atleast_1d(target)) if np.ndim(target) else (q.shape[-2] if q.ndim > 1 else 1)
@@ -192,12 +180,7 @@ by hundredths of a degree, and another posture of a plan by degrees."""
 def repeated_together(pose: IntArray, postures: FloatArray) -> IntArray:
     """Groups ``(N,)``, counted from zero, of measurements of one pose or at one posture.
 
-    Parameters
-    ----------
-    pose : array (N,)
-        Index of the pose that each measurement belongs to.
-    postures : array (N, n)
-        [rad]
+    Of poses by their index ``(N,)``, and postures ``(N, n)`` [rad].
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -162,7 +162,6 @@ class Contact(Measurement):
     reads = False
 
     def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.gap`: all of it, where a point is brought to a point."""
         return vector
 
     @abstractmethod
@@ -171,13 +170,7 @@ class Contact(Measurement):
 
 
 def check_sigma(sigma: ArrayLike, count: int) -> FloatArray:
-    """Standard deviations ``(count,)`` [m], one number meaning the same in every axis.
-
-    Raises
-    ------
-    InputError
-        A number that is not positive and finite, or the wrong count of them.
-    """
+    """Standard deviations ``(count,)`` [m], one number meaning the same in every axis."""
     given = np.asarray(sigma, dtype=float)
     if given.ndim == 0:
         given = np.full(count, float(given))
@@ -209,11 +202,6 @@ class TouchUp(Contact):
     axes : array_like (3, 3), optional
         These axes in the tool's: ``R_tool_noise``, of a camera that is not mounted along the axes
         of the tool. By default the tool's own.
-
-    Raises
-    ------
-    InputError
-        A noise that is not above zero, or axes that are no rotation.
     """
 
     name = "touch-up"
@@ -227,7 +215,6 @@ class TouchUp(Contact):
             self._axes = rigid(transform(axes, np.zeros(3)), "axes")[:3, :3]
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`: the error itself."""
         return view.in_target(view.error)
 
     def differentiate(
@@ -236,13 +223,12 @@ class TouchUp(Contact):
         return view.in_target(motion[..., :3, :])
 
     def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
         return turn_back(self._columns(view) / self.sigma[:, None, None], view.out_of_target(rows))
 
     def whiten_derivative(
         self, J: FloatArray, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.whiten_derivative`: ``d(Rᵀe) = Rᵀ(de - w x e)``."""
+        # d(Rᵀe) = Rᵀ(de - w x e)
         moved = motion[:, :3] - cross(motion[:, 3:], view.error)
         return turn_back(self._columns(view) / self.sigma[:, None, None], moved)
 
@@ -276,39 +262,28 @@ class ViewLine(Contact):
     sees_rotation = True
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`: the error across the view line."""
         error = view.error
         return np.stack([along(view.tool[k], error) for k in range(2)])
 
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`.
-
-        The axes turn with the tool: ``d(Rᵀe) = Rᵀ(de - w x e)``.
-        """
+        # the axes turn with the tool: d(Rᵀe) = Rᵀ(de - w x e)
         moved = motion[:, :3] - cross(motion[:, 3:], view.error)
         return np.stack([along(view.tool[k], moved) for k in range(2)], axis=1)
 
     def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Contact.lift`: across the line; the arm is taken to hold its depth."""
+        # across the line; the arm is taken to hold its depth
         return np.asarray(view.tool[0] * rows[0] + view.tool[1] * rows[1])
 
 
 class PlaneContact(Contact):
-    """The tool point is brought into contact with a plane: the target's z = 0.
-
-    Parameters
-    ----------
-    sigma : float or None
-        Standard deviation [m] along the normal.
-    """
+    """The tool point is brought into contact with a plane: the target's z = 0."""
 
     name = "plane"
     rows = 1
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`: the height over the plane."""
         return along(view.target[2], view.error)[None]
 
     def differentiate(
@@ -317,11 +292,9 @@ class PlaneContact(Contact):
         return along(view.target[2], motion[:, :3])[:, None]
 
     def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Contact.lift`: along the normal."""
         return np.asarray(view.target[2] * rows[0])
 
     def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Contact.gap`: along the normal."""
         return np.asarray(view.target[2] * along(view.target[2], vector)[..., None, :])
 
 
@@ -339,11 +312,6 @@ class Point(Measurement):
     along_per_m, across_per_m : float
         Standard deviation that each metre of distance adds along the line of sight, and across it
         in each direction: for a tracker the latter is that of its angles [rad].
-
-    Raises
-    ------
-    InputError
-        A noise that is not above zero, growth below zero, or on top of three different numbers.
     """
 
     name = "point"
@@ -367,7 +335,7 @@ class Point(Measurement):
         return view.in_target(view.error)
 
     def with_noise(self, scale: ArrayLike) -> Measurement:
-        """See :meth:`Measurement.with_noise`; noise that grows has one factor, the mean square."""
+        # noise that grows has one factor, the mean square
         if not self._growth.any():
             return super().with_noise(scale)
         factor, other = float(np.sqrt(np.mean(np.square(scale)))), copy(self)
@@ -395,7 +363,7 @@ class Point(Measurement):
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`: velocities are those against the turning frame."""
+        # velocities are those against the turning frame
         return view.in_target(motion[:, :3])
 
 
@@ -411,7 +379,6 @@ class PoseReading(Measurement):
     sees_rotation = True
 
     def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.difference`: on the manifold."""
         from scipy.spatial.transform import Rotation
 
         # by quaternions: a tenth of the time that matrices take
@@ -464,27 +431,20 @@ class CameraPose(PoseReading):
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`: the target goes against the tool."""
+        # the target goes against the tool
         place = cross(motion[:, 3:], view.error) - motion[:, :3]
         turned = _log_derivative(turn_back(view.tool, -motion[:, 3:]), rows)
         return np.concatenate([turn_back(view.tool, place), turned], axis=1)
 
 
 class Distance(Measurement):
-    """Distance of the tool point from the target: a ball bar, or a wire.
-
-    Parameters
-    ----------
-    sigma : float or None
-        Standard deviation [m].
-    """
+    """Distance of the tool point from the target: a ball bar, or a wire."""
 
     name = "distance"
     rows = 1
     is_distance = True
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`: the distance, and what the instrument shows more."""
         length = view.distance()[0].copy()
         for label, more in view.errors.lengths.items():
             mask = view.tiled(view.setup.target, view.targets.index(label))

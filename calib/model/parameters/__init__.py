@@ -12,11 +12,7 @@ from calib.model.parameters.frames import (
     ToolPoint,
     ToolPoints,
 )
-from calib.model.parameters.gravity import (
-    GravityLoad,
-    Payload,
-    gravity_torque,
-)
+from calib.model.parameters.gravity import GravityLoad, Payload, gravity_torque
 from calib.model.parameters.joints import (
     JointCompliance,
     JointHarmonics,

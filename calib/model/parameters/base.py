@@ -6,6 +6,11 @@ measurement sees it is the measurement's business. So any block goes with any me
 
 Arrays here have the posture last, see :mod:`calib.model.context`. Parameters are ``(size, S)``, or
 ``(size, 1)`` where all postures share them.
+
+Where blocks are made, ``prior``, ``prior_m``, ``prior_rad`` and ``prior_s`` are standard deviations
+about the nominal values that are known before measuring [SI], of all parameters or, where an array
+is taken, of each; None where nothing is known. ``payload`` is what the flange carries: several
+where measurements were taken with several (``Setup.payload``).
 """
 
 from __future__ import annotations
@@ -97,14 +102,7 @@ class ParameterBlock(ABC):
 
 
 def joint_indices(robot: Robot, joints: Sequence[str], *, turning: bool = False) -> list[int]:
-    """Indices of joints by name.
-
-    Raises
-    ------
-    InputError
-        A name that the robot does not have; the hint lists near ones. Or a joint that slides, of
-        errors that only joints that turn have.
-    """
+    """Indices of joints by name; with ``turning`` a joint that slides is refused."""
     for joint in joints:
         if joint not in robot.joint_names:
             raise InputError(
@@ -126,13 +124,7 @@ def joint_indices(robot: Robot, joints: Sequence[str], *, turning: bool = False)
 
 
 def prior_of(sigma: float | FloatArray | None, size: int) -> FloatArray:
-    """Standard deviations ``(size,)`` of a prior, of all or of each; infinite without one.
-
-    Raises
-    ------
-    InputError
-        A standard deviation that is not above zero.
-    """
+    """Standard deviations ``(size,)`` of a prior, of all or of each; infinite without one."""
     if sigma is None:
         return np.full(size, np.inf)
     each = np.full(size, sigma, dtype=float)

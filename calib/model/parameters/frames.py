@@ -20,6 +20,7 @@ from calib.model.parameters.links import AXES
 from calib.se3 import (
     FloatArray,
     check_transforms,
+    frame_about,
     right_jacobian,
     rotation_exp,
     rotation_log,
@@ -38,8 +39,6 @@ class Frames(ParameterBlock):
         In the tip frame or in the base frame [m].
     free : sequence of str
         Axes to identify, of x, y, z, rx, ry, rz; the same for all frames.
-    prior_m, prior_rad : float, optional
-        Standard deviations of places and rotations known before measuring.
     """
 
     nuisance = True
@@ -168,13 +167,11 @@ class AroundArm(Frames):
     side = "target"
 
 
-def points_as_frames(
-    places: ArrayLike, labels: Sequence[str], message: str, name: str
-) -> FloatArray:
-    """Poses ``(K, 4, 4)`` of points ``(K, 3)``; InputError with the message for anything else."""
+def points_as_frames(places: ArrayLike, labels: Sequence[str], what: str, name: str) -> FloatArray:
+    """Poses ``(K, 4, 4)`` of points ``(K, 3)``."""
     p = np.atleast_2d(np.asarray(places, dtype=float))
     if p.shape != (len(labels), 3) or not np.isfinite(p).all():
-        raise InputError(message, name=name)
+        raise InputError(f"each {what} needs three finite numbers", name=name)
     return transform(np.eye(3), p)
 
 
@@ -218,10 +215,8 @@ class ToolPoints(OnTool):
         free: str = "xyz",
         prior_m: float | None = None,
     ) -> None:
-        places = points_as_frames(
-            positions_m, labels, "each tool point needs three finite numbers", "tool"
-        )
-        super().__init__(labels, places, _letters(free), prior_m)
+        places = points_as_frames(positions_m, labels, "tool point", "tool")
+        super().__init__(labels, places, free, prior_m)
 
 
 class ToolPoint(ToolPoints):
@@ -236,28 +231,17 @@ class ToolPoint(ToolPoints):
     free : str
         Axes of the tip frame along which it is to be identified, a part of ``"xyz"``. A view line
         says nothing of the position along itself: give ``"xy"`` there.
-    prior_m : float, optional
-        Standard deviation known before measuring.
     """
 
     def __init__(
         self, position_m: ArrayLike, free: str = "xyz", prior_m: float | None = None
     ) -> None:
-        position = np.asarray(position_m, dtype=float)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise InputError("the tool point needs three finite numbers", name="tool")
-        super().__init__([position], ["tool"], free, prior_m)
+        super().__init__(position_m, ["tool"], free, prior_m)
 
     @property
     def position_m(self) -> FloatArray:
         """Nominal position ``(3,)`` [m] in tip axes, free or not."""
         return np.asarray(self.positions_m[0])
-
-
-def _letters(free: str) -> str:
-    if sorted(set(free)) != sorted(free) or not set(free) <= set("xyz"):
-        raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
-    return free
 
 
 class ToolBody(ParameterBlock):
@@ -276,8 +260,6 @@ class ToolBody(ParameterBlock):
         Nominal pose in the tip frame [m].
     name : str
         Of the body, in the names of its parameters.
-    prior_m, prior_rad : float, optional
-        Standard deviations of place and rotation known before measuring.
     """
 
     nuisance = True
@@ -292,8 +274,7 @@ class ToolBody(ParameterBlock):
         prior_m: float | None = None,
         prior_rad: float | None = None,
     ) -> None:
-        message = "each point of the body needs three finite numbers"
-        self._places = points_as_frames(positions_m, labels, message, "tool")[:, :3, 3]
+        self._places = points_as_frames(positions_m, labels, "point of the body", "tool")[:, :3, 3]
         self.tools = tuple(labels)
         if len(set(self.tools)) != len(self.tools):
             raise InputError("two tools have the same name", name="tool", hint="rename one")
@@ -336,8 +317,6 @@ class TargetPoints(AroundArm):
     free : bool
         Whether they are to be identified. Surveyed targets are not, and then even the offset of
         the first joint can be.
-    prior_m : float, optional
-        Standard deviation known before measuring.
     """
 
     def __init__(
@@ -347,9 +326,7 @@ class TargetPoints(AroundArm):
         free: bool = True,
         prior_m: float | None = None,
     ) -> None:
-        places = points_as_frames(
-            positions_m, labels, "each target needs three finite numbers", "target"
-        )
+        places = points_as_frames(positions_m, labels, "target", "target")
         super().__init__(labels, places, "xyz" if free else "", prior_m)
 
 
@@ -395,11 +372,7 @@ class TargetPlane(AroundArm):
         length = float(np.linalg.norm(z)) if z.shape == (3,) else 0.0
         if not (np.isfinite(length) and length > 0):
             raise InputError("the normal of a plane needs a direction", name="target")
-        z = z / length
-        x = np.eye(3)[int(np.argmin(np.abs(z)))]
-        x = x - z * (z @ x)
-        x /= np.linalg.norm(x)
-        T = transform(np.column_stack([x, np.cross(z, x), z]), point_m)
+        T = transform(frame_about(z / length), point_m)
         super().__init__([label], T[None], ("z", "rx", "ry") if free else ())
 
     @property
@@ -419,15 +392,7 @@ class TargetPlane(AroundArm):
 
 
 class LengthOffsets(ParameterBlock):
-    """What a wire or a ball bar shows more than the distance: the zero of its reading.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        Targets that it is measured from.
-    prior_m : float, optional
-        Standard deviation known before measuring.
-    """
+    """What a wire or a ball bar shows more than the distance: the zero that its reading has."""
 
     nuisance = True
     beyond_chain = ""

@@ -69,11 +69,6 @@ class GravityLoad:
 
         About the origin of each joint, of all that the joint carries. The arm is the nominal one,
         not deflected: the torque does not depend on the parameters.
-
-        Raises
-        ------
-        InputError
-            A measurement with a payload that is not known.
         """
         if setup.payload.max(initial=0) >= len(self.payloads):
             raise InputError(
@@ -110,16 +105,7 @@ def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) 
     """Torque that gravity puts on each joint that turns, ``(..., n)`` [Nm]; zero for slides.
 
     Positive where gravity turns the joint in its positive sense: the opposite of what the motors
-    hold against it (``pinocchio.computeGeneralizedGravity``).
-
-    Parameters
-    ----------
-    robot : Robot
-        Links without mass weigh nothing.
-    q : array (..., n)
-        Postures [rad].
-    payload : Payload, optional
-        Mass carried at the tip.
+    hold against it (``pinocchio.computeGeneralizedGravity``). Links without mass weigh nothing.
     """
     last = np.ascontiguousarray(q.reshape(-1, robot.n).T)
     load = GravityLoad(robot, payload)

@@ -35,8 +35,6 @@ class JointErrors(ParameterBlock):
     ----------
     joints : sequence of int
         Index of the joint that each parameter turns, or slides.
-    prior : float or array, optional
-        Standard deviation known before measuring, about the nominal value [SI]; of all or of each.
     """
 
     def __init__(
@@ -86,10 +84,6 @@ class ZeroOffsets(JointErrors):
     ----------
     joints : sequence of str
         Names of the joints with an unknown offset.
-    prior_rad : float, optional
-        Standard deviation known before measuring [rad].
-    prior_m : float, optional
-        The same of joints that slide [m].
     """
 
     beyond_chain = ""
@@ -121,8 +115,6 @@ class TimeOffsets(ParameterBlock):
     instruments : mapping of str to (str, int)
         Name of each camera, say, to where its measurements are told by: ``tool`` or ``target`` of
         the set-up, and the index there.
-    prior_s : float, optional
-        Standard deviation known before measuring [s].
     """
 
     nuisance = True
@@ -138,11 +130,6 @@ class TimeOffsets(ParameterBlock):
         second: Unit = "s"
         self.units = (second,) * len(self.names)
         self.prior = prior_of(prior_s, len(self.names))
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: what was read at one time is of one time."""
-        return np.zeros(self.size)
 
     def _own(self, setup: Setup, width: int) -> BoolArray:
         """Which measurements ``(size, S)`` are of each instrument."""
@@ -190,13 +177,7 @@ further, where the differences are right to a millionth of themselves."""
 
 
 class JointScale(JointErrors):
-    """Joints that turn by a little more or less than they show: a wrong ratio in the controller.
-
-    Parameters
-    ----------
-    prior : float, optional
-        Standard deviation known before measuring [rad/rad, m/m].
-    """
+    """Joints that turn by a little more or less than they show: a wrong ratio in the controller."""
 
     beyond_chain = "scale of joint values"
 
@@ -222,8 +203,6 @@ class JointHarmonics(JointErrors):
     ----------
     harmonics : sequence of float
         The h, waves in a turn of the joint.
-    prior_rad : float, optional
-        Standard deviation known before measuring [rad].
     """
 
     beyond_chain = "harmonics of transmissions"
@@ -274,13 +253,8 @@ class JointCompliance(JointErrors):
         With link masses.
     joints : sequence of str
         The joints that give way.
-    payload : Payload or sequence of them, optional
-        What the flange carries; several where measurements were taken with several
-        (``Setup.payload``).
     nominal : array, optional
         Compliances of the nominal robot [rad/Nm], zero by default: a controller knows of none.
-    prior : float or array, optional
-        Standard deviation known before measuring [rad/Nm], of all joints or of each.
     """
 
     beyond_chain = "compliance of joints"
@@ -325,16 +299,6 @@ class LostMotion(JointErrors):
         With link masses.
     torque_nm : array_like
         T of each joint, or of all [Nm]: of the size of the friction in the reducer.
-    payload : Payload or sequence of them, optional
-        What the flange carries; several where measurements were taken with several
-        (``Setup.payload``).
-    prior_rad : float, optional
-        Standard deviation known before measuring [rad].
-
-    Raises
-    ------
-    InputError
-        A torque that is not above zero, or another number of them than joints.
     """
 
     beyond_chain = "lost motion"

@@ -33,8 +33,6 @@ class LinkGeometry(ParameterBlock):
     ----------
     freed : sequence of str, optional
         Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
-    prior_m, prior_rad : float, optional
-        Standard deviations of lengths and angles known before measuring.
     """
 
     beyond_chain = ""
@@ -123,18 +121,6 @@ class BearingCompliance(ParameterBlock):
 
     Where the joint axis is no axis of its frame, the two directions are those across it that are
     next to two axes of the frame, and have their names.
-
-    Parameters
-    ----------
-    robot : Robot
-        With link masses.
-    joints : sequence of str
-        The joints whose bearings give way.
-    payload : Payload or sequence of them, optional
-        What the flange carries; several where measurements were taken with several
-        (``Setup.payload``).
-    prior : float, optional
-        Standard deviation known before measuring [rad/Nm].
     """
 
     beyond_chain = "compliance of bearings"

@@ -34,8 +34,6 @@ class ReadingParameters(ParameterBlock):
         Of all k; the label goes before the names.
     free : sequence of str, optional
         Names of those to identify; all by default.
-    prior : array_like, optional
-        Standard deviation known before measuring, one for all k or one for each.
     """
 
     nuisance = True
@@ -85,16 +83,7 @@ class ReadingParameters(ParameterBlock):
 
 
 class LensParameters(ReadingParameters):
-    """Focal lengths, principal point and distortion of a camera.
-
-    Parameters
-    ----------
-    lens : Lens
-    label : str
-        Name of the camera.
-    free : sequence of str, optional
-        Of the names of the lens; all by default.
-    """
+    """Focal lengths, principal point and distortion of a camera."""
 
     def __init__(
         self,
@@ -133,13 +122,6 @@ class BoardErrors(ReadingParameters):
 
     ``scale``: how much larger it is, as a share of its size. ``bend_x``, ``bend_y``: by how much
     its left and right edges, and its upper and lower ones, lie behind its middle [m], as parabolas.
-
-    Parameters
-    ----------
-    label : str
-        Name of the board.
-    free : sequence of str
-        Of ``scale``, ``bend_x``, ``bend_y``.
     """
 
     def __init__(

@@ -15,7 +15,6 @@ import re
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import ParseError, tostring
@@ -102,13 +101,7 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
 
 
 def checked_mesh(vertices: FloatArray, triangles: IntArray, path: Path) -> Mesh:
-    """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file.
-
-    Raises
-    ------
-    FileFormatError
-        There are no triangles, too many, or some that cannot be.
-    """
+    """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file."""
     _check(vertices, triangles, path)
     return _merged(vertices, triangles)
 
@@ -236,9 +229,9 @@ def _ply(data: bytes) -> list[tuple[FloatArray, IntArray]]:
 
 
 def _dae(data: bytes) -> list[tuple[FloatArray, IntArray]]:
-    shapes = read_shapes(data, LARGEST_MESH_BYTES)
-    found = load_collada(io.BytesIO(shapes.text), resolver=None, ignore_broken=False)
-    return [(vertices * shapes.unit_m, faces) for vertices, faces in _parts(found)]
+    shapes, unit_m = read_shapes(data, LARGEST_MESH_BYTES)
+    found = load_collada(io.BytesIO(shapes), resolver=None, ignore_broken=False)
+    return [(vertices * unit_m, faces) for vertices, faces in _parts(found)]
 
 
 _READERS: Mapping[str, Callable[[bytes], list[tuple[FloatArray, IntArray]]]] = {
@@ -280,24 +273,8 @@ _INSTANCE_COST = 1000
 """Characters that one more use of a shape or node is counted as: it takes memory, too."""
 
 
-@dataclass(frozen=True)
-class Shapes:
-    """The shapes of a COLLADA file.
-
-    Attributes
-    ----------
-    text : bytes
-        A COLLADA file with nothing else in it.
-    unit_m : float
-        How long its unit of length is.
-    """
-
-    text: bytes
-    unit_m: float
-
-
-def read_shapes(data: bytes, largest: int) -> Shapes:
-    """Cut a COLLADA file down to its shapes.
+def read_shapes(data: bytes, largest: int) -> tuple[bytes, float]:
+    """Cut a COLLADA file down to its shapes: a file with nothing else in it, and its unit [m].
 
     Parameters
     ----------
@@ -329,7 +306,7 @@ def read_shapes(data: bytes, largest: int) -> Shapes:
     size = _Sizes(root).of_all()
     if size > largest:
         raise ValueError(f"its shapes, with all uses of them, have {size:.3g} characters")
-    return Shapes(tostring(root, encoding="utf-8"), unit_m)
+    return tostring(root, encoding="utf-8"), unit_m
 
 
 def _name(element: Element) -> str:
@@ -338,15 +315,11 @@ def _name(element: Element) -> str:
 
 
 def _unit(root: Element) -> float:
-    for asset in root:
-        if _name(asset) == "asset":
-            for element in asset:
-                if _name(element) == "unit":
-                    unit_m = float(element.get("meter", "1"))
-                    if not (math.isfinite(unit_m) and unit_m > 0.0):
-                        raise ValueError(f"its unit is {unit_m} m")
-                    return unit_m
-    return 1.0
+    found = root.find("{*}asset/{*}unit")
+    unit_m = 1.0 if found is None else float(found.get("meter", "1"))
+    if not (math.isfinite(unit_m) and unit_m > 0.0):
+        raise ValueError(f"its unit is {unit_m} m")
+    return unit_m
 
 
 def _drop_looks(root: Element) -> None:

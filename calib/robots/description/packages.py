@@ -42,13 +42,6 @@ _MOST_BYTES = 100_000
 class Packages:
     """The packages that a description may name.
 
-    Parameters
-    ----------
-    path : Path
-        The description.
-    search : sequence of Path
-        Folders to search, in their order.
-
     Attributes
     ----------
     tree : Path

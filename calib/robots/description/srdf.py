@@ -65,13 +65,7 @@ class Srdf:
     enabled: frozenset[frozenset[str]]
 
     def chain(self, group: str) -> tuple[str, str]:
-        """Base and tip link of a group.
-
-        Raises
-        ------
-        RobotModelError
-            There is no such group, or it does not name a chain.
-        """
+        """Base and tip link of a group."""
         if group not in self.groups:
             raise self._fail(f"has no group {shown(group)}", near_names(group, self.groups), group)
         if group not in self.chains:
@@ -82,13 +76,7 @@ class Srdf:
         return self.chains[group]
 
     def state(self, name: str, group: str | None = None) -> Mapping[str, float]:
-        """Values of joints [rad, m] in a named state, of one group or of the only one that has it.
-
-        Raises
-        ------
-        RobotModelError
-            There is no such state, or several groups have one.
-        """
+        """Values of joints [rad, m] in a state, of one group or of the only one that has it."""
         of = [g for g, state in self.states if state == name and group in (None, g)]
         if not of:
             known = [state for g, state in self.states if group in (None, g)]

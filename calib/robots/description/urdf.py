@@ -9,7 +9,10 @@ never reach it. Files with xacro macros are expanded first.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -20,15 +23,13 @@ import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
 from calib.errors import RobotModelError
-from calib.limited import read_bounded
+from calib.limited import read_bounded, run_limited
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
-from calib.robots.description.xacro_file import expand_xacro
 from calib.robots.shapes import LinkShape
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
     from xml.etree.ElementTree import Element
 
 LARGEST_URDF_BYTES = 20_000_000
@@ -37,24 +38,12 @@ LARGEST_URDF_BYTES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A URDF as text and as a tree, nothing in it checked but that it is one.
+    """A URDF as text and as a tree, nothing in it checked but that it is one."""
 
-    Attributes
-    ----------
-    text : bytes
-        As it stands in the file; of a xacro, what it expands to.
-    root : Element
-        The outermost element, name spaces of its elements removed.
-    folders : tuple of Path
-        Where the files lie that it may name.
-    packages : Packages
-        Those that it may name.
-    """
-
-    text: bytes
-    root: Element
-    folders: tuple[Path, ...]
-    packages: Packages
+    text: bytes  # as it stands in the file; of a xacro, what it expands to
+    root: Element  # the outermost element, name spaces of its elements removed
+    folders: tuple[Path, ...]  # where the files lie that it may name
+    packages: Packages  # those that it may name
     notices: tuple[str, ...]
 
 
@@ -245,3 +234,81 @@ def _build(kinematics: Kinematics, path: Path) -> pin.Model:
             hint="check the file with check_urdf",
             name=str(path),
         ) from error
+
+
+MEMORY_BYTES = 2_000_000_000
+"""A large cell takes a tenth of it, Python itself included."""
+
+SECONDS = 20.0
+"""A large cell is expanded in about one second; a macro that doubles itself never ends."""
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """What became of a xacro file: the URDF, and the packages whose files it may name."""
+
+    text: str
+    folders: tuple[Path, ...]
+
+
+def expand_xacro(
+    path: Path,
+    most_bytes: int,
+    search: Sequence[Path] = (),
+    arguments: Mapping[str, str] = MappingProxyType({}),
+) -> Expanded:
+    """Expand a xacro file in a process of its own (:mod:`calib.robots.description.xacro_process`).
+
+    ``$(find package)`` follows the rule of :mod:`calib.robots.description.packages`.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Largest size of each file read and of the outcome.
+    search : sequence of Path
+        Folders to search for packages.
+    arguments : mapping of str to str
+        Of the file; those not given have their defaults.
+
+    Raises
+    ------
+    RobotModelError
+        The xacro package is not installed, or the file cannot be expanded, or not within bounds.
+    """
+    if find_spec("xacro") is None:
+        raise RobotModelError(
+            f"{path}: contains xacro macros, and the package xacro is not installed",
+            hint='pip install "posedesign[xacro]", or expand it first: xacro file.xacro > '
+            "file.urdf",
+            name=str(path),
+        )
+    job = {
+        "file": str(path.resolve()),
+        "search": [str(folder) for folder in search],
+        "arguments": dict(arguments),
+        "most_bytes": most_bytes,
+    }
+    try:
+        outcome = json.loads(
+            run_limited(
+                "calib.robots.description.xacro_process",
+                json.dumps(job).encode(),
+                memory_bytes=MEMORY_BYTES,
+                seconds=SECONDS,
+            )
+        )
+    except TimeoutError as error:
+        raise _failed(path, str(error)) from error
+    except (OSError, ValueError) as error:
+        raise _failed(path, "the process that expands it broke off") from error
+    if "error" in outcome:
+        raise _failed(path, outcome["error"])
+    return Expanded(outcome["urdf"], tuple(Path(f) for f in outcome["folders"]))
+
+
+def _failed(path: Path, why: str) -> RobotModelError:
+    return RobotModelError(
+        f"{path}: xacro cannot be expanded: {why}",
+        hint="correct it, or expand it yourself, where you trust it: xacro file.xacro > file.urdf",
+        name=str(path),
+    )

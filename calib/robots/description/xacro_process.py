@@ -14,7 +14,7 @@ Python with its built-in functions taken away still leads back to all of them:
   keep to :mod:`calib.robots.description.packages` and to :func:`evaluate`;
 * XML entities and document types are refused in every file.
 
-Run by :func:`calib.robots.description.xacro_file.expand_xacro` only.
+Run by :func:`calib.robots.description.urdf.expand_xacro` only.
 
 The expressions of a xacro file, worked out without Python's ``eval``.
 
@@ -287,9 +287,7 @@ class ExpressionError(Exception):
 
 
 def evaluate(
-    text: str,
-    symbols: Mapping[str, Any],
-    functions: Mapping[str, Callable[..., Any]] = FUNCTIONS,
+    text: str, symbols: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]] = FUNCTIONS
 ) -> Any:
     """Work out an expression of numbers, texts, lists and tables.
 

@@ -18,12 +18,7 @@ import numpy as np
 
 from calib.robots.bounds import Bounds
 from calib.robots.chain import SerialChain, idealised
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    InverseSolutions,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
 
 _POLISHING = 12
@@ -42,6 +37,8 @@ _CHECKED_AT_ONCE = 2048
 
 class ClosedForm(InverseKinematics):
     """Every branch of a six-axis arm in closed form."""
+
+    poses_at_once = 100_000
 
     def __init__(self, chain: SerialChain, solver: eaik.Robot, ideal: SerialChain) -> None:
         super().__init__(chain)
@@ -63,9 +60,9 @@ class ClosedForm(InverseKinematics):
                 return cls(chain, solver, ideal)
         return None
 
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
+    def some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
         count = len(T_base_tip)
         postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
         distance, angle, straight = compare(self._ideal, postures, T_base_tip, pose)
@@ -88,7 +85,7 @@ class ClosedForm(InverseKinematics):
         if not exact.all():
             postures, pose = postures[exact], pose[exact]
         gap_m[np.isinf(gap_m)] = np.nan
-        return self._answer(postures, pose, gap_m, bounds, near, every_turn)
+        return postures, pose, gap_m
 
     def _mend(
         self,
@@ -162,16 +159,9 @@ def every_branch(solver: eaik.Robot, T_base_tip: FloatArray, n: int) -> tuple[Fl
 def compare(
     chain: SerialChain, postures: FloatArray, T_base_tip: FloatArray, pose: IntArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """How far postures ``(S, n)`` miss the poses ``(N, 4, 4)`` they are for.
+    """How far postures ``(S, n)`` miss the poses ``(N, 4, 4)`` they are for ``(S,)`` [m, rad].
 
-    Returns
-    -------
-    distance : array (S,)
-        [m]
-    angle : array (S,)
-        [rad], exact where it is small.
-    straight : array (S,) of bool
-        Whether axes 4 and 6 are one line, or nearly so.
+    And whether axes 4 and 6 are one line, or nearly so. Small angles are exact.
     """
     wanted = np.ascontiguousarray(T_base_tip[:, :3].transpose(2, 1, 0)).reshape(12, -1)
     distance, angle, cosine = np.empty((3, len(postures)))
@@ -214,19 +204,11 @@ are wrong below 3e-7 and good to 1e-10 from 3e-6 on."""
 def solve_straight_wrist(
     chain: SerialChain, postures: FloatArray, T_wanted: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Joints 4 to 6 anew where axes 4 and 6 are one line, or nearly so.
+    """Joints 4 to 6 of ``(S, 6)`` anew where axes 4 and 6 are one line, or nearly so.
 
     EAIK sets q4 = q6 = 0 there, whatever the roll of the pose. The direction of axis 6 gives q4 and
     q5; q6 is the turn then left over, which makes up for the rounding of q4. On the line itself
     only the sum (or difference) of q4 and q6 is given, and they share the way from ``near``.
-
-    Parameters
-    ----------
-    postures : array (S, 6)
-        Joints 1 to 3 are kept [rad].
-    T_wanted : array (S, 4, 4)
-    near : array (6,)
-        [rad]
 
     Returns
     -------

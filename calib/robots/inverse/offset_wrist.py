@@ -26,12 +26,7 @@ from numpy.typing import NDArray
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain, idealised
 from calib.robots.inverse.closed_form import across, angle_about, compare, repeated
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    InverseSolutions,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
 
 _DEGREE = 8
@@ -72,9 +67,6 @@ _SHORT_M = 1e-3
 _LEAST = 1e-14
 """Of the largest coefficient of a polynomial, which is rounded to 1e-16 of it."""
 
-_POSES_AT_ONCE = 512
-"""Their companion matrices are 2 MB."""
-
 Numbers = NDArray[Any]
 """Real ones, or those of complex branches."""
 
@@ -90,6 +82,8 @@ class _Branch(NamedTuple):
 
 class OffsetWrist(InverseKinematics):
     """Every branch of a six-axis arm with parallel axes 2 and 3, and axes 4 and 5 that meet."""
+
+    poses_at_once = 512  # their companion matrices are 2 MB
 
     def __init__(self, chain: SerialChain, ideal: SerialChain, meeting: FloatArray) -> None:
         super().__init__(chain)
@@ -140,22 +134,15 @@ class OffsetWrist(InverseKinematics):
                 return solver
         return None
 
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
-        postures, pose = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
+    def some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        q, of = self._every_branch(T_base_tip)
+        lost = np.setdiff1d(np.arange(len(T_base_tip)), of)
         gap_m = np.zeros(len(T_base_tip))
-        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
-            some = T_base_tip[start : start + _POSES_AT_ONCE]
-            q, of = self._every_branch(some)
-            postures.append(q)
-            pose.append(of + start)
-            lost = np.setdiff1d(np.arange(len(some)), of)
-            with np.errstate(over="ignore", invalid="ignore"):
-                gap_m[start + lost] = self._gap(some[lost])
-        return self._answer(
-            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
-        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            gap_m[lost] = self._gap(T_base_tip[lost])
+        return q, of, gap_m
 
     def _every_branch(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
         """Postures ``(S, 6)`` of poses ``(N, 4, 4)`` in any turn, and their poses ``(S,)``."""
@@ -396,21 +383,10 @@ def _real_root(x: Numbers) -> Numbers:
 
 
 def _zeros(c: Numbers) -> tuple[IntArray, FloatArray]:
-    """Zeros of trigonometric polynomials ``Re sum c_k exp(i k x)``, and what almost is one.
+    """Zeros of polynomials ``Re sum c_k exp(i k x)`` with ``(N, degree + 1)``, almost zeros too.
 
     Eigenvalues of the companion matrix of the polynomial in ``z = exp(i x)``: zeros lie on the
-    unit circle, and leave it in pairs where they cease to exist.
-
-    Parameters
-    ----------
-    c : array (N, degree + 1) of complex
-
-    Returns
-    -------
-    row : array (S,)
-        Which of the N.
-    x : array (S,)
-        [rad]
+    unit circle, and leave it in pairs where they cease to exist. Rows of the N, and x [rad].
     """
     degree = c.shape[1] - 1
     p = np.concatenate([c[:, :0:-1].conj(), 2.0 * c[:, :1].real, c[:, 1:]], axis=1)

@@ -32,7 +32,7 @@ _NEAR_BY = 0.05
 arm that is stretched out to it reaches it from a short piece of a rail only."""
 
 
-class OnSlides(InverseKinematics):
+class OnSlides:
     """Every branch of the arm at stations of the slides that carry it.
 
     Parameters
@@ -44,8 +44,7 @@ class OnSlides(InverseKinematics):
     """
 
     def __init__(self, chain: SerialChain, arm: InverseKinematics) -> None:
-        super().__init__(chain)
-        self._arm, self._freely = arm, DampedIteration(chain)
+        self._chain, self._arm, self._freely = chain, arm, DampedIteration(chain)
 
     def stations(self, bounds: Bounds, near: FloatArray) -> FloatArray:
         """Values of the slides ``(K, slides)`` [m] that are tried: first those of the reference."""
@@ -64,6 +63,7 @@ class OnSlides(InverseKinematics):
     def solve(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
+        """Postures inside bounds: see :meth:`InverseKinematics.solve`."""
         slides, count = self._chain.slides, len(T_base_tip)
         stations = self.stations(bounds, near)
         # an arm that has gone along sees the pose come back by as much
@@ -80,7 +80,7 @@ class OnSlides(InverseKinematics):
         reached[pose[inside]] = True
         near_by = np.flatnonzero(~reached & (gap_m <= _NEAR_BY * self._chain.reach_m))
         if len(near_by):
-            more, of, gap_m[near_by] = self._freely.fall(T_base_tip[near_by], bounds, near)
+            more, of, gap_m[near_by] = self._freely.some(T_base_tip[near_by], bounds, near)
             postures, pose = np.vstack([postures, more]), np.concatenate([pose, near_by[of]])
             inside = np.concatenate([inside, bounds.coupled_fit(more)])
         order = np.argsort(pose, kind="stable")

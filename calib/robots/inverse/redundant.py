@@ -22,12 +22,7 @@ from calib.robots.inverse.closed_form import (
     every_branch,
     repeated,
 )
-from calib.robots.inverse.solutions import (
-    CLOSURE_TOLERANCE,
-    InverseKinematics,
-    InverseSolutions,
-    close_in,
-)
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
 SWEEP_STEP_RAD = np.deg2rad(5.0)
@@ -38,9 +33,6 @@ sought by walking from the cuts nearest to the limits."""
 _STARTS = 5
 """Cuts of a pose from which the nearest posture is walked to: the curves of a pose are few, but the
 nearest cut need not be on the one that comes nearest."""
-
-_POSES_AT_ONCE = 64
-"""Poses swept at once: some 100,000 answers before the limits are looked at, 6 MB."""
 
 _TRIED = 200
 """Random postures at which the joint to sweep is chosen."""
@@ -64,6 +56,8 @@ _SAME_ANGLE_RAD = 1e-9
 class RedundantArm(InverseKinematics):
     """Every branch of a seven-axis arm at each step of one joint, and the postures nearest by."""
 
+    poses_at_once = 64  # some 100,000 answers before the limits are looked at, 6 MB
+
     def __init__(self, chain: SerialChain, swept: int, ideal: SerialChain | None = None) -> None:
         super().__init__(chain)
         self._ideal = ideal or chain
@@ -86,20 +80,6 @@ class RedundantArm(InverseKinematics):
             if share[swept] > _LEAST_SHARE and _leaves_closed_form(ideal, swept):
                 return cls(chain, swept, ideal)
         return None
-
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
-        gap_m = np.full(len(T_base_tip), np.nan)
-        postures, pose = [np.empty((0, 7))], [np.empty(0, dtype=np.intp)]
-        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
-            part = slice(start, start + _POSES_AT_ONCE)
-            q, of, gap_m[part] = self._some(T_base_tip[part], bounds, near)
-            postures.append(q)
-            pose.append(of + start)
-        return self._answer(
-            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
-        )
 
     def _solvers(self, lower: float, upper: float) -> list[tuple[float, eaik.Robot]]:
         """Six-axis arms at each angle [rad] of the swept joint."""
@@ -148,10 +128,9 @@ class RedundantArm(InverseKinematics):
             )
         return postures, distance, (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
 
-    def _some(
+    def some(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Postures, their poses and the gaps [m] of some poses."""
         count = len(T_base_tip)
         postures, pose = self._cuts(T_base_tip, bounds, near)
         key = np.column_stack([pose, postures[:, self.swept]])
@@ -272,15 +251,8 @@ def move_near(
 
     Each step closes the pose (Newton) and follows the part of ``near - q`` that does not move the
     tip; joints that a step would take out of their limits are held on them. The gain of the pull
-    is Barzilai and Borwein's, which on a curve is the secant method.
-
-    Parameters
-    ----------
-    q : array (S, n)
-        Starts [rad]; they need not take their poses.
-    T_wanted : array (S, 4, 4)
-    lower, upper, near : array (n,)
-        [rad]
+    is Barzilai and Borwein's, which on a curve is the secant method. Starts ``(S, n)`` need not
+    take their poses ``(S, 4, 4)``.
 
     Returns
     -------

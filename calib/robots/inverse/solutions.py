@@ -12,34 +12,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from calib.batch_last import columns_of, product, rotation_log, transposed
-from calib.robots.bounds import (
-    LIMIT_TOLERANCE,
-    Bounds,
-    first_per_group,
-    nearest_turns,
-    turned_inside,
-)
+from calib.robots.bounds import Bounds, first_per_group, turned_inside
 from calib.robots.chain import ChainState, SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-__all__ = [
-    "CLOSURE_TOLERANCE",
-    "LIMIT_TOLERANCE",
-    "NEAR_SINGULAR",
-    "Bounds",
-    "InverseKinematics",
-    "InverseSolutions",
-    "NoPosture",
-    "first_per_group",
-    "nearest_turns",
-    "pose_error",
-    "singular_postures",
-    "twist_to",
-]
 
 CLOSURE_TOLERANCE = 1e-9
 """Largest distance [m] and angle [rad] between the pose asked for and the one a posture takes.
@@ -162,10 +142,12 @@ class InverseSolutions:
 class InverseKinematics(ABC):
     """One way to solve for postures."""
 
+    poses_at_once: ClassVar[int]
+    """What they take then stays within some megabytes."""
+
     def __init__(self, chain: SerialChain) -> None:
         self._chain = chain
 
-    @abstractmethod
     def solve(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
@@ -173,19 +155,26 @@ class InverseKinematics(ABC):
 
         Full turns are chosen nearest to a posture ``near`` ``(n,)`` [rad], or all are given.
         """
+        postures, poses = [np.empty((0, self._chain.n))], [np.empty(0, dtype=np.intp)]
+        gap_m = np.empty(len(T_base_tip))
+        for start in range(0, len(T_base_tip), self.poses_at_once):
+            part = slice(start, start + self.poses_at_once)
+            q, of, gap_m[part] = self.some(T_base_tip[part], bounds, near)
+            postures.append(q)
+            poses.append(of + start)
+        q, pose, inside = turned_inside(
+            np.concatenate(postures), np.concatenate(poses), bounds, near, every_turn
+        )
+        return InverseSolutions(q, pose, inside, gap_m, near, bounds, self._chain)
 
-    def _answer(
-        self,
-        postures: FloatArray,
-        pose: IntArray,
-        gap_m: FloatArray,
-        bounds: Bounds,
-        near: FloatArray,
-        every_turn: bool,
-    ) -> InverseSolutions:
-        """What :meth:`solve` returns, of postures in any turn."""
-        postures, pose, inside = turned_inside(postures, pose, bounds, near, every_turn)
-        return InverseSolutions(postures, pose, inside, gap_m, near, bounds, self._chain)
+    @abstractmethod
+    def some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Postures ``(S, n)`` in any turn, their poses in ascending order, and gaps ``(N,)`` [m].
+
+        A gap is zero where there is a posture, NaN where it is not known.
+        """
 
 
 def singular_postures(chain: SerialChain, postures: FloatArray) -> BoolArray:
@@ -212,14 +201,25 @@ def twist_to(state: ChainState, T_wanted: FloatArray) -> FloatArray:
     return np.concatenate([T_wanted[..., :3, 3] - state.p_base_tip, turn], axis=-1)
 
 
+def damped_step(
+    J: FloatArray, right: FloatArray, damping: FloatArray | float, largest_rad: float
+) -> FloatArray:
+    """Damped least-squares steps ``(..., n)`` [rad] of ``J dq = right``, cut to a largest turn.
+
+    Jacobians ``(..., m, n)``, right sides ``(..., m)``, and what is added to ``J Jᵀ`` ``(...)``.
+    """
+    Jt = np.swapaxes(J, -1, -2)
+    JJt = J @ Jt + np.asarray(damping)[..., None, None] * np.eye(J.shape[-2])
+    step = (Jt @ np.linalg.solve(JJt, right[..., None]))[..., 0]
+    largest = np.abs(step).max(axis=-1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, largest_rad / np.maximum(largest, 1e-300)))
+
+
 _STARTS = 12
 _ITERATIONS = 60
 _DAMPING = 1e-4
 """Of the damped least-squares step, relative to the squared pose error; vanishes at the solution,
 so that the last steps are Newton's."""
-
-_POSES_AT_ONCE = 1000
-"""Poses worked on at once; a dozen starts of each take 30 MB."""
 
 _SAME_POSTURE_RAD = 1e-3
 """Answers of two starts that differ by less are one posture."""
@@ -232,24 +232,11 @@ class DampedIteration(InverseKinematics):
     and the reference posture gives one near itself.
     """
 
-    def solve(
-        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
-    ) -> InverseSolutions:
-        postures, pose = [np.empty((0, self._chain.n))], [np.empty(0, dtype=np.intp)]
-        gap_m = np.full(len(T_base_tip), np.nan)
-        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
-            part = slice(start, start + _POSES_AT_ONCE)
-            q, of, gap_m[part] = self.fall(T_base_tip[part], bounds, near)
-            postures.append(q)
-            pose.append(of + start)
-        return self._answer(
-            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
-        )
+    poses_at_once = 1000  # a dozen starts of each take 30 MB
 
-    def fall(
+    def some(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Postures inside the joints' limits that poses fall to, their poses, the gaps [m]."""
         rng = np.random.default_rng(0)  # the same pose must give the same postures at every call
         # where a margin leaves a joint no room they are crossed: what it would take is told
         lower = np.minimum(bounds.lower, bounds.upper)

@@ -85,11 +85,6 @@ def find_preset(name: str) -> str:
     """Name of the preset that is meant: ``LR Mate 200iD``, say, or ``IRB 6700``.
 
     Capitals, spaces and signs do not count, and a file may list other names of its arm.
-
-    Raises
-    ------
-    RobotModelError
-        There is none of that name.
     """
     known = preset_names()
     if name in known:
@@ -106,13 +101,7 @@ def _plain(name: str) -> str:
 
 
 def preset_info(name: str) -> dict[str, Any]:
-    """Everything that stands in the file of a preset; for names see :func:`find_preset`.
-
-    Raises
-    ------
-    RobotModelError
-        There is none of that name.
-    """
+    """Everything that stands in the file of a preset; for names see :func:`find_preset`."""
     return deepcopy(_content(find_preset(name)))
 
 

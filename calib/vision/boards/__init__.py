@@ -27,9 +27,8 @@ if TYPE_CHECKING:
         RoundTarget,
         make_board,
     )
-    from calib.vision.boards.detection import detect_board
+    from calib.vision.boards.detection import BoardSighting, detect_board
     from calib.vision.boards.picture import board_picture
-    from calib.vision.boards.sighting import BoardSighting
 else:
     __getattr__ = load_when_asked(__name__)
 

@@ -14,7 +14,7 @@ camera. Its origin is
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
 from typing import ClassVar
 
@@ -128,7 +128,7 @@ class Board(ABC):
         return np.column_stack([np.array(corners), np.zeros(4)])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class GridBoard(Board):
     """A board of rows and columns.
 
@@ -146,7 +146,7 @@ class GridBoard(Board):
             _check_count(getattr(self, key), key, self.name, least=1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MarkerBoard(GridBoard):
     """A board with markers, each of which tells which one it is.
 
@@ -227,7 +227,7 @@ class MarkerBoard(GridBoard):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CharucoBoard(MarkerBoard):
     """A chessboard with markers in its white squares.
 
@@ -241,7 +241,7 @@ class CharucoBoard(MarkerBoard):
     """
 
     name: ClassVar[str] = "charuco"
-    square_m: float = 0.0
+    square_m: float
     legacy: bool = False
 
     def __post_init__(self) -> None:
@@ -270,7 +270,6 @@ class CharucoBoard(MarkerBoard):
 
     @cached_property
     def marker_places(self) -> FloatArray:
-        """Left upper corners of the markers ``(M, 2)`` [m]."""
         margin = (self.square_m - self.marker_m) / 2
         white = ~_checks(self.columns, self.rows, self._first_is_black)
         rows, columns = np.nonzero(white)
@@ -282,18 +281,15 @@ class CharucoBoard(MarkerBoard):
 
     @cached_property
     def printed(self) -> Print:
-        """Black squares, and what is black of the markers."""
         squares = _squares(self.columns, self.rows, self.square_m, self._first_is_black)
         return np.vstack([squares, self._printed_markers()]), np.empty((0, 3))
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of all squares ``(4,)`` [m]."""
         return np.array([0.0, 0.0, self.columns * self.square_m, self.rows * self.square_m])
 
     @property
     def cell_m(self) -> float:
-        """Side of a square [m]."""
         return self.square_m
 
     @property
@@ -307,14 +303,13 @@ class CharucoBoard(MarkerBoard):
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return (
             f"ChArUco board of {self.columns} x {self.rows} squares of "
             f"{1e3 * self.square_m:g} mm, {self._marker_words}" + ", legacy pattern" * self.legacy
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MarkerGrid(MarkerBoard):
     """Rows and columns of markers.
 
@@ -325,7 +320,7 @@ class MarkerGrid(MarkerBoard):
     """
 
     title: ClassVar[str]
-    spacing_m: float = 0.0
+    spacing_m: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -347,17 +342,14 @@ class MarkerGrid(MarkerBoard):
 
     @cached_property
     def marker_places(self) -> FloatArray:
-        """Left upper corners of the markers ``(M, 2)`` [m]."""
         return _lattice(self.columns, self.rows, self.spacing_m)[:, :2]
 
     @cached_property
     def printed(self) -> Print:
-        """What is black of the markers."""
         return self._printed_markers(), np.empty((0, 3))
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of all markers ``(4,)`` [m]."""
         across, down = (self.spacing_m * (n - 1) for n in (self.columns, self.rows))
         return np.array([0.0, 0.0, across + self.marker_m, down + self.marker_m])
 
@@ -374,7 +366,6 @@ class MarkerGrid(MarkerBoard):
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return (
             f"{self.title} of {self.columns} x {self.rows} every {1e3 * self.spacing_m:g} mm, "
             f"{self._marker_words}"
@@ -414,7 +405,6 @@ class KalibrAprilGrid(AprilTagGrid):
 
     @cached_property
     def printed(self) -> Print:
-        """What is black of the tags, and the squares at their corners."""
         gap = self.spacing_m - self.marker_m
         squares = _lattice(self.columns + 1, self.rows + 1, self.spacing_m)[:, :2] - gap
         return np.vstack([self._printed_markers(), np.hstack([squares, squares + gap])]), np.empty(
@@ -423,7 +413,6 @@ class KalibrAprilGrid(AprilTagGrid):
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of the squares ``(4,)`` [m]."""
         gap = self.spacing_m - self.marker_m
         return np.asarray(super().box + gap * np.array([-1.0, -1.0, 1.0, 1.0]))
 
@@ -435,15 +424,9 @@ class KalibrAprilGrid(AprilTagGrid):
         return min(along, 0.9 * gap), across
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Chessboard(GridBoard):
-    """A chessboard; its left upper square is black.
-
-    Attributes
-    ----------
-    square_m : float
-        Side of the squares.
-    """
+    """A chessboard; its left upper square is black."""
 
     name: ClassVar[str] = "chessboard"
     square_m: float
@@ -472,35 +455,30 @@ class Chessboard(GridBoard):
 
     @cached_property
     def printed(self) -> Print:
-        """Black squares."""
         squares = _squares(self.columns, self.rows, self.square_m, True) - self.square_m
         return squares, np.empty((0, 3))
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of all squares ``(4,)`` [m]."""
         return self.square_m * np.array([-1.0, -1.0, self.columns - 1, self.rows - 1])
 
     @property
     def cell_m(self) -> float:
-        """Side of a square [m]."""
         return self.square_m
 
     @property
     def clear_m(self) -> tuple[float, float]:
-        """Half a square each."""
         return 0.45 * self.square_m, 0.45 * self.square_m
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return (
             f"chessboard of {self.columns} x {self.rows} squares of {1e3 * self.square_m:g} mm "
             f"({self.columns - 1} x {self.rows - 1} inner corners)"
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CircleGrid(GridBoard):
     """Rows and columns of black circles.
 
@@ -550,25 +528,21 @@ class CircleGrid(GridBoard):
 
     @cached_property
     def printed(self) -> Print:
-        """The circles."""
         discs = self.points.copy()
         discs[:, 2] = self.diameter_m / 2
         return np.empty((0, 4)), discs
 
     @property
     def extent(self) -> FloatArray:
-        """Four points of the rim of each circle ``(4 K, 3)`` [m]."""
         return _rims(self.printed[1], 4)
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of all circles ``(4,)`` [m]."""
         low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
         return np.concatenate([low - self.diameter_m / 2, high + self.diameter_m / 2])
 
     @property
     def cell_m(self) -> float:
-        """Distance between neighbours [m]."""
         return self.spacing_m
 
     @property
@@ -578,7 +552,6 @@ class CircleGrid(GridBoard):
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return (
             f"grid of {self.columns} x {self.rows} circles of {1e3 * self.diameter_m:g} mm every "
             f"{1e3 * self.spacing_m:g} mm"
@@ -615,7 +588,6 @@ class AsymmetricCircleGrid(CircleGrid):
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return (
             f"asymmetric grid of {self.rows} rows of {self.columns} circles of "
             f"{1e3 * self.diameter_m:g} mm, rows {1e3 * self.spacing_m:g} mm apart"
@@ -629,11 +601,6 @@ class RoundTarget(Board):
     The corner without a square, right below, tells which way is up. Points are the corners of cross
     and squares. The middle of the circle is none: perspective and the lens move the middle of so
     large an ellipse, and edges that meet in a corner they do not.
-
-    Attributes
-    ----------
-    diameter_m : float
-        Of the circle.
     """
 
     name: ClassVar[str] = "round-target"
@@ -654,12 +621,10 @@ class RoundTarget(Board):
 
     @property
     def printed(self) -> Print:
-        """The circle."""
         return np.empty((0, 4)), np.array([[0.0, 0.0, self.diameter_m / 2]])
 
     @property
     def cut_out(self) -> FloatArray:
-        """The two bars of the cross, and three squares ``(5, 4)`` [m]."""
         (long, half), (near, far) = _CROSS, _SQUARE
         bars = [[-long, -half, long, half], [-half, -long, half, long]]
         squares = [[-far, near, -near, far], [-far, -far, -near, -near], [near, -far, far, -near]]
@@ -667,17 +632,14 @@ class RoundTarget(Board):
 
     @property
     def extent(self) -> FloatArray:
-        """Points of the rim ``(24, 3)`` [m]."""
         return _rims(self.printed[1], 24)
 
     @property
     def box(self) -> FloatArray:
-        """Left, top, right and bottom of the circle ``(4,)`` [m]."""
         return self.diameter_m / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
 
     @property
     def cell_m(self) -> float:
-        """Width of the bars [m]."""
         return 2 * _CROSS[1] * self.diameter_m
 
     @property
@@ -687,7 +649,6 @@ class RoundTarget(Board):
 
     @property
     def words(self) -> str:
-        """The board in words."""
         return f"round target of {1e3 * self.diameter_m:g} mm with a cross and three squares"
 
 
@@ -706,21 +667,6 @@ BOARDS: dict[str, type[Board]] = {
     )
 }  # fmt: skip
 """Kinds of boards by their names."""
-
-_ACROSS = ("columns", "rows")
-_NEEDED = {
-    "charuco": (*_ACROSS, "square_m", "marker_m"),
-    "aruco-grid": (*_ACROSS, "spacing_m", "marker_m"),
-    "apriltag-grid": (*_ACROSS, "spacing_m", "marker_m"),
-    "kalibr-aprilgrid": (*_ACROSS, "spacing_m", "marker_m"),
-    "chessboard": (*_ACROSS, "square_m"),
-    "circles": (*_ACROSS, "spacing_m"),
-    "asymmetric-circles": (*_ACROSS, "spacing_m"),
-    "round-target": ("diameter_m",),
-}
-"""What a kind has to be given."""
-
-_MARKED = ("charuco", "aruco-grid", "apriltag-grid", "kalibr-aprilgrid")
 
 
 def make_board(
@@ -775,29 +721,24 @@ def make_board(
     given: dict[str, object] = {
         "columns": columns, "rows": rows, "square_m": square_m, "spacing_m": spacing_m,
         "marker_m": marker_m, "diameter_m": diameter_m, "dictionary": dictionary,
-        "first_id": first_id,
+        "first_id": first_id, "legacy": legacy or None,
     }  # fmt: skip
-    wanted: dict[str, object] = {key: given.pop(key) for key in _NEEDED[kind]}
-    for key, value in wanted.items():
-        if value is None:
-            raise InputError(f"a {kind} needs {key}", hint="give it", name=key)
-    if kind in _MARKED:
-        wanted |= {"dictionary": _dictionary_name(kind, given.pop("dictionary"))}
-        wanted |= {"first_id": given.pop("first_id") or 0}
-    elif kind.endswith("circles"):
+    values = {key: value for key, value in given.items() if value is not None}
+    board = BOARDS[kind]
+    if issubclass(board, MarkerBoard):
+        values["dictionary"] = _dictionary_name(kind, dictionary)
+    elif issubclass(board, CircleGrid) and diameter_m is None and spacing_m is not None:
         _check_length(spacing_m, "spacing_m")
-        near = np.sqrt(2.0) if kind == AsymmetricCircleGrid.name else 1.0
-        half = float(near * (spacing_m or 0.0) / 2)
-        size = given.pop("diameter_m")
-        wanted |= {"diameter_m": half if size is None else size}
-    if kind == CharucoBoard.name:
-        wanted |= {"legacy": bool(legacy)}
-    elif legacy:
-        given |= {"legacy": True}
-    for key, value in given.items():
-        if value is not None:
+        near = np.sqrt(2.0) if board is AsymmetricCircleGrid else 1.0
+        values["diameter_m"] = float(near * spacing_m / 2)
+    for field in fields(board):
+        if field.name not in values and field.default is MISSING:
+            raise InputError(f"a {kind} needs {field.name}", hint="give it", name=field.name)
+    known = {field.name for field in fields(board)}
+    for key in values:
+        if key not in known:
             raise InputError(f"a {kind} has no {key}", hint="leave it out", name=key)
-    return BOARDS[kind](**wanted)
+    return board(**values)
 
 
 def dictionary_of(name: str) -> cv2.aruco.Dictionary:

@@ -1,25 +1,257 @@
-"""A board found in a picture, or why it is not."""
+"""Boards in pictures: their corners or centres to a fraction of a pixel, or why there are none."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import InputError, check_type
+from calib.se3 import FloatArray
 from calib.vision.boards.board import (
+    AsymmetricCircleGrid,
     Board,
     Chessboard,
     CircleGrid,
+    GridBoard,
     MarkerBoard,
     RoundTarget,
     dictionary_of,
 )
-from calib.vision.boards.finding import find_markers, halved, shows_squares
+from calib.vision.boards.board_map import BoardMap, fit_map
+from calib.vision.boards.edges import Refined, refine
+from calib.vision.boards.finding import (
+    Found,
+    find_chessboard,
+    find_circles,
+    find_markers,
+    halved,
+    is_face_up,
+    match_markers,
+    shows_squares,
+)
 from calib.vision.boards.round_target import find_round_targets
-from calib.vision.boards.sighting import BoardSighting, Status, sight
+from calib.vision.camera.edges import read_grey
 from calib.vision.camera.rendering import GreyImage
+
+Status = Literal[
+    "ok", "no board", "another board", "too few points", "blurred", "overexposed", "ambiguous"
+]
+
+LEAST_POINTS = 6
+"""Points of a sighting: with four the camera's pose fits always, right or wrong."""
+
+LEAST_SHARE = 0.7
+"""Of the points of boards without markers: they are only found as a whole."""
+
+LARGEST_SIGMA_PX = 3.5
+"""Blur beyond which edges are not measured: it comes from a lens out of focus or from a moving
+camera, and then moves the points, too."""
+
+OVEREXPOSED_BLACK = 110.0
+"""Grey level of black beside clipped white: three times the light that would have been enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoardSighting:
+    """What one picture shows of a board.
+
+    Attributes
+    ----------
+    pixels : ndarray (K, 2)
+        Points of the board, x right and y down from the left upper corner of the image: OpenCV's
+        plus one half. NaN for points that are not seen; all of them unless the status is ``"ok"``.
+    status : {"ok", "no board", "another board", "too few points", "blurred", "overexposed", \
+"ambiguous"}
+        ``"ambiguous"`` where the picture shows the board twice.
+    message : str
+        What is wrong and what to do, in one line; empty for ``"ok"``.
+    sharpness_px : float
+        Width of the edges at the points, from a tenth to nine tenths of the step; NaN where none
+        was measured.
+    """
+
+    pixels: FloatArray
+    status: Status
+    message: str
+    sharpness_px: float
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether the points can be used."""
+        return self.status == "ok"
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which points of the board are seen ``(K,)``."""
+        return np.asarray(np.isfinite(self.pixels).all(axis=1))
+
+    @classmethod
+    def failed(
+        cls, board: Board, status: Status, message: str, sharpness_px: float = np.nan
+    ) -> BoardSighting:
+        """A sighting without points."""
+        return cls(np.full((len(board.points), 2), np.nan), status, message, sharpness_px)
+
+
+def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> BoardSighting | None:
+    """The sighting of a board that is found; None where it is not."""
+    found: Found | None = None
+    if isinstance(board, MarkerBoard):
+        markers = find_markers(picture, board.markers, border_bits=board.border_bits)
+        twice, many = np.unique(markers.ids, return_counts=True)
+        twice = twice[(many > 1) & np.isin(twice, board.ids)]
+        if len(twice) > 1:
+            return BoardSighting.failed(
+                board,
+                "ambiguous",
+                f"markers {twice[0]} and {twice[1]} are seen twice: leave one board in the picture",
+            )
+        found = match_markers(board, markers.those(~np.isin(markers.ids, twice)))
+    elif isinstance(board, Chessboard):
+        found = find_chessboard(picture, board, thoroughly=thoroughly)
+    elif isinstance(board, CircleGrid):
+        found = find_circles(picture, board)
+    elif isinstance(board, RoundTarget):
+        targets = find_round_targets(picture, board)
+        if len(targets) > 1:
+            return BoardSighting.failed(
+                board,
+                "ambiguous",
+                f"{len(targets)} round targets are seen: leave one in the picture",
+            )
+        found = targets[0] if targets else None
+    return None if found is None else _measure(picture, board, found)
+
+
+def _measure(picture: GreyImage, board: Board, found: Found) -> BoardSighting | None:
+    grey = picture.astype(np.float32)
+    which, board_map = found.which, found.board_map
+    xy = board.points[which, :2]
+    near_px = _near_px(board, board_map, xy)
+    measured = refine(grey, board, which, board_map, board_map(xy))
+    for _ in range(2):
+        fitted = (
+            fit_map(xy[measured.good], measured.px[measured.good], near_px, refined=True)
+            if np.count_nonzero(measured.good) >= LEAST_POINTS
+            else None
+        )
+        if fitted is None:
+            return _too_few(board, measured)
+        board_map = fitted[0]
+        measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
+    good = measured.good.copy()
+    fitted = fit_map(xy[good], measured.px[good], near_px, refined=True)
+    if fitted is None:
+        return _too_few(board, measured)
+    good[good] = fitted[1]
+    return _judged(grey, board, which, replace(measured, good=good), fitted[0])
+
+
+def _judged(
+    grey: NDArray[np.float32],
+    board: Board,
+    which: NDArray[np.intp],
+    measured: Refined,
+    board_map: BoardMap,
+) -> BoardSighting | None:
+    good, xy = measured.good, board.points[which, :2]
+    width = 2.563 * measured.sigma_px
+    least = LEAST_POINTS
+    if not isinstance(board, MarkerBoard):
+        least = max(least, int(np.ceil(LEAST_SHARE * len(xy))))
+    if np.count_nonzero(good) < least or not _are_spread(board, xy[good]):
+        return _too_few(board, measured)
+    if not is_face_up(board, board_map, xy[good]):
+        return None
+    if isinstance(board, (Chessboard, CircleGrid)) and _goes_on(grey, board, board_map):
+        return BoardSighting.failed(
+            board,
+            "another board",
+            f"the board in the picture is larger than the {board.words}",
+            width,
+        )
+    if measured.sigma_px > LARGEST_SIGMA_PX:
+        return BoardSighting.failed(
+            board,
+            "blurred",
+            f"edges are {width:.0f} px wide: focus the camera, let it come to rest",
+            width,
+        )
+    dark, light = np.median(measured.dark[good]), np.median(measured.light[good])
+    if light > 252.0 and dark > OVEREXPOSED_BLACK:
+        return BoardSighting.failed(
+            board,
+            "overexposed",
+            f"white is clipped and black has grey level {dark:.0f}: expose less",
+            width,
+        )
+    pixels = np.full((len(board.points), 2), np.nan)
+    pixels[which[good]] = measured.px[good] + 0.5
+    return BoardSighting(pixels, "ok", "", width)
+
+
+def _too_few(board: Board, measured: Refined) -> BoardSighting | None:
+    """Where its markers or its cross say that the board is there; else clutter was found."""
+    if not isinstance(board, (MarkerBoard, RoundTarget)):
+        return None
+    count = np.count_nonzero(measured.good)
+    return BoardSighting.failed(
+        board,
+        "too few points",
+        f"{count} points of {len(board.points)} are seen well enough: "
+        "show more of the board, nearer, in even light",
+        2.563 * measured.sigma_px,
+    )
+
+
+def _are_spread(board: Board, xy: FloatArray) -> bool:
+    """Whether points do not lie on a line."""
+    return bool(np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)[1] > 0.4 * board.cell_m)
+
+
+def _near_px(board: Board, board_map: BoardMap, xy: FloatArray) -> float:
+    area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
+    return float(board.cell_m * np.sqrt(np.median(area)))
+
+
+def _goes_on(grey: NDArray[np.float32], board: GridBoard, board_map: BoardMap) -> bool:
+    """Whether the pattern goes on beyond the board, where it should end."""
+    # two rows of an asymmetric grid are one step
+    more = 4 if isinstance(board, AsymmetricCircleGrid) else 2
+    larger = replace(board, columns=board.columns + 2, rows=board.rows + more)
+    by = larger.points[:, :2].max(axis=0) / 2 - board.points[:, :2].max(axis=0) / 2
+    step = board.cell_m / 4
+    left, top, right, bottom = board.box
+    x, y = (
+        np.arange(left - by[0], right + by[0], step),
+        np.arange(top - by[1], bottom + by[1], step),
+    )
+    across = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    x, y = across.T
+    tall, wide = (y > top) & (y < bottom), (x > left) & (x < right)
+    for side in (
+        (x < left - step) & tall,
+        (x > right + step) & tall,
+        (y < top - step) & wide,
+        (y > bottom + step) & wide,
+    ):
+        at, seen = read_grey(grey, board_map(across[side]))
+        black = larger.is_black(across[side] + by)
+        at, black = at[seen], black[seen]
+        if len(at) < 8 or at.std() == 0.0 or black.std() == 0.0:
+            continue
+        if np.corrcoef(at, black)[0, 1] < -_GOES_ON:
+            return True
+    return False
+
+
+_GOES_ON = 0.5
+"""Correlation with the pattern that would go on beyond the board."""
+
 
 LEAST_NAMED = 4
 """Markers from which on a dictionary is named: fewer may be clutter."""
@@ -46,16 +278,6 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     Boards with markers may be seen in part. Chessboards, grids of circles and round targets must
     be seen as a whole; of those that look the same after half a turn, the way round is taken whose
     x runs to the right of the picture.
-
-    Parameters
-    ----------
-    picture : ndarray (height, width) of uint8
-    board : Board
-
-    Raises
-    ------
-    InputError
-        What is given is no grey picture, or no board.
     """
     check_type(board, Board, "board")
     check_picture(picture)
@@ -67,12 +289,7 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
 
 
 def check_picture(picture: object) -> None:
-    """Refuse what is no grey picture of eight bits.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no grey picture of eight bits."""
     if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 2:
         said = (
             f"an array {picture.shape} of {picture.dtype}"

@@ -17,6 +17,7 @@ from scipy.special import ndtr
 from calib.se3 import BoolArray, FloatArray
 from calib.vision.boards.board import Board, CircleGrid
 from calib.vision.boards.board_map import BoardMap
+from calib.vision.camera.edges import read_grey
 
 SAMPLES = 15
 """Grey levels that are read across an edge."""
@@ -55,25 +56,13 @@ _INV_SQRT_2PI = 0.3989422804014327
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Points as the picture shows them.
+    """Points as the picture shows them."""
 
-    Attributes
-    ----------
-    px : ndarray (K, 2)
-        In OpenCV's pixels.
-    good : ndarray (K,) of bool
-        All edges of the point are there.
-    sigma_px : float
-        Standard deviation of the blur.
-    dark, light : ndarray (K,)
-        Grey levels of both sides.
-    """
-
-    px: FloatArray
-    good: BoolArray
-    sigma_px: float
-    dark: FloatArray
-    light: FloatArray
+    px: FloatArray  # (K, 2): in OpenCV's pixels
+    good: BoolArray  # (K,): all edges of the point are there
+    sigma_px: float  # standard deviation of the blur
+    dark: FloatArray  # (K,): grey levels of both sides
+    light: FloatArray  # (K,): grey levels of both sides
 
 
 def refine(
@@ -280,21 +269,6 @@ def _lines_of_circles(
         np.zeros(shape, dtype=np.intp),
         0.85,
     )
-
-
-def read_grey(picture: NDArray[np.float32], at: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Grey levels at pixels ``(..., 2)`` between those of the four about them."""
-    height, width = picture.shape
-    x, y = at[..., 0], at[..., 1]
-    with np.errstate(invalid="ignore"):
-        inside = (x >= 0.0) & (x <= width - 1.001) & (y >= 0.0) & (y <= height - 1.001)
-    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
-    column, row = x.astype(np.intp), y.astype(np.intp)
-    right, down = x - column, y - row
-    flat, first = picture.ravel(), row * width + column
-    above = flat[first] * (1.0 - right) + flat[first + 1] * right
-    below = flat[first + width] * (1.0 - right) + flat[first + width + 1] * right
-    return np.asarray(above * (1.0 - down) + below * down, dtype=float), inside
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,32 +47,18 @@ _ROUNDNESS = 0.12
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What of a board was found.
+    """What of a board was found."""
 
-    Attributes
-    ----------
-    which : ndarray (K,)
-        Points of the board that may be seen.
-    board_map : BoardMap
-    """
-
-    which: NDArray[np.intp]
+    which: NDArray[np.intp]  # (K,): points that may be seen
     board_map: BoardMap
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers of a dictionary in a picture.
+    """Markers of a dictionary in a picture."""
 
-    Attributes
-    ----------
-    ids : ndarray (M,)
-    corners : ndarray (M, 4, 2)
-        Clockwise from the left upper one of the marker.
-    """
-
-    ids: NDArray[np.intp]
-    corners: FloatArray
+    ids: NDArray[np.intp]  # (M,)
+    corners: FloatArray  # (M, 4, 2), clockwise from the left upper one of the marker
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from calib.se3 import FloatArray
 from calib.vision.boards.board import RoundTarget
 from calib.vision.boards.board_map import BoardMap
-from calib.vision.boards.edges import read_grey
 from calib.vision.boards.finding import Found, dark_ellipses
 from calib.vision.boards.picture import board_picture
+from calib.vision.camera.edges import read_grey
 from calib.vision.camera.rendering import GreyImage
 
 SMALLEST_PX = 30.0

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
         noise_from_images,
     )
     from calib.vision.camera.rendering import Glare, Imaging, Occluder, render
-    from calib.vision.camera.target import CircleTarget
-    from calib.vision.camera.target_pose import TargetPose, pose_from_image, pose_from_points
+    from calib.vision.camera.target import CircleTarget, pose_from_image
+    from calib.vision.camera.target_pose import TargetPose, pose_from_points
 else:
     __getattr__ = load_when_asked(__name__)
 

@@ -37,19 +37,13 @@ moves it by 1e-5 px."""
 def circle_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -> FloatArray:
     """Ellipse ``(..., 5)`` [px] that the circle in the x-y plane of a target is seen as.
 
+    NaN where the circle is not wholly in front of the lens, or shows its back. Target at poses
+    ``(..., 4, 4)``.
+
     Exact for an ideal lens: the dual conic of the circle, ``diag(r², r², -1)``, maps by the
     homography ``H = K [r1 r2 p]`` to ``H diag(r², r², -1) Hᵀ`` [HartleyZisserman2004]_ (Eq. 2.16).
     With distortion the curve is no ellipse: then the one nearest to it, fitted to points of the
     rim as it is to an image.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
-
-    Returns
-    -------
-    ndarray (..., 5)
-        NaN where the circle is not wholly in front of the lens, or shows its back.
 
     References
     ----------
@@ -79,15 +73,7 @@ def disc_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -
     """Ellipse ``(..., 5)`` [px] of a circle by the map of the image at its middle alone.
 
     That of an infinitely small circle, enlarged: its centre is the image of the middle at any tilt.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
-
-    Returns
-    -------
-    ndarray (..., 5)
-        NaN where the circle shows its back.
+    Of a target at poses ``(..., 4, 4)``; NaN where it shows its back.
     """
     middle = T_camera_target[..., :3, 3]
     slope = camera.project_jacobian(middle) @ T_camera_target[..., :3, :2]
@@ -119,13 +105,7 @@ def axis_lengths(ellipse: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
-    """V (down), H (to the right) and size s ``(..., 3)`` [px]: data of [Watanabe2006]_, sec. 2.1.
-
-    References
-    ----------
-    .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
-       autonomous visual measurement, CIRP Annals 55.
-    """
+    """V (down), H (to the right) and size s ``(..., 3)`` [px], sec. 2.1 of [Watanabe2006]_."""
     out = np.empty((*ellipse.shape[:-1], 3))
     out[..., 0], out[..., 1] = ellipse[..., 1], ellipse[..., 0]
     out[..., 2] = axis_lengths(ellipse)[0]
@@ -139,6 +119,15 @@ def ellipse_points(ellipse: FloatArray, count: int) -> FloatArray:
     return np.asarray(ellipse[..., None, :2] + unit @ half_axes(ellipse))
 
 
+def ellipse_of_axes(
+    center_px: ArrayLike, long_px: float, short_px: float, angle: float
+) -> FloatArray:
+    """Ellipse ``(5,)`` [px] of two axes (whole lengths), the first in a direction [rad]."""
+    cos, sin, a, b = np.cos(angle), np.sin(angle), long_px / 2, short_px / 2
+    matrix = [a * cos * cos + b * sin * sin, (a - b) * cos * sin, a * sin * sin + b * cos * cos]
+    return np.array([*np.asarray(center_px), *matrix])
+
+
 def half_axes(ellipse: FloatArray) -> FloatArray:
     """Symmetric matrices S ``(..., 2, 2)`` [px] that map the unit circle to the ellipses."""
     return np.asarray(ellipse[..., [2, 3, 3, 4]].reshape(*ellipse.shape[:-1], 2, 2))
@@ -150,7 +139,7 @@ def fit_ellipse(
     start: FloatArray | None = None,
     steps: int = _FIT_STEPS,
 ) -> FloatArray:
-    """Ellipse of least squared distance from points, by Gauss-Newton.
+    """Ellipse ``(..., 5)`` of least squared distance from points, by Gauss-Newton.
 
     Parameters
     ----------
@@ -161,10 +150,6 @@ def fit_ellipse(
     start : ndarray (..., 5), optional
         Ellipse to start from. Unless given, mean and scatter of the points, which must then lie
         evenly about the whole of it.
-
-    Returns
-    -------
-    ndarray (..., 5)
     """
     weight = np.broadcast_to(np.asarray(weights, dtype=float), points.shape[:-1])
     ellipse = _from_scatter(points) if start is None else np.asarray(start, dtype=float)
@@ -175,21 +160,11 @@ def fit_ellipse(
 
 
 def ellipse_distance(ellipse: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances of points from ellipses, positive outside, and their derivatives.
+    """Signed distances ``(..., K)`` [px] of points ``(..., K, 2)`` from ellipses ``(..., 5)``.
+
+    Positive outside; and their derivatives ``(..., K, 5)`` by the numbers of the ellipse.
 
     To first order in the distance [Sampson1982]_: ``(|w| - 1) / |grad|``, ``w = S⁻¹ (p - center)``.
-
-    Parameters
-    ----------
-    ellipse : ndarray (..., 5)
-    points : ndarray (..., K, 2)
-
-    Returns
-    -------
-    distance : ndarray (..., K)
-        [px].
-    jacobian : ndarray (..., K, 5)
-        By the numbers of the ellipse.
 
     References
     ----------
@@ -309,12 +284,8 @@ def circle_center_bias(
 ) -> FloatArray:
     """Centre of the ellipse less the image of the middle of the circle ``(..., 2)`` [px].
 
-    Exact, by projective geometry, for an ideal lens; with distortion for the ellipse that is
-    fitted to the image. NaN where the circle is not seen.
-
-    Parameters
-    ----------
-    T_camera_target : ndarray (..., 4, 4)
+    Of a target at poses ``(..., 4, 4)``. Exact, by projective geometry, for an ideal lens; with
+    distortion for the ellipse that is fitted to the image. NaN where the circle is not seen.
     """
     ellipse = circle_image(camera, diameter_m, T_camera_target)
     return np.asarray(ellipse[..., :2] - camera.project(T_camera_target[..., :3, 3]))
@@ -323,15 +294,10 @@ def circle_center_bias(
 def circle_poses(
     camera: Camera, diameter_m: float, ellipse: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Both places and normals of a circle of known diameter that look like an ellipse.
+    """Both places and normals of a circle of known diameter that look like ellipses ``(..., 5)``.
 
     The cone through the ellipse, turned to its axes, has two families of circular sections: from
     one ellipse alone nobody can tell which of the two the circle is [Forsyth1991]_.
-
-    Parameters
-    ----------
-    ellipse : ndarray (..., 5)
-        [px], as :mod:`calib.vision.camera.conic` writes it.
 
     Returns
     -------

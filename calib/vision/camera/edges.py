@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.se3 import BoolArray, FloatArray
 from calib.vision.camera.conic import (
     ellipse_axes,
     ellipse_distance,
+    ellipse_of_axes,
     fit_robust,
     half_axes,
     is_sound,
@@ -124,7 +126,8 @@ def steps_along(
     samples = 2 * max(round(reach / _STEP_PX), 3)
     step = 2 * reach / samples
     t = (np.arange(samples) + 0.5) * step - reach
-    grey = _bilinear(image, points[:, None] + t[:, None] * normals[:, None])  # (K, samples)
+    grey, seen = read_grey(image, points[:, None] + t[:, None] * normals[:, None] - 0.5)
+    grey[~seen] = np.nan  # (K, samples)
 
     ends = max(round(min(_PLATEAU_PX, reach / 3) / step), 1)
     inside, outside = grey[:, :ends].mean(axis=1), grey[:, -ends:].mean(axis=1)
@@ -167,21 +170,25 @@ def _smooth(values: FloatArray) -> FloatArray:
     return np.convolve(ring, np.full(width, 1.0 / width), mode="valid")
 
 
-def _bilinear(image: GreyImage, pixels: FloatArray) -> FloatArray:
-    """Grey levels ``(...)`` at pixels ``(..., 2)``; NaN outside the middles of the image's pixels.
+def read_grey(
+    image: GreyImage | NDArray[np.float32], at: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Grey levels ``(...)`` at OpenCV's pixels ``(..., 2)``, and which of them are in the image.
 
-    Not OpenCV's ``remap``, which rounds places to 1/32 of a pixel.
+    Between those of the four about them; not by OpenCV's ``remap``, which rounds places to 1/32 of
+    a pixel.
     """
     height, width = image.shape
-    x, y = pixels[..., 0] - 0.5, pixels[..., 1] - 0.5
-    outside = (x < 0.0) | (y < 0.0) | (x > width - 1) | (y > height - 1)
-    column = np.clip(np.floor(x), 0, width - 2).astype(np.intp)
-    row = np.clip(np.floor(y), 0, height - 2).astype(np.intp)
-    fx, fy = x - column, y - row
-    flat, at = image.ravel(), row * width + column
-    top = flat[at] * (1.0 - fx) + flat[at + 1] * fx
-    bottom = flat[at + width] * (1.0 - fx) + flat[at + width + 1] * fx
-    return np.where(outside, np.nan, top * (1.0 - fy) + bottom * fy)
+    x, y = at[..., 0], at[..., 1]
+    with np.errstate(invalid="ignore"):
+        inside = (x >= 0.0) & (x <= width - 1.001) & (y >= 0.0) & (y <= height - 1.001)
+    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+    column, row = x.astype(np.intp), y.astype(np.intp)
+    right, down = x - column, y - row
+    flat, first = image.ravel(), row * width + column
+    above = flat[first] * (1.0 - right) + flat[first + 1] * right
+    below = flat[first + width] * (1.0 - right) + flat[first + width + 1] * right
+    return np.asarray(above * (1.0 - down) + below * down, dtype=float), inside
 
 
 _SHORTEST = 40
@@ -204,12 +211,8 @@ def ellipse_from_line(points: FloatArray) -> FloatArray | None:
     """Ellipse ``(5,)`` through points ``(K, 2)``, algebraic; None where they are on none."""
     if len(points) < 5:
         return None
-    (x, y), (first, second), turn = cv2.fitEllipseDirect(points.astype(np.float32))
-    angle = np.deg2rad(turn)
-    cos, sin = np.cos(angle), np.sin(angle)
-    a, b = first / 2, second / 2
-    matrix = [a * cos**2 + b * sin**2, (a - b) * cos * sin, a * sin**2 + b * cos**2]
-    ellipse = np.array([x, y, *matrix])
+    center, (first, second), turn = cv2.fitEllipseDirect(points.astype(np.float32))
+    ellipse = ellipse_of_axes(center, first, second, np.deg2rad(turn))
     return ellipse if is_sound(ellipse) else None
 
 
@@ -275,15 +278,6 @@ def find_candidates(
     Otsu's threshold first; where it shows nothing whole, which uneven light or a glare can bring
     about, some fixed ones between dark and light. Where none shows a whole rim, something may hide
     a part of it: then pieces of the contours are looked at.
-
-    Parameters
-    ----------
-    image : ndarray (height, width) of uint8
-
-    Returns
-    -------
-    whole, cut : list of ndarray (5,)
-        [px].
     """
     smooth = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), dtype=np.uint8)
     low, high, _, _ = cv2.minMaxLoc(smooth)

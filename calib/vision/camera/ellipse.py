@@ -12,7 +12,13 @@ from typing import Literal
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.camera.conic import ellipse_axes, ellipse_points, fit_robust, is_sound
+from calib.vision.camera.conic import (
+    ellipse_axes,
+    ellipse_of_axes,
+    ellipse_points,
+    fit_robust,
+    is_sound,
+)
 from calib.vision.camera.edges import find_candidates, find_edges
 from calib.vision.camera.rendering import GreyImage
 
@@ -69,26 +75,15 @@ class EllipseMeasurement:
 
     @property
     def vhs_px(self) -> FloatArray:
-        """V (down), H (to the right) and size s ``(3,)``: the data of [Watanabe2006]_, sec. 2.1.
-
-        References
-        ----------
-        .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots
-           using autonomous visual measurement, CIRP Annals 55.
-        """
+        """V (down), H (to the right) and size s ``(3,)``: the data of [Watanabe2006]_, sec. 2.1."""
         return np.array([self.center_px[1], self.center_px[0], self.long_axis_px])
 
     @property
     def ellipse(self) -> FloatArray:
         """The ellipse as :mod:`calib.vision.camera.conic` writes it ``(5,)`` [px]."""
-        cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        long, short = self.long_axis_px / 2, self.short_axis_px / 2
-        matrix = [
-            long * cos * cos + short * sin * sin,
-            (long - short) * cos * sin,
-            long * sin * sin + short * cos * cos,
-        ]
-        return np.concatenate([self.center_px, matrix])
+        return ellipse_of_axes(
+            self.center_px, self.long_axis_px, self.short_axis_px, self.angle_rad
+        )
 
     @classmethod
     def from_ellipse(
@@ -130,11 +125,6 @@ def measure_ellipse(
     near_px : ndarray (2,), optional
         Where the target is expected: of several the nearest is measured. Unless given, several are
         an outcome of their own.
-
-    Returns
-    -------
-    EllipseMeasurement
-        Look at its ``status``.
     """
     whole, cut = find_candidates(image, dark=dark, smallest_px=smallest_px)
     if not whole:

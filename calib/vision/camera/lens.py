@@ -89,11 +89,6 @@ class Camera(PinholeCamera):
         ``cx, cy`` plus one half); the middle of the image unless given.
     distortion : tuple of five floats
         k1, k2, p1, p2, k3: OpenCV's order.
-
-    Raises
-    ------
-    InputError
-        A focal length or a size that is not positive, or numbers that are not finite.
     """
 
     focal_y_px: float | None = None
@@ -137,11 +132,6 @@ class Camera(PinholeCamera):
         """Camera of section 3.1 of [Watanabe2006]_: 640 x 480 pixels on 1/3 inch, f = 12 mm.
 
         A 1/3 inch sensor is 4.8 x 3.6 mm, so the focal length is 1600 px.
-
-        References
-        ----------
-        .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots
-           using autonomous visual measurement, CIRP Annals 55.
         """
         return cls.from_sensor((640, 480), (4.8, 3.6), 12.0)
 

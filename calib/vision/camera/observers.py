@@ -200,7 +200,6 @@ class ImageObserver:
         rng: np.random.Generator,
         near_px: FloatArray | None = None,
     ) -> Views:
-        """See :meth:`Observer.views`."""
         near = [None] * len(T_camera_target) if near_px is None else list(near_px)
         return Views.of(
             [
@@ -212,13 +211,7 @@ class ImageObserver:
 
 @dataclass(frozen=True, eq=False)
 class FastObserver:
-    """Projects the circle and adds noise to its ellipse: no image, and many poses at once.
-
-    Attributes
-    ----------
-    noise : MeasurementNoise
-        That of images: :func:`noise_from_images`.
-    """
+    """Projects the circle and adds noise to its ellipse: no image, and many poses at once."""
 
     camera: Camera
     target: Target
@@ -265,21 +258,7 @@ def make_observer(
     imaging: Imaging | None = None,
     noise: MeasurementNoise | None = None,
 ) -> Observer:
-    """Observer of one kind or the other.
-
-    Parameters
-    ----------
-    kind : {"image", "fast"}
-    imaging : Imaging, optional
-        For ``"image"``.
-    noise : MeasurementNoise
-        For ``"fast"``, which needs it.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or no noise for the fast one.
-    """
+    """Observer of one kind or the other; the fast one needs noise: :func:`noise_from_images`."""
     if kind == "image":
         return ImageObserver(camera, target, imaging or Imaging())
     if kind != "fast":

@@ -41,33 +41,19 @@ class Plate(Protocol):
 
 @dataclass(frozen=True)
 class Occluder:
-    """Something near the lens that hides a part of the image; its outline is good to a pixel.
+    """Something near the lens that hides a part of the image; its outline is good to a pixel."""
 
-    Attributes
-    ----------
-    corners_px : tuple of (x, y)
-        Corners of the polygon [px].
-    """
-
-    corners_px: tuple[tuple[float, float], ...]
+    corners_px: tuple[tuple[float, float], ...]  # of a polygon
     reflectance: float = 0.2
 
 
 @dataclass(frozen=True)
 class Glare:
-    """Mirrored light: a blob that is added to the image, and cut off where the image saturates.
-
-    Attributes
-    ----------
-    sigma_px : float
-        Standard deviation of the blob.
-    peak_grey : float
-        Grey levels added in its middle.
-    """
+    """Mirrored light: a blob that is added to the image, and cut off where the image saturates."""
 
     center_px: tuple[float, float]
     sigma_px: float
-    peak_grey: float = 400.0
+    peak_grey: float = 400.0  # added in its middle
 
 
 @dataclass(frozen=True)
@@ -121,10 +107,6 @@ def render(
         shows its back or lies behind the lens is not drawn.
     rng : numpy.random.Generator
         Of the noise.
-
-    Returns
-    -------
-    ndarray (height, width) of uint8
     """
     shape = (camera.height_px, camera.width_px)
     reflectance = np.full(shape, imaging.surroundings, dtype=np.float32)
@@ -150,10 +132,7 @@ def render(
 
 
 def _draw(
-    reflectance: NDArray[np.float32],
-    camera: Camera,
-    target: Plate,
-    T_camera_target: FloatArray,
+    reflectance: NDArray[np.float32], camera: Camera, target: Plate, T_camera_target: FloatArray
 ) -> None:
     """Draw one target: its pattern at the corners of the pixels, sampled finely on its edges.
 

@@ -11,12 +11,7 @@ if TYPE_CHECKING:
     from calib.vision.touch_up.board_target import BoardTarget
     from calib.vision.touch_up.drive import Drive, follow
     from calib.vision.touch_up.jacobian import ImageJacobian, Relation
-    from calib.vision.touch_up.servo import (
-        Loop,
-        Station,
-        TouchUps,
-        touch_up,
-    )
+    from calib.vision.touch_up.servo import Loop, Station, TouchUps, touch_up
     from calib.vision.touch_up.set_up import find_set_up
     from calib.vision.touch_up.sighting import NoSetUp, SetUp, TiltBias
 else:

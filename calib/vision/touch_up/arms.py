@@ -15,7 +15,7 @@ from calib.model.parameters import GravityLoad, Payload
 from calib.model.parameters.gravity import NOTHING
 from calib.robots import Robot
 from calib.robots.one_posture import OnePosture
-from calib.se3 import FloatArray, IntArray, inverse, transform
+from calib.se3 import FloatArray, IntArray, inverse
 from calib.vision.camera import CircleTarget, ImageObserver, Observer, Views
 from calib.vision.camera.observers import Target
 from calib.vision.camera.rendering import GreyImage
@@ -155,16 +155,13 @@ class SimulatedArms:
 
     @property
     def count(self) -> int:
-        """See :meth:`Arms.count`."""
         return self._count
 
     @property
     def image_px(self) -> tuple[int, int]:
-        """See :meth:`Arms.image_px`."""
         return self._observer.camera.width_px, self._observer.camera.height_px
 
     def move(self, which: IntArray, q: FloatArray) -> None:
-        """See :meth:`Arms.move`."""
         lost = self._cell.lost_motion
         torque = np.zeros_like(q)
         if lost.has_backlash and len(q) == 1:
@@ -179,11 +176,9 @@ class SimulatedArms:
         self._stopped[which] = lost.scatter_rad * self._rng.standard_normal(q.shape)
 
     def joints(self, which: IntArray) -> FloatArray:
-        """See :meth:`Arms.joints`."""
         return self._motors[which].copy()
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
-        """See :meth:`Arms.look`."""
         self.pictures += len(which)
         T, observer = self.T_camera_target(which), self._observer
         if len(which) > 1 or not isinstance(observer, ImageObserver):
@@ -193,7 +188,6 @@ class SimulatedArms:
         return Views.of([observer.target.measure(self.seen, near)])
 
     def picture(self, arm: int) -> GreyImage | None:
-        """See :meth:`Arms.picture`."""
         if not isinstance(self._observer, ImageObserver):
             return None
         T = self.T_camera_target(np.array([arm]))[0]
@@ -217,12 +211,6 @@ class SimulatedArms:
         if cell.vibration_m > 0.0:
             T[:, :3, 3] += cell.vibration_m * self._rng.standard_normal((len(which), 3))
         return np.asarray(T)
-
-
-def straight_to(T_base_tip: FloatArray, T_tip_camera: FloatArray, distance_m: float) -> FloatArray:
-    """Pose ``(4, 4)`` of a target that faces the camera, on its axis at a distance [m]."""
-    facing = transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, distance_m])
-    return np.asarray(T_base_tip @ T_tip_camera @ facing)
 
 
 class RobotAdapter(ABC):
@@ -330,20 +318,17 @@ class OneArm:
         return self._size
 
     def move(self, which: IntArray, q: FloatArray) -> None:
-        """See :meth:`Arms.move`."""
         self._last = None
         for posture in q:
             self._moved = True
             self._robot.move(posture.copy())
 
     def joints(self, which: IntArray) -> FloatArray:
-        """See :meth:`Arms.joints`."""
         if not (self._moved or self._robot.shows_before_moving):
             return np.full((len(which), 1), np.nan)
         return np.array([self._shown() for _ in which])
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
-        """See :meth:`Arms.look`."""
         seen = []
         for k in range(len(which)):
             image = self._grabbed()

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from calib.se3 import FloatArray, rotation_angle, transform
 from calib.vision.boards import Board, detect_board
 from calib.vision.boards.board_map import fit_map
-from calib.vision.boards.plate import T_BOARD_PLATE, BoardPlate
+from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, pose_from_points
 from calib.vision.camera.conic import disc_image, ellipse_of_slope
 from calib.vision.camera.rendering import GreyImage
@@ -70,7 +70,6 @@ class BoardTarget:
     def image(
         self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
     ) -> FloatArray:
-        """See :meth:`~calib.vision.camera.observers.Target.image`."""
         return disc_image(
             camera, self.diameter_m if diameter_m is None else diameter_m, T_camera_target
         )
@@ -99,9 +98,7 @@ class BoardTarget:
         return BoardPlate(self.board)
 
     def pattern(self, xy: FloatArray) -> FloatArray:
-        """See :meth:`~calib.vision.camera.rendering.Plate.pattern`."""
         return self._plate.pattern(xy + (self.middle_m * [1.0, -1.0]).astype(xy.dtype))
 
     def plate_corners(self) -> FloatArray:
-        """See :meth:`~calib.vision.camera.rendering.Plate.plate_corners`."""
         return np.asarray(self._plate.plate_corners() - [self.middle_m[0], -self.middle_m[1], 0.0])

@@ -330,7 +330,7 @@ def check_shown(
     hint: str = "nothing more was commanded: look where the arm stands, and mend joints() or the "
     "robot description before it is moved again",
 ) -> None:
-    """Refuse joint values that are not those of a posture.
+    """Refuse joint values that are not those of a posture, by what they can be recognised as.
 
     Parameters
     ----------
@@ -346,11 +346,6 @@ def check_shown(
         Words before the value asked for: "after the move to".
     hint : str
         What to do about it.
-
-    Raises
-    ------
-    InputError
-        Naming the joint and, where it can be recognised, what is wrong with it.
     """
     off = np.abs(shown - asked)
     if (off <= within_rad).all():
@@ -382,10 +377,6 @@ def check_first(
     posture ``(n,)`` [rad] asked for but for a turn, a sign or a unit, and those from which a joint
     would turn by more than half a turn are refused: it may well be a turn that is counted wrongly.
     That can be told where the arm was left ``(n,)`` [rad] is known; NaN where it is not.
-
-    Raises
-    ------
-    InputError
     """
     places = [asked] if np.isnan(left).any() else [asked, left]
     if any((np.abs(shown - place) <= within_rad).all() for place in places):

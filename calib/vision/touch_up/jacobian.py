@@ -33,11 +33,6 @@ class Relation:
         H0 and V0: to the right and down from the left upper corner of the image.
     size_px : float
         s0: long axis of the target's ellipse.
-
-    References
-    ----------
-    .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
-       autonomous visual measurement, CIRP Annals 55.
     """
 
     center_px: tuple[float, float]

@@ -45,11 +45,6 @@ class Loop:
         Pictures whose mean is taken at each stop.
     view_line : bool
         Only V and H: the target is brought onto the view line, at any distance (Fig. 1a).
-
-    Raises
-    ------
-    InputError
-        Numbers that no loop can end by.
     """
 
     center_px: float = 0.1
@@ -114,30 +109,14 @@ Bias = Callable[[FloatArray], FloatArray]
 
 
 def touch_up(
-    drive: Drive,
-    q: FloatArray,
-    jacobian: ImageJacobian,
-    loop: Loop,
-    bias: Bias | None = None,
+    drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop, bias: Bias | None = None
 ) -> TouchUps:
     """Move arms from postures ``(S, n)`` [rad] until each sees its target as designated.
 
     Look, and where the error is above its threshold shift the tip by what the Jacobian says
     (Eq. 3), the orientation as the controller believes it held. Nothing but pictures and joint
-    values of the controller is used.
-
-    Parameters
-    ----------
-    q : array (S, n)
-        Where the arms are sent first: one posture for each.
-    bias : callable, optional
-        Taken off V, H and s: :class:`~calib.vision.touch_up.sighting.TiltBias`. The paper does
-        without.
-
-    Returns
-    -------
-    TouchUps
-        Failures are outcomes in it; nothing is raised for what a cell may do.
+    values of the controller is used. Failures are outcomes: nothing is raised for what a cell may
+    do. The paper does without a bias; see :class:`~calib.vision.touch_up.sighting.TiltBias`.
     """
     return _Run(drive, q, jacobian, loop, bias).run()
 
@@ -146,12 +125,7 @@ class _Run:
     """State of a loop: where each arm is, what it saw last, and what became of it."""
 
     def __init__(
-        self,
-        drive: Drive,
-        q: FloatArray,
-        jacobian: ImageJacobian,
-        loop: Loop,
-        bias: Bias | None,
+        self, drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop, bias: Bias | None
     ) -> None:
         count = len(q)
         self.drive, self.jacobian, self.loop, self.bias = drive, jacobian, loop, bias
@@ -264,11 +238,6 @@ class Station:
 
     A process that asks for the same names in the same order can be run again from what was kept
     under them; a subclass that keeps the answers makes a process that survives being stopped.
-
-    Parameters
-    ----------
-    drive : Drive
-        Of one arm.
     """
 
     def __init__(self, drive: Drive) -> None:

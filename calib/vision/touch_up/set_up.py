@@ -110,8 +110,6 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
     return Pin(tool, target, missed, _EXPECTED_M * float(np.sqrt(square / count)), sigma)
 
 
-__all__ = ["NoSetUp", "SetUp", "find_set_up"]
-
 _TURNS = (
     (0.13, ((1, 0, 0), (0, 1, 0))),
     (0.33, ((-1, 0, 0), (0, -1, 0), (0, 0, 1))),

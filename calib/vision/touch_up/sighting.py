@@ -61,13 +61,7 @@ class SetUp:
 
 @dataclass(frozen=True)
 class NoSetUp:
-    """Why camera and target were not found.
-
-    Attributes
-    ----------
-    hint : str
-        What to do about it.
-    """
+    """Why camera and target were not found, and what to do about it."""
 
     reason: str
     hint: str
@@ -143,25 +137,13 @@ _CHECK_ROBOT = "check robot, joint signs and camera"
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A target as it is followed from its first touch-up.
-
-    Attributes
-    ----------
-    q : array (n,)
-        Of the first touch-up [rad].
-    ellipse : array (5,)
-        That it ended with [px].
-    noise_m : float
-        What the loop leaves along the view line [m].
-    step_m : float
-        Length of the moves that the Jacobian was measured by.
-    """
+    """A target as it is followed from its first touch-up."""
 
     jacobian: ImageJacobian
-    q: FloatArray
-    ellipse: FloatArray
-    noise_m: float
-    step_m: float
+    q: FloatArray  # (n,): of the first touch-up [rad]
+    ellipse: FloatArray  # (5,): that it ended with [px]
+    noise_m: float  # what the loop leaves along the view line [m]
+    step_m: float  # length of the moves that the Jacobian was measured by
 
 
 CIRCLE: Target = CircleTarget()
@@ -169,11 +151,7 @@ CIRCLE: Target = CircleTarget()
 
 
 def sight(
-    station: Station,
-    q: FloatArray,
-    loop: Loop,
-    size_px: float | None,
-    target: Target = CIRCLE,
+    station: Station, q: FloatArray, loop: Loop, size_px: float | None, target: Target = CIRCLE
 ) -> Sighting:
     """Follow the target from a taught posture ``(n,)`` [rad], to its first touch-up.
 
@@ -315,11 +293,7 @@ def _in_depth(
 
 
 def _lengthened(
-    jacobian: ImageJacobian,
-    along: FloatArray,
-    here: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
+    jacobian: ImageJacobian, along: FloatArray, here: FloatArray, near: FloatArray, far: FloatArray
 ) -> ImageJacobian:
     """The Jacobian that says of a way ``(3,)`` [m] to either side what was seen there."""
     change = near - far
@@ -380,24 +354,12 @@ _START_SIDES = 8
 
 @dataclass(frozen=True, eq=False)
 class Facing:
-    """The face of a target.
+    """The face of a target."""
 
-    Attributes
-    ----------
-    normal : array (3,)
-        Unit vector out of it, in base axes.
-    sigma_rad : float
-        Larger of the two standard deviations of its direction, from the residuals.
-    rms_px : float
-        What is left of the half axes.
-    flaw : str
-        Why the ellipses are not those of one flat circle; empty where they are.
-    """
-
-    normal: FloatArray
-    sigma_rad: float
-    rms_px: float
-    flaw: str
+    normal: FloatArray  # (3,): unit vector out of it, in base axes
+    sigma_rad: float  # larger of the two standard deviations of its direction, from the residuals
+    rms_px: float  # what is left of the half axes
+    flaw: str  # why the ellipses are not those of one flat circle; empty where they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -437,10 +399,7 @@ class TiltBias:
 
 
 def find_normal(
-    jacobian: ImageJacobian,
-    R_base_tip: FloatArray,
-    ellipses: FloatArray,
-    target: Target = CIRCLE,
+    jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: FloatArray, target: Target = CIRCLE
 ) -> Facing:
     """Normal of a target seen in the designated relation from orientations ``(N, 3, 3)``.
 

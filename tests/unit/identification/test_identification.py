@@ -1,5 +1,7 @@
 """Identification: exact without noise, both methods alike, and silent about nothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -211,13 +213,17 @@ def test_what_belongs_to_another_robot_is_not_fitted(make_model, reference_robot
 
 
 def test_believable_goes_by_unit_and_refuses_what_is_not_a_number():
-    names, units = ["a", "b", "c"], ["rad", "m", "rad/Nm"]
-    check_believable(np.array([0.19, 0.19, 0.9e-3]), names, units)
+    model = SimpleNamespace(
+        names=["a", "b", "c"], units=["rad", "m", "rad/Nm"], prior=np.full(3, np.inf)
+    )
+    check_believable(model, np.array([0.19, 0.19, 0.9e-3]))
     with pytest.raises(NotIdentifiableError) as caught:
-        check_believable(np.array([0.21, 0.0, 1.1e-3]), names, units)
+        check_believable(model, np.array([0.21, 0.0, 1.1e-3]))
     assert caught.value.parameters == ("a", "c")
     with pytest.raises(NotIdentifiableError, match="cannot identify b"):
-        check_believable(np.array([0.0, np.nan, 0.0]), names, units)
+        check_believable(model, np.array([0.0, np.nan, 0.0]))
+    model.prior = np.array([np.inf, 1.0, np.inf])  # known beforehand, whatever was measured
+    check_believable(model, np.array([0.0, np.nan, 0.0]))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e3, 1e-3])

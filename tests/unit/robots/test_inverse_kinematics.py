@@ -304,7 +304,7 @@ def test_iteration_on_many_poses_at_once(random_urdf, monkeypatch):
     robot = Robot.from_urdf(random_urdf(np.random.default_rng(0), 6))
     poses = robot.fk(np.random.default_rng(0).uniform(-1, 1, (7, 6)))
     together = robot.inverse(poses)
-    monkeypatch.setattr("calib.robots.inverse.solutions._POSES_AT_ONCE", 3)
+    monkeypatch.setattr("calib.robots.inverse.solutions.DampedIteration.poses_at_once", 3)
     parts = robot.inverse(poses)
     np.testing.assert_array_equal(parts.pose, together.pose)
     np.testing.assert_allclose(parts.postures, together.postures, atol=1e-9)

@@ -244,7 +244,7 @@ def test_many_poses_at_once_are_the_same_poses_one_by_one(robot, monkeypatch):
     poses = robot.fk(np.random.default_rng(8).uniform(-3, 3, (12, 6)))
     poses[4, :3, 3] += 9.0
     together = robot.inverse(poses)
-    monkeypatch.setattr(offset_wrist, "_POSES_AT_ONCE", 5)
+    monkeypatch.setattr(offset_wrist.OffsetWrist, "poses_at_once", 5)
     parts = robot.inverse(poses)
     np.testing.assert_array_equal(parts.pose, together.pose)
     np.testing.assert_allclose(parts.postures, together.postures, atol=1e-9)

@@ -9,7 +9,7 @@ import pytest
 
 from calib import Robot
 from calib.errors import RobotModelError
-from calib.robots.description import xacro_file
+from calib.robots.description import urdf
 
 pytest.importorskip("xacro")
 
@@ -225,7 +225,7 @@ def test_refused_in_one_line(read, folder, case):
     ids=["macros of macros", "a power", "a loop"],
 )
 def test_what_never_ends_is_ended(read, monkeypatch, inside):
-    monkeypatch.setattr(xacro_file, "SECONDS", 1.0)
+    monkeypatch.setattr(urdf, "SECONDS", 1.0)
     with pytest.raises(RobotModelError, match=r"not done in 1 s|broke off"):
         read(inside)
 
@@ -233,7 +233,7 @@ def test_what_never_ends_is_ended(read, monkeypatch, inside):
 def test_memory_is_bounded(read, monkeypatch):
     inside = "<g a=\"${len('a' * 10 ** 8)}\"/>" + ARM
     assert read(inside).n == 2
-    monkeypatch.setattr(xacro_file, "MEMORY_BYTES", 100_000_000)
+    monkeypatch.setattr(urdf, "MEMORY_BYTES", 100_000_000)
     with pytest.raises(RobotModelError, match="too large when evaluating"):
         read(inside)
 
@@ -241,21 +241,21 @@ def test_memory_is_bounded(read, monkeypatch):
 def test_the_outcome_is_bounded(folder):
     path = folder / "arm.xacro"
     path.write_text(robot("<g name=\"${'a' * 2000}\"/>"))
-    assert len(xacro_file.expand_xacro(path, 3000).text) > 2000
+    assert len(urdf.expand_xacro(path, 3000).text) > 2000
     with pytest.raises(RobotModelError, match="expands to more than 2000 characters"):
-        xacro_file.expand_xacro(path, 2000)
+        urdf.expand_xacro(path, 2000)
 
 
 def test_neither_environment_nor_working_folder_are_seen(folder, monkeypatch):
     path = folder / "arm.xacro"
     path.write_text(robot('<g a="$(optenv HOME none at all)" b="$(dirname)" c="$(optenv HOME)"/>'))
     monkeypatch.chdir(os.sep)
-    text = xacro_file.expand_xacro(path, 10_000).text
+    text = urdf.expand_xacro(path, 10_000).text
     assert f'<g a="none at all" b="{folder}" c=""/>' in text
 
 
 def test_without_the_package(read, monkeypatch):
-    monkeypatch.setattr(xacro_file, "find_spec", lambda _: None)
+    monkeypatch.setattr(urdf, "find_spec", lambda _: None)
     with pytest.raises(RobotModelError, match="the package xacro is not installed") as caught:
         read(ARM)
     assert 'pip install "posedesign[xacro]"' in caught.value.hint

@@ -8,9 +8,8 @@ import pytest
 
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.vision.camera import Views
-from calib.vision.touch_up import Drive, Loop, Station, find_set_up
+from calib.vision.touch_up import Drive, Loop, NoSetUp, SetUp, Station, find_set_up
 from calib.vision.touch_up.arms import LostMotion
-from calib.vision.touch_up.set_up import NoSetUp, SetUp
 
 APPROACH = np.deg2rad(0.2)
 

@@ -8,7 +8,7 @@ import pytest
 from calib.se3 import inverse, transform
 from calib.vision.camera import FastObserver, ImageObserver, Imaging, MeasurementNoise
 from calib.vision.touch_up import SimulatedArms
-from calib.vision.touch_up.arms import LostMotion, straight_to
+from calib.vision.touch_up.arms import LostMotion
 
 SILENT = MeasurementNoise.from_sigma([0.0, 0.0, 0.0])
 
@@ -66,8 +66,3 @@ def test_pictures_only_where_there_are_pictures(bench):
     arms = SimulatedArms(bench.true, observer, 1, np.random.default_rng(0), bench.q)
     assert arms.picture(0).shape == (480, 640)
     assert arms.image_px == (640, 480)
-
-
-def test_target_straight_before_the_lens(bench):
-    T = straight_to(bench.robot.fk(bench.q), bench.true.T_tip_camera, 0.35)
-    assert pytest.approx(bench.true.T_base_target) == T

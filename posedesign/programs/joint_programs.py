@@ -12,13 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
-from posedesign.programs.reading import MOST_JOINT_DEG, at_rest, joint_deg, refuse, text_of
+from posedesign.programs.reading import MOST_JOINT_DEG, carried_off, joint_deg, refuse, text_of
 from posedesign.programs.recorded import (
     Level,
     PlanMark,
@@ -148,8 +148,8 @@ Found = tuple[str, int, Sequence[str]]
 """What to call a position, its line, and the texts of its values."""
 
 
-def refuse_lost(found: Sequence[Found], path: Path) -> None:
-    """Refuse a file without positions, and one that moves axes behind the arm's."""
+def carried_in(found: Sequence[Found], path: Path) -> dict[str, FileFormatError]:
+    """Positions in which axes behind the arm's have moved, by label; refuses a file without any."""
     if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
     values = [
@@ -157,7 +157,7 @@ def refuse_lost(found: Sequence[Found], path: Path) -> None:
         for label, row, texts in found
         for j, text in enumerate(texts[JOINTS:], start=JOINTS + 1)
     ]
-    at_rest(values, path)
+    return carried_off(values, path)
 
 
 def in_moves(
@@ -179,7 +179,8 @@ def in_moves(
             if line.text[: len(remark)] == remark:
                 notes.take(line.row, line.text[len(remark) :])
         found = find(text, path)
-        refuse_lost(found, path)
+        for fault in carried_in(found, path).values():
+            raise fault
         mark = notes.mark or PlanMark()
         rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
         chosen: dict[int, RecordedPosition] = {}

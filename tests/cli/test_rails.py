@@ -7,10 +7,13 @@ import pytest
 
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
+from calib.robots import Controller
 from posedesign.cell import Cell
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.programs import PoseProgram, ProgramPose, find_dialect
+from posedesign.programs.arm import Arm
 from posedesign.simulation import SimulatedRobot
 from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
@@ -92,6 +95,19 @@ def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
     off = np.abs(back.postures - poses.measured.postures[order])
     assert off.max(axis=0)[0] <= 1e-6  # micrometres of the rail
     assert off.max() <= np.deg2rad(1.1e-3)
+
+
+def test_a_kawasaki_has_its_rail_behind_its_joints(tmp_path):
+    arm = Arm(Controller("kawasaki", np.eye(7), np.eye(4), slides=1))
+    postures = np.random.default_rng(0).uniform(-2.5, 2.5, (5, 7))
+    poses = tuple(ProgramPose(f"P{k}", q) for k, q in enumerate(postures, start=1))
+    dialect = find_dialect("kawasaki-as")
+    (path,) = dialect.write(PoseProgram("CALIB", poses, arm=arm), tmp_path)
+    assert dialect.validate(path) == []
+    found = dialect.read(path)
+    np.testing.assert_allclose(found.postures(arm), postures, atol=2e-8)
+    with pytest.raises(FileFormatError, match="axis 7 differs"):
+        found.postures()
 
 
 def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):

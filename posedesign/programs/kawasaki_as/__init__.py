@@ -36,11 +36,11 @@ from posedesign.programs.joint_programs import (
     JointDialect,
     Notes,
     Standing,
+    carried_in,
     check_joints,
     joints_of,
     judged,
     level_of,
-    refuse_lost,
 )
 from posedesign.programs.language import (
     Block,
@@ -145,14 +145,19 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
                 values = [text_of(value) for value in nodes(step, "sum")]
                 stored[f"step {len(stored)}"] = _Stored("", s.row, values)
     found = list(stored.values())
-    refuse_lost([(p.variable, p.line, p.values) for p in found], path)
+    carried = carried_in([(p.label, p.line, p.values) for p in found], path)
     numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
     numbering = Numbering(numbered, element, notes.mark, notes.names, first)
     positions = []
     for n, p in numbering.of(found, path) if notes.mark else enumerate(found, start=1):
         shown = joints_of(p.label, p.line, p.values, path)
         own = p.name if notes.mark else p.variable
-        positions.append(RecordedPosition(n, own, p.line, shown))
+        external = tuple(float(text) for text in p.values[JOINTS:])
+        positions.append(
+            RecordedPosition(
+                n, own, p.line, shown, external_mm=external, carried=carried.get(p.label)
+            )
+        )
     untouched = bool(notes.mark) and numbering.is_untouched(found)
     mark, name = notes.mark or PlanMark(), name if notes.mark else path.stem
     return RecordedProgram(name, "", mark, tuple(positions), "kawasaki", empty_registers=untouched)
@@ -240,6 +245,7 @@ class KawasakiAs(JointDialect):
         keep="  HERE #{name}.m[{register}]",
     )
     head = ("  SPEED {percent} ALWAYS",)
+    external_axes = 6
     most_output = 999  # inputs are numbered from 1001
     reader = parse_kawasaki_as
     rules = judged(LANGUAGE, ("program", "position"), _check)

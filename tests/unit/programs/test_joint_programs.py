@@ -156,7 +156,7 @@ def test_poses_of_melfa_are_read() -> None:
 def test_what_would_be_read_wrong_is_refused(name, old, new, message):
     assert old in EXPORT[name]
     with pytest.raises(FileFormatError, match=message):
-        parse(name, EXPORT[name].replace(old, new))
+        parse(name, EXPORT[name].replace(old, new)).postures()
 
 
 Q = "posj(0, 0, 90, 0, 90, 0)"

@@ -610,7 +610,7 @@ def _check_truth(cell: CellData, path: Path) -> None:
                 f"{len(values)} values for {n} joints that turn",
                 path=path,
                 key=f"truth.{key}",
-                hint="give one value for each of them",
+                hint="give one value for each joint",
             )
     if truth.deflection and not cell.deflects:
         raise FileFormatError(

@@ -74,7 +74,7 @@ def test_no_safety_distance_is_no_leave_to_touch(straight_arm, body, tool, part)
     class Free:
         """A robot without limits."""
 
-        chain, n, coupled_limits = straight_arm, 4, ()
+        chain, n, slides, coupled_limits = straight_arm, 4, 0, ()
         lower, upper = np.full(4, -9.0), np.full(4, 9.0)
         joint_names = ("j1", "j2", "j3", "j4")
 

@@ -284,9 +284,9 @@ def correct(
     """
     from posedesign.cell import Cell
     from posedesign.cli.json_forms import correction_as_dict, program_as_dict
-    from posedesign.identification.correction import box_of
-    from posedesign.identification.correction import correct as run
     from posedesign.pose_programs.correcting import correct_program, is_program, numbers_of
+    from posedesign.pose_programs.correction import box_of
+    from posedesign.pose_programs.correction import correct as run
     from posedesign.report.identification import answer_of_correction, answer_of_program
 
     loaded = Cell.load(cell)
@@ -371,8 +371,8 @@ def predict(
     From the noise of the measurement alone.
     """
     from posedesign.cell import Cell
-    from posedesign.identification.correction import box_of
-    from posedesign.identification.correction import predict as run
+    from posedesign.pose_programs.correction import box_of
+    from posedesign.pose_programs.correction import predict as run
     from posedesign.report.identification import answer_of_prediction
 
     loaded = Cell.load(cell)

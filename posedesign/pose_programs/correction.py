@@ -153,7 +153,7 @@ def correct(
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
 
     ``cell_file``: where it was read from: its robot's URDF is named relative to it.
-    ``identification``: an ``identification.json``. ``poses``: A ``poses.csv``. ``name``: of a model
+    ``identification``: an ``identification.json``. ``poses``: a ``poses.csv``. ``name``: of a model
     whose values are used as they are. By default they are the best ones for each way, by the
     reference of the identification. ``tool``: which tool point of the identification is that of the
     cell. ``box``: where the arm works; that of the cell by default. ``exports``: other forms of the

@@ -324,9 +324,8 @@ moves the arm on from there by what the robot is off."""
 
 def drive_of(cell: Cell, arms: Arms, tell: Callable[[str], None] = lambda text: None) -> Drive:
     """The drive that a cell asks for; ``tell`` is told what could not be checked."""
-    section = cell.config.constraints
-    nearer = section.model_copy(update={"safety_distance_mm": _SAFETY * section.safety_distance_mm})
-    loose = replace(cell, config=cell.config.model_copy(update={"constraints": nearer}))
+    nearer = {"safety_distance_mm": _SAFETY * cell.config.constraints.safety_distance_mm}
+    loose = replace(cell, config=cell.config.changed(constraints=nearer))
     return Drive(
         cell.robot,
         arms,

@@ -330,33 +330,21 @@ def found_cell(
     given = config.camera or CameraSection(
         nearest_mm=_NEAREST * distance_mm, farthest_mm=_FARTHEST * distance_mm
     )
-    measurement = config.measurement
+    measured: dict[str, object] = {}
     if sigma_m is not None:
         three = tuple(round(3e3 * s, 6) for s in sigma_m.tolist())
-        measurement = measurement.model_copy(
-            update={"three_sigma_mm": three, "noise_axes": "camera"}
-        )
-    changed = config.model_copy(
-        update={
-            "tool": config.tool.model_copy(
-                update={
-                    "point_mm": _mm(set_up.tool_m),
-                    "camera_stand_off_mm": round(distance_mm, _DECIMALS_MM),
-                }
-            ),
-            "base_pose": config.base_pose.model_copy(
-                update={"posture_deg": _deg(set_up.postures[0])}
-            ),
-            "target": config.target.model_copy(
-                update={
-                    "position_mm": _mm(set_up.target_m),
-                    "normal": tuple(round(v, 6) for v in set_up.facing.normal.tolist()),
-                    **_in_view(cell),
-                }
-            ),
-            "camera": given.model_copy(update=place),
-            "measurement": measurement,
-        }
+        measured = {"three_sigma_mm": three, "noise_axes": "camera"}
+    tool = {"point_mm": _mm(set_up.tool_m)}
+    target = {
+        "position_mm": _mm(set_up.target_m),
+        "normal": tuple(round(v, 6) for v in set_up.facing.normal.tolist()),
+    }
+    changed = config.model_copy(update={"camera": given}).changed(
+        tool=tool | {"camera_stand_off_mm": round(distance_mm, _DECIMALS_MM)},
+        base_pose={"posture_deg": _deg(set_up.postures[0])},
+        target=target | _in_view(cell),
+        camera=place,
+        measurement=measured,
     )
     return replace(
         cell,

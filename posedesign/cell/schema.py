@@ -6,6 +6,7 @@ objects that the planner works on.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StrictBool, model_validator
@@ -646,3 +647,8 @@ class CellConfig(Section):
     def targets(self) -> tuple[TargetSection, ...]:
         """All that is measured from."""
         return (self.target, *self.other_targets)
+
+    def changed(self, **sections: Mapping[str, Any]) -> CellConfig:
+        """The same with other values in some of its sections; they are not checked again."""
+        new = {name: getattr(self, name).model_copy(update=v) for name, v in sections.items()}
+        return self.model_copy(update=new)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -25,9 +24,6 @@ from posedesign.cli.output import (
     results_in,
     tell,
 )
-
-if TYPE_CHECKING:
-    from posedesign.acceptance.places import AcceptanceRequest
 
 Measured = Annotated[
     Path | None, typer.Argument(help="What was measured at these poses; none: plan them.")
@@ -90,8 +86,10 @@ def prove(
     as a proof of it.
     """
     from posedesign import workflow
+    from posedesign.acceptance import AcceptanceRequest
     from posedesign.acceptance.file import rule_as_dict
     from posedesign.cell import Cell
+    from posedesign.cli.plan_request import parse_length
     from posedesign.report.acceptance import answer_of_acceptance_plan, answer_of_verdict
 
     asked = {
@@ -104,7 +102,7 @@ def prove(
         "cycles": cycles,
         "seed": seed,
     }
-    given = {name: value for name, value in asked.items() if value is not None}
+    given: dict[str, object] = {name: value for name, value in asked.items() if value is not None}
     given_frame = frame == "given"
     loaded = Cell.load(cell)
     results = results_in(
@@ -113,7 +111,9 @@ def prove(
     if measurements is None:
         only = "frame" if given_frame else "rule" if rule else None
         _refuse(only, "is of measurements, and none are given")
-        request = _request(given)
+        if limit is not None:
+            given["limit_m"] = parse_length(str(given.pop("limit")))
+        request = AcceptanceRequest(**given)  # type: ignore[arg-type]
         with progress("planning"), knowing(loaded):
             plan = workflow.plan_acceptance_test(loaded, request, results, identification, model)
         files = [str(out / name) for name in (workflow.POSES[0], workflow.ACCEPTANCE_RULE[0])]
@@ -155,16 +155,6 @@ def _refuse(name: object, why: str) -> None:
 
     if name:
         raise InputError(f"--{name} {why}", hint="leave it out", name=str(name))
-
-
-def _request(given: Mapping[str, object]) -> AcceptanceRequest:
-    from posedesign.acceptance.places import AcceptanceRequest
-    from posedesign.cli.plan_request import parse_length
-
-    words: dict[str, object] = dict(given)
-    if "limit" in words:
-        words["limit_m"] = parse_length(str(words.pop("limit")))
-    return AcceptanceRequest(**words)  # type: ignore[arg-type]
 
 
 def recheck(

@@ -180,6 +180,7 @@ def robot_world(
         noise,
         estimate_scale=estimate_scale,
         certify=certify,
+        quiet=as_json,
     )
     rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
@@ -206,6 +207,7 @@ def _solved(
     *,
     estimate_scale: bool,
     certify: bool,
+    quiet: bool,
 ) -> tuple[SolverOutcome, ...]:
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
@@ -213,7 +215,7 @@ def _solved(
     from posedesign.report.pairs import solve_and_draw
 
     try:
-        with progress("A X = Z B") as advance:
+        with progress("A X = Z B", quiet=quiet) as advance:
             outcomes = solve_and_draw(
                 pairs, out, methods, noise, advance, estimate_scale=estimate_scale
             )

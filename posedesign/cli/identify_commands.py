@@ -284,9 +284,9 @@ def correct(
     """
     from posedesign.cell import Cell
     from posedesign.cli.json_forms import correction_as_dict, program_as_dict
-    from posedesign.identification.correction import box_of
-    from posedesign.identification.correction import correct as run
     from posedesign.pose_programs.correcting import correct_program, is_program, numbers_of
+    from posedesign.pose_programs.correction import box_of
+    from posedesign.pose_programs.correction import correct as run
     from posedesign.report.identification import answer_of_correction, answer_of_program
 
     loaded = Cell.load(cell)
@@ -309,35 +309,25 @@ def correct(
                 name=model,
                 tool=tool,
             )
-        tell(
-            answer_of_program(program),
-            verbose=verbose,
-            first=rehearsed_words(cell, identification),
-            content=program_as_dict(program),
-            as_json=as_json,
-        )
-        return DONE if program.ok else NOT_REACHED
-    with progress("correcting"):
-        done = run(
-            loaded,
-            cell,
-            identification,
-            results,
-            poses=poses,
-            name=model,
-            tool=tool,
-            box=None if box is None else box_of(loaded, box, None),
-            exports=export or (),
-            trust_units=trust_units,
-        )
-    tell(
-        answer_of_correction(done),
-        verbose=verbose,
-        first=rehearsed_words(cell, identification),
-        content=correction_as_dict(done),
-        as_json=as_json,
-    )
-    return DONE if done.ok else NOT_REACHED
+        answer, content, ok = answer_of_program(program), program_as_dict(program), program.ok
+    else:
+        with progress("correcting"):
+            done = run(
+                loaded,
+                cell,
+                identification,
+                results,
+                poses=poses,
+                name=model,
+                tool=tool,
+                box=None if box is None else box_of(loaded, box, None),
+                exports=export or (),
+                trust_units=trust_units,
+            )
+        answer, content, ok = answer_of_correction(done), correction_as_dict(done), done.ok
+    first = rehearsed_words(cell, identification)
+    tell(answer, verbose=verbose, first=first, content=content, as_json=as_json)
+    return DONE if ok else NOT_REACHED
 
 
 def _check_for_nothing(what: str, given: Mapping[str, object]) -> None:
@@ -371,8 +361,8 @@ def predict(
     From the noise of the measurement alone.
     """
     from posedesign.cell import Cell
-    from posedesign.identification.correction import box_of
-    from posedesign.identification.correction import predict as run
+    from posedesign.pose_programs.correction import box_of
+    from posedesign.pose_programs.correction import predict as run
     from posedesign.report.identification import answer_of_prediction
 
     loaded = Cell.load(cell)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from posedesign.acceptance.drift import Recheck
     from posedesign.cell import Cell
-    from posedesign.identification.correction import Correction
     from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
     from posedesign.planning.optimal.outlook import Outlook
     from posedesign.pose_programs import CorrectedProgram
+    from posedesign.pose_programs.correction import Correction
 
 
 def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:

@@ -253,7 +253,7 @@ def say_what_to_know(cell: Cell) -> None:
 
 
 @contextmanager
-def progress(title: str, *, with_time_left: bool = False) -> Iterator[Advance]:
+def progress(title: str, *, with_time_left: bool = False, quiet: bool = False) -> Iterator[Advance]:
     """A progress bar on standard error, if that is a terminal, while something long runs."""
     from rich.console import Console
     from rich.progress import (
@@ -273,7 +273,7 @@ def progress(title: str, *, with_time_left: bool = False) -> Iterator[Advance]:
     )
     console = Console(stderr=True)
     with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
+        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
     ) as bar:
         task = bar.add_task(title, total=1.0)
 

@@ -215,18 +215,12 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
             hint="give a camera.json that was made of one camera and a table of joints of this arm",
         )
     pixel, arm_mm, arm_deg = (3.0 * max(value, 0.0) for value in scatter)
-    measurement = cell.config.measurement.model_copy(
-        update={
-            "board_three_sigma_px": max(pixel, 1e-3),
-            "arm_three_sigma_mm": arm_mm,
-            "arm_three_sigma_deg": arm_deg,
-        }
-    )
+    three = {"arm_three_sigma_mm": arm_mm, "arm_three_sigma_deg": arm_deg}
+    config = cell.config.changed(measurement={"board_three_sigma_px": max(pixel, 1e-3), **three})
     carried: Carried = "board" if fixed else "camera"
     camera = CameraFound(
         read_lens(path), carried, check_transforms(X, names[0]), check_transforms(Z, names[1])
     )
-    config = cell.config.model_copy(update={"measurement": measurement})
     return replace(cell, config=config, camera_found=camera), np.deg2rad(taken)
 
 

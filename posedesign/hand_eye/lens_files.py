@@ -120,9 +120,8 @@ def _own_lens(path: Path, found: Mapping[str, Any]) -> Lens:
     terms = found.get("distortion")
     values = [found.get(key) for key in ("fx", "fy", "cx", "cy")]
     values += list(terms.values()) if isinstance(terms, dict) else []
-    shift = [0.0, 0.0, _HALF, _HALF, *(0.0 for _ in values[4:])]
     size = [found.get("width_px"), found.get("height_px")]
-    return _lens(path, "lens", found.get("model"), values, shift, size)
+    return _lens(path, "lens", found.get("model"), values, size)
 
 
 def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
@@ -142,10 +141,8 @@ def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
         )
     count = len(DISTORTION[model])
     terms = [*terms[:count], *(0.0 for _ in range(count - len(terms)))]
-    values = [K[0], K[4], K[2], K[5], *terms]
-    shift = [0.0, 0.0, _HALF, _HALF, *(0.0 for _ in terms)]
     size = [found.get("image_width"), found.get("image_height")]
-    return _lens(path, "camera_matrix", model, values, shift, size)
+    return _lens(path, "camera_matrix", model, [K[0], K[4], K[2], K[5], *terms], size)
 
 
 def _data_of(matrix: object) -> list[Any]:
@@ -162,7 +159,6 @@ def _lens(
     key: str,
     model: object,
     values: Sequence[object],
-    shift: Sequence[float],
     size: Sequence[object],
 ) -> Lens:
     """A lens of numbers that may be none."""
@@ -177,7 +173,8 @@ def _lens(
         )
     width, height = (int(value) for value in pixels)
     try:
-        return Lens(name, width, height, tuple((given + np.array(shift)).tolist()))
+        given[2:4] += _HALF
+        return Lens(name, width, height, tuple(given.tolist()))
     except InputError as error:
         raise FileFormatError(str(error), path=path, key=key, hint=error.hint) from error
 

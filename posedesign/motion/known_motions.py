@@ -21,9 +21,9 @@ from itertools import islice, pairwise, product
 import numpy as np
 
 from calib.robots import Robot
+from calib.robots.move_times import ACCELERATION_S, moving_time_s
 from calib.se3 import BoolArray, FloatArray
 from posedesign.constraints import Checker, MotionChecker, nearest_postures
-from posedesign.motion.order import ACCELERATION_S, moving_time_s
 
 RETREATS_M = (0.1, 0.2, 0.4)
 """How far the tool is drawn back in a detour, the shortest that helps."""

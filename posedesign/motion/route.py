@@ -17,15 +17,13 @@ import numpy as np
 
 from calib.errors import UnreachableError
 from calib.robots import Robot
+from calib.robots.move_times import ACCELERATION_S, move_times, moving_time_s
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.constraints import Checker, MotionChecker, Retreat
 from posedesign.motion.known_motions import KnownMotions, Leg, find_approaches
 from posedesign.motion.order import (
-    ACCELERATION_S,
     MANY,
     legs_of,
-    move_times,
-    moving_time_s,
     shortest_order,
 )
 

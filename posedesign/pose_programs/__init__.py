@@ -1,4 +1,4 @@
-"""From a plan to the controller's program, and from the touched-up program back to touch-ups."""
+"""From a plan to the controller's program, back to touch-ups, and what corrects the robot then."""
 
 from posedesign.pose_programs.correcting import CorrectedProgram, correct_program
 from posedesign.pose_programs.from_plan import (

@@ -25,7 +25,7 @@ from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, inverse
 from posedesign.cell import Cell
 from posedesign.files import Results, identity_of, rehearsed, write_bytes_atomic
-from posedesign.identification.correction_routes import (
+from posedesign.pose_programs.correction_routes import (
     corrected_tool,
     read_correcting,
     with_described_tool,

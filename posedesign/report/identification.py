@@ -9,15 +9,15 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from posedesign.identification.correction_routes import DESCRIPTION, MASTERING
+from posedesign.pose_programs.correction_routes import DESCRIPTION, MASTERING
 from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult, KindNoise, Trial
     from posedesign.cell.task_box import BoxAccuracy
     from posedesign.identification import Identified
-    from posedesign.identification.correction import Correction
     from posedesign.pose_programs import CorrectedProgram
+    from posedesign.pose_programs.correction import Correction
 
 
 _MOST_LISTED = 5

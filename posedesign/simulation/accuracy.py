@@ -163,15 +163,13 @@ def truths(cell: Cell) -> list[Cell]:
     """
     if not cell.deflects:
         return [cell]
-    rigid = cell.config.truth.model_copy(update={"deflection": False})
-    return [cell, replace(cell, config=cell.config.model_copy(update={"truth": rigid}))]
+    return [cell, replace(cell, config=cell.config.changed(truth={"deflection": False}))]
 
 
 def to_the_widest(cell: Cell) -> Cell:
     """The cell with a threshold that no set reaches: the loop goes on to the widest angles."""
     # 1 is the value of C_G for orthogonal columns
-    section = cell.config.plan.model_copy(update={"condition_threshold": 1.0})
-    return replace(cell, config=cell.config.model_copy(update={"plan": section}))
+    return replace(cell, config=cell.config.changed(plan={"condition_threshold": 1.0}))
 
 
 class _SetStudy:

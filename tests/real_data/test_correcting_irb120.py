@@ -15,7 +15,8 @@ from calib.model import Setup
 from calib.se3 import FloatArray
 from posedesign.cell import Cell, TaskBox
 from posedesign.files import load_json
-from posedesign.identification.correction_routes import (
+from posedesign.identification.file import read_identification
+from posedesign.pose_programs.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
     MASTERING,
@@ -23,7 +24,6 @@ from posedesign.identification.correction_routes import (
     routes_of,
     with_described_tool,
 )
-from posedesign.identification.file import read_identification
 from posedesign.workflow import identify_file
 
 pytestmark = pytest.mark.real_data

@@ -20,8 +20,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.robots import shown_of
+from calib.robots.move_times import ACCELERATION_S, move_times
 from calib.se3 import FloatArray
-from posedesign.motion.order import ACCELERATION_S, move_times
 from posedesign.programs.arm import Arm
 from posedesign.programs.lists import WARNING_LENGTH, check_options, comment_text
 from posedesign.programs.program import PoseProgram
@@ -158,7 +158,7 @@ def point_times_ms(
 ) -> tuple[list[int], int]:
     """Durations of the moves to each of ``(S, n)`` postures [ms], and of standing [ms].
 
-    A move takes the time of :func:`posedesign.motion.order.move_times`, and never so little that a
+    A move takes the time of :func:`calib.robots.move_times.move_times`, and never so little that a
     cubic would be faster than the joint speeds. The first one begins wherever the arm is: it takes
     the time from the farthest that the joint limits allow, or from a half turn away.
 

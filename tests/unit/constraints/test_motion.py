@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calib.robots import Robot
+from calib.robots.move_times import ACCELERATION_S, move_times, moving_time_s
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
 from posedesign.motion import Router
 from posedesign.motion import order as sequence
-from posedesign.motion.order import move_times, moving_time_s, shortest_order
+from posedesign.motion.order import shortest_order
 from posedesign.motion.route import Passing, Route, RouteOptions
 from posedesign.planning import plan
 from tests.blocked import Blocked
@@ -185,8 +186,8 @@ def test_a_detour_takes_longer():
     speeds = 0.1 * Robot.preset("r2000ic165f").speed
     path = np.deg2rad([[0.0] * 6, [40.0, 10, 20, -30, 5, 60]])
     halfway = np.insert(path, 1, path.mean(axis=0), axis=0)
-    times = [moving_time_s(q, speeds, sequence.ACCELERATION_S) for q in (path, halfway)]
-    assert times[1] - times[0] == pytest.approx(sequence.ACCELERATION_S)
+    times = [moving_time_s(q, speeds, ACCELERATION_S) for q in (path, halfway)]
+    assert times[1] - times[0] == pytest.approx(ACCELERATION_S)
 
 
 FREE = MotionChecker((), np.inf)

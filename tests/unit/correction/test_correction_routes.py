@@ -16,8 +16,12 @@ from posedesign.cell import Cell, TaskBox
 from posedesign.cell.arm_errors import robot_blocks
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
-from posedesign.identification.correction import correct
-from posedesign.identification.correction_routes import (
+from posedesign.identification.file import IdentifiedModel
+from posedesign.identification.measurement_set_up import set_up_blocks
+from posedesign.identification.models import kinds_of, model_of
+from posedesign.planning.poses_file import read_poses
+from posedesign.pose_programs.correction import correct
+from posedesign.pose_programs.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
     DRAWN,
@@ -28,10 +32,6 @@ from posedesign.identification.correction_routes import (
     postures_of_box,
     routes_of,
 )
-from posedesign.identification.file import IdentifiedModel
-from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of, model_of
-from posedesign.planning.poses_file import read_poses
 
 CELL = """
 [robot]

@@ -14,8 +14,8 @@ from calib.model.parameters import LinkGeometry, TargetPoints, ToolPoint, ZeroOf
 from calib.robots import preset_names
 from calib.se3 import rotation_from_wpr
 from posedesign.files.csv_tables import read_rows
-from posedesign.identification.correction import mastering
-from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
+from posedesign.pose_programs.correction import mastering
+from posedesign.pose_programs.exports import EXPORTS, find_exports, zeroing_words
 from tests.arms import DESCRIPTIONS, robot_of
 
 TABLES = ["dh", "dh-modified", "dh-hayati"]

@@ -10,7 +10,7 @@ from calib.model.measurements import TouchUp
 from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import POSITIVE_AXES, preset_info, preset_names
 from calib.robots.controller import Coupling
-from posedesign.identification.correction import mastering
+from posedesign.pose_programs.correction import mastering
 from tests.arms import DESCRIPTIONS, robot_of
 
 

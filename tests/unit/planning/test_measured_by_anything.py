@@ -20,7 +20,6 @@ from posedesign.candidates import (
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.files.measurements import read_measurements
-from posedesign.identification.correction import predict
 from posedesign.identification.instruments import read_measured
 from posedesign.planning import plan
 from posedesign.planning.checks import check_poses, score_poses
@@ -28,6 +27,7 @@ from posedesign.planning.optimal import OptimalPlan, Request, plan_next, plan_op
 from posedesign.planning.optimal.sequential import BEFORE_MEASURING
 from posedesign.planning.poses_file import PoseList, read_poses, write_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.pose_programs.correction import predict
 from posedesign.pose_programs.recording import Recording
 from posedesign.report.plots import figure_of_plan, plot
 from posedesign.report.tour import Tour

@@ -16,13 +16,13 @@ import pytest
 
 from calib.errors import FileFormatError, InputError, UnreachableError
 from calib.geometry.ways import WAY_TOLERANCE_M
+from calib.robots.move_times import ACCELERATION_S, moving_time_s
 from calib.se3 import FloatArray, rotation_angle
 from calib.vision.touch_up import follow
 from posedesign.candidates import candidates_of
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
 from posedesign.cell.surroundings import NOT_TOUCHING_M
-from posedesign.motion.order import ACCELERATION_S, moving_time_s
 from posedesign.motion.route import Passing, Route
 from posedesign.planning import PoseList, PosePlan, plan
 from posedesign.planning.checks import check_poses

@@ -11,7 +11,7 @@
 =======================  ========================================================================
 
 Each says for which task box its values are the best, and what error to expect with it: see
-:mod:`posedesign.identification.correction_routes`.
+:mod:`posedesign.pose_programs.correction_routes`.
 
 Zero offsets as a controller wants them: in its own signs, with its own coupling of joints.
 
@@ -48,7 +48,12 @@ from posedesign.files import Results, rehearsed, write_bytes_atomic, write_text_
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.files.postures import joint_columns, pendant_columns
-from posedesign.identification.correction_routes import (
+from posedesign.identification.file import IdentifiedModel, read_identification
+from posedesign.identification.models import candidates, model_of
+from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
+from posedesign.planning.pose_plan import PoseStatus
+from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
+from posedesign.pose_programs.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
     FILES,
@@ -59,12 +64,7 @@ from posedesign.identification.correction_routes import (
     read_correcting,
     routes_of,
 )
-from posedesign.identification.exports import EXPORTS, find_exports, zeroing_words
-from posedesign.identification.file import IdentifiedModel, read_identification
-from posedesign.identification.models import candidates, model_of
-from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
-from posedesign.planning.pose_plan import PoseStatus
-from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
+from posedesign.pose_programs.exports import EXPORTS, find_exports, zeroing_words
 
 CORRECTION = tuple(
     (FILES[route], what)
@@ -153,12 +153,12 @@ def correct(
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
 
     ``cell_file``: where it was read from: its robot's URDF is named relative to it.
-    ``identification``: an ``identification.json``. ``poses``: A ``poses.csv``. ``name``: of a model
+    ``identification``: an ``identification.json``. ``poses``: a ``poses.csv``. ``name``: of a model
     whose values are used as they are. By default they are the best ones for each way, by the
     reference of the identification. ``tool``: which tool point of the identification is that of the
     cell. ``box``: where the arm works; that of the cell by default. ``exports``: other forms of the
     corrected description that are wanted, keys of
-    :data:`posedesign.identification.exports.EXPORTS`. ``trust_units``: see
+    :data:`posedesign.pose_programs.exports.EXPORTS`. ``trust_units``: see
     :func:`posedesign.planning.poses_file.read_poses`. Raises FileFormatError: a file that cannot be
     used. InputError: a model that says nothing of the arm, a tool that the identification does not
     have. UnreachableError: no point of the box can be reached.

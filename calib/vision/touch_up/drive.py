@@ -351,15 +351,7 @@ def check_shown(
         or _of_one(asked[worst], shown[worst], within_rad)
         or _on_its_way(asked[worst], shown[worst], None if before is None else before[worst])
     )
-    value, bound = np.rad2deg([shown[worst], asked[worst]]).tolist()
-    raise InputError(
-        f"{robot.joint_names[worst]} is shown at {_deg(value)} deg {event} {bound:.2f} deg: "
-        f"{reason}",
-        hint=hint,
-        name=robot.joint_names[worst],
-        value=value,
-        bound=bound,
-    )
+    raise _misplaced(robot, worst, asked, shown, event, reason, hint)
 
 
 def check_first(
@@ -389,16 +381,26 @@ def check_first(
         turned = np.rad2deg(abs(asked[worst] - shown[worst]))
         reason = f"the first move would turn it by {turned:.0f} deg, 180 deg allowed"
     if reason:
-        value, bound = np.rad2deg([shown[worst], asked[worst]]).tolist()
-        raise InputError(
-            f"{robot.joint_names[worst]} is shown at {_deg(value)} deg before the first move, to "
-            f"{bound:.2f} deg: {reason}",
-            hint="nothing was commanded: jog the arm to the base posture, and compare what "
-            "joints() gives with the pendant",
-            name=robot.joint_names[worst],
-            value=value,
-            bound=bound,
+        hint = (
+            "nothing was commanded: jog the arm to the base posture, and compare what joints() "
+            "gives with the pendant"
         )
+        raise _misplaced(robot, worst, asked, shown, "before the first move, to", reason, hint)
+
+
+def _misplaced(
+    robot: Robot,
+    joint: int,
+    asked: FloatArray,
+    shown: FloatArray,
+    event: str,
+    reason: str,
+    hint: str,
+) -> InputError:
+    """The error of a joint that is not shown where it should be."""
+    name, (value, bound) = robot.joint_names[joint], np.rad2deg([shown[joint], asked[joint]])
+    said = f"{name} is shown at {_deg(value)} deg {event} {bound:.2f} deg: {reason}"
+    return InputError(said, hint=hint, name=name, value=float(value), bound=float(bound))
 
 
 def _taken_for(

@@ -43,8 +43,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
+from calib.identification.result import SIZES
 from calib.model import CalibrationModel, Setup
-from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
 TURNED_BASE = (
@@ -152,18 +152,6 @@ ALIKE = 0.01
 """Part of the expected square by which values may be worse than the very best ones, where that
 brings them nearer to the values as identified: over a small box different sets of values do nearly
 the same, and some of them lie far off."""
-
-NATURAL: dict[Unit, float] = {
-    "m": 1e-3,
-    "rad": 1e-3,
-    "rad/Nm": 1e-6,
-    "rad/rad": 1e-3,
-    "px": 1.0,
-    "1": 1e-2,
-    "s": 1e-3,
-}
-"""Changes of parameters that count as equally far: each moves the tool of a large arm by about a
-millimetre."""
 
 _STEPS = 30
 _STILL = 1e-6
@@ -281,7 +269,7 @@ class Expectation:
         free : array (p,) of bool
             Which of them may take up what others would have to carry.
         """
-        size = np.array([NATURAL[unit] for unit in model.units])[free]
+        size = np.array([SIZES[unit].natural for unit in model.units])[free]
         start = part_of(self.model, self.x, self.covariance, model)
         taken = _shared(self.model, model)
         x = best = start.x

@@ -175,11 +175,7 @@ def covariance_at(
 ) -> FloatArray:
     """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
 
-    Parameters
-    ----------
-    x : array (p,)
-    noise : array (K,), optional
-        What the noise of each kind really is, over the one that the estimate is weighed by.
+    ``noise`` ``(K,)`` is what that of each kind really is, over the one that rows are weighed by.
     """
     model = linear.model
     white = triangle(linear.stacked(x)[1])
@@ -295,20 +291,12 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """A model without the parameters that measurements cannot tell.
-
-    Attributes
-    ----------
-    kept : tuple of str
-        Names of all parameters of the model.
-    merged : tuple of str
-        For each left out, in words, what it shows up in.
-    """
+    """A model without the parameters that measurements cannot tell."""
 
     model: CalibrationModel
-    kept: tuple[str, ...]
+    kept: tuple[str, ...]  # names of all parameters of the model
     left_out: tuple[str, ...]
-    merged: tuple[str, ...]
+    merged: tuple[str, ...]  # for each left out, in words, what it shows up in
 
 
 def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = None) -> Reduction:
@@ -317,14 +305,7 @@ def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = N
     At the nominal arm, where axes that are meant to be parallel are: the set does not hang on
     noise. The set-up comes first, then the blocks as the model lists them, so that a shift along
     parallel axes stays with the first of them, and a turn about a joint axis with the zero offset
-    where that is free.
-
-    Parameters
-    ----------
-    data : Measurements
-        One set, postures ``(N, n)``.
-    x : array (p,), optional
-        Where to look; the first guess by default.
+    where that is free. Looked for at parameters ``(p,)``, the first guess by default.
     """
     guess = first_guess(model, data) if x is None else x
     found = _reduced(model, data, guess)

@@ -199,15 +199,7 @@ class ErrorToExpect:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """Values of an arm's parameters and what they are uncertain by, as of a correction.
-
-    Attributes
-    ----------
-    x : array (p,)
-        [SI]
-    covariance : array (p, p)
-        [SI]; of a correction, from that of what was identified.
-    """
+    """Values of an arm's parameters ``(p,)`` [SI] and their covariance, as of a correction."""
 
     model: CalibrationModel
     x: FloatArray
@@ -404,13 +396,7 @@ class Posterior(Carried):
 
 
 class DrawnArms:
-    """Arms drawn from what is known of the true one: what errors models have by it.
-
-    Parameters
-    ----------
-    kinds : sequence of Posterior
-        With probabilities that add up to one.
-    """
+    """Arms drawn from what is known of the true one: what errors models have by it."""
 
     def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:
         self.workplace = workplace

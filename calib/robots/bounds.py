@@ -162,26 +162,11 @@ def every_turn(
 def turned_inside(
     postures: FloatArray, pose: IntArray, bounds: Bounds, near: FloatArray, every: bool
 ) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Postures with their full turns chosen: the nearest to a reference, or every one.
+    """Postures ``(S, n)`` with full turns chosen, the nearest to a reference or ``every`` one.
 
-    Parameters
-    ----------
-    postures : array (S, n)
-        [rad]
-    pose : array (S,)
-        Pose that each takes, in ascending order.
-    near : array (n,)
-        [rad]
-    every : bool
-        All combinations of turns inside the bounds, not only the nearest.
-
-    Returns
-    -------
-    postures : array (K, n)
-    pose : array (K,)
-    inside : array (K,) of bool
-        An arm position of which no turn is inside is given once, in the turn that breaks the
-        joints' own limits least.
+    Of poses ``(S,)`` in ascending order: postures ``(K, n)``, their poses ``(K,)``, and which are
+    inside ``(K,)``. An arm position of which no turn is inside is given once, in the turn that
+    breaks the joints' own limits least.
     """
     picked, inside = nearest_turns(postures, bounds.lower, bounds.upper, near)
     if bounds.coupled:

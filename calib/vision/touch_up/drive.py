@@ -40,19 +40,8 @@ def follow(
 ) -> tuple[FloatArray, BoolArray]:
     """Postures next to ``(S, n)`` [rad] that bring the nominal tip to poses ``(S, 4, 4)``.
 
-    As a controller runs a short straight move: the arm does not change its configuration.
-
-    Parameters
-    ----------
-    one : OnePosture, optional
-        The same robot, for calls with one posture; made where it is not given.
-
-    Returns
-    -------
-    q : array (S, n)
-        [rad]
-    found : array (S,) of bool
-        False where the joint limits or a singularity are in the way.
+    As a controller runs a short straight move: the arm does not change its configuration. And which
+    were found ``(S,)``: not where joint limits or a singularity are in the way.
     """
     if len(q) == 1:
         one = OnePosture(robot) if one is None else one

@@ -68,13 +68,7 @@ class NoSetUp:
 
 
 class Refused(Exception):
-    """Ends the first step from within: its outcome is no error, and callers never see this.
-
-    Parameters
-    ----------
-    reason, hint : str
-        Of the :class:`NoSetUp` that comes of it.
-    """
+    """Ends the first step from within: its outcome is no error, and callers never see this."""
 
     def __init__(self, reason: str, hint: str) -> None:
         super().__init__(reason)

@@ -95,11 +95,8 @@ def nearest_turns(
 ) -> tuple[FloatArray, BoolArray]:
     """Shift joints of ``(S, n)`` by full turns into limits, as near to a reference as they allow.
 
-    Returns
-    -------
-    postures : array (S, n)
-        The same arm positions. Where no turn of a joint fits, the one that breaks its limit least.
-    inside : array (S,) of bool
+    And which are inside ``(S,)``. Where no turn of a joint fits, it is in the one that breaks its
+    limit least.
     """
     lowest, highest = _turns(postures, lower, upper)
     wanted = np.rint((near - postures) * (1.0 / TURN))
@@ -129,13 +126,8 @@ def every_turn(
 ) -> tuple[FloatArray, IntArray]:
     """All combinations of full turns of postures ``(S, n)`` [rad] that lie inside limits ``(n,)``.
 
-    Returns
-    -------
-    postures : array (K, n)
-        Those of row 0 first, from the lowest turns up, the last joint the quickest. None for a
-        row that does not fit.
-    source : array (K,)
-        Row that each comes from.
+    And the row ``(K,)`` that each comes from: those of row 0 first, from the lowest turns up, the
+    last joint the quickest. None for a row that does not fit.
     """
     lowest, highest = _turns(postures, lower, upper)
     count = np.maximum(highest - lowest + 1.0, 0.0)

@@ -32,13 +32,7 @@ Carried = Literal["camera", "board"]
 
 @dataclass(frozen=True, eq=False)
 class BoardShape:
-    """Points of a board in its own frame, and how errors of its print move them.
-
-    Attributes
-    ----------
-    points : array (K, 3)
-        [m]
-    """
+    """Points ``(K, 3)`` [m] of a board in its own frame, and how errors of its print move them."""
 
     points: FloatArray
 

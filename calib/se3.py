@@ -224,11 +224,11 @@ def rotation_angle(rotation: ArrayLike) -> FloatArray:
 
 
 def frame_about(axis: FloatArray) -> FloatArray:
-    """A rotation ``(3, 3)`` whose third column is a unit vector ``(3,)``."""
-    x = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    x = x - axis * (axis @ x)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
+    """Rotations ``(..., 3, 3)`` whose third columns are unit vectors ``(..., 3)``."""
+    x = _IDENTITY[np.abs(axis).argmin(axis=-1)]
+    x = x - axis * (axis * x).sum(axis=-1, keepdims=True)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
 
 
 def project_to_rotation(matrix: ArrayLike) -> FloatArray:

@@ -74,16 +74,11 @@ class CorrectedRobot:
 
 
 def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
-    """The robot of a calibration model at identified parameters, as far as a chain can hold it.
+    """The robot of a model at identified parameters ``(p,)`` [SI], as far as a chain can hold it.
 
     The tip is that of the description: where the tool sits on it, and where the targets are, are
     no matter of the robot. What the set-up absorbs (the zero offset of joint 1, by targets that
     are not surveyed) stays as described.
-
-    Parameters
-    ----------
-    x : array_like (p,)
-        Identified parameters [SI].
     """
     values = check_values(model, x)
     robot = model.robot

@@ -136,21 +136,9 @@ def polytope_vertices(mesh: Mesh) -> FloatArray:
 
 
 def reach(solid: Solid, hull: FloatArray | None, direction: FloatArray) -> FloatArray:
-    """How far a solid reaches in unit directions (its support function), exactly.
+    """How far a solid reaches in unit directions ``(..., 3)``, its support function: ``(...)`` [m].
 
-    Parameters
-    ----------
-    solid : Solid
-        Not a half-space.
-    hull : array (K, 3), optional
-        :func:`hull_vertices` of a mesh.
-    direction : array (..., 3)
-        In the axes of the solid.
-
-    Returns
-    -------
-    array (...)
-        Largest product of a point of the solid and the direction [m].
+    Exactly; of all but half-spaces, a mesh by its :func:`hull_vertices` where these are known.
     """
     if isinstance(solid, Cylinder):
         along = direction[..., 2]

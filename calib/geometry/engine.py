@@ -28,7 +28,7 @@ from calib.geometry.enclosure import (
 from calib.geometry.rays import box_box_bound, contains, segment_segment
 from calib.robots import ChainState
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray, frame_about
 
 CONTACT_M = 1e-6
 """Bodies that are this near touch: coal's distances are not better. Contact is never room: it
@@ -465,10 +465,7 @@ def _meets(solid: coal.CollisionGeometry, start: FloatArray, end: FloatArray) ->
     way = end - start
     length = np.linalg.norm(way, axis=-1)
     z = np.where(length[:, None] > 0.0, way, [0.0, 0.0, 1.0])
-    z /= np.linalg.norm(z, axis=-1, keepdims=True)
-    x = np.cross(z, np.eye(3)[np.abs(z).argmin(axis=-1)])
-    x /= np.linalg.norm(x, axis=-1, keepdims=True)
-    rotations = np.stack([x, np.cross(z, x), z], axis=-1)
+    rotations = frame_about(z / np.linalg.norm(z, axis=-1, keepdims=True))
     middles = (start + end) / 2.0
     here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
     request, result = coal.CollisionRequest(), coal.CollisionResult()

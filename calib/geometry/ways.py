@@ -66,15 +66,7 @@ class Ways:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """Which lines of sight are free.
-
-    Attributes
-    ----------
-    clear : array (S,) of bool
-    blocker : array (S,) of int
-        The first body, a row of :attr:`~calib.geometry.scene.Scene.bodies`, that stands in the
-        way; -1: none.
-    """
+    """Which lines of sight are free ``(S,)``, and the first body of the scene in the way, or -1."""
 
     clear: BoolArray
     blocker: IntArray

@@ -33,24 +33,10 @@ def rows_near(times_s: FloatArray, at_s: float) -> IntArray:
 def motion_at(
     times_s: FloatArray, postures: FloatArray, at_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Joints, and how they move, out of a record of them.
+    """Joints ``(N, n)``, and how they move ``(N, 2, n)`` [rad/s, rad/s²], at times of a record.
 
-    By the cubic of least squares through the nearest rows.
-
-    Parameters
-    ----------
-    times_s : array (M,)
-        Of the rows of the record, rising.
-    postures : array (M, n)
-        [rad]
-    at_s : array (N,)
-        Within the record.
-
-    Returns
-    -------
-    postures : array (N, n)
-    motion : array (N, 2, n)
-        Velocity [rad/s] and acceleration [rad/s²].
+    The record has postures ``(M, n)`` [rad] at rising times ``(M,)``. By the cubic of least squares
+    through the nearest rows.
 
     Raises
     ------

@@ -31,22 +31,11 @@ def seen_point_motion(
     points: FloatArray,
     camera: str = "camera",
 ) -> FloatArray:
-    """How points that a camera sees move with the parameters, ``(K, 3, p)`` [m per unit].
+    """How points ``(K, 3)`` that a camera sees move with the parameters, ``(K, 3, p)`` [m each].
 
     Seen from the flange (eye-in-hand) or from the base: with the frame of the camera, and with the
-    lens, the pixel and the depth as they are.
-
-    Parameters
-    ----------
-    x : array (p,)
-    frame : str
-        Label of the frame of the camera.
-    lens : Lens
-        At these values.
-    points : array (K, 3)
-        In the frame of the camera [m].
-    camera : str
-        Name of the camera that the lens is of.
+    lens, at these values, the pixel and the depth as they are. The frame of the camera and the
+    camera that the lens is of are told by their labels.
     """
     motion = np.zeros((len(points), 3, model.p))
     for k in np.flatnonzero([f".{frame}." in f".{name}" for name in model.names]).tolist():

@@ -25,19 +25,8 @@ def leave_one_out(
 
     In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
     group. Exact where the model is linear, and calibrations are nearly so at their solution. A
-    group without which the parameters cannot be identified gives NaN.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        Of one set, at its solution.
-    x : array (p,)
-        The solution.
-    groups : array (N,)
-        Index of the group that each measurement belongs to: those of one pose are left out
-        together.
-    weighted : bool
-        As in the fit.
+    group without which the parameters cannot be identified gives NaN. Groups are told by the index
+    ``(N,)`` of each measurement: those of one pose are left out together.
     """
     rows, J = linear.stacked(x, weighted=weighted)
     (count, m), p = linear.rows.shape, J.shape[1]

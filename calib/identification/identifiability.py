@@ -8,31 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError
-from calib.identification.result import DISPLAY
+from calib.identification.result import SIZES
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Linearisation, Setup, touch
 from calib.model.measurements import Measurements
-from calib.model.parameters import LinkGeometry, Part, Unit
+from calib.model.parameters import LinkGeometry, Part
 from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts.
 Analytic Jacobians leave about 1e-15 where a direction is invisible, and the worst measuring sets
 met in practice stay above 1e-6."""
-
-LARGEST_SIGMA: dict[Unit, float] = {
-    "rad": 0.2,
-    "m": 0.2,
-    "rad/Nm": 1e-3,
-    "rad/rad": 0.2,
-    "m/m": 0.2,
-    "px": 500.0,
-    "1": 10.0,
-    "s": 1.0,
-}
-"""Standard deviations beyond which a number says nothing: a fifth of a radian or of a metre is
-farther than the linear model, and any arm that is switched on, reaches."""
 
 _SHARE = 0.02
 """Parameters whose weight in an invisible combination is below this are not named in it."""
@@ -128,9 +115,9 @@ def check_believable(model: CalibrationModel, sigma: FloatArray) -> None:
     What is known beforehand is known whatever was measured.
     """
     hopeless = [
-        (name, f"{name} stays uncertain by {s * DISPLAY[unit][1]:.3g} {DISPLAY[unit][0]}")
+        (name, f"{name} stays uncertain by {s * SIZES[unit].factor:.3g} {SIZES[unit].shown}")
         for name, unit, s, prior in zip(model.names, model.units, sigma, model.prior, strict=True)
-        if not (s <= LARGEST_SIGMA[unit] or np.isfinite(prior))
+        if not (s <= SIZES[unit].largest_sigma or np.isfinite(prior))
     ]
     if hopeless:
         raise NotIdentifiableError(
@@ -188,11 +175,7 @@ def covariance_at(
 ) -> FloatArray:
     """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
 
-    Parameters
-    ----------
-    x : array (p,)
-    noise : array (K,), optional
-        What the noise of each kind really is, over the one that the estimate is weighed by.
+    ``noise`` ``(K,)`` is what that of each kind really is, over the one that rows are weighed by.
     """
     model = linear.model
     white = triangle(linear.stacked(x)[1])
@@ -306,38 +289,14 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     return model.linearise(q, x, setup).stacked(x)[1]
 
 
-WORTH_HAVING: dict[Unit, float] = {
-    "m": 5e-3,
-    "rad": 1e-2,
-    "rad/Nm": 1e-4,
-    "rad/rad": 1e-2,
-    "m/m": 1e-2,
-    "px": 100.0,
-    "1": 1.0,
-    "s": 0.1,
-}
-"""Standard deviation, all parameters taken in before being free as well, beyond which a parameter
-is left out: what an arm is built to is well inside, so nothing would be learnt. It is also what
-makes axes parallel that are so but for the rounding of a description: a column that differs by
-1e-5 only shows a parameter with an uncertainty of metres."""
-
-
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """A model without the parameters that measurements cannot tell.
-
-    Attributes
-    ----------
-    kept : tuple of str
-        Names of all parameters of the model.
-    merged : tuple of str
-        For each left out, in words, what it shows up in.
-    """
+    """A model without the parameters that measurements cannot tell."""
 
     model: CalibrationModel
-    kept: tuple[str, ...]
+    kept: tuple[str, ...]  # names of all parameters of the model
     left_out: tuple[str, ...]
-    merged: tuple[str, ...]
+    merged: tuple[str, ...]  # for each left out, in words, what it shows up in
 
 
 def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = None) -> Reduction:
@@ -346,14 +305,7 @@ def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = N
     At the nominal arm, where axes that are meant to be parallel are: the set does not hang on
     noise. The set-up comes first, then the blocks as the model lists them, so that a shift along
     parallel axes stays with the first of them, and a turn about a joint axis with the zero offset
-    where that is free.
-
-    Parameters
-    ----------
-    data : Measurements
-        One set, postures ``(N, n)``.
-    x : array (p,), optional
-        Where to look; the first guess by default.
+    where that is free. Looked for at parameters ``(p,)``, the first guess by default.
     """
     guess = first_guess(model, data) if x is None else x
     found = _reduced(model, data, guess)
@@ -370,7 +322,7 @@ def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = N
 
 def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> Reduction:
     root = clean_root(model, data, guess)
-    least = np.array([1.0 / WORTH_HAVING[unit] for unit in model.units])
+    least = np.array([1.0 / SIZES[unit].worth_having for unit in model.units])
     least[model.nuisance] = 0.0  # the set-up has to be free
     found = sort_out(root, model.names, first=model.nuisance, least=least)
     pairs = zip(found.left_out, found.why, strict=True)

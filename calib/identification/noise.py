@@ -23,7 +23,7 @@ import numpy as np
 from calib.chance import chi2_quantile
 from calib.errors import InputError
 from calib.identification.least_squares import orthonormal
-from calib.model import CalibrationModel, Linearisation
+from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -59,16 +59,10 @@ def _squares(model: CalibrationModel, data: Measurements, x: FloatArray) -> Floa
 
 
 def redundancy(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    linear: Linearisation | None = None,
+    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
-    if linear is None:
-        linear = model.linearise_at(data, x)
-    linear = linear.weighed(weights)
+    linear = model.linearise_at(data, x).weighed(weights)
     rows = linear.white_rows
     Q = orthonormal(linear.stacked(x)[1])[: rows.size]
     free = 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
@@ -80,26 +74,18 @@ def noise_scales(
     data: Measurements,
     x: FloatArray,
     weights: FloatArray,
-    linear: Linearisation | None = None,
     *,
     needed: bool = False,
 ) -> list[FloatArray]:
     """What the residuals of each kind are over its noise, ``(m,)`` each; redundancy considered.
 
     1 for a kind that nothing is measured with, or whose every measurement is needed. Where the
-    noise is estimated, not so little that it would be below :data:`LEAST_NOISE`.
+    noise is estimated, not so little that it would be below :data:`LEAST_NOISE`. Weights ``(N,)``
+    are such that the weighted squares of Gaussian residuals are as large as the squares.
 
-    Parameters
-    ----------
-    x : array (p,)
-    weights : array (N,)
-        Such that the weighted squares of Gaussian residuals are as large as the squares.
-    linear : Linearisation, optional
-        At x, where it is there already.
-    needed : bool
-        Refuse kinds of unknown noise that do not show it.
+    Kinds of unknown noise that do not show it are refused where it is ``needed``.
     """
-    rows, free = redundancy(model, data, x, weights, linear)
+    rows, free = redundancy(model, data, x, weights)
     scales = []
     for k, kind in enumerate(model.measurements):
         own = (data.setup.kind == k) & (weights > 0)

@@ -43,8 +43,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
+from calib.identification.result import SIZES
 from calib.model import CalibrationModel, Setup
-from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
 TURNED_BASE = (
@@ -153,19 +153,6 @@ ALIKE = 0.01
 brings them nearer to the values as identified: over a small box different sets of values do nearly
 the same, and some of them lie far off."""
 
-NATURAL: dict[Unit, float] = {
-    "m": 1e-3,
-    "rad": 1e-3,
-    "rad/Nm": 1e-6,
-    "rad/rad": 1e-3,
-    "m/m": 1e-3,
-    "px": 1.0,
-    "1": 1e-2,
-    "s": 1e-3,
-}
-"""Changes of parameters that count as equally far: each moves the tool of a large arm by about a
-millimetre."""
-
 _STEPS = 30
 _STILL = 1e-6
 """Gain of a step, relative to what is lost, at which the iteration ends."""
@@ -212,15 +199,7 @@ class ErrorToExpect:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """Values of an arm's parameters and what they are uncertain by, as of a correction.
-
-    Attributes
-    ----------
-    x : array (p,)
-        [SI]
-    covariance : array (p, p)
-        [SI]; of a correction, from that of what was identified.
-    """
+    """Values of an arm's parameters ``(p,)`` [SI] and their covariance, as of a correction."""
 
     model: CalibrationModel
     x: FloatArray
@@ -282,7 +261,7 @@ class Expectation:
         free : array (p,) of bool
             Which of them may take up what others would have to carry.
         """
-        size = np.array([NATURAL[unit] for unit in model.units])[free]
+        size = np.array([SIZES[unit].natural for unit in model.units])[free]
         start = part_of(self.model, self.x, self.covariance, model)
         taken = _shared(self.model, model)
         x = best = start.x
@@ -417,13 +396,7 @@ class Posterior(Carried):
 
 
 class DrawnArms:
-    """Arms drawn from what is known of the true one: what errors models have by it.
-
-    Parameters
-    ----------
-    kinds : sequence of Posterior
-        With probabilities that add up to one.
-    """
+    """Arms drawn from what is known of the true one: what errors models have by it."""
 
     def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:
         self.workplace = workplace

@@ -12,16 +12,49 @@ from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray
 from calib.shown import Shown
 
-DISPLAY: dict[Unit, tuple[str, float]] = {
-    "rad": ("deg", 180.0 / np.pi),
-    "m": ("mm", 1e3),
-    "rad/Nm": ("urad/Nm", 1e6),
-    "rad/rad": ("mrad/rad", 1e3),
-    "m/m": ("mm/m", 1e3),
-    "px": ("px", 1.0),
-    "1": ("", 1.0),
-    "s": ("ms", 1e3),
+
+class Sizes(NamedTuple):
+    """What is large and small for parameters of one unit [SI].
+
+    Attributes
+    ----------
+    shown, factor : str, float
+        Unit in which people read it, and the factor to that from SI.
+    difference : float
+        The Δp of Eq. 5 of [Watanabe2006]_: balances truncation against rounding for arms of a few
+        metres, and of torques of some thousand Nm.
+    largest_sigma : float
+        Standard deviation beyond which a number says nothing: a fifth of a radian or of a metre is
+        farther than the linear model, and any arm that is switched on, reaches.
+    worth_having : float
+        Standard deviation, all parameters taken in before being free as well, beyond which a
+        parameter is left out: what an arm is built to is well inside, so nothing would be learnt.
+        It is also what makes axes parallel that are so but for the rounding of a description: a
+        column that differs by 1e-5 only shows a parameter with an uncertainty of metres.
+    natural : float
+        Changes that count as equally far: each moves the tool of a large arm by about a millimetre.
+    """
+
+    shown: str
+    factor: float
+    difference: float
+    largest_sigma: float
+    worth_having: float
+    natural: float
+
+
+SIZES: dict[Unit, Sizes] = {
+    "rad": Sizes("deg", 180.0 / np.pi, 1e-6, 0.2, 1e-2, 1e-3),
+    "m": Sizes("mm", 1e3, 1e-6, 0.2, 5e-3, 1e-3),
+    "rad/Nm": Sizes("urad/Nm", 1e6, 1e-9, 1e-3, 1e-4, 1e-6),
+    "rad/rad": Sizes("mrad/rad", 1e3, 1e-6, 0.2, 1e-2, 1e-3),
+    "m/m": Sizes("mm/m", 1e3, 1e-6, 0.2, 1e-2, 1e-3),
+    "px": Sizes("px", 1.0, 1e-3, 500.0, 100.0, 1.0),
+    "1": Sizes("", 1.0, 1e-6, 10.0, 1.0, 1e-2),
+    "s": Sizes("ms", 1e3, 1e-6, 1.0, 0.1, 1e-3),
 }
+
+DISPLAY = {unit: (sizes.shown, sizes.factor) for unit, sizes in SIZES.items()}
 """Unit in which people read a parameter, and the factor from SI to it."""
 
 CONFIDENCE = 0.95

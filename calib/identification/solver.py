@@ -24,28 +24,14 @@ from calib.identification.identifiability import (
 from calib.identification.least_squares import ITERATIONS, STEP_TOLERANCE, minimise
 from calib.identification.noise import Loss
 from calib.identification.report import make_result
-from calib.identification.result import IdentificationResult
+from calib.identification.result import SIZES, IdentificationResult
 from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
-from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
-
-FINITE_DIFFERENCE: dict[Unit, float] = {
-    "rad": 1e-6,
-    "m": 1e-6,
-    "rad/Nm": 1e-9,
-    "rad/rad": 1e-6,
-    "m/m": 1e-6,
-    "px": 1e-3,
-    "1": 1e-6,
-    "s": 1e-6,
-}
-"""The Δp of Eq. 5: balances truncation against rounding for arms of a few metres, and of torques
-of some thousand Nm."""
 
 
 def identify(
@@ -137,7 +123,7 @@ def _newton_raphson(
     model: CalibrationModel, data: Measurements, x: FloatArray, weighted: bool
 ) -> tuple[FloatArray, int]:
     """Full steps with Eq. 5's differences until the predictions stand still."""
-    sizes = np.array([FINITE_DIFFERENCE[unit] for unit in model.units])
+    sizes = np.array([SIZES[unit].difference for unit in model.units])
     change = np.inf
     for iteration in range(1, ITERATIONS + 1):
         # of the rows as they are squared: the axes of their noise turn with the parameters, too
@@ -161,7 +147,7 @@ def finite_difference_jacobian(
     model: CalibrationModel, q: FloatArray, x: FloatArray, setup: Setup | None = None
 ) -> FloatArray:
     """Eq. 5 of [Watanabe2006]_ as printed: forward differences, ``(N, m, p)``."""
-    step = np.array([FINITE_DIFFERENCE[unit] for unit in model.units])
+    step = np.array([SIZES[unit].difference for unit in model.units])
     here = model.predict(q, x, setup)
     moved = model.linearise(q[None], x + np.diag(step), setup, here)  # residuals: what has moved
     return np.moveaxis(moved.rows / step[:, None, None], 0, -1)

@@ -331,14 +331,9 @@ class CalibrationModel:
         setup: Setup | None = None,
         observed: FloatArray | None = None,
     ) -> Linearisation:
-        """Residuals and their derivative at parameters.
+        """Residuals and their derivative at parameters; for these see :meth:`predict`.
 
-        Parameters
-        ----------
-        q, x, setup
-            See :meth:`predict`.
-        observed : array (..., N, m), optional
-            What was read. Without it residuals are predictions, and rows of rotations zero.
+        Without readings ``(..., N, m)`` residuals are predictions, and rows of rotations zero.
         """
         view, values = self._view(q, x, setup)
         twist_rows = 6 if any(kind.sees_rotation for kind in self.measurements) else 3

@@ -103,11 +103,8 @@ def nearest_turns(
 ) -> tuple[FloatArray, BoolArray]:
     """Shift joints of ``(S, n)`` by full turns into limits, as near to a reference as they allow.
 
-    Returns
-    -------
-    postures : array (S, n)
-        The same arm positions. Where no turn of a joint fits, the one that breaks its limit least.
-    inside : array (S,) of bool
+    And which are inside ``(S,)``. Where no turn of a joint fits, it is in the one that breaks its
+    limit least.
     """
     lowest, highest = _turns(postures, lower, upper)
     wanted = np.rint((near - postures) * (1.0 / TURN))
@@ -137,13 +134,8 @@ def every_turn(
 ) -> tuple[FloatArray, IntArray]:
     """All combinations of full turns of postures ``(S, n)`` [rad] that lie inside limits ``(n,)``.
 
-    Returns
-    -------
-    postures : array (K, n)
-        Those of row 0 first, from the lowest turns up, the last joint the quickest. None for a
-        row that does not fit.
-    source : array (K,)
-        Row that each comes from.
+    And the row ``(K,)`` that each comes from: those of row 0 first, from the lowest turns up, the
+    last joint the quickest. None for a row that does not fit.
     """
     lowest, highest = _turns(postures, lower, upper)
     count = np.maximum(highest - lowest + 1.0, 0.0)
@@ -170,26 +162,11 @@ def every_turn(
 def turned_inside(
     postures: FloatArray, pose: IntArray, bounds: Bounds, near: FloatArray, every: bool
 ) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Postures with their full turns chosen: the nearest to a reference, or every one.
+    """Postures ``(S, n)`` with full turns chosen, the nearest to a reference or ``every`` one.
 
-    Parameters
-    ----------
-    postures : array (S, n)
-        [rad]
-    pose : array (S,)
-        Pose that each takes, in ascending order.
-    near : array (n,)
-        [rad]
-    every : bool
-        All combinations of turns inside the bounds, not only the nearest.
-
-    Returns
-    -------
-    postures : array (K, n)
-    pose : array (K,)
-    inside : array (K,) of bool
-        An arm position of which no turn is inside is given once, in the turn that breaks the
-        joints' own limits least.
+    Of poses ``(S,)`` in ascending order: postures ``(K, n)``, their poses ``(K,)``, and which are
+    inside ``(K,)``. An arm position of which no turn is inside is given once, in the turn that
+    breaks the joints' own limits least.
     """
     picked, inside = nearest_turns(postures, bounds.lower, bounds.upper, near)
     if bounds.coupled:

@@ -64,18 +64,10 @@ class ChainState:
         return (self.R_base_tip @ p_tip[..., None])[..., 0] + self.p_base_tip
 
     def jacobian(self, point: FloatArray) -> FloatArray:
-        """Geometric Jacobian ``(..., 6, n)`` of a point of the last link.
+        """Geometric Jacobian ``(..., 6, n)`` of points ``(..., 3)`` [m] of the last link.
 
-        Parameters
-        ----------
-        point : array (..., 3)
-            The point [m], in the base frame.
-
-        Returns
-        -------
-        array (..., 6, n)
-            Rows 0 to 2: velocity of the point [m/rad, m/m]; rows 3 to 5: angular velocity; both
-            in base axes.
+        Rows 0 to 2: velocity of the point [m/rad, m/m]; rows 3 to 5: angular velocity; all in base
+        axes.
         """
         axes, levers = (
             np.swapaxes(a, -1, -2) for a in (self.axes, point[..., None, :] - self.origins)

@@ -19,15 +19,7 @@ _LARGEST_STEP_RAD = 0.5
 
 
 class OnePosture:
-    """Kinematics and gravity of an arm with what it carries; of one thread.
-
-    Parameters
-    ----------
-    mass_kg : float
-        Of what the flange carries.
-    com_m : array (3,), optional
-        Its centre of mass in the tip frame [m].
-    """
+    """Kinematics and gravity of an arm with a mass at ``com_m`` [m] on its tip; of one thread."""
 
     def __init__(self, robot: Robot, mass_kg: float = 0.0, com_m: FloatArray | None = None) -> None:
         chain, joint = robot.chain, 0

@@ -46,18 +46,10 @@ class HalfSpace:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles.
+    """A surface of triangles."""
 
-    Attributes
-    ----------
-    vertices : array (V, 3)
-        [m]
-    triangles : array (F, 3) of int
-        Rows of ``vertices``.
-    """
-
-    vertices: FloatArray
-    triangles: np.ndarray[tuple[int, int], np.dtype[np.intp]]
+    vertices: FloatArray  # (V, 3) [m]
+    triangles: np.ndarray[tuple[int, int], np.dtype[np.intp]]  # (F, 3), rows of vertices
 
 
 Solid = Capsule | Cylinder | Sphere | Box | HalfSpace | Mesh
@@ -89,17 +81,11 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class LinkShape:
-    """A solid as a robot description has it: by the name of the link that it belongs to.
-
-    Attributes
-    ----------
-    T_link_shape : array (4, 4)
-        [m], in the frame of the link.
-    """
+    """A solid as a robot description has it: by the name of the link that it belongs to."""
 
     link: str
     name: str
-    T_link_shape: FloatArray
+    T_link_shape: FloatArray  # (4, 4) [m], in the frame of the link
     solid: Solid
 
 

@@ -7,7 +7,9 @@ def test_one_of_two_arms_from_new_to_identify(cli, refuse, tmp_path):
     urdf = tmp_path / "duo.urdf"
     urdf.write_text(two_arms())
     (tmp_path / "duo.srdf").write_text('<robot name="duo"/>')
-    refuse("new", "--robot", urdf).says("joint left_finger_1 slides, behind joints that turn", "lock")
+    refuse("new", "--robot", urdf).says(
+        "joint left_finger_1 slides, behind joints that turn", "lock"
+    )
     new = cli("new", "--robot", urdf, "--tip", "right_tool0", "--base", "right_base")
     assert "duo.srdf lies beside the URDF" in " ".join(new.err.split())
     held = "held_deg = { waist = 30.0, left_joint_2 = -40.0 }\nheld_mm = { lift = 250.0 }\ntip = "

@@ -320,3 +320,13 @@ def test_every_entrance_refuses_what_is_no_rigid_transform(tmp_path, entrance, k
     with pytest.raises(InputError, match=message):
         ENTRANCES[entrance](T, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_frame_about_an_axis_is_a_rotation_with_it():
+    axes = np.vstack([np.eye(3), -np.eye(3), np.random.default_rng(0).normal(size=(20, 3))])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    R = se3.frame_about(axes)
+    np.testing.assert_allclose(R[..., 2], axes, atol=1e-15)
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (26, 1, 1)), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0)
+    np.testing.assert_array_equal(se3.frame_about(axes[7]), R[7])

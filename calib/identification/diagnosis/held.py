@@ -150,21 +150,11 @@ def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Effects tested at once.
+    """Effects tested at once."""
 
-    Attributes
-    ----------
-    log_odds : array (C,)
-        Logarithms of Bayes factors.
-    size : array (C, k)
-        The likeliest size of each effect, in units of its columns.
-    usual : array (C,)
-        Standard deviation of sizes with which each is likeliest, of :data:`SIZES`.
-    """
-
-    log_odds: FloatArray
-    size: FloatArray
-    usual: FloatArray
+    log_odds: FloatArray  # (C,): logarithms of Bayes factors
+    size: FloatArray  # (C, k): the likeliest size of each, in units of its columns
+    usual: FloatArray  # (C,): deviation of sizes with which each is likeliest, of SIZES
 
 
 @dataclass(frozen=True, eq=False)

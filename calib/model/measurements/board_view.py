@@ -32,13 +32,7 @@ Carried = Literal["camera", "board"]
 
 @dataclass(frozen=True, eq=False)
 class BoardShape:
-    """Points of a board in its own frame, and how errors of its print move them.
-
-    Attributes
-    ----------
-    points : array (K, 3)
-        [m]
-    """
+    """Points ``(K, 3)`` [m] of a board in its own frame, and how errors of its print move them."""
 
     points: FloatArray
 
@@ -408,7 +402,6 @@ def board_views(
     *,
     tools: Sequence[str] = ("tool",),
     targets: Sequence[str] = ("tracker",),
-    kind: ArrayLike = 0,
     tool: ArrayLike = 0,
     target: ArrayLike = 0,
     motion: FloatArray | None = None,
@@ -423,12 +416,12 @@ def board_views(
         NaN for points that were not seen.
     names : sequence of str, optional
         Of the stops of the arm; pictures of one stop share a name.
-    tools, targets, kind, tool, target, motion
+    tools, targets, tool, target, motion
         Labels, indices of each picture, and how the arm moved, as of `Setup`.
     """
     given = np.asarray(pixels, dtype=float)
     rows = given.reshape(len(given), -1)
-    how = Setup.of(len(rows), kind=kind, tool=tool, target=target)
+    how = Setup.of(len(rows), tool=tool, target=target)
     seen = np.isfinite(rows)
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     stop = np.array([index[name] for name in names]) if len(index) < len(names) else None

@@ -249,12 +249,8 @@ class ViewLine(Contact):
     """Only that the target lies on the view line is measured: two coordinates across it.
 
     Section 2.1 and Fig. 10 of [Watanabe2006]_. The view line runs along the tool's z through the
-    tool point, so the position of the tool point along z cannot be identified.
-
-    Parameters
-    ----------
-    sigma : float, array_like (2,) or None
-        Standard deviations [m] along the tool's x and y (the camera's V and H).
+    tool point, so the position of the tool point along z cannot be identified. Noise is along the
+    tool's x and y, the camera's V and H.
     """
 
     name = "view-line"
@@ -391,13 +387,7 @@ class PoseReading(Measurement):
 
 
 class Pose(PoseReading):
-    """Pose of the tool in the frame of a tracker.
-
-    Parameters
-    ----------
-    sigma : float, array_like (6,) or None
-        Standard deviations along [m] and about [rad] the axes of the instrument.
-    """
+    """Pose of the tool in the frame of a tracker; noise is along and about its axes [m, rad]."""
 
     name = "pose"
 
@@ -413,13 +403,7 @@ class Pose(PoseReading):
 
 
 class CameraPose(PoseReading):
-    """Pose of the target as a camera on the tool sees it.
-
-    Parameters
-    ----------
-    sigma : float, array_like (6,) or None
-        Standard deviations along [m] and about [rad] the axes of the camera.
-    """
+    """Pose of the target as a camera on the tool sees it; noise is along and about its axes."""
 
     name = "camera-pose"
 

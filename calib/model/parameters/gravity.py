@@ -17,13 +17,7 @@ from calib.se3 import FloatArray, skew
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """What the flange carries besides itself.
-
-    Attributes
-    ----------
-    com_m : array (3,)
-        Centre of mass in the tip frame [m].
-    """
+    """What the flange carries besides itself; its centre of mass ``(3,)`` [m] in the tip frame."""
 
     mass_kg: float
     com_m: FloatArray

@@ -29,13 +29,7 @@ from calib.se3 import BoolArray, FloatArray
 
 
 class JointErrors(ParameterBlock):
-    """Parameters that each turn one joint by their value times a function of the posture.
-
-    Parameters
-    ----------
-    joints : sequence of int
-        Index of the joint that each parameter turns, or slides.
-    """
+    """Parameters that each turn one joint by their value times a function of the posture."""
 
     def __init__(
         self,
@@ -79,11 +73,6 @@ class ZeroOffsets(JointErrors):
 
     The Δθ of Eq. 8 and section 3.2 of [Watanabe2006]_. An offset means the joint of the URDF; a
     FANUC controller that holds its own J3 (against the horizontal) shows a J2 offset in J3 too.
-
-    Parameters
-    ----------
-    joints : sequence of str
-        Names of the joints with an unknown offset.
     """
 
     beyond_chain = ""
@@ -198,11 +187,6 @@ class JointHarmonics(JointErrors):
     ``sin(h q)`` and ``cos(h q)`` of each joint: h = 1 is the eccentricity of an encoder or a
     bearing on the joint itself, 2 what is oval; the gear ratio is the eccentricity of the motor's
     shaft, and twice it the two-lobed error of a strain wave gear.
-
-    Parameters
-    ----------
-    harmonics : sequence of float
-        The h, waves in a turn of the joint.
     """
 
     beyond_chain = "harmonics of transmissions"

@@ -100,11 +100,6 @@ class Srdf:
 def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
     """Read an SRDF file, or a xacro file that expands to one with its arguments at their defaults.
 
-    Parameters
-    ----------
-    packages : iterable of Path
-        Folders to search for packages that a xacro names.
-
     Raises
     ------
     RobotModelError

@@ -261,15 +261,6 @@ def expand_xacro(
 
     ``$(find package)`` follows the rule of :mod:`calib.robots.description.packages`.
 
-    Parameters
-    ----------
-    most_bytes : int
-        Largest size of each file read and of the outcome.
-    search : sequence of Path
-        Folders to search for packages.
-    arguments : mapping of str to str
-        Of the file; those not given have their defaults.
-
     Raises
     ------
     RobotModelError

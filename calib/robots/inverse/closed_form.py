@@ -269,19 +269,12 @@ def has_parallel_arm(chain: SerialChain) -> bool:
 def solve_parallel_arm(
     chain: SerialChain, postures: FloatArray, T_wanted: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Joints 2 to 6 anew where axis 6 is parallel to axes 2 to 4, or nearly so.
+    """Joints 2 to 6 of ``(S, 6)`` anew where axis 6 is parallel to axes 2 to 4, or nearly so.
 
     Off that line the direction of axis 6 tells how far the arm has turned (either way) and joint
     5, and joint 6 makes up for its rounding; what is left is a triangle for joints 2 to 4. On the
-    line joint 6 is free: it is kept, or turned until the triangle closes.
-
-    Parameters
-    ----------
-    chain : SerialChain
-        One for which :func:`has_parallel_arm`.
-    postures : array (S, 6)
-        Joint 1 is kept, and on the line joint 6 as far as the reach allows [rad].
-    T_wanted : array (S, 4, 4)
+    line joint 6 is free: it is kept, or turned until the triangle closes. For arms for which
+    :func:`has_parallel_arm`.
 
     Returns
     -------

@@ -480,15 +480,7 @@ class Chessboard(GridBoard):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CircleGrid(GridBoard):
-    """Rows and columns of black circles.
-
-    Attributes
-    ----------
-    spacing_m : float
-        From centre to centre, across and down.
-    diameter_m : float
-        Of the circles.
-    """
+    """Rows and columns of black circles, spaced from centre to centre, across and down."""
 
     name: ClassVar[str] = "circles"
     spacing_m: float

@@ -243,14 +243,8 @@ def fit_robust(points: FloatArray, start: FloatArray, floor_px: float) -> Robust
     """Fit an ellipse to points ``(K, 2)`` [px], outliers left out.
 
     Cauchy weights with the median distance as their scale lead from the start to most of the
-    points; then least squares, and points beyond three standard deviations are left out.
-
-    Parameters
-    ----------
-    points : ndarray (K, 2)
-    start : ndarray (5,)
-    floor_px : float
-        Least scale: points nearer than that are never outliers.
+    points; then least squares, and points beyond three standard deviations are left out. Those
+    nearer than the floor never are.
     """
     ellipse = start
     distance, jacobian = ellipse_distance(ellipse, points)

@@ -75,20 +75,12 @@ class Edges:
 
 
 def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
-    """Edges along the normals of an ellipse that is within two pixels of them.
+    """Edges along the normals of an ellipse ``(5,)`` within two pixels of them, dark inside or not.
 
     The edge is where a step between the two plateaus of a profile has the same area in the sector
     between its neighbours: ``∫ f (1 + t / rho) dt`` is kept, with f the profile from 1 inside to 0
     outside, t the way along the normal and rho the radius of curvature. A blur moves the half
     height of a curved edge inwards, by ``sigma² / (2 rho)``, but keeps that area.
-
-    Parameters
-    ----------
-    image : ndarray (height, width) of uint8
-    ellipse : ndarray (5,)
-        [px].
-    dark : bool
-        Whether the inside is the darker side.
     """
     long, short, _ = (float(v) for v in ellipse_axes(ellipse))
     count = int(np.clip(np.pi * (long + short) / 2 / _SPACING_PX, _FEWEST, _MOST))

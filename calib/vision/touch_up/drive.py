@@ -40,19 +40,8 @@ def follow(
 ) -> tuple[FloatArray, BoolArray]:
     """Postures next to ``(S, n)`` [rad] that bring the nominal tip to poses ``(S, 4, 4)``.
 
-    As a controller runs a short straight move: the arm does not change its configuration.
-
-    Parameters
-    ----------
-    one : OnePosture, optional
-        The same robot, for calls with one posture; made where it is not given.
-
-    Returns
-    -------
-    q : array (S, n)
-        [rad]
-    found : array (S,) of bool
-        False where the joint limits or a singularity are in the way.
+    As a controller runs a short straight move: the arm does not change its configuration. And which
+    were found ``(S,)``: not where joint limits or a singularity are in the way.
     """
     if len(q) == 1:
         one = OnePosture(robot) if one is None else one
@@ -357,15 +346,7 @@ def check_shown(
         or _of_one(asked[worst], shown[worst], within_rad)
         or _on_its_way(asked[worst], shown[worst], None if before is None else before[worst])
     )
-    value, bound = np.rad2deg([shown[worst], asked[worst]]).tolist()
-    raise InputError(
-        f"{robot.joint_names[worst]} is shown at {_deg(value)} deg {event} {bound:.2f} deg: "
-        f"{reason}",
-        hint=hint,
-        name=robot.joint_names[worst],
-        value=value,
-        bound=bound,
-    )
+    raise _misplaced(robot, worst, asked, shown, event, reason, hint)
 
 
 def check_first(
@@ -395,16 +376,26 @@ def check_first(
         turned = np.rad2deg(abs(asked[worst] - shown[worst]))
         reason = f"the first move would turn it by {turned:.0f} deg, 180 deg allowed"
     if reason:
-        value, bound = np.rad2deg([shown[worst], asked[worst]]).tolist()
-        raise InputError(
-            f"{robot.joint_names[worst]} is shown at {_deg(value)} deg before the first move, to "
-            f"{bound:.2f} deg: {reason}",
-            hint="nothing was commanded: jog the arm to the base posture, and compare what "
-            "joints() gives with the pendant",
-            name=robot.joint_names[worst],
-            value=value,
-            bound=bound,
+        hint = (
+            "nothing was commanded: jog the arm to the base posture, and compare what joints() "
+            "gives with the pendant"
         )
+        raise _misplaced(robot, worst, asked, shown, "before the first move, to", reason, hint)
+
+
+def _misplaced(
+    robot: Robot,
+    joint: int,
+    asked: FloatArray,
+    shown: FloatArray,
+    event: str,
+    reason: str,
+    hint: str,
+) -> InputError:
+    """The error of a joint that is not shown where it should be."""
+    name, (value, bound) = robot.joint_names[joint], np.rad2deg([shown[joint], asked[joint]])
+    said = f"{name} is shown at {_deg(value)} deg {event} {bound:.2f} deg: {reason}"
+    return InputError(said, hint=hint, name=name, value=float(value), bound=float(bound))
 
 
 def _taken_for(

@@ -182,15 +182,7 @@ def measure_jacobian(
 ) -> MeasuredJacobian:
     """Measure the Jacobian by moves of the tip from a posture ``(n,)`` [rad] along x, y and z.
 
-    Parameters
-    ----------
-    drive : Drive
-        Of one arm, which ends where it began.
-    q : array (n,)
-    step_m : float
-        Length of the moves [m].
-    both_ways : bool
-        Move forth and back from the posture, six moves in place of three: twice the baseline.
+    One arm ends where it began. Both ways are six moves in place of three: twice the baseline.
     """
     first = np.zeros(1, dtype=np.intp)
     T = drive.robot.fk(q)

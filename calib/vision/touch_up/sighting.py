@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, frame_about, transform
 from calib.vision.camera import Camera, CircleTarget, circle_image, ellipse_axes
 from calib.vision.camera.conic import ellipse_vhs
 from calib.vision.camera.observers import Target
@@ -68,13 +68,7 @@ class NoSetUp:
 
 
 class Refused(Exception):
-    """Ends the first step from within: its outcome is no error, and callers never see this.
-
-    Parameters
-    ----------
-    reason, hint : str
-        Of the :class:`NoSetUp` that comes of it.
-    """
+    """Ends the first step from within: its outcome is no error, and callers never see this."""
 
     def __init__(self, reason: str, hint: str) -> None:
         super().__init__(reason)
@@ -454,8 +448,4 @@ def camera_of(jacobian: ImageJacobian) -> Camera:
 
 def _faces(normals: FloatArray, place: FloatArray) -> FloatArray:
     """Poses ``(N, 4, 4)`` at a place ``(3,)`` whose z axes are ``(N, 3)``."""
-    aside = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    y = np.cross(normals, aside)
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    R = np.stack([np.cross(y, normals), y, normals], axis=-1)
-    return transform(R, np.tile(place, (len(normals), 1)))
+    return transform(frame_about(normals), np.tile(place, (len(normals), 1)))

@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 from calib import CalibrationModel, Robot
 from calib.errors import InputError
 from calib.identification import Carried, part_of
-from calib.identification.prediction import ALIKE, NATURAL, Expectation, rigid_motions
+from calib.identification.prediction import ALIKE, Expectation, rigid_motions
+from calib.identification.result import SIZES
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
     JointCompliance,
@@ -144,7 +145,7 @@ def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(robot, e
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:]), LinkGeometry(robot))
     own = expectation.carried(model, ~model.nuisance)
     start = part_of(expectation.model, expectation.x, expectation.covariance, model)
-    far = np.abs(own.x - start.x) / [NATURAL[unit] for unit in model.units]
+    far = np.abs(own.x - start.x) / [SIZES[unit].natural for unit in model.units]
     # the very best values, all combinations free, are far away and hardly better
     free = ~model.nuisance
     x = start.x.copy()
@@ -155,7 +156,7 @@ def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(robot, e
     best = expectation.of(model, x).rms_m
     assert expectation.of(model, own.x).rms_m < (1.0 + ALIKE) * best
     assert far.max() < 5.0
-    assert (np.abs(x - start.x) / [NATURAL[unit] for unit in model.units]).max() > 10.0
+    assert (np.abs(x - start.x) / [SIZES[unit].natural for unit in model.units]).max() > 10.0
 
 
 def test_more_parameters_leave_less(robot, expectation):

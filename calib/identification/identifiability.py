@@ -101,6 +101,11 @@ def check_identifiable(
         Whitened or not; all rows of all measurements.
     nuisance : array (p,) of bool, optional
         Parameters of the set-up: they have to be free, so they are blamed last.
+
+    Raises
+    ------
+    NotIdentifiableError
+        Naming the parameters to leave out and the invisible combinations.
     """
     if is_identifiable(jacobian):
         return
@@ -265,7 +270,11 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
 def check_identifiable_at(
     model: CalibrationModel, measurements: Measurements, x: FloatArray
 ) -> None:
-    """Check what measurements can tell, at parameters ``(p,)``."""
+    """Check what measurements can tell, at parameters ``(p,)``.
+
+    Raises NotIdentifiableError: parameters that they cannot tell apart, or whose standard deviation
+    says nothing.
+    """
     white = triangle(clean_root(model, measurements, x))
     check_identifiable(white, model.names, model.nuisance)
     if any(kind.estimated for kind in model.measurements):

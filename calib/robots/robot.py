@@ -193,7 +193,10 @@ class Robot:
 
     @classmethod
     def preset(cls, name: str, tip: str | None = None, base: str | None = None) -> Robot:
-        """Load one of the robots that come with the library (``calib.robots.preset_names()``)."""
+        """Load one of the robots that come with the library (``calib.robots.preset_names()``).
+
+        Raises RobotModelError: there is no preset of that name; the hint lists near names.
+        """
         check_type(name, str, "name")
         preset = load_preset(name)
         robot = cls.from_model(

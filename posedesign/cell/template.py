@@ -853,7 +853,7 @@ def _fill(
         pendant=pendant,
         slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[: robot.slides])}\n"
         if along
-        else "# slides_mm = [500.0]           # of a rail, a gantry or a lift that carries the arm\n",
+        else "# slides_mm = [500.0]           # of a rail, a gantry, a lift that carries the arm\n",
         posture_deg=list(posture)[robot.slides :],
         offsets=f"[{offsets}]",
         three_sigma=list(three_sigma),

@@ -84,7 +84,8 @@ def _names() -> tuple[str, ...]:
 def find_preset(name: str) -> str:
     """Name of the preset that is meant: ``LR Mate 200iD``, say, or ``IRB 6700``.
 
-    Capitals, spaces and signs do not count, and a file may list other names of its arm.
+    Capitals, spaces and signs do not count, and a file may list other names of its arm. Raises
+    RobotModelError: there is none of that name.
     """
     known = preset_names()
     if name in known:

@@ -222,7 +222,7 @@ def _by_runs(fit: Fit, used: BoolArray) -> float:
 def _not_taken_up(J: FloatArray) -> tuple[FloatArray, float]:
     """Last of rows ``(13, 6 N)`` of derivatives less what the others explain, and its square."""
     others = J[:12] / np.maximum(np.linalg.norm(J[:12], axis=1, keepdims=True), _LEAST)
-    explained = others.T @ np.linalg.lstsq(others.T, J[12], rcond=None)[0]
+    explained = least_squares(others.T[None], J[12][None])[0] @ others
     return J[12] - explained, float(J[12] @ J[12])
 
 

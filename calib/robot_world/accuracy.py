@@ -14,6 +14,7 @@ included. The larger of this and of the covariance by the noise is what is said.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -102,10 +103,16 @@ def covariance_of(
         return np.asarray(found.fit.covariance[0] * excess**2 * np.outer(factor, factor))
     A, B = pairs.A[0, used], pairs.B[0, used]
     factor = np.ones(12)
-    likeliest = maximum_likelihood.estimate(PairSets(A[None], B[None])).fit
+    likeliest = _likeliest(pairs if used.all() else PairSets(A[None], B[None]))
     if likeliest is not None:
         factor = widening(likeliest, np.ones((1, len(A)), dtype=bool))[0]
     return propagate(chosen.estimate, A, B, noise, excess) * np.outer(factor, factor)
+
+
+@lru_cache(maxsize=1)  # of the same pairs by one method after the other
+def _likeliest(pairs: PairSets) -> Fit | None:
+    """The likeliest X and Z of one set, and the noise of B."""
+    return maximum_likelihood.estimate(pairs).fit
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:
@@ -208,9 +215,9 @@ def _of_many(
     rest, curved = np.empty((2, len(J), 0))
     count = _FIRST_DRAWN
     while count > 0:
-        white = np.empty((count, sides, N, 6))
-        white[:, :, order] = rng.standard_normal(white.shape)
-        white = white.reshape(count, -1)
+        drawn = np.empty((count, sides, N, 6))
+        drawn[:, :, order] = rng.standard_normal(drawn.shape)
+        white = drawn.reshape(count, -1)
         slope, bent = along(white)
         rest = np.hstack([rest, slope - J @ (taken @ white.T)])
         curved = np.hstack([curved, bent])

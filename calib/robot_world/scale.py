@@ -12,6 +12,7 @@ are taken as true.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -181,6 +182,12 @@ def likeliest(pairs: PairSets, kept: PairSets, used: BoolArray, noise: Noise | N
     unit = np.append(np.ones(12), value)
     covariance *= np.outer(unit, unit)
     return Scale(value, float(np.sqrt(covariance[12, 12])), X[0], Z[0], covariance, freedom)
+
+
+@lru_cache(maxsize=1)  # of the same pairs by one method after the other
+def likeliest_of_all(pairs: PairSets) -> Scale:
+    """Estimate the scale of one set of which all pairs are used, and the noise of B with it."""
+    return likeliest(pairs, pairs, np.ones(pairs.N, dtype=bool), None)
 
 
 def _joint(fit: Fit, used: BoolArray, excess: float, *, known: bool) -> FloatArray:

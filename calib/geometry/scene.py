@@ -253,14 +253,19 @@ class Scene:
                 hint="give one end for each start",
                 name="end",
             )
+        # many ways start or end at the same place
+        places, place = np.unique(np.concatenate([starts, ends]), axis=0, return_inverse=True)
+        cap_m = max(cap_m, keep_m + 1e-6)
+        there = self.clearance(places, cap_m=cap_m)
         return check_ways(
             self._chain,
             self._engine,
             self._radii,
             starts,
             ends,
+            Clearance(there.distance_m[place], there.pair[place]),
             keep_m=keep_m,
-            cap_m=max(cap_m, keep_m + 1e-6),
+            cap_m=cap_m,
             chunk=_WAYS * self._chunk,
         )
 

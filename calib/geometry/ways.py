@@ -126,6 +126,7 @@ def check_ways(
     radii: FloatArray,
     start: FloatArray,
     end: FloatArray,
+    ends: Clearance,
     *,
     keep_m: float,
     cap_m: float,
@@ -139,6 +140,8 @@ def check_ways(
         How fast a joint changes the distance of a pair [m/rad], see
         :func:`calib.geometry.enclosure.motion_radii`.
     start, end : array (W, n)
+    ends : Clearance
+        At the starts and then at the ends, 2 W of them, with the same cap.
     keep_m : float
         Distance to keep.
     cap_m : float
@@ -150,20 +153,19 @@ def check_ways(
     speed = np.abs(end - start) @ radii.T  # (W, P): metres a whole way
     tolerance_m = min(WAY_TOLERANCE_M, max(keep_m, TOUCH_M))
     found = _Found(np.full(W, np.inf), np.full(W, -1, dtype=np.intp), np.zeros(W))
-    everything = np.arange(W)
-    ways, middles = np.repeat(everything, 2), np.tile([0.0, 1.0], W)
+    found.take(np.tile(np.arange(W), 2), np.repeat([0.0, 1.0], W), ends.distance_m, ends.pair)
+    ways = np.flatnonzero(found.distance_m >= keep_m)
+    half, middles = 0.5, np.full(len(ways), 0.5)
     # pairs that keep the distance all along a piece keep it on both its halves
     done = np.zeros((len(ways), len(radii)), dtype=bool)
-    half = 0.0  # the ends are looked at first: they are pieces without a length
     while len(ways):
         for first in range(0, len(ways), chunk):
             rows = slice(first, first + chunk)
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
             motion = speed[way] * half
-            before = done[rows] if half else None
-            placed = engine.place(chain.forward(q), before)
-            known = engine.bounds(placed, before, np.maximum(cap_m, keep_m + motion))
+            placed = engine.place(chain.forward(q), done[rows])
+            known = engine.bounds(placed, done[rows], np.maximum(cap_m, keep_m + motion))
             engine.settle(known, 0.0, np.minimum(found.distance_m[way], cap_m))
             found.take(way, middle, *nearest(known.distance_m, cap_m))
             here = (found.distance_m[way] >= keep_m)[:, None]
@@ -172,16 +174,10 @@ def check_ways(
             beyond = np.where(here & (motion > tolerance_m), motion, -np.inf)
             done[rows] = here & ~_undecided(engine, known, beyond, keep_m)
         open_ = ~done.all(axis=1) & (found.distance_m[ways] >= keep_m)
-        if half == 0.0:
-            half = 0.5
-            ways = everything[found.distance_m >= keep_m]
-            middles = np.full(len(ways), 0.5)
-            done = np.zeros((len(ways), len(radii)), dtype=bool)
-        else:
-            half /= 2.0
-            ways = np.repeat(ways[open_], 2)
-            middles = (middles[open_, None] + [-half, half]).ravel()
-            done = np.repeat(done[open_], 2, axis=0)
+        half /= 2.0
+        ways = np.repeat(ways[open_], 2)
+        middles = (middles[open_, None] + [-half, half]).ravel()
+        done = np.repeat(done[open_], 2, axis=0)
     return Ways(found.distance_m >= keep_m, found.distance_m, found.pair, found.part)
 
 

@@ -137,12 +137,12 @@ class Scene:
         Links of the arm, and the tool with the last link but one: how far these two are apart is
         how the tool is mounted, whatever the posture.
         """
-        return self._with_pairs(self._own)
+        return self.with_pairs(self.pairs[self._own])
 
     @property
     def others(self) -> Scene:
         """The same bodies, with only the other pairs, of which one is the tool or an obstacle."""
-        return self._with_pairs(~self._own)
+        return self.with_pairs(self.pairs[~self._own])
 
     @property
     def _own(self) -> BoolArray:
@@ -154,9 +154,10 @@ class Scene:
         tool = (pairs[:, 1] >= self._tool_from) & (pairs[:, 1] < self._fixed_from)
         return np.asarray(tool & (links[:, 0] == self._chain.n - 1))
 
-    def _with_pairs(self, kept: BoolArray) -> Scene:
+    def with_pairs(self, pairs: IntArray) -> Scene:
+        """The same bodies, with these pairs (P, 2)."""
         scene = copy(self)  # without what is made of the pairs, see __getstate__
-        scene.pairs = self.pairs[kept]
+        scene.pairs = pairs
         return scene
 
     def names(self, pair: int) -> tuple[str, str]:
@@ -221,7 +222,7 @@ class Scene:
         return distance
 
     def ways(
-        self, start: ArrayLike, end: ArrayLike, keep_m: float, *, cap_m: float = CAP_M
+        self, start: ArrayLike, end: ArrayLike, keep_m: ArrayLike, *, cap_m: float = CAP_M
     ) -> Ways:
         """Check straight joint-space ways as a whole, not at samples alone.
 
@@ -233,10 +234,11 @@ class Scene:
         ----------
         start, end : array_like (W, n)
             [rad]
-        keep_m : float
-            Distance that all pairs have to keep.
+        keep_m : float or array_like (P,)
+            Distance that all pairs have to keep, or each of them.
         cap_m : float
-            Distances beyond this are not told apart, if it is more than ``keep_m``.
+            Distances beyond this are not told apart, if it is more than ``keep_m``; of several,
+            what each pair has more to spare than the one that keeps most has then.
 
         Raises
         ------
@@ -245,7 +247,9 @@ class Scene:
             the distance to keep is negative.
         """
         starts, ends = self._postures(start, "start"), self._postures(end, "end")
-        _check_length(keep_m, "keep_m", 0.0)
+        keep = np.broadcast_to(np.asarray(keep_m, dtype=float), len(self.pairs))
+        for value in np.unique(keep_m).tolist():
+            _check_length(value, "keep_m", 0.0)
         _check_length(cap_m, "cap_m", 1e-9)
         if len(starts) != len(ends):
             raise InputError(
@@ -253,19 +257,14 @@ class Scene:
                 hint="give one end for each start",
                 name="end",
             )
-        # many ways start or end at the same place
-        places, place = np.unique(np.concatenate([starts, ends]), axis=0, return_inverse=True)
-        cap_m = max(cap_m, keep_m + 1e-6)
-        there = self.clearance(places, cap_m=cap_m)
         return check_ways(
             self._chain,
             self._engine,
             self._radii,
             starts,
             ends,
-            Clearance(there.distance_m[place], there.pair[place]),
-            keep_m=keep_m,
-            cap_m=cap_m,
+            keep_m=keep,
+            cap_m=max(cap_m - keep.max(initial=0.0), 1e-6),
             chunk=_WAYS * self._chunk,
         )
 

@@ -97,7 +97,7 @@ class Scale:
     @property
     def probability(self) -> float:
         """Of a factor as far from 1 by chance, by Student's distribution."""
-        return 2.0 * student_tail(self.sigmas, max(self.freedom, 1))
+        return 2.0 * float(student_tail(self.sigmas, max(self.freedom, 1)))
 
     @property
     def is_named(self) -> bool:

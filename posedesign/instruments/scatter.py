@@ -154,6 +154,6 @@ def trend_with(residuals: FloatArray, temperature: FloatArray) -> Trend | None:
     r = (T @ rows) / np.where(lengths > 0, lengths, 1.0)
     axis, freedom = int(np.abs(r).argmax()), len(T) - 2
     t = abs(r[axis]) * np.sqrt(freedom / max(1.0 - r[axis] ** 2, 1e-300))
-    probability = float(min(1.0, 2.0 * len(r) * student_tail(t, freedom)))
+    probability = min(1.0, 2.0 * len(r) * float(student_tail(t, freedom)))
     slope = float(T @ rows[:, axis] / (T @ T))
     return Trend(axis, slope, float(r[axis]), probability)

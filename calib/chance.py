@@ -32,6 +32,11 @@ def chi2_quantile(probability: ArrayLike, freedom: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * _special().gammaincinv(_array(freedom) / 2, _array(probability)))
 
 
+def chi2_below(value: ArrayLike, freedom: ArrayLike) -> FloatArray:
+    """Probability of a χ² below a value, also where it is tiny."""
+    return np.asarray(_special().chdtr(_array(freedom), _array(value)))
+
+
 def chi2_tail(value: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """Probability of a χ² above a value; NaN where there is no degree of freedom."""
     k = _array(freedom)
@@ -43,9 +48,9 @@ def student_quantile(probability: float, freedom: float) -> float:
     return float(_special().stdtrit(freedom, probability))
 
 
-def student_tail(value: float, freedom: float) -> float:
+def student_tail(value: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """Probability of a variate of Student's distribution above a value."""
-    return float(_special().stdtr(freedom, -value))
+    return np.asarray(_special().stdtr(_array(freedom), -_array(value)))
 
 
 def f_bound(probability: float, one: ArrayLike, other: ArrayLike) -> FloatArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import assert_never
@@ -110,6 +111,15 @@ class Engine:
         self._no_depth = mesh[pairs].any(axis=-1) & ~against_plane
         self._exact = against_plane | own[pairs].all(axis=-1)
         self._oracle = _Oracle(bodies, pairs)
+        self._asked = np.arange(len(pairs))  # what the oracle calls them
+
+    def only(self, some: IntArray) -> Engine:
+        """The same for some of the pairs, as if there were no others."""
+        part = copy(self)
+        part._pairs, part._asked = self._pairs[some], self._asked[some]
+        part._no_depth, part._exact = self._no_depth[some], self._exact[some]
+        part._plane_pairs = np.flatnonzero(self._half_space[part._pairs[:, 1]])
+        return part
 
     def place(self, state: ChainState, done: BoolArray | None = None) -> Placed:
         """Where the bodies are at S states of the chain: all but those of ``done`` pairs (S, P)."""
@@ -244,7 +254,7 @@ class Engine:
         """
         touching = known.exact & (known.distance_m < 0.0) & self._no_depth
         rows, pairs = np.nonzero(touching)
-        places = zip(pairs.tolist(), *self._apart(known, rows, pairs), strict=True)
+        places = zip(self._asked[pairs].tolist(), *self._apart(known, rows, pairs), strict=True)
         depths = [self._oracle.depth(pair, R, p) for pair, R, p in places]
         known.distance_m[rows, pairs] = -np.array(depths)
 
@@ -258,15 +268,16 @@ class Engine:
         apart = (inverse @ (shift_b - shift_a)[..., None])[..., 0]
         bound = box_box_bound(inverse @ R_b, apart, self._halves[a], self._halves[b])
         bound -= self._roundings[a] + self._roundings[b]
-        fine = np.flatnonzero(self._oracle.is_fine[pairs])
+        asked = self._asked[pairs]
+        fine = np.flatnonzero(self._oracle.is_fine[asked])
         if len(fine):
             there = self._apart(known, rows[fine], pairs[fine])
-            bound[fine] = np.maximum(bound[fine], self._oracle.bounds(pairs[fine], *there))
+            bound[fine] = np.maximum(bound[fine], self._oracle.bounds(asked[fine], *there))
         known.distance_m[rows, pairs] = np.maximum(known.distance_m[rows, pairs], bound)
         known.refined[rows, pairs] = True
 
     def _ask(self, known: Bounds, rows: IntArray, pairs: IntArray) -> None:
-        found = self._oracle.distances(pairs, *self._apart(known, rows, pairs))
+        found = self._oracle.distances(self._asked[pairs], *self._apart(known, rows, pairs))
         known.distance_m[rows, pairs] = found
         known.exact[rows, pairs] = True
 

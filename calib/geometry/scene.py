@@ -132,12 +132,12 @@ class Scene:
         Links of the arm, and the tool with the last link but one: how far these two are apart is
         how the tool is mounted, whatever the posture.
         """
-        return self._with_pairs(self._own)
+        return self.with_pairs(self.pairs[self._own])
 
     @property
     def others(self) -> Scene:
         """The same bodies, with only the other pairs, of which one is the tool or an obstacle."""
-        return self._with_pairs(~self._own)
+        return self.with_pairs(self.pairs[~self._own])
 
     @property
     def _own(self) -> BoolArray:
@@ -149,9 +149,10 @@ class Scene:
         tool = (pairs[:, 1] >= self._tool_from) & (pairs[:, 1] < self._fixed_from)
         return np.asarray(tool & (links[:, 0] == self._chain.n - 1))
 
-    def _with_pairs(self, kept: BoolArray) -> Scene:
+    def with_pairs(self, pairs: IntArray) -> Scene:
+        """The same bodies, with these pairs (P, 2)."""
         scene = copy(self)  # without what is made of the pairs, see __getstate__
-        scene.pairs = self.pairs[kept]
+        scene.pairs = pairs
         return scene
 
     def names(self, pair: int) -> tuple[str, str]:
@@ -204,7 +205,7 @@ class Scene:
         return distance
 
     def ways(
-        self, start: ArrayLike, end: ArrayLike, keep_m: float, *, cap_m: float = CAP_M
+        self, start: ArrayLike, end: ArrayLike, keep_m: ArrayLike, *, cap_m: float = CAP_M
     ) -> Ways:
         """Check straight joint-space ways as a whole, not at samples alone.
 
@@ -216,13 +217,16 @@ class Scene:
         ----------
         start, end : array_like (W, n)
             [rad]
-        keep_m : float
-            Distance that all pairs have to keep.
+        keep_m : float or array_like (P,)
+            Distance that all pairs have to keep, or each of them.
         cap_m : float
-            Distances beyond this are not told apart, if it is more than ``keep_m``.
+            Distances beyond this are not told apart, if it is more than ``keep_m``; of several,
+            what each pair has more to spare than the one that keeps most has then.
         """
         starts, ends = self._postures(start, "start"), self._postures(end, "end")
-        _check_length(keep_m, "keep_m", 0.0)
+        keep = np.broadcast_to(np.asarray(keep_m, dtype=float), len(self.pairs))
+        for value in np.unique(keep_m).tolist():
+            _check_length(value, "keep_m", 0.0)
         _check_length(cap_m, "cap_m", 1e-9)
         if len(starts) != len(ends):
             raise InputError(
@@ -236,8 +240,8 @@ class Scene:
             self._radii,
             starts,
             ends,
-            keep_m=keep_m,
-            cap_m=max(cap_m, keep_m + 1e-6),
+            keep_m=keep,
+            cap_m=max(cap_m - keep.max(initial=0.0), 1e-6),
             chunk=_WAYS * self._chunk,
         )
 

@@ -91,17 +91,17 @@ are free of contact all along; less cannot be asked of them in a bounded number 
 
 @dataclass(eq=False)
 class _Found:
-    """The smallest distance of each way so far."""
+    """The smallest distance of each way so far, less what its pair is to keep."""
 
-    distance_m: FloatArray
+    spare_m: FloatArray
     pair: IntArray
     part: FloatArray
 
-    def take(self, ways: IntArray, parts: FloatArray, distance: FloatArray, pair: IntArray) -> None:
-        order = np.argsort(-distance, kind="stable")  # of several rows of a way, the last one wins
-        order = order[distance[order] < self.distance_m[ways[order]]]
+    def take(self, ways: IntArray, parts: FloatArray, spare: FloatArray, pair: IntArray) -> None:
+        order = np.argsort(-spare, kind="stable")  # of several rows of a way, the last one wins
+        order = order[spare[order] < self.spare_m[ways[order]]]
         ways = ways[order]
-        self.distance_m[ways] = distance[order]
+        self.spare_m[ways] = spare[order]
         self.pair[ways] = pair[order]
         self.part[ways] = parts[order]
 
@@ -113,7 +113,7 @@ def check_ways(
     start: FloatArray,
     end: FloatArray,
     *,
-    keep_m: float,
+    keep_m: FloatArray,
     cap_m: float,
     chunk: int,
 ) -> Ways:
@@ -125,53 +125,59 @@ def check_ways(
         How fast a joint changes the distance of a pair [m/rad], see
         :func:`calib.geometry.enclosure.motion_radii`.
     start, end : array (W, n)
-    keep_m : float
-        Distance to keep.
+    keep_m : array (P,)
+        Distance that each pair has to keep.
     cap_m : float
-        Distances beyond this are not told apart; more than ``keep_m``.
+        What is kept by more than this is not told apart; above zero.
     chunk : int
         Postures that are looked at at once.
     """
     W = len(start)
     speed = np.abs(end - start) @ radii.T  # (W, P): metres a whole way
-    tolerance_m = min(WAY_TOLERANCE_M, max(keep_m, TOUCH_M))
+    tolerance_m = np.clip(keep_m, TOUCH_M, WAY_TOLERANCE_M)
     found = _Found(np.full(W, np.inf), np.full(W, -1, dtype=np.intp), np.zeros(W))
-    everything = np.arange(W)
-    ways, middles = np.repeat(everything, 2), np.tile([0.0, 1.0], W)
+    # many ways start or end at the same place
+    places, place = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
+    spare, pair = np.empty(len(places)), np.empty(len(places), dtype=np.intp)
+    for first in range(0, len(places), chunk):
+        rows = slice(first, first + chunk)
+        known = engine.bounds(engine.place(chain.forward(places[rows])), None, cap_m + keep_m)
+        engine.settle(known, keep_m, cap_m)
+        spare[rows], pair[rows] = nearest(known.distance_m - keep_m, cap_m)
+    found.take(np.tile(np.arange(W), 2), np.repeat([0.0, 1.0], W), spare[place], pair[place])
+    ways = np.flatnonzero(found.spare_m >= 0.0)
+    half, middles = 0.5, np.full(len(ways), 0.5)
     # pairs that keep the distance all along a piece keep it on both its halves
     done = np.zeros((len(ways), len(radii)), dtype=bool)
-    half = 0.0  # the ends are looked at first: they are pieces without a length
-    while len(ways):
+    while len(ways) and len(radii):
         for first in range(0, len(ways), chunk):
             rows = slice(first, first + chunk)
             way, middle = ways[rows], middles[rows]
             q = start[way] + middle[:, None] * (end - start)[way]
-            motion = speed[way] * half
-            before = done[rows] if half else None
-            placed = engine.place(chain.forward(q), before)
-            known = engine.bounds(placed, before, np.maximum(cap_m, keep_m + motion))
-            engine.settle(known, 0.0, np.minimum(found.distance_m[way], cap_m))
-            found.take(way, middle, *nearest(known.distance_m, cap_m))
-            here = (found.distance_m[way] >= keep_m)[:, None]
+            # the farther ways are halved, the fewer pairs are left
+            some = np.flatnonzero(~done[rows].all(axis=0))
+            part, keep, before = engine.only(some), keep_m[some], done[rows][:, some]
+            motion = speed[way[:, None], some] * half
+            placed = part.place(chain.forward(q), before)
+            known = part.bounds(placed, before, np.maximum(cap_m, motion) + keep)
+            part.settle(known, keep, np.minimum(found.spare_m[way], cap_m))
+            spare, pair = nearest(known.distance_m - keep, cap_m)
+            found.take(way, middle, spare, some[pair])
+            here = (found.spare_m[way] >= 0.0)[:, None]
             # a pair that can no longer move noticeably is decided by its distance at the middle,
             # and a way that is blocked is not looked at any further
-            beyond = np.where(here & (motion > tolerance_m), motion, -np.inf)
-            done[rows] = here & ~_undecided(engine, known, beyond, keep_m)
-        open_ = ~done.all(axis=1) & (found.distance_m[ways] >= keep_m)
-        if half == 0.0:
-            half = 0.5
-            ways = everything[found.distance_m >= keep_m]
-            middles = np.full(len(ways), 0.5)
-            done = np.zeros((len(ways), len(radii)), dtype=bool)
-        else:
-            half /= 2.0
-            ways = np.repeat(ways[open_], 2)
-            middles = (middles[open_, None] + [-half, half]).ravel()
-            done = np.repeat(done[open_], 2, axis=0)
-    return Ways(found.distance_m >= keep_m, found.distance_m, found.pair, found.part)
+            beyond = np.where(here & (motion > tolerance_m[some]), motion + keep, -np.inf)
+            done[rows, some] = here & ~_undecided(part, known, beyond)
+        open_ = ~done.all(axis=1) & (found.spare_m[ways] >= 0.0)
+        half /= 2.0
+        ways = np.repeat(ways[open_], 2)
+        middles = (middles[open_, None] + [-half, half]).ravel()
+        done = np.repeat(done[open_], 2, axis=0)
+    distance_m = found.spare_m + (keep_m[found.pair] if len(keep_m) else 0.0)
+    return Ways(found.spare_m >= 0.0, distance_m, found.pair, found.part)
 
 
-def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float) -> BoolArray:
+def _undecided(engine: Engine, known: Bounds, beyond: FloatArray) -> BoolArray:
     """Which pairs of pieces (S, P) may come too near before an end of the piece.
 
     Parameters
@@ -179,11 +185,11 @@ def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float)
     known : Bounds
         At the middles of the pieces, where all keep the distance.
     beyond : array (S, P)
-        What the distance of a pair can change until an end of the piece [m]; minus infinity where
-        that is not looked at.
+        What a pair has to keep, and what its distance can change until an end of the piece [m];
+        minus infinity where that is not looked at.
     """
-    engine.settle(known, beyond, keep_m, one_will_do=True)
-    return np.asarray(known.distance_m - beyond <= keep_m)
+    engine.settle(known, beyond, 0.0, one_will_do=True)
+    return np.asarray(known.distance_m <= beyond)
 
 
 def nearest(distance_m: FloatArray, cap_m: float) -> tuple[FloatArray, IntArray]:

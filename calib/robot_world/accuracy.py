@@ -103,10 +103,16 @@ def covariance_of(
         return np.asarray(found.fit.covariance[0] * excess**2 * np.outer(factor, factor))
     A, B = pairs.A[0, used], pairs.B[0, used]
     factor = np.ones(12)
-    likeliest = maximum_likelihood.estimate(PairSets(A[None], B[None])).fit
+    likeliest = _likeliest(pairs if used.all() else PairSets(A[None], B[None]))
     if likeliest is not None:
         factor = widening(likeliest, np.ones((1, len(A)), dtype=bool))[0]
     return propagate(chosen.estimate, A, B, noise, excess) * np.outer(factor, factor)
+
+
+@lru_cache(maxsize=1)  # of the same pairs by one method after the other
+def _likeliest(pairs: PairSets) -> Fit | None:
+    """The likeliest X and Z of one set, and the noise of B."""
+    return maximum_likelihood.estimate(pairs).fit
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:
@@ -124,11 +130,18 @@ _STEP = 1e-5
 """Step of the central differences [rad, parts of the translations]: its square, the share that the
 next order takes, and the rounding of a solution divided by it are both far below a thousandth."""
 
-_EACH_ERROR, _DIRECTIONS = 100, 600
-"""Pairs up to which the derivatives by each error are taken, and directions in their place."""
+_EACH_ERROR = 100
+"""Pairs up to which the derivatives by each error are taken."""
 
 _MOST_PAIRS = 500
 """Pairs that the method is differentiated at: of more, so many of all kinds stand for them."""
+
+_FIRST_DRAWN, _SAMPLED = 40, 0.03
+"""Directions that are drawn at first, and the error of the standard deviations up to which no more
+are."""
+
+_SAME = 1e-9
+"""Singular value of what pairs have in them, over the largest, that counts as none."""
 
 _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of the method sees: bounds the memory to some 100 MB."""
@@ -145,11 +158,13 @@ def propagate(
 
     The derivatives of (X, Z) by the errors of the pairs are central differences of the method. Of
     up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
-    with the square of N, by 600 random directions of all errors at once, always the same ones: the
-    standard deviations then have an error of 3 % of their own. Of more than 500 pairs 500 are
-    taken, every so many in the order of their rotations, and the scatter is as much smaller as
-    there are more: the time does not grow with N then, and the error of the standard deviations
-    is some 5 %.
+    with the square of N, by directions of all errors at once. An error of a pair moves the answer
+    by as much as the pair's own rotation and place tell, most of it linear in these: such
+    directions are few, and taken as they are. What is not in them is drawn at random, always the
+    same, and as often as its share needs for an error of the standard deviations of 3 % at most.
+    Of more than 500 pairs 500 are taken, every so many in the order of their rotations, and the
+    scatter is as much smaller as there are more: the time does not grow with N then, and the error
+    of the standard deviations is some 5 %.
 
     Half the second derivatives, summed over the errors, are the bias to second order. Methods that
     solve linear equations with noise in their coefficients have one that does not shrink with the
@@ -164,26 +179,53 @@ def propagate(
         every = [r if r is None or len(r) == 1 else r[some] for r in roots]
         roots = every[0], every[1]
     N = len(A)
-    sides = [root is not None for root in roots]
-    size = 6 * N * sum(sides)
-    order = own_order(A)
+    sides = sum(root is not None for root in roots)
+
+    def along(white: FloatArray, *, back: bool = True) -> tuple[FloatArray, FloatArray]:
+        errors = iter(np.moveaxis(white.reshape(len(white), sides, N, 6), 1, 0))
+        both = [None if root is None else _turned(root, next(errors)) for root in roots]
+        return _derivatives(estimate, A, B, both[0], both[1], back=back)
+
     if N > _EACH_ERROR:
-        directions = np.empty((_DIRECTIONS, sum(sides), N, 6))
-        directions[:, :, order] = _drawn(sum(sides), N)
+        scatter, bias = _of_many(along, A, B, sides)
     else:
-        directions = np.eye(size).reshape(size, sum(sides), N, 6)
-    errors = iter(np.moveaxis(directions, 1, 0))
-    both = [None if root is None else _turned(root, next(errors)) for root in roots]
-    J, bias = _derivatives(estimate, A, B, both[0], both[1])
-    J, bias = excess * J, excess**2 * bias
-    return np.asarray(J @ J.T * (N / whole) + np.outer(bias, bias))
+        J, curved = along(np.eye(6 * N * sides))
+        scatter, bias = J @ J.T, curved.sum(axis=1)
+    bias = excess**2 * bias
+    return np.asarray(excess**2 * scatter * (N / whole) + np.outer(bias, bias))
 
 
-@lru_cache(maxsize=1)  # of the same pairs by one method after the other
-def _drawn(sides: int, N: int) -> FloatArray:
-    """Directions ``(600, sides, N, 6)`` in all errors at once, always the same ones."""
-    drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, sides, N, 6))
-    return np.asarray(drawn / np.sqrt(_DIRECTIONS))
+def _of_many(
+    along: Callable[..., tuple[FloatArray, FloatArray]], A: FloatArray, B: FloatArray, sides: int
+) -> tuple[FloatArray, FloatArray]:
+    """Scatter ``(12, 12)`` and bias ``(12,)`` by few directions of all errors of N pairs.
+
+    ``along`` gives the derivatives ``(12, K)`` along directions ``(K, sides N 6)``, and half the
+    second ones unless it is not to go back.
+    """
+    N = len(A)
+    p_B = B[:, :3, 3] / PairSets(A[None], B[None]).size[0]
+    told = np.column_stack([np.ones(N), A[:, :3, :3].reshape(N, 9), p_B])
+    U, values, _ = np.linalg.svd(told, full_matrices=False)
+    U = U[:, values > _SAME * values[0]]
+    taken = np.kron(np.eye(sides), np.kron(U.T, np.eye(6)))
+    J, _ = along(taken, back=False)
+    scatter = J @ J.T
+    rng, order = np.random.default_rng(0), own_order(A)
+    rest, curved = np.empty((2, len(J), 0))
+    count = _FIRST_DRAWN
+    while count > 0:
+        drawn = np.empty((count, sides, N, 6))
+        drawn[:, :, order] = rng.standard_normal(drawn.shape)
+        white = drawn.reshape(count, -1)
+        slope, bent = along(white)
+        rest = np.hstack([rest, slope - J @ (taken @ white.T)])
+        curved = np.hstack([curved, bent])
+        square = (rest**2).mean(axis=1)
+        share = square / np.maximum(square + np.diag(scatter), np.finfo(float).tiny)
+        # the mean of K squares is off by sqrt(2 / K), a standard deviation by half of that
+        count = int(np.ceil(share.max() ** 2 / (2.0 * _SAMPLED**2))) - rest.shape[1]
+    return scatter + rest @ rest.T / rest.shape[1], curved.mean(axis=1)
 
 
 def _turned(root: FloatArray, white: FloatArray) -> FloatArray:
@@ -199,11 +241,13 @@ def _derivatives(
     B: FloatArray,
     errors_A: FloatArray | None,
     errors_B: FloatArray | None,
+    *,
+    back: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives ``(12, K)`` of the errors of X and Z along directions ``(K, N, 6)`` of errors.
 
-    And half the sum ``(12,)`` of the second ones; 13 with the scale. Steps are as long as their
-    largest component allows.
+    And half the second ones ``(12, K)``, which take a step back, too: without, they are 0. 13 with
+    the scale. Steps are as long as their largest component allows.
     """
     given = [errors for errors in (errors_A, errors_B) if errors is not None]
     count, N = given[0].shape[:2]
@@ -211,28 +255,30 @@ def _derivatives(
     largest = np.max([np.abs(errors / unit).max(axis=(1, 2)) for errors in given], axis=0)
     # a side without errors, or a part of one, has steps of no length, whatever they are divided by
     scale = _STEP / np.where(largest > 0.0, largest, _STEP)
-    at_once = max(1, _PAIRS_AT_ONCE // (2 * N))
+    ways = (1.0, -1.0) if back else (1.0,)
+    at_once = max(1, _PAIRS_AT_ONCE // (len(ways) * N))
     found, curved = [], []
     for first in range(0, count, at_once):
         rows = slice(first, first + at_once)
-        size = scale[rows, None, None]
+        size = scale[rows, None, None] * np.reshape(ways, (-1, 1, 1, 1))
         ends = estimate(PairSets(_ends(A, errors_A, rows, size), _ends(B, errors_B, rows, size)))
         length = scale[rows, None]
         moved = np.concatenate([difference(T, T[-1]) for T in (ends.X, ends.Z)], axis=-1)
         if ends.scale is not None:
             moved = np.column_stack([moved, ends.scale - ends.scale[-1]])
-        there, back, _ = np.split(moved, [len(length), 2 * len(length)])
-        found.append((there - back) / (2.0 * length))
-        curved.append((there + back) / (2.0 * length**2))
-    return np.concatenate(found).T, np.concatenate(curved).sum(axis=0)
+        there = moved[: len(length)]
+        other = moved[len(length) : -1] if back else -there
+        found.append((there - other) / (2.0 * length))
+        curved.append((there + other) / (2.0 * length**2))
+    return np.concatenate(found).T, np.concatenate(curved).T
 
 
 def _ends(T: FloatArray, errors: FloatArray | None, rows: slice, size: FloatArray) -> FloatArray:
-    """Transforms ``(2K + 1, N, 4, 4)`` moved by some errors, there and back, and where they are."""
+    """Transforms ``(K + 1, N, 4, 4)`` moved by some errors times sizes, and where they are."""
     if errors is None:
-        return np.broadcast_to(T, (2 * len(size) + 1, *T.shape))
-    step = size * errors[rows]
-    return perturb(T, np.concatenate([step, -step, np.zeros_like(step[:1])]))
+        return np.broadcast_to(T, (size[..., 0, 0].size + 1, *T.shape))
+    step = (size * errors[rows]).reshape(-1, *errors.shape[1:])
+    return perturb(T, np.concatenate([step, np.zeros_like(step[:1])]))
 
 
 FEWEST_PAIRS = 12
@@ -417,14 +463,18 @@ def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | Non
     count = min(N, max(_FEWEST_GROUPS, min(_GROUPS, _PAIRS_IN_ALL // N)))
     # every so many: a stretch of the order has poses of one kind, without which the rest is poorer
     for size, groups in _equal([order[k::count] for k in range(count)]):
-        others = np.array([np.setdiff1d(order, group) for group in groups])
+        inside = np.zeros((len(groups), N), dtype=bool)
+        np.put_along_axis(inside, groups, True, axis=1)
+        others = np.nonzero(~inside)[1].reshape(len(groups), N - size)
         at_once = max(1, _LEFT_OUT_AT_ONCE // N)
         for first in range(0, len(groups), at_once):
             rows = slice(first, first + at_once)
             sets = PairSets(A[others[rows]], B[others[rows]])
             seen = ~examine(sets).rank_deficient
+            if not seen.all():
+                sets = PairSets(sets.A[seen], sets.B[seen])
             if seen.any():
-                left = chosen.run(PairSets(sets.A[seen], sets.B[seen]), noise)
+                left = chosen.run(sets, noise)
                 own = groups[rows][seen].reshape(-1, size)
                 out[own] = residuals(A[own], B[own], left.X, left.Z)
     return out

@@ -32,7 +32,15 @@ from calib.robot_world.estimate import Estimate
 from calib.robot_world.identifiability import direction
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.scale import WRONG, Scale, by_rotations_first, likeliest, moved, scaled
+from calib.robot_world.scale import (
+    WRONG,
+    Scale,
+    by_rotations_first,
+    likeliest,
+    likeliest_of_all,
+    moved,
+    scaled,
+)
 from calib.robot_world.solution import Solution
 from calib.se3 import BoolArray, FloatArray
 from calib.shown import Shown
@@ -284,7 +292,10 @@ class RobotWorldResult(Shown):
         if self._first[0] not in ("ok", "doubtful") or self.noise is None:
             return None
         if one.factor is None or one.method.likelihood:
-            scale = likeliest(one.pairs, one.motion.pairs, self.used, one.noise)
+            if one.noise is None and one.motion.pairs is one.pairs:
+                scale = likeliest_of_all(one.pairs)
+            else:
+                scale = likeliest(one.pairs, one.motion.pairs, self.used, one.noise)
         else:
             A, B = one.pairs.A[0, self.used], one.pairs.B[0, self.used]
             estimate = partial(_with_scale, one)

@@ -12,6 +12,7 @@ are taken as true.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -96,7 +97,7 @@ class Scale:
     @property
     def probability(self) -> float:
         """Of a factor as far from 1 by chance, by Student's distribution."""
-        return 2.0 * student_tail(self.sigmas, max(self.freedom, 1))
+        return 2.0 * float(student_tail(self.sigmas, max(self.freedom, 1)))
 
     @property
     def is_named(self) -> bool:
@@ -183,6 +184,12 @@ def likeliest(pairs: PairSets, kept: PairSets, used: BoolArray, noise: Noise | N
     return Scale(value, float(np.sqrt(covariance[12, 12])), X[0], Z[0], covariance, freedom)
 
 
+@lru_cache(maxsize=1)  # of the same pairs by one method after the other
+def likeliest_of_all(pairs: PairSets) -> Scale:
+    """Estimate the scale of one set of which all pairs are used, and the noise of B with it."""
+    return likeliest(pairs, pairs, np.ones(pairs.N, dtype=bool), None)
+
+
 def _joint(fit: Fit, used: BoolArray, excess: float, *, known: bool) -> FloatArray:
     """Covariance ``(13, 13)``, by the noise or by runs of pairs, whatever is larger."""
     joint = fit.covariance[0] * excess**2
@@ -222,7 +229,7 @@ def _by_runs(fit: Fit, used: BoolArray) -> float:
 def _not_taken_up(J: FloatArray) -> tuple[FloatArray, float]:
     """Last of rows ``(13, 6 N)`` of derivatives less what the others explain, and its square."""
     others = J[:12] / np.maximum(np.linalg.norm(J[:12], axis=1, keepdims=True), _LEAST)
-    explained = others.T @ np.linalg.lstsq(others.T, J[12], rcond=None)[0]
+    explained = least_squares(others.T[None], J[12][None])[0] @ others
     return J[12] - explained, float(J[12] @ J[12])
 
 

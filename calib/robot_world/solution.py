@@ -135,7 +135,7 @@ def find_solution(
         pairs = scaled(pairs, factor)
     if method.robust:
         found, used = _robust(method, pairs, noise)
-        kept = PairSets(pairs.A[:, used], pairs.B[:, used])
+        kept = pairs if used.all() else PairSets(pairs.A[:, used], pairs.B[:, used])
     else:
         found, used, kept = None, np.ones(pairs.N, dtype=bool), pairs
     motion = examine(kept)

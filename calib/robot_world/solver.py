@@ -76,7 +76,13 @@ def solve(
         decide, or else the status is ``"ambiguous"``.
     """
     chosen = find_method(method)
-    pairs = checked_problem(A, B)
+    return solve_problem(checked_problem(A, B), chosen, noise, estimate_scale=estimate_scale)
+
+
+def solve_problem(
+    pairs: PairSets, chosen: Method, noise: Noise | NoiseShown | None, *, estimate_scale: bool
+) -> RobotWorldResult:
+    """Solve one problem that is checked, as :func:`solve` does: by many methods, say."""
     check_noise(noise, pairs.N)
     known = None if isinstance(noise, str) else noise
     if noise == "shown" and not chosen.likelihood:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.optimize import LinearConstraint
 
 from calib.errors import InputError, near_names
 from calib.se3 import BoolArray, FloatArray, apply
@@ -11,6 +12,9 @@ from posedesign.candidates.candidate_poses import CandidatePoses
 from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
 from posedesign.cell.schema_sections import LimitSection
+
+if TYPE_CHECKING:
+    from scipy.optimize import LinearConstraint
 
 
 def limits_of(cell: Cell, pool: CandidatePoses) -> list[LinearConstraint]:
@@ -32,6 +36,8 @@ def limits_of(cell: Cell, pool: CandidatePoses) -> list[LinearConstraint]:
                 hint="loosen what it counts, or widen the pool",
                 name="pool.limit",
             )
+        from scipy.optimize import LinearConstraint  # takes long to import, and few ask for limits
+
         most = np.inf if section.most is None else section.most
         found.append(LinearConstraint(counted[None].astype(float), section.least, most))
     return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -178,6 +179,20 @@ class MotionChecker:
     largest_travel: float
     slides: int = 0
 
+    @cached_property
+    def _scenes(self) -> list[tuple[Scene, FloatArray, list[tuple[Collision, int]]]]:
+        """Scenes of the same bodies in one: what its pairs keep, and whose they are, by row."""
+        alike: dict[int, list[Collision]] = {}
+        for collision in self.collisions:
+            alike.setdefault(id(collision.scene.bodies), []).append(collision)
+        found = []
+        for some in alike.values():
+            pairs = np.concatenate([each.scene.pairs for each in some])
+            whose = [(each, pair) for each in some for pair in range(len(each.scene.pairs))]
+            keep_m = np.array([each.keep_m for each, _ in whose])
+            found.append((some[0].scene.with_pairs(pairs), keep_m, whose))
+        return found
+
     def steps(self, start: FloatArray, end: FloatArray) -> int:
         """Number of moves that the way between two postures ``(n,)`` [rad] takes."""
         return int(self.steps_of(np.abs(end - start)[self.slides :].max()))
@@ -201,14 +216,13 @@ class MotionChecker:
                 f"J{int(np.argmax(moves[i])) + 1} travels {degrees[0]:.0f} deg, "
                 f"{degrees[1]:g} deg allowed"
             )
-        for collision in self.collisions:
+        for scene, keep_m, whose in self._scenes:
             rows = np.flatnonzero(clear)
-            ways = collision.scene.ways(
-                start[rows], end[rows], collision.keep_m, cap_m=max(collision.keep_m, TOUCH_M)
-            )
+            ways = scene.ways(start[rows], end[rows], keep_m, cap_m=TOUCH_M)
             clear[rows] = ways.clear
             for i in np.flatnonzero(~ways.clear).tolist():
-                said = collision.explain(float(ways.distance_m[i]), int(ways.pair[i]))
+                collision, pair = whose[ways.pair[i]]
+                said = collision.explain(float(ways.distance_m[i]), pair)
                 reasons[rows[i]], part[rows[i]] = said, ways.part[i]
         return MotionVerdicts(clear, travel, part, tuple(reasons))
 

@@ -19,6 +19,9 @@ from calib.robot_world import (
     random_problems,
     solve,
 )
+from calib.robot_world.methods import Method
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.solver import solve_problem
 from calib.se3 import FloatArray, inverse
 from posedesign.hand_eye.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.hand_eye.pairs import results as pairs_results
@@ -575,11 +578,11 @@ def test_all_among_other_names(cli, tmp_path, measured):
 def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch, method, status):
     """Where it is the one that was asked for first: the others are there to compare."""
 
-    def told(A: FloatArray, B: FloatArray, name: str, noise: Any, **options: Any) -> Any:
-        result = solve(A, B, name, noise, **options)
-        return replace(result, _first=(status, "why")) if name == "ml" else result
+    def told(pairs: PairSets, chosen: Method, noise: Any, **options: Any) -> Any:
+        result = solve_problem(pairs, chosen, noise, **options)
+        return replace(result, _first=(status, "why")) if chosen.name == "ml" else result
 
-    monkeypatch.setattr(pairs_results, "solve", told)
+    monkeypatch.setattr(pairs_results, "solve_problem", told)
     path = write_pairs(tmp_path / "pairs.csv", measured[0])
     said = cli("robot-world", path, "--method", method, "--out", tmp_path, "--json")
     assert said.code == (0 if method == "shah,ml" else 1)

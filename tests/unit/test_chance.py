@@ -24,6 +24,7 @@ def test_quantiles_are_those_of_scipy(p: float) -> None:
 @pytest.mark.parametrize("value", [0.0, 0.3, 2.0, 40.0])
 def test_tails_are_those_of_scipy(value: float) -> None:
     np.testing.assert_allclose(chance.chi2_tail(value, FREEDOM), stats.chi2.sf(value, FREEDOM))
+    np.testing.assert_allclose(chance.chi2_below(value, FREEDOM), stats.chi2.cdf(value, FREEDOM))
     for n in FREEDOM:
         np.testing.assert_allclose(chance.student_tail(value, n), stats.t.sf(value, n), rtol=1e-9)
         np.testing.assert_allclose(chance.f_tail(value, 3.0, n), stats.f.sf(value, 3.0, n), 1e-9)

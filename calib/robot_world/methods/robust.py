@@ -40,7 +40,7 @@ _BEST = 8
 """Candidates that are refined on their better halves before one is chosen."""
 
 _ROUNDS = 30
-_SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 100_000
+_SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 10_000
 
 _KEPT = 1.0 - CHANCE
 
@@ -156,11 +156,20 @@ def _sizes(
     T, K, N = *X.shape[:2], A.shape[1]
     angle, distance = np.empty((2, T, K, N))
     at_once = max(1, _RESIDUALS_AT_ONCE // (T * N))
+    # columns by rows, and rows by columns, with the pairs last
+    of_A = A[..., :3, :].transpose(0, 3, 2, 1).reshape(T, 4, 3 * N)
+    of_B = B.transpose(0, 2, 3, 1).reshape(T, 4, 4 * N)
     for first in range(0, K, at_once):
         some = slice(first, first + at_once)
-        error = residuals(A[:, None], B[:, None], X[:, some], Z[:, some])
-        angle[:, some] = np.linalg.norm(error[..., :3], axis=-1)
-        distance[:, some] = np.linalg.norm(error[..., 3:], axis=-1)
+        AX = np.swapaxes(X[:, some], -1, -2).reshape(T, -1, 4) @ of_A
+        ZB = Z[:, some, :3].reshape(T, -1, 4) @ of_B
+        off = AX.reshape(T, -1, 4, 3, N) - ZB.reshape(T, -1, 3, 4, N).swapaxes(2, 3)
+        off *= off
+        square = off.sum(axis=3)
+        distance[:, some] = np.sqrt(square[:, :, 3])
+        # the chord |R - 1|_F of a rotation by θ is √8 sin(θ/2)
+        half_sine = np.sqrt(np.minimum(square[:, :, :3].sum(axis=2) / 8.0, 1.0))
+        angle[:, some] = 2.0 * np.arcsin(half_sine)
     return angle, distance
 
 

@@ -19,11 +19,12 @@ from calib.robot_world import (
     RobotWorldResult,
     difference,
     result_to_opencv,
-    solve,
 )
 from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
+from calib.robot_world.pairs import checked_problem
+from calib.robot_world.solver import solve_problem
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.hand_eye.pairs.certificate import FRAMES, Camera, Proof, prove
 from posedesign.hand_eye.pairs.file import DEFAULT_FORM, Pairs
@@ -122,6 +123,7 @@ def solve_pairs(
     """
     if not methods:
         raise InputError("no method to solve A X = Z B by", name="methods")
+    problem = checked_problem(pairs.A, pairs.B)
     outcomes = []
     refused: NotIdentifiableError | None = None
     for k, method in enumerate(methods):
@@ -131,7 +133,8 @@ def solve_pairs(
 
         step("solving", 0)
         try:
-            result = solve(pairs.A, pairs.B, method, noise, estimate_scale=estimate_scale)
+            chosen = find_method(method)
+            result = solve_problem(problem, chosen, noise, estimate_scale=estimate_scale)
         except NotIdentifiableError as error:
             refused = error
             outcomes.append(SolverOutcome(method, None, error.message))

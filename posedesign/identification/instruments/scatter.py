@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
+from calib.chance import chi2_below, chi2_tail, student_tail
 from calib.se3 import FloatArray, IntArray
 
 SIGNIFICANT = 0.01
@@ -40,7 +40,7 @@ class Scatter:
         ``f s²/σ²`` of normal readings is chi-squared with f degrees of freedom.
         """
         found = self.freedom * (self.sigma / stated) ** 2
-        aside = np.minimum(stats.chi2.cdf(found, self.freedom), stats.chi2.sf(found, self.freedom))
+        aside = np.minimum(chi2_below(found, self.freedom), chi2_tail(found, self.freedom))
         return float(min(1.0, 2.0 * len(self.sigma) * aside.min()))
 
 
@@ -97,7 +97,7 @@ def drift_of(places: FloatArray, times: FloatArray) -> Drift | None:
     left = ((off[None] - centred.T[:, :, None] * size[:, None]) ** 2).sum(axis=1)
     sigma = np.sqrt(left / (count - 2) / (centred**2).sum(axis=0)[:, None])
     exact = np.finfo(float).eps * (1.0 + np.abs(places).max())
-    probability = 2.0 * stats.t.sf(np.abs(size) / np.maximum(sigma, exact), count - 2)
+    probability = 2.0 * student_tail(np.abs(size) / np.maximum(sigma, exact), count - 2)
     axes, steps = places.shape[1], courses.shape[1] - 1
     # a drift and all steps are two questions; of the steps each place is a try
     tries = 2.0 * axes * np.where(np.arange(steps + 1) == 0, 1, steps)
@@ -134,6 +134,6 @@ def trend_with(residuals: FloatArray, temperature: FloatArray) -> Trend | None:
     r = (T @ rows) / np.where(lengths > 0, lengths, 1.0)
     axis, freedom = int(np.abs(r).argmax()), len(T) - 2
     t = abs(r[axis]) * np.sqrt(freedom / max(1.0 - r[axis] ** 2, 1e-300))
-    probability = float(min(1.0, 2.0 * len(r) * stats.t.sf(t, freedom)))
+    probability = min(1.0, 2.0 * len(r) * float(student_tail(t, freedom)))
     slope = float(T @ rows[:, axis] / (T @ T))
     return Trend(axis, slope, float(r[axis]), probability)

@@ -70,6 +70,13 @@ def test_own_pairs_and_those_with_others(make):
     np.testing.assert_array_equal(apart, whole.distance_m)
     clear = own.ways(q, to, 0.01).clear & others.ways(q, to, 0.01).clear
     np.testing.assert_array_equal(clear, scene.ways(q, to, 0.01).clear)
+    # distances of their own to keep, by pair: as each kind alone
+    together = scene.with_pairs(np.concatenate([own.pairs, others.pairs]))
+    keep_m = np.repeat([0.0, 0.08], [len(own.pairs), len(others.pairs)])
+    alone = own.ways(q, to, 0.0).clear & others.ways(q, to, 0.08).clear
+    assert 0 < alone.sum() < own.ways(q, to, 0.0).clear.sum()
+    found = together.ways(q, to, keep_m)
+    np.testing.assert_array_equal(found.clear, alone)
 
 
 def test_pairs_that_touch_at_zero_are_left_out_and_told(make, body):
@@ -442,7 +449,7 @@ def test_distances_of_all_pairs(make):
     nearest = scene.clearance(q, cap_m=cap_m)
     assert np.allclose(found.min(axis=1), nearest.distance_m, rtol=0, atol=1e-9)
     for pair in range(len(scene.pairs)):
-        alone = scene._with_pairs(np.arange(len(scene.pairs)) == pair)
+        alone = scene.with_pairs(scene.pairs[[pair]])
         apart = alone.clearance(q, cap_m=cap_m).distance_m
         assert np.allclose(found[:, pair], apart, rtol=0, atol=1e-9)
     assert np.array_equal(scene.distances(q[:0], cap_m), np.empty((0, len(scene.pairs))))

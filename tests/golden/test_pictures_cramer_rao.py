@@ -196,9 +196,9 @@ WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
 
 @pytest.mark.parametrize("carried", ["camera", "board"])
 def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
-    done = run_moving(20, carried, 53)
+    done = run_moving(12, carried, 53)
     check(done)
-    low, high = band(20, 1)
+    low, high = band(12, 1)
     assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 

@@ -122,8 +122,9 @@ def test_all_that_a_search_finds_is_found(robot):
 
 
 @pytest.mark.slow
-def test_all_that_a_long_search_finds_is_found(robot):
-    check_against_search(robot, poses=20, starts=20_000)
+@pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
+def test_all_that_a_long_search_finds_is_found(robot, poses):
+    check_against_search(robot, poses, starts=20_000)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])

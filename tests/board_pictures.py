@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import cv2
@@ -40,6 +40,37 @@ BESIDE = 0.15
 """Of a picture, what lies beside it before the lens bends it into view."""
 
 
+def canvas_of(lens: Lens) -> tuple[FloatArray, tuple[int, int]]:
+    """From pixels of a lens without distortion to indices of a canvas about it, and its size.
+
+    Pixels count from the corner of the picture, indices from the middle of the first.
+    """
+    size = np.array([lens.width_px, lens.height_px])
+    first = -BESIDE * size
+    to_index = np.array(
+        [
+            [FINER, 0, -FINER * first[0] - 0.5],
+            [0, FINER, -FINER * first[1] - 0.5],
+            [0, 0, 1.0],
+        ]
+    )
+    width, height = (FINER * size * (1 + 2 * BESIDE)).astype(int)
+    return to_index, (int(width), int(height))
+
+
+@cache
+def bend_of(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Where on the canvas each fine pixel of the picture is taken from."""
+    width, height = FINER * lens.width_px, FINER * lens.height_px
+    x, y = np.meshgrid((np.arange(width) + 0.5) / FINER, (np.arange(height) + 0.5) / FINER)
+    K, terms = lens.to_opencv()
+    pixels = np.stack([x.ravel(), y.ravel()], axis=-1)[:, None] - 0.5
+    straight = cv2.undistortPoints(pixels, K, terms, P=K)[:, 0] + 0.5
+    to_index, _ = canvas_of(lens)
+    index = (straight * np.diag(to_index)[:2] + to_index[:2, 2]).astype(np.float32)
+    return index[:, 0].reshape(height, width), index[:, 1].reshape(height, width)
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A camera with a lens, in front of one board.
@@ -65,36 +96,6 @@ class Camera:
         """The board with white about it."""
         return board_picture(self.board, self.px_per_m, self.margin_m)
 
-    @property
-    def _canvas(self) -> tuple[FloatArray, tuple[int, int]]:
-        """From pixels of a lens without distortion to indices of a canvas about it, and its size.
-
-        Pixels count from the corner of the picture, indices from the middle of the first.
-        """
-        size = np.array([self.lens.width_px, self.lens.height_px])
-        first = -BESIDE * size
-        to_index = np.array(
-            [
-                [FINER, 0, -FINER * first[0] - 0.5],
-                [0, FINER, -FINER * first[1] - 0.5],
-                [0, 0, 1.0],
-            ]
-        )
-        width, height = (FINER * size * (1 + 2 * BESIDE)).astype(int)
-        return to_index, (int(width), int(height))
-
-    @cached_property
-    def _bend(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where on the canvas each fine pixel of the picture is taken from."""
-        width, height = FINER * self.lens.width_px, FINER * self.lens.height_px
-        x, y = np.meshgrid((np.arange(width) + 0.5) / FINER, (np.arange(height) + 0.5) / FINER)
-        K, terms = self.lens.to_opencv()
-        pixels = np.stack([x.ravel(), y.ravel()], axis=-1)[:, None] - 0.5
-        straight = cv2.undistortPoints(pixels, K, terms, P=K)[:, 0] + 0.5
-        to_index, _ = self._canvas
-        index = (straight * np.diag(to_index)[:2] + to_index[:2, 2]).astype(np.float32)
-        return index[:, 0].reshape(height, width), index[:, 1].reshape(height, width)
-
     def take(self, T_camera_board: FloatArray, rng: np.random.Generator) -> NDArray[np.uint8]:
         """A picture of the board there."""
         fx, fy, cx, cy = self.lens.values[:4]
@@ -107,10 +108,10 @@ class Camera:
                 [0, 0, 1.0],
             ]
         )
-        to_index, size = self._canvas
+        to_index, size = canvas_of(self.lens)
         M = to_index @ K @ T_camera_board[:3, [0, 1, 3]] @ from_print
         flat = cv2.warpPerspective(self.print, M, size, flags=cv2.INTER_LINEAR, borderValue=(90,))
-        bent = cv2.remap(flat, *self._bend, cv2.INTER_LINEAR, borderValue=(90,))
+        bent = cv2.remap(flat, *bend_of(self.lens), cv2.INTER_LINEAR, borderValue=(90,))
         small = cv2.resize(
             bent, (self.lens.width_px, self.lens.height_px), None, 0, 0, cv2.INTER_AREA
         )

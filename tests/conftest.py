@@ -11,6 +11,7 @@ import gc
 import json
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +20,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from calib import mat_file
+from calib import Robot, mat_file
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
 from posedesign.study.library import find_study
@@ -42,6 +43,14 @@ def _not_to_the_disk() -> Iterator[None]:
     """Files of tests go when the tests end: nothing waits until the disk has them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _each_preset_once() -> Iterator[None]:
+    """Presets, of which thousands of cells are made, are built once: no test changes one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Robot, "preset", staticmethod(cache(Robot.preset)))
         yield
 
 

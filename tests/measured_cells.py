@@ -1,12 +1,13 @@
 """Cells of several arms that measure by whatever there is: text of each, by kind."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from calib.identification import covariance_of, identify_batch
 from posedesign.cell import Cell
-from posedesign.planning.optimal import Request, plan_optimal
+from posedesign.planning.optimal import OptimalPlan, Request, plan_optimal
 from posedesign.simulation import SimulatedRobot
 
 POSES = 24
@@ -140,6 +141,7 @@ def cell_text(kind: str, robot: str, posture_deg: tuple[float, ...]) -> str:
     return head + text + planned
 
 
+@cache
 def measured_cell(kind: str, arm: str, folder: Path | None = None) -> Cell:
     """A cell of a preset, or of a description in a folder."""
     if folder is None:
@@ -152,9 +154,19 @@ def measured_cell(kind: str, arm: str, folder: Path | None = None) -> Cell:
     return Cell.from_text(text)
 
 
+def planned(cell: Cell, poses: int = POSES) -> OptimalPlan:
+    """The best so many poses of a cell, which several tests look at."""
+    return _planned(cell, poses)
+
+
+@cache
+def _planned(cell: Cell, poses: int) -> OptimalPlan:
+    return plan_optimal(cell, Request(count=poses))
+
+
 def scatter_over_predicted(cell: Cell, poses: int = POSES) -> np.ndarray:
     """Scatter of identified parameters over that predicted, ``(p,)``."""
-    chosen = plan_optimal(cell, Request(count=poses))
+    chosen = planned(cell, poses)
     robot, which = SimulatedRobot.of(cell), cell.which(chosen.labels)
     names = [str(i) for i in range(len(which))]
     rng = np.random.default_rng(3)

@@ -200,8 +200,3 @@ def case_of(name: str, seed: int) -> Case:
     scene = draw_scene(rng, int(rng.integers(12, 21)), carried)  # type: ignore[arg-type]
     pixels = scene.seen(rng, arm=(EXACT, STOPS_OFF)[seed // 2 % 2])
     return MISTAKES.get(name, none)(scene, pixels, rng)
-
-
-def verdicts(names: Iterable[str], trials: int) -> dict[str, list[Verdict]]:
-    """Of each mistake, that many."""
-    return {name: [judge(case_of(name, seed)) for seed in range(trials)] for name in names}

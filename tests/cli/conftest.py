@@ -49,32 +49,56 @@ ANSWERING = frozenset(
 
 
 @cache
+def _rendering() -> tuple[tuple[type, str, Callable[..., Any]], ...]:
+    """What lays out figures and renders them, as matplotlib has it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    named = (
+        (ConstrainedLayoutEngine, "execute"),
+        (Figure, "savefig"),
+        (FigureCanvasAgg, "print_png"),
+        (FigureCanvasSVG, "print_svg"),
+    )
+    return tuple((owner, name, getattr(owner, name)) for owner, name in named)
+
+
+@cache
 def empty_picture(kind: str) -> bytes:
     """A small figure with nothing in it, as PNG, SVG or PDF."""
     from matplotlib.figure import Figure
 
     data = io.BytesIO()
-    Figure(figsize=(0.5, 0.5)).canvas.print_figure(data, format=kind)
+    with rendering():
+        Figure(figsize=(0.5, 0.5)).savefig(data, format=kind)
     return data.getvalue()
 
 
 @contextmanager
 def empty_pictures() -> Iterator[None]:
     """Figures are made as ever, and an empty one is written: that is most of the time."""
-    from matplotlib.figure import Figure
 
-    def save_empty(figure: Figure, to: Any, **kwargs: Any) -> None:
-        empty = empty_picture(
-            kwargs.get("format", "png" if hasattr(to, "write") else to.suffix[1:])
-        )
+    def write(to: Any, kind: str) -> None:
+        empty = empty_picture(kind)
         if not hasattr(to, "write"):
             to.write_bytes(empty)
         else:
             to.write(empty.decode() if isinstance(to, io.StringIO) else empty)
 
+    def save_empty(figure: object, to: Any, **kwargs: Any) -> None:
+        write(to, kwargs.get("format", "png" if hasattr(to, "write") else to.suffix[1:]))
+
+    instead: tuple[Callable[..., None], ...] = (
+        lambda engine, figure: None,
+        save_empty,
+        lambda canvas, to, **kwargs: write(to, "png"),
+        lambda canvas, to, **kwargs: write(to, "svg"),
+    )
     with pytest.MonkeyPatch.context() as patch:
-        save_empty.savefig = Figure.savefig
-        patch.setattr(Figure, "savefig", save_empty)
+        for (owner, name, _), function in zip(_rendering(), instead, strict=True):
+            patch.setattr(owner, name, function)
         yield
 
 
@@ -88,10 +112,9 @@ def _pictures() -> Iterator[None]:
 @contextmanager
 def rendering() -> Iterator[None]:
     """What is in figures is rendered all the same."""
-    from matplotlib.figure import Figure
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", Figure.savefig.savefig)
+        for owner, name, function in _rendering():
+            patch.setattr(owner, name, function)
         yield
 
 

@@ -14,6 +14,7 @@ import pytest
 from calib.lens import Lens
 from calib.se3 import quaternion_from_rotation, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
+from posedesign.hand_eye import sightings
 from posedesign.hand_eye.lens_files import read_lens
 from tests.board_pictures import Camera, take_pictures
 from tests.cli.test_glossary import check_explained
@@ -31,6 +32,22 @@ square_mm = 30.0
 marker_mm = 22.0
 dictionary = "DICT_4X4_50"
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _detected_once():
+    """The same pictures are looked at by most tests: what is in each is found once."""
+    found, detect = {}, sightings.detect_board
+
+    def detected(picture, board):
+        key = picture.tobytes(), board.points.tobytes(), board.words
+        if key not in found:
+            found[key] = detect(picture, board)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sightings, "detect_board", detected)
+        yield
 
 
 def write_pictures(cell: Path, folder: Path, joints: Path, count: int) -> np.ndarray:

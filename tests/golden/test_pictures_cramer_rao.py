@@ -1,6 +1,7 @@
 """Camera, board, lens and robot from pictures against the Cramér-Rao bound over their pixels."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
@@ -119,11 +120,15 @@ def check(done: Trials, *, efficient: float = HIGHEST) -> None:
     assert 0.93 - error < done.inside.mean() < 0.97 + error
 
 
-CASES = pytest.mark.parametrize(
-    ("carried", "arm"),
-    [("camera", EXACT), ("camera", STOPS_OFF), ("board", EXACT), ("board", STOPS_OFF)],
-    ids=["camera, exact", "camera, stops off", "board, exact", "board, stops off"],
-)
+def together(each: Sequence[Trials]) -> Trials:
+    return Trials(*(np.concatenate([getattr(t, f.name) for t in each]) for f in fields(Trials)))
+
+
+CASES: tuple[tuple[Carried, tuple[float, float]], ...] = (
+    ("camera", EXACT), ("camera", STOPS_OFF), ("board", EXACT), ("board", STOPS_OFF),
+)  # fmt: skip
+ROUND = make_board("round-target", diameter_m=0.16).points
+"""24 points on 115 mm, where the ChArUco has 35 on 180 mm x 120 mm."""
 
 
 @pytest.mark.parametrize(("carried", "arm"), [("camera", STOPS_OFF), ("board", EXACT)])
@@ -132,37 +137,26 @@ def test_a_dozen_sets_are_as_near_as_they_say(carried, arm):
 
 
 @pytest.mark.slow
-@CASES
-def test_errors_are_those_of_the_bound_and_covariances_are_right(carried, arm):
-    """Two hundred sets: the bars themselves, and each of X, Z and the lens in its band."""
-    done = run(200, carried, arm, 51)
+@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    ("seed", "points"), [(51, None), (56, ROUND)], ids=["charuco", "round target"]
+)
+def test_errors_are_those_of_the_bound_and_covariances_are_right(seed, points, trials):
+    """Two hundred sets, of four set-ups: the bars themselves, and each of them, with each of X, Z
+    and the lens, in its band."""
+    each = [run(trials, carried, arm, seed, points) for carried, arm in CASES]
+    done = together(each)
     assert LOWEST < done.over_bound() < HIGHEST
     assert 0.93 < done.inside.mean() < 0.97
-    check(done)
-    for part in GROUPS.values():
-        low, high = band(200, part.stop - part.start)
-        assert LOWEST * low < done.over_bound(part) < HIGHEST * high
+    for one in each:
+        check(one)
+        for part in GROUPS.values():
+            low, high = band(trials, part.stop - part.start)
+            assert LOWEST * low < one.over_bound(part) < HIGHEST * high
 
 
-ROUND = make_board("round-target", diameter_m=0.16).points
-"""24 points on 115 mm, where the ChArUco has 35 on 180 mm x 120 mm."""
-
-
-@pytest.mark.parametrize(("carried", "arm"), [("camera", EXACT), ("board", STOPS_OFF)])
-def test_a_dozen_sets_of_a_round_target_are_as_near_as_they_say(carried, arm):
-    check(run(12, carried, arm, 55, ROUND))
-
-
-@pytest.mark.slow
-@CASES
-def test_errors_with_a_round_target_are_those_of_the_bound(carried, arm):
-    done = run(200, carried, arm, 56, ROUND)
-    assert LOWEST < done.over_bound() < HIGHEST
-    assert 0.93 < done.inside.mean() < 0.97
-    check(done)
-    for part in GROUPS.values():
-        low, high = band(200, part.stop - part.start)
-        assert LOWEST * low < done.over_bound(part) < HIGHEST * high
+def test_a_dozen_sets_of_a_round_target_are_as_near_as_they_say():
+    check(run(12, "board", STOPS_OFF, 55, ROUND))
 
 
 def run_moving(trials: int, carried: Carried, seed: int) -> Trials:
@@ -196,20 +190,21 @@ WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
 
 @pytest.mark.parametrize("carried", ["camera", "board"])
 def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
-    done = run_moving(20, carried, 53)
+    done = run_moving(12, carried, 53)
     check(done)
-    low, high = band(20, 1)
+    low, high = band(12, 1)
     assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("carried", ["camera", "board"])
-def test_errors_with_a_time_offset_are_those_of_the_bound(carried):
-    done = run_moving(200, carried, 54)
-    assert LOWEST < done.over_bound() < HIGHEST
-    check(done)
-    low, high = band(200, 1)
-    assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
+@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+def test_errors_with_a_time_offset_are_those_of_the_bound(trials):
+    each = [run_moving(trials, carried, 54) for carried in WHERE]
+    assert LOWEST < together(each).over_bound() < HIGHEST
+    low, high = band(trials, 1)
+    for done in each:
+        check(done)
+        assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 
 JOINTS = slice(1, 5)
@@ -243,10 +238,11 @@ def test_two_deviations_of_the_arm_that_are_as_likely_do_not_take_turns(trial):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("carried", ["camera", "board"])
-def test_zero_offsets_of_the_robot_are_found_as_near_as_can_be(carried):
-    done = run_robot(200, carried, 52)
-    assert done.over_bound() < HIGHEST
-    check(done)
-    low, high = band(200, 4)
-    assert LOWEST * low < done.over_bound(slice(12, 16)) < HIGHEST * high
+@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+def test_zero_offsets_of_the_robot_are_found_as_near_as_can_be(trials):
+    each = [run_robot(trials, carried, 52) for carried in WHERE]
+    assert together(each).over_bound() < HIGHEST
+    low, high = band(trials, 4)
+    for done in each:
+        check(done)
+        assert LOWEST * low < done.over_bound(slice(12, 16)) < HIGHEST * high

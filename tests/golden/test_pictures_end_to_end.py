@@ -75,11 +75,11 @@ def test_a_round_target_does_with_its_24_corners(carried):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("sets", [8, pytest.param(12, marks=pytest.mark.full)])
 @pytest.mark.parametrize("carried", ["camera", "board"])
 @pytest.mark.parametrize("board", [BOARD, ROUND], ids=["charuco", "round target"])
-def test_many_sets_of_pictures_are_as_near_as_they_say(carried, board):
-    """Twelve sets of 15 pictures of an arm that stops off."""
-    sets = 12
+def test_many_sets_of_pictures_are_as_near_as_they_say(carried, board, sets):
+    """Sets of 15 pictures of an arm that stops off."""
     found = [check(*photographed(15, carried, STOPS_OFF, 100 + k, board)) for k in range(sets)]
     low, high = chi2_quantile([CHANCE / 2, 1 - CHANCE / 2], 6 * sets)
     assert low < sum(found) < high

@@ -5,7 +5,9 @@ Coordinates are OpenCV's here, counted from the middle of the first pixel.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -179,8 +181,9 @@ def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
         if len(board.points) <= len(blobs) <= _MOST_BLOBS:
             for cells in _lattices(blobs):
                 layouts = _layouts(board, cells)
-                maps = (_fitted(board, which, blobs[b]) for which, b in layouts)
-                found = _in_order(picture, board, [(each, 0.0) for each in maps if each])
+                fitted = (_fitted(board, which, blobs[b]) for which, b in layouts)
+                maps = [(each, 0.0) for each in fitted if each]
+                found = _in_order(picture, board, maps) if maps else None
                 if found is not None:
                     return found
     return None
@@ -204,7 +207,7 @@ Cells = dict[tuple[int, int], int]
 
 def _lattices(blobs: FloatArray) -> Iterator[Cells]:
     """Lattices that blobs ``(B, 2)`` lie on, each grown from a blob and two of its neighbours."""
-    tree = cKDTree(blobs)
+    tree, places = cKDTree(blobs), _Places(blobs)
     far = np.linalg.norm(blobs - np.median(blobs, axis=0), axis=1)
     middle = [int(k) for k in np.argsort(far, kind="stable")]
     for seed in middle[:: max(1, len(middle) // _SEEDS)][:_SEEDS]:
@@ -218,17 +221,46 @@ def _lattices(blobs: FloatArray) -> Iterator[Cells]:
                 if sine > _FLAT and length[j] < _LIKE * length[i]:
                     tried.append((float(length[i] + length[j]), i, j))
         for _, i, j in sorted(tried)[:_NEIGHBOURS]:
-            yield _grown(blobs, tree, seed, steps[[i, j]])
+            yield _grown(places, seed, [complex(*steps[k]) for k in (i, j)])
 
 
-def _grown(blobs: FloatArray, tree: cKDTree, seed: int, basis: FloatArray) -> Cells:
+class _Places:
+    """Blobs as complex numbers, by squares as wide as what is looked for about a place."""
+
+    def __init__(self, blobs: FloatArray) -> None:
+        self.all: list[complex] = (blobs @ [1.0, 1.0j]).tolist()
+        self._squares: dict[float, dict[tuple[int, int], list[int]]] = {}
+
+    def near(self, radius: float) -> Callable[[complex, float], int | None]:
+        """What finds the nearest blob of a place, closer to it than a limit up to the radius."""
+        side = 2.0 ** math.ceil(math.log2(radius))
+        squares = self._squares.setdefault(side, {})
+        if not squares:
+            for blob, at in enumerate(self.all):
+                squares.setdefault((int(at.real // side), int(at.imag // side)), []).append(blob)
+
+        def nearest(place: complex, limit: float) -> int | None:
+            found = None
+            x, y = int(place.real // side), int(place.imag // side)
+            for square in product((x - 1, x, x + 1), (y - 1, y, y + 1)):
+                for blob in squares.get(square, ()):
+                    far = abs(self.all[blob] - place)
+                    if far < limit:
+                        found, limit = blob, far
+            return found
+
+        return nearest
+
+
+def _grown(places: _Places, seed: int, basis: Sequence[complex]) -> Cells:
     """The lattice from a blob on, its steps following perspective and lens."""
     cells: Cells = {(0, 0): seed}
-    used, queue = {seed}, [(0, 0)]
-    short = float(np.linalg.norm(basis, axis=1).min())
+    used, queue = {seed}, deque([(0, 0)])
+    short = min(map(abs, basis))
+    blobs, nearest = places.all, places.near(_MISS * short)
     sides = [(1, 0), (0, 1), (-1, 0), (0, -1)]
     while queue:
-        u, v = queue.pop(0)
+        u, v = queue.popleft()
         here = blobs[cells[u, v]]
         for k, (a, b) in enumerate(sides):
             there = (u + a, v + b)
@@ -240,12 +272,12 @@ def _grown(blobs: FloatArray, tree: cKDTree, seed: int, basis: FloatArray) -> Ce
                 step = here - blobs[cells[u - a, v - b]]
             else:
                 for c, d in ((b, a), (-b, -a)):
-                    if {(u + c, v + d), (u + a + c, v + b + d)} <= cells.keys():
+                    if (u + c, v + d) in cells and (u + a + c, v + b + d) in cells:
                         step = blobs[cells[u + a + c, v + b + d]] - blobs[cells[u + c, v + d]]
-            far, found = tree.query(here + step)
-            if far < _MISS * min(float(np.linalg.norm(step)), short) and int(found) not in used:
-                cells[there] = int(found)
-                used.add(int(found))
+            found = nearest(here + step, _MISS * min(abs(step), short))
+            if found is not None and found not in used:
+                cells[there] = found
+                used.add(found)
                 queue.append(there)
     return cells
 
@@ -262,19 +294,23 @@ def _layouts(board: CircleGrid, cells: Cells) -> list[tuple[NDArray[np.intp], ND
     there, blobs = np.array(list(cells)), np.array(list(cells.values()))
     if len(there) < len(wanted):
         return []
-    index = {tuple(cell): k for k, cell in enumerate(wanted.tolist())}
+    points = (wanted @ [_FAR, 1]).tolist()
+    # far ones tell soonest that a board does not fit
+    order = np.argsort(-np.abs(wanted - wanted[0]).sum(axis=1)).tolist()
+    from_first = [points[k] - points[0] for k in order]
     found = []
     for turn in _TURNS:
-        turned = there @ turn
-        apart = (wanted[:, None] - turned) @ [_FAR, 1]
-        shifts, counts = np.unique(apart, return_counts=True)
-        if counts.max() < len(wanted):
-            continue
-        if (counts == len(wanted)).sum() > 1:
+        turned = (there @ (turn @ [_FAR, 1])).tolist()
+        firsts = taken = set(turned)
+        for step in from_first:
+            firsts = {cell for cell in firsts if cell + step in taken}
+        if len(firsts) > 1:
             return []
-        shift = int(shifts[int(np.argmax(counts))]) + _FAR // 2
-        at = turned + np.array([shift // _FAR, shift % _FAR - _FAR // 2])
-        which = np.array([index.get(tuple(cell), -1) for cell in at.tolist()], dtype=np.intp)
+        if not firsts:
+            continue
+        (first,) = firsts
+        index = {first + point - points[0]: k for k, point in enumerate(points)}
+        which = np.array([index.get(cell, -1) for cell in turned], dtype=np.intp)
         found.append((which[which >= 0], blobs[which >= 0]))
     return found
 

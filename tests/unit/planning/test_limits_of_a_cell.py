@@ -24,16 +24,20 @@ def targets_of(chosen: OptimalPlan) -> list[str]:
 
 
 def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
-    free = plan_optimal(cell_with(""), Request(count=16))
+    free = plan_optimal(cell_with(""), Request(count=16, beside=0, refine=False))
     few = targets_of(free).count("high")
     limited = plan_optimal(
-        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'), Request(count=16)
+        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'),
+        Request(count=16, beside=0, refine=False),
     )
     assert targets_of(limited).count("high") == few - 3
     assert limited.selection.value >= free.selection.bound
     assert limited.selection.efficiency > 0.8
     more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {20 - few}\n')
-    assert targets_of(plan_optimal(more, Request(count=16))).count("low") >= 20 - few
+    assert (
+        targets_of(plan_optimal(more, Request(count=16, beside=0, refine=False))).count("low")
+        >= 20 - few
+    )
 
 
 def test_sides_and_zones_are_kept():
@@ -45,7 +49,7 @@ def test_sides_and_zones_are_kept():
     )
     z = 1e3 * cell_with("").target_m[2]
     cell = cell_with(text.format(z=round(float(z) + 50.0, 1)))
-    chosen = plan_optimal(cell, Request(count=14, refine=False))
+    chosen = plan_optimal(cell, Request(count=14, beside=0, refine=False))
     front = in_front(chosen.postures[:, 0], float(cell.base_posture[0]))
     assert (~front).sum() <= 2
     height = cell.robot.state(chosen.postures).point(cell.tool_m)[:, 2]
@@ -54,10 +58,10 @@ def test_sides_and_zones_are_kept():
 
 def test_a_pose_is_measured_again_where_that_tells_more():
     cell = cell_with("[pool]\nrepeats = 4\ncandidates = 200\n", "touch-up")
-    chosen = plan_optimal(cell, Request(count=16, criterion="D", refine=False))
+    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D", refine=False))
     once = plan_optimal(
         cell_with("[pool]\ncandidates = 200\n", "touch-up"),
-        Request(count=16, criterion="D", refine=False),
+        Request(count=16, beside=0, criterion="D", refine=False),
     )
     assert len(np.unique(chosen.postures, axis=0)) < 16
     assert chosen.selection.value > once.selection.value  # D: the larger the better
@@ -66,21 +70,21 @@ def test_a_pose_is_measured_again_where_that_tells_more():
 
 def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():
     """A tracker reads in 3 s what a touch-up takes 20 s for."""
-    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 200\n"
+    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 100\n"
     text = cell_text("mixed", f'preset = "{ARM}"', ARMS[ARM])
     text = text.replace('kind = "point"\n', 'kind = "point"\ndwell_s = 3.0\n', 1) + more
     cell = Cell.from_text(text)
-    chosen = plan_optimal(cell, Request(count=27, time_s=240.0))
-    assert chosen.cycle_time_s < 240.0
+    chosen = plan_optimal(cell, Request(count=18, beside=0, time_s=200.0))
+    assert chosen.cycle_time_s < 200.0
     of = targets_of(chosen)
     standing = sum(20.0 if target == "T1" else 3.0 for target in of)
     assert chosen.route.standing_s == pytest.approx(standing)
     slow = Cell.from_text(text.replace("dwell_s = 3.0", "dwell_s = 20.0"))
-    even = plan_optimal(slow, Request(count=27, time_s=240.0))
+    even = plan_optimal(slow, Request(count=18, beside=0, time_s=200.0))
     assert of.count("tracker") > targets_of(even).count("tracker")
     assert chosen.accuracy.tcp_m < even.accuracy.tcp_m
     with pytest.raises(InputError, match="equations for"):
-        plan_optimal(cell, Request(count=27, time_s=20.0))
+        plan_optimal(cell, Request(count=18, beside=0, time_s=20.0))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +100,7 @@ def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():
 )
 def test_limits_that_cannot_be_kept_are_refused(limit, message):
     with pytest.raises(CalibError) as refused:
-        plan_optimal(cell_with(f"[[pool.limit]]\n{limit}"), Request(count=16))
+        plan_optimal(cell_with(f"[[pool.limit]]\n{limit}"), Request(count=16, beside=0))
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 

@@ -41,6 +41,7 @@ from tests.measured_cells import (
     cell_text,
     check_scatter,
     measured_cell,
+    planned,
     scatter_over_predicted,
 )
 
@@ -62,9 +63,16 @@ def test_parameters_scatter_as_predicted(kind):
     check_scatter(scatter_over_predicted(measured_cell(kind, ARM)))
 
 
+OTHERS = [
+    pytest.param(arm, kind, marks=() if (i + k) % 3 == 0 else pytest.mark.full)
+    for i, arm in enumerate(arm for arm in ARMS if arm != ARM)
+    for k, kind in enumerate(KINDS)
+]
+"""Each kind by one of the other arms, by all of them where everything is run."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("arm", [arm for arm in ARMS if arm != ARM])
+@pytest.mark.parametrize(("arm", "kind"), OTHERS)
 def test_parameters_of_other_arms_scatter_as_predicted(arm, kind):
     check_scatter(scatter_over_predicted(measured_cell(kind, arm)))
 
@@ -73,7 +81,7 @@ def test_parameters_of_other_arms_scatter_as_predicted(arm, kind):
 def test_poses_of_a_list_say_what_they_are_of(kind, tmp_path):
     """What is planned is judged alike when its file is read again, and drawn."""
     cell = measured_cell(kind, ARM)
-    chosen = plan_optimal(cell, Request(count=POSES))
+    chosen = planned(cell)
     path = tmp_path / "poses.csv"
     write_poses(path, cell.robot, chosen.poses, chosen.route, cell.tool_m)
     listed = read_poses(path, 6)
@@ -213,7 +221,7 @@ def test_what_is_measured_together_is_what_is_measured_one_by_one():
 def test_the_next_pose_is_of_the_target_that_tells_most():
     """Of all candidates of both targets, each tried by itself."""
     cell = measured_cell("two targets", ARM)
-    chosen = plan_optimal(cell, Request(count=16))
+    chosen = planned(cell, 16)
     which = cell.which(chosen.labels)
     robot, own = SimulatedRobot.of(cell), which == 0
     rng = np.random.default_rng(2)
@@ -238,7 +246,7 @@ def test_the_next_pose_is_of_the_target_that_tells_most():
 
 def test_the_next_poses_after_a_tracker_lower_the_error():
     cell = measured_cell("reflectors", ARM)
-    chosen = plan_optimal(cell, Request(count=8))
+    chosen = planned(cell, 8)
     names = [f"P{i + 1:02d}" for i in range(8)]
     rng = np.random.default_rng(2)
     data = SimulatedRobot.of(cell).measure(chosen.postures, np.zeros(8, dtype=int), names, rng)
@@ -253,7 +261,7 @@ def test_the_next_poses_after_a_tracker_lower_the_error():
 
 def test_poses_with_a_payload_are_a_tour_of_their_own():
     cell = measured_cell("payloads", "r2000ic165f")
-    chosen = plan_optimal(cell, Request(count=POSES))
+    chosen = planned(cell)
     assert "compliance.joint_2" in chosen.model.names
     listed = listed_of(chosen)
     loads = listed.extra["payload"]
@@ -274,7 +282,7 @@ def test_poses_with_a_payload_are_a_tour_of_their_own():
 def test_a_target_that_tells_least_is_left_out_and_said():
     """A bar whose foot takes three poses to place, of a few."""
     cell = measured_cell("distances", "r2000ic165f")
-    chosen = plan_optimal(cell, Request(count=18))
+    chosen = planned(cell, 18)
     assert len(chosen.unused) == 1
     assert any(f"no pose is of {chosen.unused[0]}" in said for said in chosen.remarks)
     assert f"target.{chosen.unused[0]}.x" not in chosen.model.names
@@ -291,7 +299,7 @@ def test_the_loop_varies_about_the_first_target():
 
 def test_joints_that_only_a_load_tells_are_left_out_of_the_plan():
     """Nothing shows how the first joint gives way, whose axis is upright."""
-    chosen = plan_optimal(measured_cell("payloads", "r2000ic165f"), Request(count=POSES))
+    chosen = planned(measured_cell("payloads", "r2000ic165f"))
     assert "compliance.joint_1" not in chosen.model.names
 
 
@@ -386,7 +394,7 @@ def test_named_offsets_that_cannot_be_told_are_refused():
 def test_the_file_of_a_tracker_is_read_by_the_names_of_the_plan(tmp_path):
     """Reflectors and frame of the cell: points by name, as a tracker's software writes them."""
     cell = measured_cell("reflectors", ARM)
-    chosen = plan_optimal(cell, Request(count=12))
+    chosen = planned(cell, 12)
     names = [f"P{i + 1:02d}" for i in range(12)]
     rng = np.random.default_rng(4)
     data = SimulatedRobot.of(cell).measure(chosen.postures, np.zeros(12, dtype=int), names, rng)
@@ -423,7 +431,7 @@ def test_what_is_of_one_touched_target_is_refused_for_others(tmp_path):
 
 def test_the_accuracy_over_a_box_is_predicted_for_whatever_is_measured(tmp_path):
     cell = measured_cell("mixed", ARM)
-    chosen = plan_optimal(cell, Request(count=POSES))
+    chosen = planned(cell)
     box, _ = box_of_cell(cell)
     found = predict(cell, listed_of(chosen), box, tmp_path)
     assert np.sqrt(np.mean(found.rms_m[found.reached] ** 2)) == pytest.approx(
@@ -433,7 +441,7 @@ def test_the_accuracy_over_a_box_is_predicted_for_whatever_is_measured(tmp_path)
 
 def test_a_scene_has_every_pose_of_several_targets():
     cell = measured_cell("two targets", ARM)
-    chosen = plan_optimal(cell, Request(count=10))
+    chosen = planned(cell, 16)
     listed = listed_of(chosen)
     tour = Tour.of(cell, listed)
     assert len(tour.verdicts) == len(listed.names) + 1
@@ -444,7 +452,7 @@ def test_a_scene_has_every_pose_of_several_targets():
 def test_imported_touch_ups_are_of_the_targets_of_the_plan(tmp_path):
     text = cell_text("two targets", 'preset = "lrmate200id"', (0.0, 10.0, -10.0, 0.0, -60.0, 0.0))
     cell = Cell.from_text(text)
-    chosen = plan_optimal(cell, Request(count=10))
+    chosen = planned(cell, 16)
     listed = listed_of(chosen)
     options = program_options(cell, listed, None)
     written = write_program(listed, tmp_path, "fanuc-ls", options, "CALIB01", cell)
@@ -467,7 +475,7 @@ def test_imported_touch_ups_are_of_the_targets_of_the_plan(tmp_path):
 def test_recorded_touch_ups_are_of_what_the_plan_says(tmp_path):
     """Two pins, then a tracker besides: which pin touched, and nothing of what is only read."""
     cell = measured_cell("two pins", "ur10e")
-    listed = listed_of(plan_optimal(cell, Request(count=8))).measured
+    listed = listed_of(planned(cell, 8)).measured
     (file,) = Results.of(tmp_path, "record").claim("measured", ("touchups.csv", "touch-ups"))
     recording = Recording.resume(cell, listed, file)
     for k in (1, 2, 3):

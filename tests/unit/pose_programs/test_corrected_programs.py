@@ -37,6 +37,7 @@ from posedesign.programs import (
 from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
 from tests import arms
 from tests.arms import PULSES
+from tests.marks import by_stage
 from tests.unit.correction.test_compensation import clear_postures
 from tests.unit.programs.dialects import (
     EXPORTS,
@@ -58,7 +59,7 @@ REACH_M = 4.0
 
 BAR_M = 1e-6
 EXACT = 1e-10
-counts = pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
+counts = pytest.mark.parametrize("count", by_stage(30, 300, 1000))
 
 
 @cache

@@ -122,8 +122,9 @@ def test_all_that_a_search_finds_is_found(robot):
 
 
 @pytest.mark.slow
-def test_all_that_a_long_search_finds_is_found(robot):
-    check_against_search(robot, poses=20, starts=20_000)
+@pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
+def test_all_that_a_long_search_finds_is_found(robot, poses):
+    check_against_search(robot, poses, starts=20_000)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
@@ -134,8 +135,9 @@ def test_almost_singular_postures_are_found(robot, joint, angle):
         angle += -np.pi / 2 if joint == 2 else 0.3
     q = np.random.default_rng(2).uniform(-np.pi, np.pi, (200, 6))
     q[:, joint] = angle
-    assert np.quantile(missed(robot, q), 0.99) < 1e-6
-    assert missed(robot, q).max() < 1e-4
+    off = missed(robot, q)
+    assert np.quantile(off, 0.99) < 1e-6
+    assert off.max() < 1e-4
 
 
 @pytest.mark.parametrize("fold", [0.0, np.pi])
@@ -221,9 +223,7 @@ def test_what_is_too_far_says_by_how_much(robot, place):
         return np.linalg.norm(state.rotations[2] @ local + state.origins[2] - W)
 
     rng = np.random.default_rng(0)
-    starts = rng.uniform(-3, 3, (12, 4))
-    options = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-7, "fatol": 1e-9}
-    searched = min(minimize(short, s, method="Nelder-Mead", options=options).fun for s in starts)
+    searched = min(minimize(short, start).fun for start in rng.uniform(-3, 3, (6, 4)))
     assert answers.gap_m[0] == pytest.approx(searched, abs=1e-3)
 
 

@@ -59,8 +59,10 @@ def seen_at(tilt_deg: float, roll_deg: float = 0.0, z_m: float = 0.25) -> FloatA
     return transform(turns[0] @ facing @ turns[1], [0.004, -0.003, z_m])
 
 
-@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["ideal", "bent"])
-@pytest.mark.parametrize("kind", BOARDS)
+@pytest.mark.parametrize(
+    ("kind", "camera"),
+    [*((kind, BENT) for kind in BOARDS), ("charuco", CAMERA), ("round-target", CAMERA)],
+)
 def test_what_is_measured_is_the_slope_at_the_middle(kind, camera):
     """In pictures with noise, squarely and at 40 deg, by a lens that nobody knows.
 
@@ -134,7 +136,7 @@ dictionary = "DICT_5X5_100"
 
 
 def test_touch_ups_against_the_truth():
-    """By pictures, from twelve orientations of up to 30 deg: where the target is before the lens.
+    """By pictures, from eight orientations of up to 30 deg: where the target is before the lens.
 
     Against the mean of all, which is the tip of the virtual pin. The arm scatters by 5 um at it.
     """
@@ -150,7 +152,7 @@ def test_touch_ups_against_the_truth():
     assert made.jacobian is not None
     T = cell.robot.fk(cell.base_posture)
     places = []
-    for _ in range(12):
+    for _ in range(8):
         R = rotation_exp(rng.uniform(-0.3, 0.3, 3))
         tip = T @ transform(R, cell.tool_m - R @ cell.tool_m + rng.uniform(-3e-3, 3e-3, 3))
         q, found = follow(cell.robot, cell.base_posture[None], tip[None])

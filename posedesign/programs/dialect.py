@@ -15,10 +15,10 @@ import numpy as np
 from calib.errors import InputError
 from posedesign.files import Results, encoded
 from posedesign.programs.arm import Arm
+from posedesign.programs.notation import Notation
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram
-from posedesign.programs.rewriting import Notation
 from posedesign.programs.sets import (
     MOST_PARTS,
     claim_set,

@@ -8,7 +8,7 @@ from posedesign.programs.abb_rapid.reader import parse_abb_rapid
 from posedesign.programs.abb_rapid.rules import check_abb_rapid
 from posedesign.programs.abb_rapid.writer import NAMES, render_abb_rapid
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.rewriting import QUATERNION, Notation
+from posedesign.programs.notation import QUATERNION, Notation
 
 __all__ = ["AbbRapid"]
 

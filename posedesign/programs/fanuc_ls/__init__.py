@@ -11,9 +11,9 @@ from posedesign.programs.fanuc_ls import writer
 from posedesign.programs.fanuc_ls.listing import read_listing
 from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
+from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.rewriting import Notation
 
 __all__ = ["FanucLs"]
 

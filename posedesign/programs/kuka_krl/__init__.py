@@ -8,7 +8,7 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.kuka_krl.reader import parse_kuka_krl
 from posedesign.programs.kuka_krl.rules import check_kuka_krl
 from posedesign.programs.kuka_krl.writer import NAMES, render_kuka_krl
-from posedesign.programs.rewriting import ABC, Notation
+from posedesign.programs.notation import ABC, Notation
 
 __all__ = ["KukaKrl"]
 

@@ -43,6 +43,7 @@ from posedesign.programs.language import (
     without_remarks,
     words,
 )
+from posedesign.programs.notation import Notation
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
@@ -54,7 +55,6 @@ from posedesign.programs.recorded import (
     RecordedPosition,
     RecordedProgram,
 )
-from posedesign.programs.rewriting import Notation
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 __all__ = ["MitsubishiMelfa"]

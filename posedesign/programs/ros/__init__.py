@@ -11,9 +11,9 @@ import numpy as np
 
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
+from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.rewriting import Notation
 from posedesign.programs.ros.reader import joints_of, read_list
 from posedesign.programs.ros.rules import CAPTURES, MOVEIT, TRAJECTORY, Layout, check_list
 from posedesign.programs.ros.writer import DECIMALS, render_list

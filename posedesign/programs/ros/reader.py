@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from posedesign.files.yaml_tree import Fault, Plain, documents, text_of
+from posedesign.programs.notation import Literal, literals_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.rewriting import Literal, literals_of
 from posedesign.programs.ros.rules import Entry, Layout, Walk
 
 _COMMENT = re.compile(r"^[ \t]*#+(.*)$", re.MULTILINE)

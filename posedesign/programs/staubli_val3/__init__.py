@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.rewriting import MOVING_XYZ, Notation
+from posedesign.programs.notation import MOVING_XYZ, Notation
 from posedesign.programs.staubli_val3.reader import attributes_of, parse_staubli_val3
 from posedesign.programs.staubli_val3.rules import check_staubli_val3
 from posedesign.programs.staubli_val3.writer import NAMES, render_staubli_val3

@@ -27,9 +27,9 @@ from calib.errors import FileFormatError
 from calib.se3 import FloatArray, rotation_from_moving_xyz, transform
 from posedesign.programs import reading
 from posedesign.programs.configurations import StaubliConfiguration
+from posedesign.programs.notation import Literal
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.rewriting import Literal
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node
 

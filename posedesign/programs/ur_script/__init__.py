@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.errors import InputError
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.rewriting import VECTOR, Notation
+from posedesign.programs.notation import VECTOR, Notation
 from posedesign.programs.ur_script.reader import is_log, parse_ur_script
 from posedesign.programs.ur_script.rules import check_ur_script
 from posedesign.programs.ur_script.spec import NAMES

@@ -9,9 +9,9 @@ import numpy as np
 
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
+from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import RecordedProgram
-from posedesign.programs.rewriting import Notation
 from posedesign.programs.yaskawa_jbi import writer
 from posedesign.programs.yaskawa_jbi.reader import parse_yaskawa_jbi
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi

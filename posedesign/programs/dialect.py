@@ -169,6 +169,12 @@ class Dialect:
                 hint="write joint positions",
                 name="form",
             )
+        if arm.slides and self.maker is not None:
+            unknown = tuple(
+                f"zero and direction of E{k}, taken to be those of {name} in the description"
+                for k, name in enumerate(arm.joint_names[-arm.slides :], start=1)
+            )
+            program = replace(program, not_checked=(*unknown, *program.not_checked))
         parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
         return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
 

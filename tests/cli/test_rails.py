@@ -1,5 +1,6 @@
 """An arm on a rail: from the description to programs, and from measurements to a better rail."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,8 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     (written,) = (tmp_path / "ls").glob("*.LS")
     assert "J6=" in written.read_text()
     assert "E1=" in written.read_text()
+    remarks = re.sub(r"\s*;\s*\d+:\s*!\*\s*", " ", written.read_text())
+    assert "NOT CHECKED: zero and direction of E1, taken to be those of rail" in remarks
     cli("simulate", cell, poses, "--out", tmp_path / "sim")
     touched = tmp_path / "sim" / "touchups.csv"
     assert touched.read_text().splitlines()[1].startswith("target,e1_mm,j1_deg")

@@ -8,6 +8,7 @@ from calib.robot_world import (
     METHODS,
     PairNoise,
     PairSets,
+    accuracy,
     add_noise,
     difference,
     random_problems,
@@ -185,3 +186,19 @@ def test_batch_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
     chunks = solve_batch(problems.A, problems.B, "hirsh")
     np.testing.assert_allclose(chunks.X, whole.X, atol=1e-14)
     np.testing.assert_array_equal(chunks.iterations, whole.iterations)
+
+
+@pytest.mark.parametrize(
+    ("method", "off"), [("shah", 1e-3), ("hirsh", 1e-3), ("li-kronecker", 1e-3), ("zhuang", 0.08)]
+)
+def test_of_more_than_a_hundred_pairs_as_by_each_error(monkeypatch, method, off):
+    """What the pairs tell is taken as it is, the rest is drawn: by its share, to some per cent."""
+    rng = np.random.default_rng(3)
+    problem = random_problems(rng, 1, 110)
+    noise = PairNoise(5e-3, 2e-3)
+    A, B = (T[0] for T in add_noise(rng, problem.A, problem.B, noise))
+    few = propagate(METHODS[method].estimate, A, B, noise)
+    monkeypatch.setattr(accuracy, "_EACH_ERROR", len(A))
+    each = propagate(METHODS[method].estimate, A, B, noise)
+    ratio = np.sqrt(np.diag(few) / np.diag(each))
+    np.testing.assert_allclose(ratio, 1.0, atol=off)

@@ -28,16 +28,14 @@ def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
     few = targets_of(free).count("high")
     limited = plan_optimal(
         cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'),
-        Request(count=16, beside=0, refine=False),
+        Request(count=16, refine=False),
     )
     assert targets_of(limited).count("high") == few - 3
     assert limited.selection.value >= free.selection.bound
     assert limited.selection.efficiency > 0.8
     more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {20 - few}\n')
-    assert (
-        targets_of(plan_optimal(more, Request(count=16, beside=0, refine=False))).count("low")
-        >= 20 - few
-    )
+    kept = plan_optimal(more, Request(count=16, beside=0, refine=False))
+    assert targets_of(kept).count("low") >= 20 - few
 
 
 def test_sides_and_zones_are_kept():
@@ -74,7 +72,7 @@ def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():
     text = cell_text("mixed", f'preset = "{ARM}"', ARMS[ARM])
     text = text.replace('kind = "point"\n', 'kind = "point"\ndwell_s = 3.0\n', 1) + more
     cell = Cell.from_text(text)
-    chosen = plan_optimal(cell, Request(count=18, beside=0, time_s=200.0))
+    chosen = plan_optimal(cell, Request(count=18, time_s=200.0))
     assert chosen.cycle_time_s < 200.0
     of = targets_of(chosen)
     standing = sum(20.0 if target == "T1" else 3.0 for target in of)

@@ -61,7 +61,8 @@ def _counted(cell: Cell, pool: CandidatePoses, section: LimitSection) -> BoolArr
                 )
             counted &= np.array([label == wanted for label in known])[pool.of]
     if section.side is not None:
-        front = in_front(pool.postures[:, 0], float(cell.base_posture[0]))
+        first = cell.robot.slides
+        front = in_front(pool.postures[:, first], float(cell.base_posture[first]))
         counted &= front == (section.side == "front")
     if section.lowest_mm is not None and section.highest_mm is not None:
         at_mm = 1e3 * apply(cell.robot.fk(pool.postures), pool.tools_m(cell.tool_m))

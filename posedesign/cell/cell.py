@@ -18,6 +18,7 @@ from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
 from calib.robots.controller import Coupling
 from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
+from calib.robots.dh import PARALLEL_RAD
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
@@ -495,9 +496,20 @@ def usual_offset_joints(robot: Robot) -> tuple[str, ...]:
     """Joints whose zero offset is identified where nothing is listed.
 
     Target and tool point take up those of the first and the last joint (section 3.2 of
-    Watanabe et al. 2006); not of the first one of an arm that slides, whose rail has a direction.
+    Watanabe et al. 2006); not of the first one of an arm that slides across its axis, for a rail
+    has a direction.
     """
-    return robot.turning[:-1] if robot.slides else robot.turning[1:-1]
+    return tuple(name for name in robot.turning[:-1] if name not in moved_as_base(robot))
+
+
+def moved_as_base(robot: Robot) -> tuple[str, ...]:
+    """Joints whose zero offsets move the arm as a base does that stands elsewhere.
+
+    What slides, and the first joint that turns, unless something slides across its axis.
+    """
+    axes, slides = robot.chain.forward(np.zeros(robot.n)).axes, robot.slides
+    across = np.linalg.norm(np.cross(axes[:slides], axes[slides]), axis=1) > np.sin(PARALLEL_RAD)
+    return robot.joint_names[: slides + (not across.any())]
 
 
 def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:

@@ -216,7 +216,7 @@ def read_measurements(
     observed = _readings(path, rows, [KINDS[name] for name in kinds], of_kind)
     names = tuple(row.cells.get("pose") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     data = Measurements(postures, setup, targets, tools, observed, names)
-    _check_poses(path, rows, data)
+    _check_poses(path, rows, data, slides)
     _check_planes(path, rows, kinds, data)
     lines = tuple(row.line for row in rows)
     known = {*_LABELS, *_EVERY_READ, *joint_columns(n, slides), *pendant_columns(n, slides)}
@@ -383,15 +383,19 @@ def _check_planes(
             )
 
 
-def _check_poses(path: Path, rows: Sequence[Row], data: Measurements) -> None:
+def _check_poses(path: Path, rows: Sequence[Row], data: Measurements, slides: int) -> None:
     """Rows that share the name of a pose must share its joints."""
     first: dict[str, int] = {}
+    shown = shown_of(data.postures.shape[-1], slides)
     for i, name in enumerate(data.names):
         j = first.setdefault(name, i)
-        off = float(np.rad2deg(np.abs(data.postures[i] - data.postures[j]).max()))
-        if off > 1e-6:
+        off = shown * np.abs(data.postures[i] - data.postures[j])
+        most = int(np.argmax(off))
+        if off[most] > 1e-6:
+            unit = "mm" if most < slides else "deg"
             raise FileFormatError(
-                f"pose {name} has other joint values on line {rows[j].line} (by {off:.3g} deg)",
+                f"pose {name} has other joint values on line {rows[j].line} (by {off[most]:.3g} "
+                f"{unit})",
                 path=path,
                 row=rows[i].line,
                 column="pose",

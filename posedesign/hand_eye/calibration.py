@@ -26,7 +26,7 @@ from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
-from calib.robots import flange_robot, posture_of_pose
+from calib.robots import flange_robot, posture_of_pose, shown_of
 from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
@@ -114,7 +114,8 @@ class Calibrated:
 
     ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
     each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
-    and not poses of the flange. ``notes``: what is odd about the files.
+    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
+    joints, the first ones, slide [m].
     """
 
     result: HandEyeResult
@@ -124,6 +125,7 @@ class Calibrated:
     postures: FloatArray
     with_joints: bool
     notes: tuple[str, ...] = ()
+    slides: int = 0
 
 
 def board_of(cell: Cell) -> Board:
@@ -185,6 +187,7 @@ def calibrate_camera(
         np.concatenate([one.postures for one in sets]),
         all(shown.postures is not None for shown in pictures.values()),
         notes,
+        cell.robot.slides,
     )
     _write(calibrated, sets, claims)
     return calibrated
@@ -221,7 +224,7 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
     camera = CameraFound(
         read_lens(path), carried, check_transforms(X, names[0]), check_transforms(Z, names[1])
     )
-    return replace(cell, config=config, camera_found=camera), np.deg2rad(taken)
+    return replace(cell, config=config, camera_found=camera), cell.robot.of_shown(taken)
 
 
 @dataclass(frozen=True)
@@ -317,8 +320,9 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
     factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
+    shown = shown_of(calibrated.postures.shape[1], calibrated.slides)
     joints = {
-        name: np.degrees(posture).tolist()
+        name: (shown * posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
         if used and calibrated.with_joints
     }
@@ -351,6 +355,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
+        **({"slides": calibrated.slides} if joints and calibrated.slides else {}),
     }
 
 

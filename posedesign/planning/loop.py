@@ -146,7 +146,8 @@ class Replacements:
         cell, base = self._cell, self._cell.base_posture
         poses = touching_poses(rotations, cell.tool_m, cell.target_m)
         solutions = cell.robot.inverse(poses, near=base, margin=margin)
-        near = np.abs(solutions.postures[:, 0] - base[0]) <= swing
+        first = cell.robot.slides
+        near = np.abs(solutions.postures[:, first] - base[first]) <= swing
         rows = np.flatnonzero(solutions.inside & near)
         verdicts = cell.checker.check(solutions.postures[rows], every=False)
         feasible = verdicts.feasible

@@ -43,6 +43,7 @@ from calib.model.measurements import Measurements
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.cell import Cell, TaskBox
+from posedesign.cell.cell import moved_as_base
 from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
 from posedesign.files import Results, rehearsed, write_bytes_atomic, write_text_atomic
 from posedesign.files.csv_tables import read_rows, write_table
@@ -238,14 +239,14 @@ def _judge(path: Path, cell: Cell, named: IdentifiedModel) -> IdentifiedModel:
 def _without_idle(cell: Cell, identified: IdentifiedModel, zeros: Carried) -> Carried:
     """Zero offsets without those of joints that were not identified and have nothing to take up.
 
-    That of the first joint turns the base.
+    Those of what slides move the base, and that of the first joint may turn it.
     """
-    model, first = zeros.model, f"zero_offset.{cell.robot.joint_names[0]}"
+    model, base = zeros.model, [f"zero_offset.{name}" for name in moved_as_base(cell.robot)]
     told = {*identified.model.names} - {*identified.held}
     kept = [
         name
         for name, value in zip(model.names, zeros.x, strict=True)
-        if name in told or (name != first and abs(value) > IDLE_RAD)
+        if name in told or (name not in base and abs(value) > IDLE_RAD)
     ]
     return part_of(model, zeros.x, zeros.covariance, model_of(cell, kept))
 
@@ -262,6 +263,11 @@ def _notes(
     if any(name.startswith("link.") for name in identified.model.names):
         notes.append(
             f"links were identified, too: mastering corrects the zeros of joints alone{took}"
+        )
+    if robot.robot.slides and table.identified[0]:
+        notes.append(
+            f"an arm that stands turned on {robot.robot.joint_names[0]} looks like a zero of "
+            f"{robot.robot.turning[0]} that is off: its correction has both"
         )
     if known.covariance is None:
         notes.append("the file has no correlations: expected errors take all as independent")

@@ -21,6 +21,7 @@ from calib.model.parameters import AXES, ToolPoints
 from calib.se3 import BoolArray, FloatArray, rotation_exp, transform
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
+from posedesign.cell.cell import moved_as_base
 from posedesign.files.measurements import TOOL
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import model_of
@@ -370,9 +371,10 @@ def _is_of(name: str, joint: str) -> bool:
 def _free(cell: Cell, model: CalibrationModel, tool: CorrectedTool) -> BoolArray:
     """Which parameters ``(p,)`` of a route can be chosen: of the arm, and the tool point."""
     first = cell.robot.joint_names[0]
+    base = [f"zero_offset.{joint}" for joint in moved_as_base(cell.robot)]
     return np.array(
         [
-            name in tool.parameters or (not placed and not _is_of(name, first))
+            name in tool.parameters or (not placed and not _is_of(name, first) and name not in base)
             for name, placed in zip(model.names, model.nuisance, strict=True)
         ],
         dtype=bool,

@@ -18,6 +18,7 @@ from calib.vision.camera import Camera, render
 from posedesign.cell import Cell
 from posedesign.files import Results, make_folder, write_bytes_atomic
 from posedesign.files.csv_tables import write_table
+from posedesign.files.postures import joint_columns
 from posedesign.planning.poses_file import PoseList
 from posedesign.simulation import SimulatedRobot
 from posedesign.simulation.rehearsal import imaging_of
@@ -63,10 +64,10 @@ def simulate_pictures(
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "PNG")
         write_bytes_atomic(claim, data.getvalue())
-    columns = ["picture", *(f"j{k + 1}_deg" for k in range(cell.robot.n))]
+    columns = ["picture", *joint_columns(cell.robot.n, cell.robot.slides)]
     rows = [
         dict(zip(columns, [name, *values], strict=True))
-        for name, values in zip(names, np.degrees(q).tolist(), strict=True)
+        for name, values in zip(names, cell.robot.shown(q).tolist(), strict=True)
     ]
     write_table(table, columns, rows)
     return [claim.path for claim in claims]

@@ -1,21 +1,37 @@
 """An arm on a rail: from the description to programs, and from measurements to a better rail."""
 
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from calib import Robot
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
 from calib.robots import Controller
+from calib.se3 import inverse
+from posedesign.candidates import joint_candidates
+from posedesign.candidates.limits import limits_of
+from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
+from posedesign.cell.cell import moved_as_base, usual_offset_joints
+from posedesign.files.csv_tables import read_table
+from posedesign.files.measurements import read_measurements
+from posedesign.files.postures import joint_columns, postures_in_any_form
+from posedesign.hand_eye import as_calibrated
+from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect
 from posedesign.programs.arm import Arm
 from posedesign.simulation import SimulatedRobot
+from posedesign.simulation.pictures import simulate_pictures
+from tests.board_pictures import Camera as BoardCamera
+from tests.board_pictures import take_pictures
+from tests.cli.test_camera import BOARD, LENS, NEAR, X, Z, write_rows
 from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
 
@@ -76,6 +92,12 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     rows = (tmp_path / "corrected" / "mastering.csv").read_text()
     assert "J1,joint_1" in rows
     assert "rail" not in rows
+    # a zero position mastering of the whole group would take where the rail stands for its zero
+    assert ". E1 at 0 meanwhile, or left out" in rows
+    said = " ".join(
+        cli("correct", cell, found, "--out", tmp_path / "again", "--verbose").err.split()
+    )
+    assert "stands turned on rail looks like a zero of joint_1 that is off" in said
     assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
     refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
         "programs of arms on slides are not corrected"
@@ -160,3 +182,75 @@ def test_the_rail_s_own_errors_are_found_as_well_as_predicted(tmp_path, arm):
     check_scatter(np.asarray(values.std(axis=0, ddof=1) / sigma))
     k = model.names.index("scale.rail")
     assert abs(values[:, k].mean()) < 5.0 * sigma[k] / np.sqrt(200)  # it is where it says
+
+
+def test_sides_are_those_of_the_first_joint_that_turns(tmp_path):
+    more = '[plan]\nrepair_base_joint_deg = 20.0\n[[pool.limit]]\nside = "front"\nmost = 3\n'
+    cell = railed(tmp_path, "r2000ic165f", more)
+    pool = joint_candidates(cell, 200, np.random.default_rng(0))
+    (limit,) = limits_of(cell, pool)
+    front = in_front(pool.postures[:, 1], cell.base_posture[1])
+    assert 0.2 < front.mean() < 0.8
+    np.testing.assert_array_equal(limit.A[0] > 0, front)
+    found = Replacements(cell).postures(1)
+    assert np.ptp(found[:, 0]) > 1.0
+    assert np.abs(found[:, 1] - cell.base_posture[1]).max() <= np.deg2rad(20.0)
+
+
+def test_rows_of_one_pose_differ_in_millimetres(tmp_path):
+    table = tmp_path / "touchups.csv"
+    joints = ",".join(f"j{k}_deg" for k in range(1, 7))
+    table.write_text(
+        f"target,e1_mm,{joints},pose\nT1,400,1,2,3,4,5,6,P1\nT1,401.5,1,2,3,4,5,6,P1\n"
+    )
+    with pytest.raises(FileFormatError, match=r"P1 has other joint values .* \(by 1.5 mm\)"):
+        read_measurements(table, 7, slides=1)
+
+
+def test_on_a_lift_along_the_first_axis_its_zero_is_still_the_target_s(cli, tmp_path):
+    urdf, cell = tmp_path / "robot.urdf", tmp_path / "cell.toml"
+    upright = on_slides("r2000ic165f", [("lift", "0 0 1", "0", "0.8")])
+    urdf.write_text(upright.replace('rpy="0.02 -0.03 0.01"', 'rpy="0 0 0"'))
+    cell.write_text(
+        cli("new", "--robot", urdf).out.replace("collisions = true", "collisions = false")
+    )
+    robot = Cell.load(cell).robot
+    assert moved_as_base(robot) == ("lift", "joint_1")
+    assert usual_offset_joints(robot) == ("joint_2", "joint_3", "joint_4", "joint_5")
+    assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
+    assert moved_as_base(railed(tmp_path, "r2000ic165f").robot) == ("rail",)
+
+
+def test_a_camera_s_file_has_the_joints_of_its_pictures_as_they_were(cli, tmp_path):
+    urdf, path = tmp_path / "robot.urdf", tmp_path / "cell.toml"
+    urdf.write_text(on_slides("ur10e"))
+    path.write_text(
+        f'[robot]\nurdf = "{urdf}"\n[tool]\npoint_mm = [40.0, 10.0, 120.0]\n[base_pose]\n'
+        f"slides_mm = [400.0]\nposture_deg = {np.rad2deg(NEAR).tolist()}\n"
+        f"[constraints]\ncollisions = false\n{BOARD}"
+    )
+    cell = Cell.load(path)
+    T_floor_arm = cell.robot.fk(cell.base_posture) @ inverse(Robot.preset("ur10e").fk(NEAR))
+    camera = BoardCamera(LENS, cell.board, blur_px=0.8, noise=2.0, light=0.1)
+    rng, at = np.random.default_rng(4), cell.base_posture
+    q = take_pictures(
+        tmp_path / "pictures", cell.robot, camera, X, T_floor_arm @ Z, 12, rng, near=at
+    )
+    assert q[:, 0] == pytest.approx(0.4)
+    write_rows(tmp_path / "joints.csv", ["picture", *joint_columns(7, 1)], cell.robot.shown(q))
+    told = ("--joints", tmp_path / "joints.csv", "--out", tmp_path)
+    assert cli("camera", path, tmp_path / "pictures", *told).code == 0
+    tree = json.loads((tmp_path / "camera.json").read_text())
+    assert tree["slides"] == 1
+    np.testing.assert_allclose(list(tree["joints_deg"].values()), cell.robot.shown(q))
+    np.testing.assert_allclose(as_calibrated(cell, tmp_path / "camera.json")[1], q)
+
+
+def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
+    camera = '[camera]\nmount = "flange"\nlens_mm = [0.0, 0.0, -300.0]\n'
+    cell = railed(tmp_path, "irb120", f'[measurement]\nkind = "board"\n{camera}{BOARD}')
+    poses = PoseList(("P1",), cell.base_posture[None], np.zeros(1, dtype=bool))
+    simulate_pictures(cell, poses, tmp_path / "drawn", 0)
+    table = read_table(tmp_path / "drawn" / "joints.csv")
+    found = postures_in_any_form(Path("joints.csv"), table.columns, table.rows, cell.robot, False)
+    np.testing.assert_allclose(found, cell.base_posture[None])

@@ -26,6 +26,9 @@ LARGEST_MASS_KG = 1e7
 LARGEST_TURN_RAD = 100 * 2.0 * math.pi
 """Limits beyond it stand for none at all (some tools write +-1e16)."""
 
+LONGEST_SLIDE_M = 100.0
+"""Limits beyond it are no metres: of a rail that was described in millimetres."""
+
 MOVING = ("revolute", "continuous", "prismatic")
 JOINT_TYPES = (*MOVING, "fixed", "floating", "planar")
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -177,7 +180,7 @@ def _add_limits(joint: Element, written: Element, out: Kinematics, path: Path) -
         out.notices[name] = f"continuous joint {name} is read as one of +-360 deg"
     else:
         limits = {"lower": 0.0, "upper": 0.0, "velocity": 0.0}
-        wrong = _read_limits(joint.find("limit"), limits)
+        wrong = _read_limits(joint.find("limit"), limits, written.get("type") == "prismatic")
         if wrong:
             out.flaws.setdefault(
                 name,
@@ -191,7 +194,9 @@ def _add_limits(joint: Element, written: Element, out: Kinematics, path: Path) -
     SubElement(written, "limit", {k: repr(v) for k, v in limits.items()}, effort="0")
 
 
-def _read_limits(found: Element | None, limits: dict[str, float]) -> tuple[str, str] | None:
+def _read_limits(
+    found: Element | None, limits: dict[str, float], slides: bool
+) -> tuple[str, str] | None:
     """Fill in the limits of a joint; or say what is wrong with them, and what to do."""
     if found is None:
         return "has no <limit>", "add lower, upper and velocity, or make it continuous"
@@ -206,6 +211,8 @@ def _read_limits(found: Element | None, limits: dict[str, float]) -> tuple[str, 
             f"has its limits reversed: lower {lower:g} is above upper {upper:g}",
             "swap them",
         )
+    if slides and max(-lower, upper) > LONGEST_SLIDE_M:
+        return f"slides from {lower:g} to {upper:g} m", "give its limits in metres"
     if max(-lower, upper) > LARGEST_TURN_RAD:
         return (
             f"has limits {lower:g} to {upper:g}, more than a hundred turns",

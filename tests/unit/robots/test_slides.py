@@ -132,3 +132,11 @@ def test_slides_behind_turning_joints_and_robots_that_only_slide_are_refused(tmp
     np.testing.assert_allclose(
         moving.fk(np.concatenate([[0.7], np.full(6, 0.3)])), held.fk(np.full(6, 0.3)), atol=1e-12
     )
+
+
+def test_limits_in_millimetres_are_refused(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(on_slides("r2000ic165f", [("lift", "0 0 1", "0", "500")]))
+    with pytest.raises(RobotModelError, match="'lift' slides from 0 to 500 m") as refused:
+        Robot.from_urdf(path)
+    assert "in metres" in refused.value.hint

@@ -7,8 +7,6 @@ than the products of all of them together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from calib import se3
@@ -21,10 +19,8 @@ from calib.batch_last import (
     turn,
 )
 from calib.robot_world.algebra import apply_matrix, kronecker, least_squares, triangle
+from calib.robot_world.pair_arrays import PairArrays
 from calib.se3 import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from calib.robot_world.pairs import PairSets
 
 _MANY = 24
 """Sets from which on it pays to avoid a factorisation of each."""
@@ -60,13 +56,12 @@ this, two thirds of the mean square rotation, above which its inverse is as good
 factorisation."""
 
 
-def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
+def rotations(pairs: PairArrays, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations of X and Z ``(T, 3, 3)`` from those of the pairs alone.
 
-    The leading singular vectors of :attr:`PairSets.kronecker_mean`, made orthonormal: the minimum
-    of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
+    The vectors of :func:`leading` ``(T, 9)``, made orthonormal: the minimum of
+    ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
     """
-    x, z, _ = pairs.leading
     both = np.stack([x, z]).reshape(2, -1, 3, 3)
     volume = 27.0**0.5 * np.linalg.det(both)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
@@ -102,10 +97,10 @@ def _in_turn(K: FloatArray, R_X: FloatArray, count: int) -> tuple[FloatArray, Fl
     return R_X, R_Z
 
 
-def leading(pairs: PairSets) -> tuple[FloatArray, FloatArray, FloatArray]:
+def leading(pairs: PairArrays) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Singular vectors ``(T, 9)``, right and left, of the largest singular values ``(T,)``.
 
-    Of :attr:`PairSets.kronecker_mean`, and these values.
+    Of :attr:`PairArrays.kronecker_mean`, and these values.
     """
     K = pairs.kronecker_mean
     x, z, close = leading_vectors(K)
@@ -146,7 +141,7 @@ def leading_vectors(K: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     return x, z / np.linalg.norm(z, axis=-1, keepdims=True), close
 
 
-def _by_deviations(pairs: PairSets, sets: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _by_deviations(pairs: PairArrays, sets: BoolArray) -> tuple[FloatArray, FloatArray]:
     """The same vectors ``(count, 9)`` of some sets, with the digits that close values lose.
 
     With K_i the products and K their mean, x is the last right singular vector of all ``K_i - K``
@@ -186,7 +181,7 @@ def nearest_rotations(matrix: FloatArray) -> FloatArray:
     return R
 
 
-def assemble(pairs: PairSets, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def assemble(pairs: PairArrays, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """X and Z ``(T, 4, 4)`` from their rotations ``(T, 3, 3)``, translations by least squares.
 
     Minimises ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²`` (Eq. 16 of Li et al. 2010). p_Z is the mean
@@ -196,7 +191,7 @@ def assemble(pairs: PairSets, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatAr
 
 
 def assemble_with_rest(
-    pairs: PairSets, R_X: FloatArray, R_Z: FloatArray
+    pairs: PairArrays, R_X: FloatArray, R_Z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Like :func:`assemble`, and the root mean square distance ``(T,)`` that is left.
 
@@ -242,7 +237,7 @@ def _are_poor(mean: FloatArray, determinant: FloatArray) -> BoolArray:
     return ~((mean > _TURNED) & (determinant > _WELL_CONDITIONED * mean**3))
 
 
-def _by_factorisation(pairs: PairSets, d: FloatArray, sets: BoolArray) -> FloatArray:
+def _by_factorisation(pairs: PairArrays, d: FloatArray, sets: BoolArray) -> FloatArray:
     """p_X ``(3, count)`` of some sets, whatever their condition."""
     T, N = pairs.T, pairs.N
     R_A = pairs.A[sets, :, :3, :3]
@@ -251,32 +246,29 @@ def _by_factorisation(pairs: PairSets, d: FloatArray, sets: BoolArray) -> FloatA
     return least_squares(rows, right).T
 
 
-def residual_rows(pairs: PairSets, X: FloatArray, Z: FloatArray) -> FloatArray:
+def residual_rows(pairs: PairArrays, X: FloatArray, Z: FloatArray) -> FloatArray:
     """Residuals ``(6, S)`` of X and Z ``(T, 4, 4)``; see :func:`results.residuals`."""
     R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
     turned = product(product(pairs.R_A, R_X), transposed(product(R_Z, pairs.R_B)))
     return np.concatenate([rotation_log(turned), _gaps(pairs, X, Z, R_Z)])
 
 
-def rest_of_rotations(pairs: PairSets) -> FloatArray:
+def rest_of_rotations(pairs: PairArrays, R_X: FloatArray, R_Z: FloatArray) -> FloatArray:
     """Root mean square residual angle ``(T,)`` [rad] of :func:`rotations`, as if all were small.
 
     By the mean of ``|R_A R_X - R_Z R_B|²``, twice the square of a small angle. What rounding leaves
     is 3e-8.
     """
-    R_X, R_Z = pairs.rotations
     shown = apply_matrix(pairs.kronecker_mean, R_X.reshape(-1, 9))
     square = 3.0 - (shown * R_Z.reshape(-1, 9)).sum(axis=-1)
     return np.asarray(np.sqrt(np.clip(square, 0.0, None)))
 
 
-def residual_rms(pairs: PairSets, X: FloatArray, Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def residual_rms(pairs: PairArrays, X: FloatArray, Z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Root mean square residual angle [rad] and distance [m] ``(T,)`` of X and Z ``(T, 4, 4)``.
 
     The chord of a rotation by θ is ``|R - 1|_F = √8 sin(θ/2)``.
     """
-    if X is pairs.rotations_first[0]:
-        return pairs.left_by_rotations_first
     R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
     chord = product(pairs.R_A, R_X) - product(R_Z, pairs.R_B)
     half_sine = np.sqrt(np.minimum((chord * chord).sum(axis=(0, 1)) / 8.0, 1.0))
@@ -285,7 +277,7 @@ def residual_rms(pairs: PairSets, X: FloatArray, Z: FloatArray) -> tuple[FloatAr
     return np.sqrt(pairs.mean(angle**2)), np.sqrt(pairs.mean((gap * gap).sum(axis=0)))
 
 
-def _gaps(pairs: PairSets, X: FloatArray, Z: FloatArray, R_Z: FloatArray) -> FloatArray:
+def _gaps(pairs: PairArrays, X: FloatArray, Z: FloatArray, R_Z: FloatArray) -> FloatArray:
     """Origins of A X less those of Z B ``(3, S)``."""
     p_X, p_Z = (pairs.spread(M[:, :3, 3].T) for M in (X, Z))
     return turn(pairs.R_A, p_X) + pairs.p_A - turn(R_Z, pairs.p_B) - p_Z

@@ -28,7 +28,7 @@ from calib.robot_world.algebra import (
     conjugate,
     left_matrix,
 )
-from calib.robot_world.closed_form import assemble, residual_rms
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.estimate import residuals
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray
@@ -237,7 +237,7 @@ def turned_by_translations(pairs: PairSets, others: tuple[Other, ...]) -> PairSe
     """One set with the rotations in closed form that the translations fit best, of some choice."""
     X, Z = pairs.rotations_first
     choice = [(X[0], Z[0]), *((X, Z) for _, X, Z in others)]
-    left_m = [float(residual_rms(pairs, X[None], Z[None])[1][0]) for X, Z in choice]
+    left_m = [float(pairs.residual_rms(X[None], Z[None])[1][0]) for X, Z in choice]
     X, Z = choice[int(np.argmin(left_m))]
     turned = PairSets(pairs.A, pairs.B)
     turned.rotations = X[None, :3, :3], Z[None, :3, :3]

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world.adjustment import linear_rows
-from calib.robot_world.closed_form import residual_rms, residual_rows
+from calib.robot_world.closed_form import residual_rows
 from calib.robot_world.components import Component, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
@@ -80,7 +80,7 @@ class Solution:
         # the likeliest X and Z fit best by their own measure, whatever rotations alone would leave,
         # unless there are several places to look for them
         asked = found.fit is None or bool(motion.degenerate[0])
-        if asked and motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
+        if asked and motion.is_misfit(*motion.pairs.residual_rms(found.X, found.Z))[0]:
             return "misfit", (
                 f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg "
                 f"and {1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations "
@@ -155,7 +155,7 @@ def find_solution(
         others = tuple(
             (text, X, Z)
             for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
-            if not motion.is_misfit(*residual_rms(kept, X[None], Z[None]))[0]
+            if not motion.is_misfit(*kept.residual_rms(X[None], Z[None]))[0]
         )
     return Solution(method, pairs, noise, found, used, motion, doubts, others, factor)
 

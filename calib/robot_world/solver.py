@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.robot_world.accuracy import judged, widening
-from calib.robot_world.closed_form import residual_rms
 from calib.robot_world.components import FEWEST_PAIRS as FEWEST_FOR_NOISE
 from calib.robot_world.components import shown_noise
 from calib.robot_world.diagnosis import ALIEN, drifting, suspicions
@@ -242,7 +241,7 @@ def _batch(chosen: Method, pairs: PairSets, asked: Noise | NoiseShown | None) ->
             X[rank_deficient] = Z[rank_deficient] = np.nan
         elif found.fit is None:
             sizes = np.zeros((2, pairs.T))
-            sizes[:, usable] = residual_rms(kept, found.X, found.Z)
+            sizes[:, usable] = kept.residual_rms(found.X, found.Z)
             misfit = motion.is_misfit(*sizes) & ~rank_deficient
     masks = (converged, rank_deficient, degenerate, misfit, doubtful | uncertain)
     return RobotWorldBatch(X, Z, chosen.name, iterations, *masks, covariance, chi2)

@@ -14,7 +14,7 @@ import pytest
 from calib.lens import Lens
 from calib.se3 import quaternion_from_rotation, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
-from posedesign.hand_eye import sightings
+from posedesign.hand_eye import calibration
 from posedesign.hand_eye.lens_files import read_lens
 from tests.board_pictures import Camera, take_pictures
 from tests.cli.test_glossary import check_explained
@@ -37,7 +37,7 @@ dictionary = "DICT_4X4_50"
 @pytest.fixture(scope="module", autouse=True)
 def _detected_once():
     """The same pictures are looked at by most tests: what is in each is found once."""
-    found, detect = {}, sightings.detect_board
+    found, detect = {}, calibration.detect_board
 
     def detected(picture, board):
         key = picture.tobytes(), board.points.tobytes(), board.words
@@ -46,7 +46,7 @@ def _detected_once():
         return found[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sightings, "detect_board", detected)
+        patch.setattr(calibration, "detect_board", detected)
         yield
 
 

@@ -25,7 +25,8 @@ from calib.robot_world.algebra import (
 )
 from calib.robot_world.closed_form import assemble
 from calib.robot_world.estimate import Estimate
-from calib.robot_world.pairs import PairSets, own_order, shared
+from calib.robot_world.pair_arrays import shared
+from calib.robot_world.pairs import PairSets, own_order
 from calib.se3 import FloatArray, IntArray
 
 _SAFE_SCALAR = 0.2

@@ -236,7 +236,7 @@ def test_a_camera_s_file_has_the_joints_of_its_pictures_as_they_were(cli, tmp_pa
     q = take_pictures(
         tmp_path / "pictures", cell.robot, camera, X, T_floor_arm @ Z, 12, rng, near=at
     )
-    assert q[:, 0] == pytest.approx(0.4)
+    assert np.ptp(q[:, 0]) > 1.0
     write_rows(tmp_path / "joints.csv", ["picture", *joint_columns(7, 1)], cell.robot.shown(q))
     told = ("--joints", tmp_path / "joints.csv", "--out", tmp_path)
     assert cli("camera", path, tmp_path / "pictures", *told).code == 0
@@ -247,7 +247,7 @@ def test_a_camera_s_file_has_the_joints_of_its_pictures_as_they_were(cli, tmp_pa
 
 
 def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
-    camera = '[camera]\nmount = "flange"\nlens_mm = [0.0, 0.0, -300.0]\n'
+    camera = "[camera]\nimage_px = [320, 240]\n"
     cell = railed(tmp_path, "irb120", f'[measurement]\nkind = "board"\n{camera}{BOARD}')
     poses = PoseList(("P1",), cell.base_posture[None], np.zeros(1, dtype=bool))
     simulate_pictures(cell, poses, tmp_path / "drawn", 0)

@@ -31,6 +31,10 @@ RETREATS_M = (0.1, 0.2, 0.4)
 Leg = tuple[FloatArray, FloatArray]
 """From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
 
+COMES_M = 0.01
+"""How far what slides goes along with an approach: the lost motion of a rack is tenths of a
+millimetre."""
+
 MOST_DIRECTIONS = 16
 """Combinations of directions whose motions are checked: postures that keep a distance with so short
 a way between them that does not are rare, and every joint can be turned alone within as many."""
@@ -233,7 +237,7 @@ class Approaches:
 def find_approaches(
     postures: FloatArray, angle_rad: float, passing: Checker, known: KnownMotions
 ) -> Approaches:
-    """Stop short of postures ``(N, n)`` [rad] by an angle in every joint.
+    """Stop short of postures ``(N, n)`` [rad] by an angle in every joint, by ``COMES_M`` in slides.
 
     All joints arrive from below where that does for all postures. Otherwise the directions, one a
     joint, are those that do for most postures, with the fewest joints that arrive from above.
@@ -242,10 +246,12 @@ def find_approaches(
     must be clear by what is ``known``.
     """
     best: Approaches | None = None
-    for direction, bound in islice(_directions(postures, angle_rad, passing), MOST_DIRECTIONS):
+    sliding = np.arange(postures.shape[1]) < passing.robot.slides
+    by = np.where(sliding, COMES_M, angle_rad)
+    for direction, bound in islice(_directions(postures, by, passing), MOST_DIRECTIONS):
         if best is not None and bound <= len(postures) - len(best.lost):
             break
-        short = postures - angle_rad * direction
+        short = postures - by * direction
         lost = _lost(postures, short, passing, known)
         if best is None or len(lost) < len(best.lost):
             best = Approaches(short, direction, lost)
@@ -257,17 +263,17 @@ def find_approaches(
 
 
 def _directions(
-    postures: FloatArray, angle_rad: float, passing: Checker
+    postures: FloatArray, by: FloatArray, passing: Checker
 ) -> Iterator[tuple[FloatArray, int]]:
     """Directions ``(n,)`` by how many passed postures they allow, the most first, and how many."""
     count, n = postures.shape
     if not count:
         return
-    if passing.check(postures - angle_rad).feasible.all():
+    if passing.check(postures - by).feasible.all():
         yield np.ones(n), count
     signs = np.array(list(product((1.0, -1.0), repeat=n)))  # shape (2 ** n, n)
     signs = signs[np.argsort((signs < 0).sum(axis=1), kind="stable")]
-    short = postures[None] - angle_rad * signs[:, None]  # shape (2 ** n, N, n)
+    short = postures[None] - by * signs[:, None]  # shape (2 ** n, N, n)
     good = passing.check(short.reshape(-1, n), every=False).feasible.reshape(-1, count).sum(axis=1)
     order = np.argsort(-good, kind="stable")
     for k in order:

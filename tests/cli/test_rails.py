@@ -254,3 +254,13 @@ def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
     table = read_table(tmp_path / "drawn" / "joints.csv")
     found = postures_in_any_form(Path("joints.csv"), table.columns, table.rows, cell.robot, False)
     np.testing.assert_allclose(found, cell.base_posture[None])
+
+
+def test_a_rail_comes_from_one_side_by_millimetres(tmp_path):
+    more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n'
+    poses = listed(railed(tmp_path, "r2000ic165f", more), 12)
+    measured = np.flatnonzero(~poses.via)
+    last = poses.postures[measured] - poses.postures[measured - 1]
+    np.testing.assert_allclose(np.abs(last[:, 0]), 0.01)
+    np.testing.assert_allclose(np.abs(last[:, 1:]), np.deg2rad(5.0))
+    assert (np.ptp(last, axis=0) < 1e-9).all()

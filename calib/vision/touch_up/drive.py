@@ -40,16 +40,22 @@ def follow(
 ) -> tuple[FloatArray, BoolArray]:
     """Postures next to ``(S, n)`` [rad] that bring the nominal tip to poses ``(S, 4, 4)``.
 
-    As a controller runs a short straight move: the arm does not change its configuration. And which
-    were found ``(S,)``: not where joint limits or a singularity are in the way.
+    As a controller runs a short straight move: the arm does not change its configuration, and what
+    carries it stays. And which were found ``(S,)``: not where joint limits or a singularity are in
+    the way.
     """
-    if len(q) == 1:
+    slides, arm = robot.slides, robot.chain.arm
+    if len(q) == 1 and not slides:
         one = OnePosture(robot) if one is None else one
         posture, off = one.close_in(q[0], T_wanted[0], _CLOSED, _ITERATIONS)
         out, error = posture[None], np.array([off])
     else:
-        out = close_in(robot.chain, q, T_wanted, robot.lower, robot.upper, _ITERATIONS)
-        error = np.abs(pose_error(robot.chain, out, T_wanted)).max(axis=-1)
+        T = T_wanted.copy()  # an arm that has gone along sees a pose come back by as much
+        T[:, :3, 3] -= q[:, :slides] @ robot.chain.slide_directions
+        lower, upper = robot.lower[slides:], robot.upper[slides:]
+        out = close_in(arm, q[:, slides:], T, lower, upper, _ITERATIONS)
+        error = np.abs(pose_error(arm, out, T)).max(axis=-1)
+        out = np.hstack([q[:, :slides], out])
     found = error < CLOSURE_TOLERANCE
     for limit in robot.coupled_limits:
         found &= limit.margin(out) >= 0.0

@@ -10,6 +10,7 @@ from calib.model.parameters import GravityLoad, JointHarmonics
 from calib.robots.dh import dh_table
 from calib.robots.one_posture import OnePosture
 from calib.robots.urdf_anew import urdf_of
+from calib.vision.touch_up import follow
 from tests.rails import GANTRY, RAIL, on_slides
 from tests.unit.robots.test_chain import assert_same_kinematics
 
@@ -140,3 +141,14 @@ def test_limits_in_millimetres_are_refused(tmp_path):
     with pytest.raises(RobotModelError, match="'lift' slides from 0 to 500 m") as refused:
         Robot.from_urdf(path)
     assert "in metres" in refused.value.hint
+
+
+def test_slides_stay_where_the_arm_follows_a_tool(robot):
+    q = postures(robot)
+    T = robot.fk(q)
+    T[:, :3, 3] += [0.01, -0.02, 0.015]
+    found, there = follow(robot, q, T)
+    assert there.mean() > 0.5
+    np.testing.assert_array_equal(found[:, : robot.slides], q[:, : robot.slides])
+    np.testing.assert_allclose(robot.fk(found[there]), T[there], atol=1e-8)
+    np.testing.assert_allclose(follow(robot, q[:1], T[:1])[0], found[:1], atol=1e-12)

@@ -47,6 +47,9 @@ long where one joint sets the time, that with least motion is taken. It makes th
 without it a search of limited time returned several of them for 60 and 100 poses."""
 
 
+SLIDE_M_S = 1.0
+"""Speed of a slide that the description gives none of [m/s]: tracks of arms go 1 to 2 m/s."""
+
 NEIGHBOURS = 16
 """Motions to the nearest places that are checked, of many places, where a motion is blocked."""
 
@@ -157,10 +160,11 @@ class Router:
         self._retreat = retreat
         self._led_to: set[bytes] = set()  # postures that a route has led to
         self.options = options or RouteOptions()
-        # joints whose speed is not known are taken to be as fast as the others
-        known = np.isfinite(robot.speed)
+        # joints whose speed is not known are taken to be as fast as the others that turn
+        known, sliding = np.isfinite(robot.speed), np.arange(robot.n) < robot.slides
         self._timed = bool(known.any())
-        usual = np.median(robot.speed[known]) if self._timed else 1.0
+        like = robot.speed[known & ~sliding]
+        usual = np.where(sliding, SLIDE_M_S, np.median(like) if len(like) else 1.0)
         self._speeds = self.options.speed_share * np.where(known, robot.speed, usual)
         home = start if retreat is None else retreat.back_off(start[None])[0][0]
         self._known = KnownMotions(robot, motions, passing, home, self._speeds)

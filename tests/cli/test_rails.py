@@ -21,6 +21,7 @@ from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.postures import joint_columns, postures_in_any_form
 from posedesign.hand_eye import as_calibrated
+from posedesign.motion import Router
 from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
@@ -45,9 +46,11 @@ FORMATS = {"fanuc-ls": "r2000ic165f", "abb-rapid": "irb120", "kuka-krl": "kr6r90
 MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "gp7": "yaskawa"}
 
 
-def railed(folder: Path, arm: str, more: str = "", *, held: bool = False) -> Cell:
+def railed(
+    folder: Path, arm: str, more: str = "", *, held: bool = False, speed: str = "1.2"
+) -> Cell:
     path = folder / f"{arm}.urdf"
-    path.write_text(on_slides(arm))
+    path.write_text(on_slides(arm).replace('velocity="1.2"', f'velocity="{speed}"'))
     return Cell.from_text(
         f'[robot]\nurdf = "{path}"\ncontroller = "{MAKERS[arm]}"\ncapsule_radius_mm = 60.0\n'
         f"{'held_mm = { rail = 400.0 }' if held else ''}\n"
@@ -264,3 +267,13 @@ def test_a_rail_comes_from_one_side_by_millimetres(tmp_path):
     np.testing.assert_allclose(np.abs(last[:, 0]), 0.01)
     np.testing.assert_allclose(np.abs(last[:, 1:]), np.deg2rad(5.0))
     assert (np.ptp(last, axis=0) < 1e-9).all()
+
+
+def test_a_rail_without_a_speed_is_not_as_fast_in_metres_as_joints_are_in_radians(tmp_path):
+    timed = []
+    for speed in ("1.2", "0"):
+        cell = railed(tmp_path, "r2000ic165f", speed=speed)
+        there = cell.base_posture.copy()
+        there[0] += 0.9
+        timed.append(Router.of_cell(cell).route(there[None]).moving_s)
+    assert timed[1] == pytest.approx(1.2 * timed[0], rel=0.02)  # at 1.0 m/s

@@ -208,17 +208,19 @@ def residuals_by_joint(
     joints: Sequence[str],
     q_deg: FloatArray,
     residuals_mm: Mapping[str, FloatArray],
+    slides: int = 0,
 ) -> None:
     """Draw residuals against each joint's angle: a slope or a bow is what a model leaves out.
 
-    ``q_deg`` (N, n). ``residuals_mm`` (N,).
+    ``q_deg`` (N, n): of slides, the first ones, [mm]. ``residuals_mm`` (N,).
     """
     panels = panels_of(figure, len(joints))
     for k, (panel, joint) in enumerate(zip(panels, joints, strict=True)):
         for values, colour, mark in zip(residuals_mm.values(), _MODELS, MARKS, strict=False):
             panel.plot(q_deg[:, k], values, mark, ms=3, color=colour)
         log_y(panel)
-        panel.set_xlabel(f"{joint} [deg]", fontsize=8, parse_math=False)
+        unit = "mm" if k < slides else "deg"
+        panel.set_xlabel(f"{joint} [{unit}]", fontsize=8, parse_math=False)
         panel.tick_params(labelsize=7)
         if k:
             panel.sharey(panels[0])

@@ -201,7 +201,7 @@ def figure_of_identification(
 ) -> Figure | None:
     """Residuals by pose and by joint, before and after; None where no model is recommended.
 
-    ``q_deg`` (N, n): postures that were measured at [deg].
+    ``q_deg`` (N, n): postures that were measured at [deg], of slides [mm].
     """
     chosen = content.chosen
     if chosen is None:
@@ -218,5 +218,5 @@ def figure_of_identification(
     outliers = np.array([row.outlier for row in chosen.residuals])
     figures.residuals_by_pose(top, names, left, outliers)
     if bottom is not None and q_deg is not None:
-        figures.residuals_by_joint(bottom, content.joints, q_deg, left)
+        figures.residuals_by_joint(bottom, content.joints, q_deg, left, content.slides)
     return figure

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from calib import Robot
 from calib.errors import FileFormatError, InputError
@@ -21,6 +22,7 @@ from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.postures import joint_columns, postures_in_any_form
 from posedesign.hand_eye import as_calibrated
+from posedesign.identification.file import read_file
 from posedesign.motion import Router
 from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
@@ -28,6 +30,8 @@ from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect
 from posedesign.programs.arm import Arm
+from posedesign.report.page import _measured_deg
+from posedesign.report.plots import figure_of_identification
 from posedesign.simulation import SimulatedRobot
 from posedesign.simulation.pictures import simulate_pictures
 from tests.board_pictures import Camera as BoardCamera
@@ -90,6 +94,11 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     assert touched.read_text().splitlines()[1].startswith("target,e1_mm,j1_deg")
     cli("identify", cell, touched, "--out", tmp_path / "sim")
     found = tmp_path / "sim" / "identification.json"
+    drawn = _measured_deg(tmp_path / "sim", content := read_file(found))
+    figure = figure_of_identification(content, drawn)
+    assert figure is not None
+    units = [axes.get_xlabel() for axes in figure.findobj(Axes) if "[" in axes.get_xlabel()]
+    assert units == ["rail [mm]", *(f"joint_{k} [deg]" for k in range(1, 7))]
     said = cli("correct", cell, found, poses, "--out", tmp_path / "corrected")
     assert said.code == 0
     rows = (tmp_path / "corrected" / "mastering.csv").read_text()

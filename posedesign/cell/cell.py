@@ -67,6 +67,9 @@ from posedesign.constraints import Checker, Collision, MotionChecker, Retreat
 from posedesign.constraints.mark_sight import MarkSight
 from posedesign.files.measurements import TOOL
 
+_MOST_METRES = 5.0
+"""A slide that stands at fewer millimetres than this, with a fraction, was written in metres."""
+
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
 radians: no arm stands within three degrees of its zero to measure."""
@@ -133,6 +136,7 @@ class Cell(CellData):
         config = _with_posture_of_state(config, robot, srdf, path)
         robot = _with_controller(robot, source, path)
         robot = _with_coupled_limits(robot, source, path)
+        robot = _with_slide_margin(robot, config.plan.slide_margin_mm, path)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
         given = config.target.position_mm if touched_by_tool(config) else None
@@ -492,6 +496,22 @@ def _with_posture_of_state(
     return config.model_copy(update={"base_pose": pose})
 
 
+def _with_slide_margin(robot: Robot, margin_mm: float, path: Path) -> Robot:
+    """The robot with the ends of its slides left out, as far as plans keep away from them."""
+    if not robot.slides:
+        return robot
+    kept = np.where(np.arange(robot.n) < robot.slides, margin_mm / 1e3, 0.0)
+    narrow = np.flatnonzero(robot.joint_range <= 4.0 * kept)
+    if narrow.size and margin_mm:
+        raise FileFormatError(
+            f"{margin_mm:g} mm leaves little of the range of {robot.joint_names[narrow[0]]}",
+            path=path,
+            key="plan.slide_margin_mm",
+            hint="give less, or hold it where it is: robot.held_mm",
+        )
+    return replace(robot, lower=robot.lower + kept, upper=robot.upper - kept)
+
+
 def usual_offset_joints(robot: Robot) -> tuple[str, ...]:
     """Joints whose zero offset is identified where nothing is listed.
 
@@ -519,20 +539,28 @@ def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:
 
 
 def posture_of_section(robot: Robot, section: BasePoseSection) -> FloatArray:
-    """Posture ``(n,)`` [rad, m] of the base pose; slides that are not given are at zero."""
-    slides = np.array(section.slides_mm or np.zeros(robot.slides)) / 1e3
-    return np.concatenate([slides, np.deg2rad(section.posture_deg)])
+    """Posture ``(n,)`` [rad, m] of the base pose."""
+    return np.concatenate([np.array(section.slides_mm) / 1e3, np.deg2rad(section.posture_deg)])
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
     degrees = np.array(config.base_pose.posture_deg)
     key = "base_pose.posture_deg"
-    if config.base_pose.slides_mm and len(config.base_pose.slides_mm) != robot.slides:
+    slides = np.array(config.base_pose.slides_mm)
+    if len(slides) and np.abs(slides).max() < _MOST_METRES and (slides % 1.0).any():
         raise FileFormatError(
-            f"{len(config.base_pose.slides_mm)} values for {robot.slides} slides of {robot.name}",
+            f"looks like metres (largest value {np.abs(slides).max():g})",
             path=path,
             key="base_pose.slides_mm",
-            hint="give one for each joint that slides, or leave it out",
+            hint="give millimetres",
+        )
+    if len(slides) != robot.slides:
+        names = ", ".join(robot.joint_names[: robot.slides]) or "none"
+        raise FileFormatError(
+            f"{len(slides)} values for the slides of {robot.name}: {names}",
+            path=path,
+            key="base_pose.slides_mm",
+            hint="give one for each joint that slides, where it stands at the base pose",
         )
     with naming(path, key):
         posture = robot.check_posture(posture_of_section(robot, config.base_pose))

@@ -135,7 +135,7 @@ def suggest_base_posture(
     UnreachableError
         The arm cannot point its tool so anywhere in front of it.
     """
-    still = np.clip(0.0, robot.lower, robot.upper)
+    still = np.round((robot.lower + robot.upper) / 2.0, 2)  # slides in the middle of their way
     still[robot.slides :] = 0.0
     at_zero = robot.state(still)
     foot, shoulder = at_zero.origins[robot.slides : robot.slides + 2]
@@ -158,6 +158,8 @@ def suggest_base_posture(
     tried: list[tuple[tuple[float, float], FloatArray]] = []
     for place in range(len(places)):
         found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
+        aside = np.abs(found - still)[:, : robot.slides].max(axis=1, initial=0.0)
+        found = found[aside < 1e-3]
         rooms = [_room(robot, q) for q in found]
         for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
             tried.append(((round(rooms[k], 2), -float(np.abs(found[k]).sum())), found[k]))

@@ -273,7 +273,7 @@ class BasePoseSection(Section):
     posture_deg: tuple[Finite, ...] = ()
     """Joint values of the base pose, from the base on, in the signs of the description."""
     slides_mm: tuple[Finite, ...] = ()
-    """The same of the slides that carry the arm; at zero where none are given."""
+    """The same of the slides that carry the arm."""
     state: Line | None = None
     """In its place the name of a group state in ``robot.srdf``."""
 
@@ -322,6 +322,8 @@ class PlanSection(Section):
     """C_G below which the loop stops; 50 for a camera-pose, 100 for a board."""
     limit_margin_deg: NotNegative = 1.0
     """Margin kept from every joint limit."""
+    slide_margin_mm: NotNegative = 10.0
+    """The same of what slides and carries the arm: its zero on the controller is not known."""
     repair: StrictBool = True
     """Replace poses that cannot be reached, or that break a constraint."""
     repair_margin_deg: NotNegative = 2.0

@@ -125,6 +125,7 @@ raise = "together"                # or "best": only the angle that lowers the co
 # condition_threshold = 1.0e5     # C_G = cond(G'G); the loop stops below it; 50 for camera-pose,
                                   # 100 for board
 limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
+# slide_margin_mm = 10.0          # the same of a rail, a gantry or a lift
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
 repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose

@@ -18,6 +18,7 @@ from posedesign.candidates.limits import limits_of
 from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
 from posedesign.cell.cell import moved_as_base, usual_offset_joints
+from posedesign.cell.file import cell_text
 from posedesign.files.csv_tables import read_table
 from posedesign.files.measurements import read_measurements
 from posedesign.files.postures import joint_columns, postures_in_any_form
@@ -76,7 +77,7 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     urdf, cell = tmp_path / "robot.urdf", tmp_path / "cell.toml"
     urdf.write_text(on_slides("r2000ic165f"))
     text = cli("new", "--robot", urdf).out
-    assert "slides_mm = [0.0]  # of rail" in text
+    assert "slides_mm = [500.0]  # of rail" in text
     text = text.replace("# capsule_radius_mm = 280", "capsule_radius_mm = 200 #")
     cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
     assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
@@ -111,13 +112,17 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     )
     assert "stands turned on rail looks like a zero of joint_1 that is off" in said
     assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
+    corrected = Robot.from_urdf(tmp_path / "corrected" / "corrected.urdf")
+    assert (corrected.lower[0], corrected.upper[0]) == (-1.5, 2.5)
     refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
         "programs of arms on slides are not corrected"
     )
-    cell.write_text(cell.read_text().replace("slides_mm = [0.0]", "slides_mm = [0.0, 1.0]"))
-    refuse("plan", cell, "--out", tmp_path / "plan2").says("2 values for 1 slides", "slides_mm")
+    cell.write_text(cell.read_text().replace("slides_mm = [500.0]", "slides_mm = [0.0, 1.0]"))
+    refuse("plan", cell, "--out", tmp_path / "plan2").says(
+        "2 values for the slides of", "slides_mm"
+    )
     cell.write_text(cell.read_text().replace("slides_mm = [0.0, 1.0]", "slides_mm = [2600.0]"))
-    refuse("plan", cell, "--out", tmp_path / "plan2").says("rail 2600.0 mm is above 2500.0 mm")
+    refuse("plan", cell, "--out", tmp_path / "plan2").says("rail 2600.0 mm is above 2490.0 mm")
 
 
 @pytest.mark.parametrize("dialect", [*FORMATS, "ros-trajectory"])
@@ -145,6 +150,22 @@ def test_a_kawasaki_has_its_rail_behind_its_joints(tmp_path):
     np.testing.assert_allclose(found.postures(arm), postures, atol=2e-8)
     with pytest.raises(FileFormatError, match="axis 7 differs"):
         found.postures()
+
+
+def test_the_ends_of_a_rail_are_left_out_and_its_unit_is_looked_at(tmp_path):
+    cell = railed(tmp_path, "irb120")
+    assert (cell.robot.lower[0], cell.robot.upper[0]) == (-1.49, 2.49)
+    path = tmp_path / "cell.toml"
+    text = cell_text(cell.config, tmp_path)
+    for wrong, message in (
+        ("[0.4]", r"looks like metres \(largest value 0.4\)"),
+        ("[]", "0 values for the slides of .*: rail"),
+    ):
+        changed = re.sub(r"slides_mm = \[[^]]*\]", f"slides_mm = {wrong}", text)
+        with pytest.raises(FileFormatError, match=message):
+            Cell.from_text(changed, path)
+    with pytest.raises(FileFormatError, match="1500 mm leaves little of the range of rail"):
+        railed(tmp_path, "irb120", "[plan]\nslide_margin_mm = 1500.0\n")
 
 
 def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):

@@ -26,6 +26,10 @@ PENDANT_AGREES_DEG = 0.01
 LARGEST_RAD = 4.0 * math.pi
 """No joint of an arm turns further from its zero than two turns: beyond it, values are degrees."""
 
+FLICKER_MM, LONGEST_RAIL_M = 0.05, 30.0
+"""What is shown of a slide that stands changes by less, and stations along one are farther apart
+than this number of millimetres; rails are shorter than as many metres."""
+
 RADIAN_DECIMALS = 12
 """Of radians in a file: as fine as nine decimals of a degree."""
 
@@ -184,6 +188,20 @@ def postures_of(
     return postures
 
 
+def _check_millimetres(path: Path, columns: Sequence[str], values: FloatArray) -> None:
+    """Refuse slides ``(rows, slides)`` that go along by too little for millimetres."""
+    for column, own in zip(columns, values.T, strict=False):
+        largest = float(np.abs(own).max())
+        if float(np.ptp(own)) > FLICKER_MM and largest < LONGEST_RAIL_M and (own % 1.0).any():
+            raise FileFormatError(
+                f"looks like metres (the largest is {largest:.4g})",
+                path=path,
+                column=column,
+                hint="multiply it by 1000, or pass `trust_units` if it really is millimetres",
+                value=largest,
+            )
+
+
 def _values(
     path: Path,
     rows: Sequence[Row],
@@ -192,11 +210,13 @@ def _values(
     slides: int,
     unit: str = "degrees",
 ) -> FloatArray:
-    """Joint values ``(rows, columns)``, refused where angles look like those of another unit.
+    """Joint values ``(rows, columns)``, refused where they look like those of another unit.
 
-    Those of slides stand first, and may be anything.
+    Those of slides stand first.
     """
     values = numbers_of(path, rows, columns)
+    if unit == "degrees" and not trust_units:
+        _check_millimetres(path, columns, values[:, :slides])
     columns = columns[slides:]
     largest = float(np.abs(values[:, slides:]).max())
     small = len(rows) >= 3 and 0 < largest <= 2 * math.pi

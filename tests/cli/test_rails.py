@@ -168,6 +168,20 @@ def test_the_ends_of_a_rail_are_left_out_and_its_unit_is_looked_at(tmp_path):
         railed(tmp_path, "irb120", "[plan]\nslide_margin_mm = 1500.0\n")
 
 
+def test_a_rail_in_metres_is_not_read_as_millimetres(tmp_path):
+    path, joints = tmp_path / "touchups.csv", ",".join(f"j{k}_deg" for k in range(1, 7))
+    rows = [f"T1,{e},10.5,20.5,-30.5,5.5,40.5,60.5" for e in (0.4, 1.2, 2.05)]
+    path.write_text("\n".join([f"target,e1_mm,{joints}", *rows, ""]))
+    with pytest.raises(FileFormatError, match=r"looks like metres \(the largest is 2.05\)"):
+        read_measurements(path, 7, slides=1)
+    assert read_measurements(path, 7, slides=1, trust_units=True).data.count == 3
+    parked = [
+        row.replace(f",{e},", ",0.35,") for row, e in zip(rows, (0.4, 1.2, 2.05), strict=True)
+    ]
+    path.write_text("\n".join([f"target,e1_mm,{joints}", *parked, ""]))
+    assert read_measurements(path, 7, slides=1).data.postures[0, 0] == pytest.approx(0.35e-3)
+
+
 def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
     cell = railed(tmp_path, "gp7")
     poses = listed(cell, 12)

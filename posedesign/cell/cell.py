@@ -552,7 +552,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             f"looks like metres (largest value {np.abs(slides).max():g})",
             path=path,
             key="base_pose.slides_mm",
-            hint="give millimetres",
+            hint="give millimetres, and whole ones where it really stands so near its zero",
         )
     if len(slides) != robot.slides:
         names = ", ".join(robot.joint_names[: robot.slides]) or "none"
@@ -560,7 +560,9 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             f"{len(slides)} values for the slides of {robot.name}: {names}",
             path=path,
             key="base_pose.slides_mm",
-            hint="give one for each joint that slides, where it stands at the base pose",
+            hint="give one for each joint that slides, where it stands at the base pose"
+            if robot.slides
+            else "leave it out",
         )
     with naming(path, key):
         posture = robot.check_posture(posture_of_section(robot, config.base_pose))

@@ -138,8 +138,8 @@ def suggest_base_posture(
     still = np.round((robot.lower + robot.upper) / 2.0, 2)  # slides in the middle of their way
     still[robot.slides :] = 0.0
     at_zero = robot.state(still)
-    foot, shoulder = at_zero.origins[robot.slides : robot.slides + 2]
-    size, height = robot.chain.reach_m, float(shoulder[2])
+    foot, *others = at_zero.origins[robot.slides :]
+    size, height = robot.chain.reach_m, float((others or [foot])[0][2])
     front = _front(robot)
     places = list(product(_ROLLS, _FRACTIONS, _HEIGHTS))
     rolls = rotation_from_wpr([[0.0, 0.0, roll] for roll, _, _ in places])

@@ -164,7 +164,7 @@ def correct_program(
         )
     claims = results.claim("computed", (path.name, "corrected program"), bare=True)
     identified = read_correcting(identification, cell, name)
-    chosen = dialect_of(path, dialect).reading(cell.config.program.pulses_per_deg)
+    chosen = dialect_of(path, dialect).reading(*cell.config.program.pulses)
     data = read_program_bytes(path)
     program = chosen.parse(data, path)
     notes = check_recorded_frames(cell, chosen, program.positions, path)

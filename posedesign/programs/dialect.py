@@ -49,6 +49,8 @@ class Dialect:
         Whether a program is a folder of files, and not files of one name.
     forms : tuple of {"joint", "cartesian"}
         How it can write positions.
+    external_axes : int
+        How many axes that carry the arm its joint positions can have.
     names : NameRule
         What it takes for the name of a program.
     newline, encoding : str
@@ -118,7 +120,9 @@ class Dialect:
         """Most poses of one file of such a program; None: any number."""
         return None
 
-    def reading(self, pulses_per_deg: Sequence[float]) -> Dialect:
+    def reading(
+        self, pulses_per_deg: Sequence[float], pulses_per_mm: Sequence[float] = ()
+    ) -> Dialect:
         """The dialect that reads with what is known of the arm; most need nothing."""
         return self
 

@@ -218,10 +218,11 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
         raise InputError(
             f"{position.label} has no value [mm] of E{len(position.external_mm) + 1}, which "
             "carries the arm",
-            hint="record it with its external axes",
+            hint="record it with its external axes; of encoder pulses, give pulses_per_mm",
             name=position.label,
         )
-    return replace(position, shown_deg=np.append(shown, position.external_mm[:slides]))
+    turning = shown[: arm.n - slides]  # formats for any arm cannot say where its joints end
+    return replace(position, shown_deg=np.append(turning, position.external_mm[:slides]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

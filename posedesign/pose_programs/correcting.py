@@ -149,12 +149,6 @@ def correct_program(
     program without anything to correct, a model that says nothing of the arm. OutputError: the
     program itself, or another file that is not to be replaced, is in the way.
     """
-    if cell.robot.slides:
-        raise InputError(
-            f"{cell.robot.joint_names[0]} slides: programs of arms on slides are not corrected",
-            hint="correct the description, or hold it where it is: robot.held_mm",
-            name=cell.robot.joint_names[0],
-        )
     results = Results.of(out, "correct")
     if identity_of(results.folder) == identity_of(path.parent):
         raise InputError(
@@ -282,11 +276,12 @@ def correct_positions(
     if not done.ok:
         return done
     changes = [Change()] * len(positions)
-    turned = arm.shown(found.postures) - arm.shown(nominal)
+    turned = arm.shown(found.postures) - arm.shown(nominal)  # external axes stand last, and still
     turned[np.abs(turned).max(axis=1) < _NO_TURN_DEG] = 0.0
     for k, (i, q) in enumerate(zip(taken, found.postures, strict=True)):
         p = positions[i]
-        value = None if p.shown_deg is None else p.shown_deg + _as_listed(p, turned[k], arm)
+        own_turn = _as_listed(p, turned[k], arm)
+        value = None if p.shown_deg is None else p.shown_deg + own_turn[: len(p.shown_deg)]
         T = _user_pose(p, arm, q) if posed[i] else None
         words_now = _recounted(p, words[k])
         changes[i] = Change(value, T, words_now if words_now != p.configuration else None)
@@ -450,6 +445,8 @@ def _reason(
     if found.reasons[k]:
         return found.reasons[k]
     turned = np.abs(found.postures[k] - found.nominal[k])
+    if turned[: arm.slides].any():
+        return f"{arm.joint_names[-1]} would have to move, and in a program it keeps its place"
     j = int(np.argmax(turned))
     if turned[j] > MOST_TURNED_RAD:
         return (

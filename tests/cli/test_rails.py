@@ -117,9 +117,13 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
     corrected = Robot.from_urdf(tmp_path / "corrected" / "corrected.urdf")
     assert (corrected.lower[0], corrected.upper[0]) == (-1.5, 2.5)
-    refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
-        "programs of arms on slides are not corrected"
-    )
+    said = cli("correct", cell, found, written, "--joints", "--out", tmp_path / "prog")
+    assert said.code == 0
+    places = [
+        re.findall(r"E1=.*", path.read_text())
+        for path in (written, tmp_path / "prog" / written.name)
+    ]
+    assert places[0] == places[1]
     cell.write_text(cell.read_text().replace("slides_mm = [500.0]", "slides_mm = [0.0, 1.0]"))
     refuse("plan", cell, "--out", tmp_path / "plan2").says(
         "2 values for the slides of", "slides_mm"

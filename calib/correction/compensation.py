@@ -37,7 +37,7 @@ _PATIENCE = 3
 """Steps without any pose getting better after which none will: the last digits are reached."""
 
 _ENOUGH_JOINTS = 6
-"""Joints that turn which correct a pose alone: what carries them is as wrong a centimetre on."""
+"""Joints that turn which correct a pose alone: a rail would share in it, and go centimetres."""
 
 _DAMPING = 1e-6
 """Of the least-squares step, relative to the squared error: vanishes at the solution."""

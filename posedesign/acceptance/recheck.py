@@ -1,9 +1,9 @@
 """Whether a robot is still the one that was identified: which poses tell, and what has moved.
 
-Watched are the zeros of all joints (a hit, a motor changed), the points of the tool, and the
-targets or instruments. The model is the one of the identification that says most of the arm, with
-its covariance: what the identification left open is no change. See
-:mod:`posedesign.acceptance.drift` for the test.
+Watched are the zeros of all joints (a hit, a motor changed), also of what slides and carries the
+arm, the points of the tool, and the targets or instruments. The model is the one of the
+identification that says most of the arm, with its covariance: what the identification left open is
+no change. See :mod:`posedesign.acceptance.drift` for the test.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ class Watch:
                 hint="identify again",
                 name="covariance",
             )
-        joints = cell.robot.turning
+        joints = cell.robot.joint_names
+        units = ["m" if k < cell.robot.slides else "rad" for k in range(len(joints))]
         wanted = [f"zero_offset.{joint}" for joint in joints]
         wanted += [f"{_tool(label)}.{axis}" for label in known.model.tools for axis in _SHIFTS]
         given = known.model.names
@@ -95,7 +96,10 @@ class Watch:
         x[own] = known.x
         C = np.zeros((model.p, model.p))
         C[np.ix_(own, own)] = known.covariance
-        causes = [_cause(model, f"zero of {j}", [[f"zero_offset.{j}"]], "rad") for j in joints]
+        causes = [
+            _cause(model, f"zero of {joint}", [[f"zero_offset.{joint}"]], unit)
+            for joint, unit in zip(joints, units, strict=True)
+        ]
         tools = [[f"{_tool(label)}.{axis}" for label in model.tools] for axis in _SHIFTS]
         causes.append(_cause(model, "the tool", tools, "m"))
         if len(model.tools) > 1:

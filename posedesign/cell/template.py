@@ -168,7 +168,7 @@ tool_axes = "xyz"                 # "xy" for a view line
 # reduced to what the measurements can tell apart, or held by what is known beforehand: priors
 models = [
     ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
-    ["geometry", "priors"], ["geometry", "compliance", "priors"],
+    ["geometry", "priors"], ["geometry", "compliance", "priors"],{pitch}
 ]
 planned = ["zero_offsets"]        # what poses are planned for, in the same words
 prior_offset_deg = 1.0            # usual standard deviations: how well the joints are mastered,
@@ -858,6 +858,7 @@ def _fill(
         else "# slides_mm = [500.0]           # of a rail, a gantry, a lift that carries the arm\n",
         posture_deg=list(posture)[robot.slides :],
         offsets=f"[{offsets}]",
+        pitch='\n    ["zero_offsets", "scale"], ["geometry", "scale", "priors"],' if along else "",
         three_sigma=list(three_sigma),
         truth=np.round(np.rad2deg(usual_offsets(len(robot.turning))), 6).tolist(),
         deflection=str(deflection).lower(),

@@ -333,7 +333,11 @@ def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, st
 
 
 def fingerprint(postures: FloatArray) -> str:
-    """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file."""
+    """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file.
+
+    Slides [m] are rounded as if they were in radians, to 1.7 micrometres: a list does not say how
+    many there are.
+    """
     # as a file has them first: a value on the edge of a step would fall to the other side of it
     written = np.round(np.rad2deg(postures), DECIMALS)
     degrees = np.round(written, 4) + 0.0

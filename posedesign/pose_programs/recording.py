@@ -21,7 +21,7 @@ from posedesign.files.postures import joint_columns
 from posedesign.planning import NEAR_TARGET_M, off_target, outside_limits
 from posedesign.planning.poses_file import PoseList
 from posedesign.pose_programs.from_plan import arm_of, check_names_differ, stopping_short
-from posedesign.pose_programs.touch_ups import UNMOVED_DEG, near_others, tool_moved_m
+from posedesign.pose_programs.touch_ups import UNMOVED_DEG, is_unmoved, near_others, tool_moved_m
 from posedesign.programs import find_dialect
 
 _BY_HAND = "changed by hand:"
@@ -126,7 +126,7 @@ class Recording:
             raise InputError(f"{name} came with {len(shown_rad)} joints, the robot has {arm.n}")
         q = arm.postures(np.degrees(shown_rad))[None]
         untouched = (planned, stopping_short(self.cell, self.plan).postures[[number - 1]])
-        if any(np.abs(q - at).max() <= np.deg2rad(UNMOVED_DEG) for at in untouched):
+        if any(is_unmoved(q, at, np.deg2rad(UNMOVED_DEG), 0)[0] for at in untouched):
             raise InputError(f"{name} stands as planned: it was not touched up")
         doubts = outside_limits(self.cell, [name], q)
         doubts += off_target(self.cell, [name], q, NEAR_TARGET_M)

@@ -37,7 +37,7 @@ from posedesign.programs import (
     find_dialect,
     postures_of,
 )
-from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.sets import set_mark
 
@@ -55,6 +55,10 @@ deg, and FANUC's J3 is the difference of two joints. A touch-up moves some joint
 UNMOVED_CARTESIAN_DEG = 2e-2
 """The same where the file has poses of the tool: 0.0005 mm and deg are more in the joints, near a
 singularity above all."""
+
+UNMOVED_M = EXTERNAL_AT_REST / 1e3
+"""The same of what slides: what is shown of an axis at rest flickers by as much. Programs round it
+to 0.0005 mm, and half a pulse of a base axis is some micrometres."""
 
 
 def tool_moved_m(cell: Cell, q: FloatArray, planned: FloatArray) -> FloatArray:
@@ -201,9 +205,10 @@ def import_touch_ups(
     q = np.concatenate([part.postures for part in parts])
     planned = _planned(names, q, plan)
     unmoved_rad = np.concatenate([part.unmoved_rad for part in parts])
-    unmoved = _unmoved(q, planned, unmoved_rad)
+    unmoved = np.zeros(len(q), dtype=bool)
     if plan is not None:  # a list has the poses themselves, a program where it stops before them
-        unmoved |= _unmoved(q, _planned(names, q, stopping_short(cell, plan)), unmoved_rad)
+        for own in (planned, _planned(names, q, stopping_short(cell, plan))):
+            unmoved |= is_unmoved(q, own, unmoved_rad, cell.robot.slides)
     kept = np.flatnonzero(~unmoved | keep_untouched)
     if not len(kept):
         raise InputError(
@@ -399,10 +404,21 @@ def _of_program(
     q = postures_of(positions, dialect.seen(arm_of(cell)), near)
     if near is not None and not program.fingerprint:
         check_near_plan(cell, names, q, near, path)
+    warnings += _not_described(positions, cell.robot.slides, path)
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
     step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0
     return _Positions(names, q, unmoved, step)
+
+
+def _not_described(positions: Sequence[RecordedPosition], slides: int, path: Path) -> list[str]:
+    """Which external axes stand where in all positions, and are not in the description."""
+    return [
+        f"{path}: E{k} stands at {value:g} mm in all positions and is not in the robot's "
+        "description: taken to have stood there in all that was measured"
+        for k, value in enumerate(positions[0].external_mm[slides:], start=slides + 1)
+        if abs(value) > EXTERNAL_AT_REST
+    ]
 
 
 def _own_names(positions: Sequence[RecordedPosition], first: int) -> tuple[str, ...]:
@@ -423,7 +439,13 @@ def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> Floa
     return np.stack([known[name] for name in names])
 
 
-def _unmoved(q: FloatArray, planned: FloatArray, unmoved_rad: FloatArray) -> BoolArray:
-    if q is planned:
-        return np.zeros(len(q), dtype=bool)
-    return np.asarray(np.abs(q - planned).max(axis=1) <= unmoved_rad)
+def is_unmoved(
+    q: FloatArray, planned: FloatArray, within_rad: FloatArray | float, slides: int
+) -> BoolArray:
+    """Whether postures ``(N, n)`` are those of the plan but for rounding ``(N,)`` [rad], ``(N,)``.
+
+    ``slides``: how many of the joints, the first ones, slide.
+    """
+    off = np.abs(q - planned)
+    turning = off[:, slides:].max(axis=1) <= within_rad
+    return np.asarray(turning & (off[:, :slides] <= UNMOVED_M).all(axis=1))

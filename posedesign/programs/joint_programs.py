@@ -148,7 +148,7 @@ Found = tuple[str, int, Sequence[str]]
 """What to call a position, its line, and the texts of its values."""
 
 
-def carried_in(found: Sequence[Found], path: Path) -> dict[str, FileFormatError]:
+def carried_in(found: Sequence[Found], path: Path) -> dict[str, dict[int, FileFormatError]]:
     """Positions in which axes behind the arm's have moved, by label; refuses a file without any."""
     if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
@@ -179,7 +179,7 @@ def in_moves(
             if line.text[: len(remark)] == remark:
                 notes.take(line.row, line.text[len(remark) :])
         found = find(text, path)
-        for fault in carried_in(found, path).values():
+        for fault in (e for errors in carried_in(found, path).values() for e in errors.values()):
             raise fault
         mark = notes.mark or PlanMark()
         rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])

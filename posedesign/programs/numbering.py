@@ -122,7 +122,7 @@ class Numbering:
                 next(poses) if p.cartesian else np.array(given)
             )
             if id(p) in resting:  # of others it may be anywhere
-                of["carried"] = carried.get(p.label)
+                of["carried"] = carried.get(p.label, {})
                 of["external_mm"] = tuple(float(text) for _, _, text, _ in p.external)
             positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
         untouched = self.is_untouched(stored)

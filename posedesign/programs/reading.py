@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NoReturn, TypeVar
@@ -137,26 +138,30 @@ def configuration_in(kind: type[C], words: str, label: str, path: Path | str, ro
 
 def carried_off(
     values: Iterable[tuple[str, str, str, int]], path: Path | str
-) -> dict[str, FileFormatError]:
-    """Positions that an external axis has left its place in, by label: it may carry the arm's base.
+) -> dict[str, dict[int, FileFormatError]]:
+    """Positions that external axes have left their places in: they may carry the arm's base.
 
-    ``values``: label of the position, name of the axis, its value [mm or deg]
-    as text, and the line: of every position in order, axes that are not there left out. ``path``:
-    for the messages. Left is a place by more than 0.01; raises FileFormatError for no number.
+    By label, and by index of the axis, from 0 on. ``values``: label of the position, name of the
+    axis, its value [mm or deg] as text, and the line: of every position in order, axes that are not
+    there left out. ``path``: for the messages. Left is a place by more than 0.01; raises
+    FileFormatError for no number.
     """
-    found: dict[str, FileFormatError] = {}
+    found: dict[str, dict[int, FileFormatError]] = {}
+    counts: Counter[str] = Counter()
     first: dict[str, tuple[str, float]] = {}
     for label, axis, text, row in values:
+        k, counts[label] = counts[label], counts[label] + 1
         value = number(text, f"{label}: {axis}", path, row, _MOST_EXTERNAL)
         there, rest = first.setdefault(axis, (label, value))
         if abs(value - rest) > EXTERNAL_AT_REST:
             reason = f"{label}: {axis} differs from that of {there}"
             hint = "measure with the external axes at rest, or describe the slide in the URDF"
-            found.setdefault(label, FileFormatError(reason, path=path, row=row, hint=hint))
+            error = FileFormatError(reason, path=path, row=row, hint=hint)
+            found.setdefault(label, {})[k] = error
     return found
 
 
 def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
     """Refuse positions between which an external axis moves: see :func:`carried_off`."""
-    for fault in carried_off(values, path).values():
-        raise fault
+    for faults in carried_off(values, path).values():
+        raise next(iter(faults.values()))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -74,9 +75,9 @@ class RecordedPosition:
         Joints of ``shown_deg`` in their order, where the file names them.
     external_mm : tuple of float
         Values of linear external axes beside the joints, E1 first [mm].
-    carried : FileFormatError or None
-        What says that an external axis stands elsewhere than in the first position. Raised for an
-        arm that has no such axes in its description.
+    carried : mapping of int to FileFormatError
+        What says that an external axis stands elsewhere than in the first position, by its index
+        from 0 on. Raised for an arm that has no such axis in its description.
     """
 
     number: int
@@ -91,7 +92,7 @@ class RecordedPosition:
     T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     external_mm: tuple[float, ...] = ()
-    carried: FileFormatError | None = None
+    carried: Mapping[int, FileFormatError] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -172,9 +173,8 @@ def postures_of(
     UnreachableError
         No posture takes a stored pose.
     """
-    carried = next((p.carried for p in positions if p.carried), None)
-    if carried is not None and not arm.slides:
-        raise carried
+    for error in (e for p in positions for k, e in p.carried.items() if k >= arm.slides):
+        raise error
     if arm.slides:
         positions = tuple(_with_external(position, arm) for position in positions)
     out = np.empty((len(positions), arm.n))

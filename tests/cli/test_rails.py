@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from calib import Robot
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
 from calib.se3 import inverse
+from posedesign.acceptance.recheck import Watch, plan_recheck
 from posedesign.candidates import joint_candidates
 from posedesign.candidates.limits import limits_of
 from posedesign.candidates.postures import in_front
@@ -19,7 +21,7 @@ from posedesign.cell import Cell
 from posedesign.cell.cell import moved_as_base, usual_offset_joints
 from posedesign.cell.file import cell_text
 from posedesign.files.csv_tables import read_table
-from posedesign.files.measurements import read_measurements
+from posedesign.files.measurements import MeasurementTable, read_measurements
 from posedesign.files.postures import joint_columns, postures_in_any_form
 from posedesign.hand_eye import as_calibrated
 from posedesign.identification.file import read_file
@@ -38,6 +40,7 @@ from tests.board_pictures import take_pictures
 from tests.cli.test_camera import BOARD, LENS, NEAR, X, Z, write_rows
 from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
+from tests.unit.acceptance.conftest import identified_in
 
 POSTURE = {
     "r2000ic165f": [6.0, 12.0, -40.0, -2.0, -40.0, -73.0],
@@ -81,6 +84,8 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     urdf.write_text(on_slides("r2000ic165f"))
     text = cli("new", "--robot", urdf).out
     assert "slides_mm = [500.0]  # of rail" in text
+    assert '["zero_offsets", "scale"]' in text  # and not for an arm that stands
+    assert '"scale"]' not in cli("new", "--robot", "r2000ic165f").out
     text = text.replace("# capsule_radius_mm = 280", "capsule_radius_mm = 200 #")
     cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
     assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
@@ -204,6 +209,41 @@ def test_a_rail_that_the_description_does_not_know_is_refused(tmp_path):
     alone = railed(tmp_path, "r2000ic165f", held=True)
     with pytest.raises(FileFormatError, match=r"E1 differs .* describe the slide in the URDF"):
         import_touch_ups(alone, [made.paths[0]], None, keep_untouched=True)
+
+
+def test_an_axis_besides_the_rail_stands_still_and_a_rail_that_was_moved_is_seen(tmp_path):
+    cell = railed(tmp_path, "r2000ic165f")
+    poses = listed(cell, 12)
+    made = write_program(
+        poses, tmp_path / "out", "fanuc-ls", program_options(cell, poses), "A", cell
+    )
+    path, text = made.paths[0], made.paths[0].read_bytes().decode()
+    places = re.findall(r"E1= +(\S+) ", text)
+    moved = text.replace(f" {places[0]} ", f" {float(places[0]) + 0.02:.3f} ", 1)
+    path.write_bytes(moved.encode())
+    assert len(import_touch_ups(cell, [path], poses).touch_ups.names) == 1
+    both = re.sub(r"(E1= +\S+  mm)", r"\1,\tE2=   250.000  mm", moved)
+    path.write_bytes(both.encode())
+    (said,) = (w for w in import_touch_ups(cell, [path], poses).warnings if "E2" in w)
+    assert "E2 stands at 250 mm in all positions and is not in the robot's description" in said
+    path.write_bytes(both.replace("E2=   250.000", "E2=   251.000", 1).encode())
+    with pytest.raises(FileFormatError, match="E2 differs"):
+        import_touch_ups(cell, [path], poses)
+
+
+def test_a_rail_that_lost_its_zero_is_found_by_a_recheck(tmp_path):
+    cell = railed(tmp_path, "r2000ic165f", "[pool]\ncandidates = 60\n")
+    found = identified_in(cell)
+    watch = Watch.of(cell, found.identified, {}, ["touch-up"])
+    plan = plan_recheck(cell, watch, 4)
+    assert 0.0 < plan.smallest()["zero of rail"] < 2e-3
+    data = found.robot.touch_up(plan.poses.kept, np.random.default_rng(2))
+    rows = tuple(range(2, 6))
+    assert watch.test(MeasurementTable(data, ("touch-up",), rows)).same
+    off = data.postures - np.array([3e-3, *[0.0] * 6])
+    outcome = watch.test(MeasurementTable(replace(data, postures=off), ("touch-up",), rows))
+    assert not outcome.same
+    assert "zero of rail" in {each.cause for each in outcome.possible}
 
 
 @pytest.mark.parametrize("arm", ["irb120", "r2000ic165f"])

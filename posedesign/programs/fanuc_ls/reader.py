@@ -188,7 +188,7 @@ def _with_other_axes(
     at_rest((value for number, value in values if number != 1), path)
     carried = carried_off((value for number, value in values if number == 1), path)
     return tuple(
-        replace(position, carried=carried.get(label), external_mm=_millimetres(of_position[1]))
+        replace(position, carried=carried.get(label, {}), external_mm=_millimetres(of_position[1]))
         for position, (label, of_position) in zip(positions, groups.items(), strict=True)
     )
 

@@ -128,7 +128,7 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
             number=n,
             name=own.name,
             external_mm=external[at.name],
-            carried=carried.get(at.name),
+            carried=carried.get(at.name, {}),
         )
         for at, (n, own) in pairs
     ]

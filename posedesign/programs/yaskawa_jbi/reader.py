@@ -24,7 +24,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -345,7 +345,7 @@ class _Reader:
             replace(
                 self._position(*number, stored, None if stored.form == "PULSE" else next(poses)),
                 external_mm=self._millimetres(source[name] == name, base),
-                carried=carried.get(name),
+                carried=carried.get(name, {}),
             )
             for number, name, stored, base in zip(numbers, wanted, taken, bases, strict=True)
         )
@@ -452,6 +452,9 @@ class _Reader:
             return ()
         if self._base_ratios is None:
             said = [axis for axis in EXTERNAL if axis in self.ratios]
+            lost = next((axis for axis in EXTERNAL[: len(said)] if axis not in said), "")
+            if lost:
+                self.refuse(f"the comment 'PULSES {lost} is lost", stored.row, "put it back")
             self._base_ratios = (
                 self._agreed("pulses_per_mm", said, self.per_mm, stored.row)
                 if said
@@ -460,20 +463,22 @@ class _Reader:
         named = zip(EXTERNAL, stored.values, self._base_ratios, strict=False)
         return tuple(self._whole(stored, axis, text) / ratio for axis, text, ratio in named)
 
-    def _carried(self, wanted: list[Name], bases: list[Name | None]) -> dict[Name, FileFormatError]:
+    def _carried(
+        self, wanted: list[Name], bases: list[Name | None]
+    ) -> dict[Name, dict[int, FileFormatError]]:
         """Positions that a base axis has left its place in, as it may carry the arm's base.
 
         Refused are those between which a station moves: it carries the target.
         """
         announced = self.announced.found
-        found: dict[Name, FileFormatError] = {}
-        first: list[tuple[object, ...]] = []
+        found: dict[Name, dict[int, FileFormatError]] = {}
+        first: list[tuple[Sequence[object], ...]] = []
         for name, base in zip(wanted, bases, strict=True):
             if name not in self.axes or (announced and name not in announced):
                 continue
             row, axes = self.axes[name]
             stations = [axis for axis in axes if axis.kind not in _BASES]
-            values: list[tuple[object, ...]] = [
+            values: list[tuple[Sequence[object], ...]] = [
                 tuple(self.stored[axis].values if axis in self.stored else axis for axis in some)
                 for some in ([base] if base else [], stations)
             ]
@@ -485,5 +490,7 @@ class _Reader:
             if values[0] != first[0]:
                 reason = "base axes stand elsewhere than at the poses before"
                 hint += ", or describe the slide in the URDF"
-                found[name] = FileFormatError(reason, path=self.path, row=row, hint=hint)
+                error = FileFormatError(reason, path=self.path, row=row, hint=hint)
+                pairs = zip_longest(*(chain.from_iterable(v[0]) for v in (values, first)))
+                found[name] = {k: error for k, (own, other) in enumerate(pairs) if own != other}
         return found

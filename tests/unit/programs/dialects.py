@@ -320,8 +320,8 @@ def refused(name: str, file: str, text: str, line: int | None, message: str) -> 
     def read() -> None:
         found = dialect_of(name).parse(text.encode(encoding(file)), Path(file))
         for position in found.positions:  # an arm that is not known to be carried
-            if position.carried:
-                raise position.carried
+            for error in position.carried.values():
+                raise error
 
     with pytest.raises(FileFormatError, match=message) as caught:
         read()

@@ -89,6 +89,9 @@ def test_pulses_of_a_base_axis_are_asked_for(tmp_path):
     with pytest.raises(InputError, match=r"has no value .* of E1") as caught:
         parse(silent).postures(YASKAWA.arm)
     assert "give pulses_per_mm" in caught.value.hint
+    (two,) = YaskawaJbi().files(moved_program("yaskawa-jbi", 2)).values()
+    with pytest.raises(FileFormatError, match="the comment 'PULSES E1 is lost"):
+        parse(changed(two, "'PULSES E1 1310.72\n", ""))
     given = YaskawaJbi().reading((), PULSES_PER_MM[:1])
     np.testing.assert_array_equal(
         parse(silent, given).postures(YASKAWA.arm), parse(JOB).postures(YASKAWA.arm)

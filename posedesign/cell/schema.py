@@ -520,6 +520,9 @@ class ProgramSection(Section):
     point in these axes."""
     user: FrameSection | None = None
     """The user frame in the controller's world, for ``cartesian``."""
+    world: FrameSection | None = None
+    """The controller's world in the base frame, for ``cartesian`` of a KUKA or an ABB that slides
+    carry: it stays where it is while they move."""
     speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
     """Speed of joint moves."""
     settle_s: NotNegative = 1.0

@@ -297,6 +297,7 @@ keep = "position"                 # where a touched-up position is kept; or "reg
 # form = "cartesian"              # poses of the tool in place of joints; then also its frame:
 # tool = {{ at_mm = [0.0, 0.0, 100.0], wpr_deg = [0.0, 0.0, 0.0] }}  # in the axes of the tip
 # user = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}    # in the controller's world
+# world = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}   # this in the base, on a rail
 # pulses_per_deg = [..]           # six, for Yaskawa's pulse jobs
 # pulses_per_mm = [..]            # the same of the slides that carry the arm, its base axes
 

@@ -42,10 +42,18 @@ MOST_CHANGE = 0.01
 """Part by which rounding may change C_G before it is worth a warning."""
 
 
-def arm_of(cell: Cell) -> Arm:
-    """The arm of a cell as its controller knows it, with tool and user frame of ``[program]``.
+WORLD_STANDS = ("kuka", "abb")
+"""Makers whose world stays where it is while slides carry the arm: KUKA's chain from ``$WORLD`` to
+the arm's root has the ROBROOT kinematic system in it, whose offset is ``$ERSYSROOT`` (machine data
+of the KR C2, 12.04, 2.1.9); ABB's base frame is moved by the track in a fixed world (RAPID, Basic
+characteristics, 1.2.6). What is public of others does not say, or disagrees."""
 
-    Raises InputError: user frame 0, which is the world's on a FANUC, is given another place.
+
+def arm_of(cell: Cell) -> Arm:
+    """The arm of a cell as its controller knows it, with the frames of ``[program]``.
+
+    Raises InputError: user frame 0, which is the world's on a FANUC, is given another place; a
+    world where the arm stands, or of another maker.
     """
     section = cell.config.program
     tool = section.tool or FrameSection(at_mm=cell.config.tool.point_mm)
@@ -61,7 +69,18 @@ def arm_of(cell: Cell) -> Arm:
         )
     mass, com = cell.config.tool.mass_kg, np.array(cell.config.tool.com_mm) / 1e3
     load = Load(mass, com) if mass > 0 else None
-    return Arm.of(cell.robot, T_world_user, _frame(tool), load)
+    arm = Arm.of(cell.robot, T_world_user, _frame(tool), load)
+    if section.world is None:
+        return arm
+    if not cell.robot.slides or arm.maker not in WORLD_STANDS:
+        raise InputError(
+            "program.world is of an arm that slides carry, and of a controller of "
+            f"{' or '.join(WORLD_STANDS)}",
+            hint="leave it out",
+            name="program.world",
+        )
+    seen = replace(arm.controller, T_base_world=_frame(section.world))
+    return replace(arm, controller=seen, world_stands=True)
 
 
 def check_frames(cell: Cell, dialect: Dialect) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -56,6 +57,9 @@ class Arm:
         The controller's tool frame in the tip frame of the robot, its faceplate [m].
     load : Load or None
         None where it is not known.
+    world_stands : bool
+        Slides carry the arm, and the controller's world is known to stand still meanwhile, at its
+        ``T_base_world``: poses then have the places of the slides beside them.
     """
 
     controller: Controller
@@ -63,6 +67,7 @@ class Arm:
     T_world_user: FloatArray = field(default_factory=lambda: np.eye(4))
     T_tip_tool: FloatArray = field(default_factory=lambda: np.eye(4))
     load: Load | None = None
+    world_stands: bool = False
 
     @classmethod
     def usual(cls, maker: str | None, n: int | None = None) -> Arm:
@@ -157,7 +162,8 @@ class Arm:
                 hint="write joint positions",
                 name="form",
             )
-        return list(kind.of(self._described(), np.atleast_2d(np.asarray(postures, dtype=float))))
+        turning = np.atleast_2d(np.asarray(postures, dtype=float))[:, self.slides :]
+        return list(kind.of(self._standing, turning))
 
     def postures_at(
         self,
@@ -165,6 +171,7 @@ class Arm:
         meant: Sequence[Configuration | None],
         near: FloatArray | None = None,
         labels: Sequence[str] = (),
+        places: FloatArray | None = None,
     ) -> FloatArray:
         """Postures ``(N, n)`` [rad] that bring the tool to poses, in the arm positions meant.
 
@@ -179,6 +186,8 @@ class Arm:
             taken.
         labels : sequence of str
             What to call the poses in errors.
+        places : array (N, slides), optional
+            Where slides have the arm at each [m].
 
         Raises
         ------
@@ -191,6 +200,9 @@ class Arm:
         T_base_tip = self.controller.in_base(
             self.T_world_user @ T_user_tool @ inverse(self.T_tip_tool)
         )
+        if places is not None:  # an arm that has gone along sees a pose come back by as much
+            T_base_tip[:, :3, 3] -= places @ self._described().chain.slide_directions
+            near = None if near is None else near[:, self.slides :]
         starts = [*range(0, len(T_base_tip), _AT_ONCE), len(T_base_tip)]
         found = [
             self._solve(
@@ -198,7 +210,8 @@ class Arm:
             )
             for a, b in pairwise(starts)
         ]
-        return np.concatenate(found) if found else np.empty((0, self.n))
+        turning = np.concatenate(found) if found else np.empty((0, self._standing.n))
+        return turning if places is None else np.hstack([places, turning])
 
     def _solve(
         self,
@@ -207,12 +220,13 @@ class Arm:
         near: FloatArray | None,
         names: Sequence[str],
     ) -> FloatArray:
-        solutions = self._described().inverse(T_base_tip, every_turn=True)
+        robot = self._standing
+        solutions = robot.inverse(T_base_tip, every_turn=True)
         inside = solutions.inside
         postures, pose = solutions.postures[inside], solutions.pose[inside]
         said = any(m is not None for m in meant)
-        words = self.configurations(postures) if said else []
-        out = np.empty((len(T_base_tip), self.n))
+        words = self.configurations(self._at_zero(postures)) if said else []
+        out = np.empty((len(T_base_tip), robot.n))
         for i, name in enumerate(names):
             first, last = np.searchsorted(pose, [i, i + 1])
             answers = postures[first:last]
@@ -235,6 +249,30 @@ class Arm:
                 answers = answers[fits]
             out[i] = _nearest(answers, None if near is None else near[i], name)
         return out
+
+    def _at_zero(self, turning: FloatArray) -> FloatArray:
+        """Postures ``(N, n)`` [rad, m] of values of the joints that turn, slides at zero."""
+        return np.hstack([np.zeros((len(turning), self.slides)), turning])
+
+    @cached_property
+    def _standing(self) -> Robot:
+        """The arm without the slides that carry it, where they have it at zero."""
+        robot, first = self._described(), self.slides
+        if not first:
+            return robot
+        shares = self.controller.pendant_from_joints[first:, first:]
+        rows = ("joint_names", "lower", "upper", "speed", "link_mass", "link_com", "stiffness")
+        return replace(
+            robot,
+            **{name: getattr(robot, name)[first:] for name in rows},
+            chain=robot.chain.arm,
+            coupled_limits=tuple(
+                replace(c, coefficients=c.coefficients[first:]) for c in robot.coupled_limits
+            ),
+            bodies=(),
+            lost_shapes=(),
+            controller=Controller(self.controller.maker, shares, self.controller.T_base_world),
+        )
 
     def _described(self) -> Robot:
         if self.robot is None:

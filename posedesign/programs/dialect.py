@@ -167,10 +167,10 @@ class Dialect:
                 name="format",
                 value=self.name,
             )
-        if arm.slides and program.options.form != "joint":
+        if arm.slides and program.options.form != "joint" and not arm.world_stands:
             raise InputError(
                 f"{arm.joint_names[-1]} slides: where its controller has the world is not known",
-                hint="write joint positions",
+                hint="write joint positions; of a KUKA or an ABB set program.world",
                 name="form",
             )
         if arm.slides and self.maker is not None:

@@ -198,6 +198,9 @@ def postures_of(
             [positions[i].configuration for i in posed],
             None if near is None else near[posed],
             [positions[i].label for i in posed],
+            np.array([positions[i].external_mm[: arm.slides] for i in posed]) / 1e3
+            if arm.slides
+            else None,
         )
     return out
 
@@ -205,13 +208,15 @@ def postures_of(
 def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
     """A position with the values of the slides that carry the arm behind those of its joints."""
     shown, slides = position.shown_deg, arm.slides
-    if shown is None:
+    if shown is None and not arm.world_stands:
         raise InputError(
             f"{position.label} is a pose, and where an external axis has the arm is not in it",
-            hint="record joint positions",
+            hint="record joint positions; of a KUKA or an ABB set program.world",
             name=position.label,
         )
-    if position.joint_names:  # a file that names its joints has them all, in SI
+    if (
+        shown is not None and position.joint_names
+    ):  # a file that names its joints has them all, in SI
         slide = np.isin(position.joint_names, arm.joint_names[-slides:])
         return replace(position, shown_deg=np.where(slide, 1e3 * np.deg2rad(shown), shown))
     if len(position.external_mm) < slides:
@@ -221,6 +226,8 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
             hint="record it with its external axes; of encoder pulses, give pulses_per_mm",
             name=position.label,
         )
+    if shown is None:
+        return position
     turning = shown[: arm.n - slides]  # formats for any arm cannot say where its joints end
     return replace(position, shown_deg=np.append(turning, position.external_mm[:slides]))
 

@@ -30,6 +30,7 @@ from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.pose_programs.from_plan import arm_of
 from posedesign.report.page import _measured_deg
 from posedesign.report.plots import figure_of_identification
 from posedesign.simulation import SimulatedRobot
@@ -198,6 +199,25 @@ def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
         write_program(
             poses, tmp_path / "out", "fanuc-ls", program_options(fanuc, poses), "A", fanuc
         )
+
+
+@pytest.mark.parametrize("dialect", ["kuka-krl", "abb-rapid"])
+def test_poses_on_a_rail_need_the_world_that_it_moves_in(tmp_path, dialect):
+    world = "{ at_mm = [100.0, -900.0, 0.0], wpr_deg = [0.0, 0.0, 90.0] }"
+    form = f'[program]\nform = "cartesian"\nworld = {world}\n'
+    cell = railed(tmp_path, FORMATS[dialect], form)
+    poses = listed(cell, 12)
+    options = program_options(cell, poses)
+    made = write_program(poses, tmp_path / "out", dialect, options, "A", cell)
+    back = import_touch_ups(cell, [made.paths[0]], poses, keep_untouched=True).touch_ups
+    order = [poses.measured.names.index(name) for name in back.names]
+    assert np.abs(back.postures - poses.measured.postures[order]).max() <= 2e-5
+    without = railed(tmp_path, FORMATS[dialect], '[program]\nform = "cartesian"\n')
+    with pytest.raises(InputError, match="where its controller has the world is not known"):
+        write_program(poses, tmp_path / "out2", dialect, options, "A", without)
+    fanuc = railed(tmp_path, "r2000ic165f", form)
+    with pytest.raises(InputError, match=r"program.world is of .* a controller of kuka or abb"):
+        arm_of(fanuc)
 
 
 def test_a_rail_that_the_description_does_not_know_is_refused(tmp_path):

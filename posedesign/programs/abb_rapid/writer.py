@@ -179,17 +179,17 @@ def _load(load: Load | None) -> str:
 
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    n = rows.shape[1] - arm.slides
+    external = [_connected(row[n:]) for row in rows]
     if program.options.form == "joint":
-        head, n = "jointtarget jp", rows.shape[1] - arm.slides
+        head = "jointtarget jp"
         values = [f"[{','.join(plain_all(row[:n], JOINT_DECIMALS))}]" for row in rows]
-        external = [_connected(row[n:]) for row in rows]
     else:
         head = "robtarget p"
         postures = program.postures_rad
         words = arm.configurations(postures)
         placed = _poses(arm.tool_poses(postures))
         values = [f"{pose},{at.words}" for pose, at in zip(placed, words, strict=True)]
-        external = [_NOT_CONNECTED] * len(values)
     lines = []
     stored = zip(program.numbers, program.poses, values, external, strict=True)
     for number, pose, value, axes in sorted(stored, key=lambda entry: entry[0]):

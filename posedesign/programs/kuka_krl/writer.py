@@ -192,11 +192,16 @@ def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
 
 
 def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
-    shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
     postures = program.postures_rad
     placed = _frames(arm.tool_poses(postures))
     words = arm.configurations(postures)
-    return ["{" + fields + f",{at.words}" + "}" for fields, at in zip(placed, words, strict=True)]
+    names = EXTERNAL[: arm.slides]
+    external = [_fields(names, plain_all(r[len(r) - len(names) :], JOINT_DECIMALS)) for r in rows]
+    return [
+        "{" + ",".join(filter(None, [fields, at.words, beside])) + "}"
+        for fields, at, beside in zip(placed, words, external, strict=True)
+    ]
 
 
 def _frames(T: FloatArray) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,25 @@ import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.robots import Controller
-from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, RecordedProgram
+from calib.se3 import inverse, rotation_exp, transform
+from posedesign.pose_programs.correcting import correct_positions
+from posedesign.programs import (
+    DIALECTS,
+    Arm,
+    PoseProgram,
+    ProgramPose,
+    RecordedProgram,
+    postures_of,
+)
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
+from tests.unit.correction.test_compensation import clear_postures
+from tests.unit.pose_programs.test_corrected_programs import errors_of, on_a_rail
 from tests.unit.programs.dialects import (
     CARRIED,
     HOW,
     PULSES_PER_MM,
+    TOOL,
+    USER,
     arm_on_slides,
     changed,
     dialect_of,
@@ -54,6 +68,45 @@ def test_where_slides_stand_is_written_checked_and_read(name, slides, tmp_path):
 def back_number(program: PoseProgram, number: int) -> int:
     """Index of the pose of this number."""
     return program.numbers.index(number)
+
+
+WORLD = transform(rotation_exp(np.array([0.1, -0.2, 2.0])), [0.4, -1.2, 0.3])
+
+
+@pytest.mark.parametrize("name", ["kuka-krl", "abb-rapid"])
+def test_poses_have_the_rail_beside_them_in_a_world_that_stands(name, tmp_path):
+    robot, dialect = on_a_rail(name), dialect_of(name)
+    arm = Arm.of(robot, USER, TOOL)
+    arm = replace(arm, controller=replace(arm.controller, T_base_world=WORLD), world_stands=True)
+    q = clear_postures(robot, 8)
+    # the tool in the same place, with the rail farther on
+    user_tool = inverse(USER) @ inverse(WORLD) @ robot.fk(q) @ TOOL
+    along = q[:1, :1] + 0.05
+    there = arm.postures_at(user_tool[:1], [None], np.hstack([along, q[:1, 1:]]), places=along)
+    np.testing.assert_allclose(robot.fk(there), robot.fk(q[:1]), atol=1e-8)
+    q, wanted = np.vstack([q, there]), np.vstack([user_tool, user_tool[:1]])
+    poses = tuple(ProgramPose(f"T{k}", row) for k, row in enumerate(q))
+    program = PoseProgram("CALPOSE", poses, options_of(name, form="cartesian"), arm)
+    paths = dialect.write(program, tmp_path)
+    assert [p for path in paths for p in dialect.validate(path)] == []
+    back = dialect.read(paths[0])
+    T = np.stack([p.T_user_tool for p in back.positions if p.T_user_tool is not None])
+    np.testing.assert_allclose(T, wanted, atol=3e-7)
+    rail = np.array([p.external_mm for p in back.positions])[:, 0]
+    np.testing.assert_allclose(rail, 1e3 * q[:, 0], atol=6e-5)
+    np.testing.assert_allclose(back.postures(arm), q, atol=2e-5)
+    with pytest.raises(InputError, match=r"has no value \[mm\] of E1"):
+        postures_of((replace(back.positions[1], external_mm=()),), arm)
+    with pytest.raises(InputError, match="where an external axis has the arm is not in it"):
+        back.postures(replace(arm, world_stands=False))
+    model, x = errors_of(robot)
+    how = {"tool_m": TOOL[:3, 3]}
+    done = correct_positions(dialect, paths[0].read_bytes(), paths[0], arm, model, x, **how)
+    assert done.ok, done.reasons
+    assert done.moved_m.max() > 1e-3
+    assert done.written_m.max() < 1e-6
+    again = dialect.parse(done.data, paths[0]).positions
+    assert [p.external_mm for p in again] == [p.external_mm for p in back.positions]
 
 
 YASKAWA = moved_program("yaskawa-jbi", 1)

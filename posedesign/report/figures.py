@@ -198,7 +198,8 @@ def residuals_by_pose(
     panel.set_ylabel(f"residual [{unit}]")
     if all((values > 0).all() for values in residuals.values()):
         log_y(panel, panel.get_ylabel())
-    step = max(1, -(-len(names) // 40))
+    # each pose by its name as long as there is room, every so many of hundreds
+    step = max(1, -(-len(names) // (40 if len(names) <= 80 else 20)))
     panel.set_xticks(at[::step], list(names)[::step], rotation=90, fontsize=7, parse_math=False)
     panel.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
 

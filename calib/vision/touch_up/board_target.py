@@ -13,11 +13,10 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.se3 import FloatArray, rotation_angle, transform
 from calib.vision.boards import Board, detect_board
-from calib.vision.boards.board_map import fit_map
+from calib.vision.boards.board_map import fit_map, spacing
 from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, pose_from_points
 from calib.vision.camera.conic import disc_image, ellipse_of_slope
@@ -60,8 +59,7 @@ class BoardTarget:
         if not found.is_ok:
             return nothing, f"{found.status}: {found.message}"
         xy, px = self.board.points[found.seen, :2], found.pixels[found.seen]
-        apart = float(np.median(np.asarray(cKDTree(px).query(px, k=2)[0])[:, 1]))
-        fitted = fit_map(xy, px, apart, refined=True)
+        fitted = fit_map(xy, px, spacing(px), refined=True)
         if fitted is None:
             return nothing, "too few points: those that are seen lie on no plane"
         slope = fitted[0].slope(self.middle_m, _STEP_OF_CELL * self.board.cell_m)

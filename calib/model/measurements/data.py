@@ -209,7 +209,7 @@ def same_posture(postures: FloatArray) -> IntArray:
     near = np.zeros(distinct.shape, dtype=bool)
     none = np.zeros((1, distinct.shape[1]), dtype=bool)
     np.put_along_axis(near, order, np.vstack([gap, none]) | np.vstack([none, gap]), axis=0)
-    free = near.all(axis=1)
+    free: BoolArray = near.all(axis=1)
     if free.any():
         from scipy.spatial import KDTree  # takes as long to import as the rest of a small command
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
 from calib.model.context import Setup
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,25 +56,14 @@ class Suspicion:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of least squares with some parameters more.
-
-    Attributes
-    ----------
-    values, sigma : array (k,)
-        Of the new parameters.
-    gain : float
-        By how much chi² is lower with them.
-    moved : array (p - k,)
-        By how much the others move with them.
-    moved_sigma : array (p - k,)
-        Standard deviations of the others where the new ones are known.
-    """
+    """One step of least squares with some parameters more."""
 
     values: FloatArray
-    sigma: FloatArray
-    gain: float
-    moved: FloatArray
+    sigma: FloatArray  # values, sigma (k,): of the new parameters
+    gain: float  # by how much chi² is lower with them
+    moved: FloatArray  # (p - k,): by how much the others move with them
     moved_sigma: FloatArray
+    """(p - k,): standard deviations of the others where the new ones are known."""
 
     @property
     def is_sure(self) -> bool:

@@ -52,24 +52,12 @@ _ALL = 0.97
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One way in which noise may be made.
+    """One way in which noise may be made."""
 
-    Attributes
-    ----------
-    name : str
-        In words.
-    criterion : float
-        Akaike's, of all pairs used; the constants that all have in common left out.
-    make : callable
-        Makes the noise of all pairs.
-    by_distance : bool
-        Whether it is of what is seen, by its distance or along the line of sight.
-    """
-
-    name: str
-    criterion: float
-    make: Callable[[], PairCovariances]
-    by_distance: bool
+    name: str  # in words
+    criterion: float  # Akaike's, of all pairs used; the constants that all have in common left out
+    make: Callable[[], PairCovariances]  # makes the noise of all pairs
+    by_distance: bool  # whether it is of what is seen, by its distance or along the line of sight
 
     @cached_property
     def noise(self) -> PairCovariances:

@@ -56,31 +56,18 @@ class _OfSets:
 
 @dataclass(frozen=True, eq=False)
 class Fit(_OfSets):
-    """Where the adjustment of T sets of N pairs ended.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-    cost : ndarray (T,)
-        Sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom.
-    white : ndarray (6, T, N)
-        White rows of each pair.
-    jacobian : ndarray (12, 6, T, N)
-        Their derivatives by the errors of X (rotation, translation) and Z.
-    information : ndarray (T, 12, 12)
-        Inverse of the covariance of X and Z.
-    iterations : ndarray of int (T,)
-    converged : ndarray of bool (T,)
-    """
+    """Where the adjustment of T sets of N pairs ended."""
 
     X: FloatArray
-    Z: FloatArray
+    Z: FloatArray  # X, Z (T, 4, 4)
     cost: FloatArray
-    white: FloatArray
+    """(T,): sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom."""
+    white: FloatArray  # (6, T, N): white rows of each pair
     jacobian: FloatArray
-    information: FloatArray
-    iterations: IntArray
-    converged: BoolArray
+    """(12, 6, T, N): their derivatives by the errors of X (rotation, translation) and Z."""
+    information: FloatArray  # (T, 12, 12): inverse of the covariance of X and Z
+    iterations: IntArray  # (T,)
+    converged: BoolArray  # (T,)
 
     _sets_axis: ClassVar = {"white": 1, "jacobian": 2}
 
@@ -110,34 +97,20 @@ class Fit(_OfSets):
 
 @dataclass(frozen=True, eq=False)
 class Estimate(_OfSets):
-    """What one method returns for T problems.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The transforms.
-    iterations : ndarray of int (T,) or None
-        Where the method iterates, the cycles it took.
-    converged : ndarray of bool (T,) or None
-        Where the method iterates, whether it arrived within its limit.
-    fit : Fit or None
-        Where the method is an adjustment, its rows and information.
-    sigma : ndarray (2, T) or None
-        Where the method estimates the noise, the standard deviations of rotation and translation.
-    weights : ndarray (T, N) or None
-        Where the method leaves pairs out, 0 for these and 1 for the others.
-    scale : ndarray (T,) or None
-        Where it was estimated, the factor of B's translations.
-    """
+    """What one method returns for T problems."""
 
     X: FloatArray
-    Z: FloatArray
-    iterations: IntArray | None = None
+    Z: FloatArray  # X, Z (T, 4, 4): the transforms
+    iterations: IntArray | None = None  # (T,): where the method iterates, the cycles it took
     converged: BoolArray | None = None
-    fit: Fit | None = None
+    """(T,): where the method iterates, whether it arrived within its limit."""
+    fit: Fit | None = None  # where the method is an adjustment, its rows and information
     sigma: FloatArray | None = None
+    """(2, T): where the method estimates the noise, the standard deviations of rotation and
+    translation."""
     weights: FloatArray | None = None
-    scale: FloatArray | None = None
+    """(T, N): where the method leaves pairs out, 0 for these and 1 for the others."""
+    scale: FloatArray | None = None  # (T,): where it was estimated, the factor of B's translations
 
     _sets_axis: ClassVar = {"sigma": 1}
 

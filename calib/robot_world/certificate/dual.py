@@ -61,21 +61,15 @@ mere rounding, next to nothing where ρ matters."""
 
 @dataclass(frozen=True, eq=False)
 class LowerBound:
-    """Bounds of the costs of T problems.
-
-    Attributes
-    ----------
-    value : ndarray (T,)
-        No rotations have a lower cost: the allowance for rounding is taken off. Not below zero.
-    smallest_eigenvalue : ndarray (T,)
-        Of S, as computed [cost].
-    convex : ndarray of bool (T,)
-        S is positive definite beyond rounding: one pair of rotations at most reaches the bound.
-    """
+    """Bounds of the costs of T problems."""
 
     value: FloatArray
-    smallest_eigenvalue: FloatArray
+    """(T,): no rotations have a lower cost: the allowance for rounding is taken off. Not below
+    zero."""
+    smallest_eigenvalue: FloatArray  # (T,): of S, as computed [cost]
     convex: BoolArray
+    """(T,): S is positive definite beyond rounding: one pair of rotations at most reaches the
+    bound."""
 
 
 def least_multipliers(form: QuadraticForm) -> FloatArray:
@@ -145,23 +139,16 @@ _RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """The equations of one rotation, split by what a stationary point fixes.
+    """The equations of one rotation, split by what a stationary point fixes."""
 
-    Attributes
-    ----------
-    bends, slopes : ndarray (20, 9, 9), (20, 9)
-        The equations; the bends are orthonormal in the Frobenius norm.
-    balance : ndarray (20, 9)
-        Multipliers of least norm by which the slopes balance a force: ``slopesᵀ (balance f)`` is
-        the part of f that is normal to SO(3) at the identity.
-    flat : ndarray (14, 9, 9)
-        Orthonormal bends of the combinations without slope: they can be added at will.
-    """
-
-    bends: FloatArray
-    slopes: FloatArray
+    bends: FloatArray  # (20, 9, 9)
+    slopes: FloatArray  # (20, 9): the equations; the bends are orthonormal in the Frobenius norm
     balance: FloatArray
+    """(20, 9): multipliers of least norm by which the slopes balance a force: ``slopesᵀ (balance
+    f)`` is the part of f that is normal to SO(3) at the identity."""
     flat: FloatArray
+    """(14, 9, 9): orthonormal bends of the combinations without slope: they can be added at
+    will."""
 
 
 @cache
@@ -377,23 +364,17 @@ def _largest(matrix: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """Solution of the relaxed problem.
-
-    Attributes
-    ----------
-    X, Z : ndarray (4, 4)
-        Rounded to rotations, with the translations that fit best; the cost is theirs.
-    value : float
-        Of the relaxed problem: a bound of the cost, as far as the solver's precision goes.
-    second_eigenvalue : float
-        Of the matrix of products, in units of the first: zero where the relaxation is tight.
-    """
+    """Solution of the relaxed problem."""
 
     X: FloatArray
     Z: FloatArray
+    """X, Z (4, 4): rounded to rotations, with the translations that fit best; the cost is
+    theirs."""
     cost: float
     value: float
+    """Of the relaxed problem: a bound of the cost, as far as the solver's precision goes."""
     second_eigenvalue: float
+    """Of the matrix of products, in units of the first: zero where the relaxation is tight."""
 
     @property
     def relative_gap(self) -> float:

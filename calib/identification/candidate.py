@@ -59,7 +59,7 @@ class Trial:
     """What became of a candidate."""
 
     candidate: Candidate  # with the sizes of its priors and the noise that were found
-    result: IdentificationResult | None  # none where it could not be identified
+    result: IdentificationResult | None  # None where it could not be identified
     error: CalibError | None  # why not
     target_out: FloatArray
     """(N, m): rows at each measurement [m, rad] with the arm identified from all targets but its

@@ -136,13 +136,9 @@ def _loose(count: int) -> float:
     return 6.0 * count / (6.0 * count - 12.0)
 
 
-def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0, extra: int = 0) -> float:
+def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0) -> float:
     """Akaike's criterion of normal numbers in groups, each with the variance that it shows."""
-    return (
-        float((counts * np.log(squares / counts + _TINY)).sum())
-        + more
-        + 2.0 * (len(counts) + extra)
-    )
+    return float((counts * np.log(squares / counts + _TINY)).sum()) + more + 2.0 * len(counts)
 
 
 def _isotropic(

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from calib.batch_last import columns_of, product, rotation_log, transposed, turn
 from calib.robot_world.algebra import unit_diagonal
+from calib.robot_world.closed_form import residual_rows
+from calib.robot_world.pair_arrays import PairArrays
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _LARGEST_INVERSE = 1e14
@@ -134,19 +135,8 @@ def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> Flo
     X, Z : ndarray (..., 4, 4)
         The solution.
     """
-    shape = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
-    R_A, p_A, R_B, p_B, R_X, p_X, R_Z, p_Z = (
-        part
-        for T in (A, B, X[..., None, :, :], Z[..., None, :, :])
-        for part in _columns(np.broadcast_to(T, (*shape, 4, 4)))
-    )
-    difference = product(product(R_A, R_X), transposed(product(R_Z, R_B)))
-    translation = turn(R_A, p_X) + p_A - turn(R_Z, p_B) - p_Z
-    error = np.concatenate([rotation_log(difference), translation])
-    return np.ascontiguousarray(error.T).reshape(*shape, 6)
-
-
-def _columns(T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Columns ``(3, 3, S)`` and origins ``(3, S)`` of transforms ``(..., 4, 4)``."""
-    flat = T.reshape(-1, 4, 4)
-    return columns_of(flat[:, :3, :3]), np.ascontiguousarray(flat[:, :3, 3].T)
+    *sets, N = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
+    A, B = (np.broadcast_to(T, (*sets, N, 4, 4)).reshape(-1, N, 4, 4) for T in (A, B))
+    X, Z = (np.broadcast_to(T, (*sets, 4, 4)).reshape(-1, 4, 4) for T in (X, Z))
+    rows = residual_rows(PairArrays(A, B), X, Z)
+    return np.ascontiguousarray(rows.T).reshape(*sets, N, 6)

@@ -86,15 +86,12 @@ VECTOR = Turn(3, rotation_exp, _vector, in_deg=False)
 
 @dataclass(frozen=True)
 class Literal:
-    """A number as it stands in a text; ``before`` and ``after``: what it has to be put between.
-
-    ``scale``: its value over that of the number, where a function stands around it.
-    """
+    """A number as it stands in a text; ``before`` and ``after``: what it has to be put between."""
 
     start: int
     end: int
     text: str
-    scale: float = 1.0
+    scale: float = 1.0  # its value over that of the number, where a function stands around it
     before: str = ""
     after: str = ""
 

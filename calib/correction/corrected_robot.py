@@ -40,21 +40,12 @@ from calib.se3 import FloatArray, inverse, rotation_exp, rotation_from_wpr, tran
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRobot:
-    """A robot with its identified kinematics.
+    """A robot with its identified kinematics."""
 
-    Attributes
-    ----------
-    robot : Robot
-        Same joints, limits, masses, tip and controller; other joint frames.
-    nominal : Robot
-        As described.
-    left_out : tuple of str
-        What was identified and no chain can hold, in words: kind of error and parameters.
-    """
-
-    robot: Robot
-    nominal: Robot
+    robot: Robot  # same joints, limits, masses, tip and controller; other joint frames
+    nominal: Robot  # as described
     left_out: tuple[str, ...]
+    """What was identified and no chain can hold, in words: kind of error and parameters."""
 
     @property
     def corrections(self) -> FloatArray:

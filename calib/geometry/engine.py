@@ -52,22 +52,13 @@ class Placed:
 
 @dataclass(eq=False)
 class Bounds:
-    """What is known of the distances of P pairs at S postures; :class:`Engine` improves it.
-
-    Attributes
-    ----------
-    distance_m : array (S, P)
-        Signed distance, or a lower bound of it. Of meshes that touch it is -CONTACT_M until
-        :meth:`Engine.measure` has been asked how deep they do.
-    exact : array (S, P) of bool
-        Which of them are distances.
-    refined : array (S, P) of bool
-        Which of the others are the best bound that arrays give.
-    """
+    """What is known of the distances of P pairs at S postures; :class:`Engine` improves it."""
 
     distance_m: FloatArray
-    exact: BoolArray
-    refined: BoolArray
+    """(S, P): signed distance, or a lower bound of it. Of meshes that touch it is -CONTACT_M until
+    :meth:`Engine.measure` has been asked how deep they do."""
+    exact: BoolArray  # (S, P): which of them are distances
+    refined: BoolArray  # (S, P): which of the others are the best bound that arrays give
     placed: Placed
 
 

@@ -203,17 +203,14 @@ class Singularity(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Verdicts:
-    """What the constraints say of postures.
-
-    ``arm``: the postures ``(S, n)``. ``margin`` (S, C): how far each posture is inside each
-    constraint [SI]; negative where it breaks it, NaN where it was not looked at. ``which`` (S, C):
-    what comes nearest to breaking it.
-    """
+    """What the constraints say of postures."""
 
     constraints: tuple[Constraint, ...]
-    arm: Situation
+    arm: Situation  # the postures ``(S, n)``
     margin: FloatArray
-    which: IntArray
+    """(S, C): how far each posture is inside each constraint [SI]; negative where it breaks it, NaN
+    where it was not looked at."""
+    which: IntArray  # (S, C): what comes nearest to breaking it
 
     @property
     def feasible(self) -> BoolArray:
@@ -294,15 +291,13 @@ class Checker:
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """For each pose of a list the posture that the robot takes, or why it cannot.
+    """For each pose of a list the posture that the robot takes, or why it cannot."""
 
-    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``explain`` finds
-    reasons and hints; how deep meshes run into something takes long, and not everybody asks.
-    """
-
-    q: FloatArray
-    feasible: BoolArray
+    q: FloatArray  # (N, n) [rad]; NaN where the pose cannot be taken
+    feasible: BoolArray  # (N,)
     explain: Callable[[], list[tuple[str, str]]]
+    """Finds reasons and hints; how deep meshes run into something takes long, and not everybody
+    asks."""
 
     @cached_property
     def _explained(self) -> list[tuple[str, str]]:

@@ -62,16 +62,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """What stands in a CSV file.
-
-    ``comments``: the lines before the header that start with #, without it. ``notes``: in what
-    another form it was written than with commas between cells and a point in numbers.
-    """
+    """What stands in a CSV file."""
 
     columns: list[str]
     rows: list[Row]
-    comments: list[str]
+    comments: list[str]  # the lines before the header that start with #, without it
     notes: tuple[str, ...] = ()
+    """In what another form it was written than with commas between cells and a point in numbers."""
 
 
 class AsItIs(str):

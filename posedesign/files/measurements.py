@@ -80,19 +80,15 @@ MOST_MEASUREMENTS = 50_000
 
 @dataclass(frozen=True, eq=False)
 class MeasurementTable:
-    """Measurements of a file, with the names that their indices mean.
-
-    ``kinds``: names that ``data.setup.kind`` has indices into. ``lines``: line of the file that
-    each stands on. ``path``: the file. ``notes``: what is odd in it. ``extra``: by name of the
-    column, the cells of columns that posedesign does not know.
-    """
+    """Measurements of a file, with the names that their indices mean."""
 
     data: Measurements
-    kinds: tuple[str, ...]
-    lines: tuple[int, ...]
-    path: Path = field(default=Path("measurements.csv"))
-    notes: tuple[str, ...] = ()
+    kinds: tuple[str, ...]  # names that ``data.setup.kind`` has indices into
+    lines: tuple[int, ...]  # line of the file that each stands on
+    path: Path = field(default=Path("measurements.csv"))  # the file
+    notes: tuple[str, ...] = ()  # what is odd in it
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """By name of the column, the cells of columns that posedesign does not know."""
 
     def of_kind(self, *names: str) -> IntArray:
         """Rows of the data that are of these kinds."""

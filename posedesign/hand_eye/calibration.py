@@ -45,14 +45,11 @@ Advance = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """What N pictures show of a board of K points.
-
-    ``pixels`` (N, K, 2): from the left upper corner of the image; NaN where a point is not seen.
-    ``reasons``: why a picture shows none of them; empty where it shows some.
-    """
+    """What N pictures show of a board of K points."""
 
     pixels: FloatArray
-    reasons: tuple[str, ...]
+    """(N, K, 2): from the left upper corner of the image; NaN where a point is not seen."""
+    reasons: tuple[str, ...]  # why a picture shows none of them; empty where it shows some
 
     @property
     def shown(self) -> int:
@@ -89,43 +86,32 @@ _DETECTING = 0.9
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be estimated, and what is known.
+    """What is to be estimated, and what is known."""
 
-    ``camera`` {"on-flange", "fixed"}: eye-in-hand, or eye-to-hand with the board on the flange.
-    ``lens``: model of a lens that is estimated, or one that is known. ``free``: words of what of
-    the robot is estimated, too, such as ``zero_offsets``. ``board_errors``: of ``scale``,
-    ``bend_x``, ``bend_y``. ``pixel_sigma``: noise of a coordinate of a point [px]; from the
-    pictures by default. ``arm_sigma``: how far the arm stops from where it says [m, rad]; likewise.
-    ``board``: in place of the one that the cell describes.
-    """
-
-    camera: Camera = "on-flange"
-    lens: LensName | Lens = "pinhole"
+    camera: Camera = "on-flange"  # eye-in-hand, or eye-to-hand with the board on the flange
+    lens: LensName | Lens = "pinhole"  # model of a lens that is estimated, or one that is known
     free: tuple[str, ...] = ()
-    board_errors: tuple[str, ...] = ()
+    """Words of what of the robot is estimated, too, such as ``zero_offsets``."""
+    board_errors: tuple[str, ...] = ()  # of ``scale``, ``bend_x``, ``bend_y``
     pixel_sigma: float | None = None
+    """Noise of a coordinate of a point [px]; from the pictures by default."""
     arm_sigma: tuple[float, float] | None = None
-    board: Board | None = None
+    """How far the arm stops from where it says [m, rad]; likewise."""
+    board: Board | None = None  # in place of the one that the cell describes
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """The result with what is to be said of its files.
-
-    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
-    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
-    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
-    joints, the first ones, slide [m].
-    """
+    """The result with what is to be said of its files."""
 
     result: HandEyeResult
     asked: Asked
     board: Board
-    reasons: tuple[str, ...]
-    postures: FloatArray
-    with_joints: bool
-    notes: tuple[str, ...] = ()
-    slides: int = 0
+    reasons: tuple[str, ...]  # why a picture does not show the board; empty where it does
+    postures: FloatArray  # (N, n): of each picture [rad]; NaN where it is not known
+    with_joints: bool  # whether they are joint values, and not poses of the flange
+    notes: tuple[str, ...] = ()  # what is odd about the files
+    slides: int = 0  # how many of the joints, the first ones, slide [m]
 
 
 def board_of(cell: Cell) -> Board:
@@ -158,7 +144,7 @@ def calibrate_camera(
     count = sum(len(one.paths) for one in pictures.values())
     for camera, shown in pictures.items():
         _check_poses(shown, asked)
-        part = _Part(advance, len(reasons) / count, len(shown.paths) / count)
+        part = _part(advance, len(reasons) / count, len(shown.paths) / count)
         found = find_boards(shown.paths, board, part)
         if not found.shown:
             raise InputError(
@@ -227,16 +213,9 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
     return replace(cell, config=config, camera_found=camera), cell.robot.of_shown(taken)
 
 
-@dataclass(frozen=True)
-class _Part:
+def _part(advance: Advance, before: float, share: float) -> Advance:
     """Progress of a part of the pictures."""
-
-    advance: Advance
-    before: float
-    share: float
-
-    def __call__(self, what: str, part: float) -> None:
-        self.advance(what, _DETECTING * (self.before + self.share * part))
+    return lambda what, part: advance(what, _DETECTING * (before + share * part))
 
 
 def _check_poses(shown: PictureSet, asked: Asked) -> None:

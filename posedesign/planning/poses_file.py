@@ -160,13 +160,11 @@ _UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Margins of poses, by the column that they stand in.
-
-    ``columns`` (S,): in the unit that the name ends with; NaN where a pose has none. Only columns
-    that the cell knows of are there. Negative where a bound is broken.
-    """
+    """Margins of poses, by the column that they stand in."""
 
     columns: Mapping[str, FloatArray]
+    """(S,): in the unit that the name ends with; NaN where a pose has none. Only columns that the
+    cell knows of are there. Negative where a bound is broken."""
 
     @classmethod
     def of(cls, cell: Cell, poses: PoseList) -> Margins:
@@ -212,35 +210,29 @@ def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
 
 @dataclass(frozen=True)
 class DroppedPose:
-    """A pose without numbers: one that cannot be taken.
-
-    ``extra``: what stands in columns that posedesign does not know.
-    """
+    """A pose without numbers: one that cannot be taken."""
 
     name: str
     reason: str
     extra: Mapping[str, str] = field(default_factory=dict)
+    """What stands in columns that posedesign does not know."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseList:
-    """Poses in the order in which they are visited.
-
-    ``postures`` (N, n): [rad], URDF signs. ``via`` (N,): postures that the arm passes through
-    without measuring. ``status``, ``reasons``: as in ``poses.csv``, one each; none at all for a
-    list that was not read from a file. ``extra``: by name of the column, the N cells of columns
-    that posedesign does not know. ``dropped``: poses that the list names, and that are not visited.
-    ``comments``: lines before the header of the table, without #.
-    """
+    """Poses in the order in which they are visited."""
 
     names: tuple[str, ...]
-    postures: FloatArray
-    via: BoolArray
+    postures: FloatArray  # (N, n) [rad], URDF signs
+    via: BoolArray  # (N,): postures that the arm passes through without measuring
     status: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
+    """status, reasons: as in ``poses.csv``, one each; none at all for a list that was not read from
+    a file."""
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    dropped: tuple[DroppedPose, ...] = ()
-    comments: tuple[str, ...] = ()
+    """By name of the column, the N cells of columns that posedesign does not know."""
+    dropped: tuple[DroppedPose, ...] = ()  # poses that the list names, and that are not visited
+    comments: tuple[str, ...] = ()  # lines before the header of the table, without #
 
     @classmethod
     def of_route(cls, poses: PoseSet, route: Route) -> PoseList:

@@ -93,22 +93,18 @@ next to nothing to gain."""
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What was made of an identification.
+    """What was made of an identification."""
 
-    ``identified``: what is corrected by. ``routes``: what error each way leaves. ``compensated``:
-    commands for the poses. ``rehearsed``: what is to be said first of what comes of a simulated
-    robot; empty for a real one.
-    """
-
-    identified: IdentifiedModel
-    routes: Routes
+    identified: IdentifiedModel  # what is corrected by
+    routes: Routes  # what error each way leaves
     robot: CorrectedRobot
     mastering: Mastering
     poses: PoseList | None
-    compensated: Compensated | None
+    compensated: Compensated | None  # commands for the poses
     notes: tuple[str, ...]
     files: tuple[Path, ...]
     rehearsed: str = ""
+    """What is to be said first of what comes of a simulated robot; empty for a real one."""
 
     @property
     def ok(self) -> bool:
@@ -389,20 +385,18 @@ _STEM = "zero_offset."
 
 @dataclass(frozen=True, eq=False)
 class Mastering:
-    """Corrections of the zero points of joints that turn, as the robot's pendant shows them.
-
-    ``correction`` (n,): to be added to what the pendant shows to get where each joint is [rad].
-    ``sigma`` (n,): standard deviation of each [rad]; NaN where it is not known. ``identified``
-    (n,): whether a joint's own zero offset was identified. Others count as none: target or tool
-    take it up, or it was not asked for. ``bounded``: correlations were not known: where several
-    offsets make one correction, its standard deviation is the largest that is possible.
-    """
+    """Corrections of the zero points of joints that turn, as the robot's pendant shows them."""
 
     robot: Robot
     correction: FloatArray
-    sigma: FloatArray
+    """(n,): to be added to what the pendant shows to get where each joint is [rad]."""
+    sigma: FloatArray  # (n,): standard deviation of each [rad]; NaN where it is not known
     identified: BoolArray
+    """(n,): whether a joint's own zero offset was identified. Others count as none: target or tool
+    take it up, or it was not asked for."""
     bounded: bool = False
+    """Correlations were not known: where several offsets make one correction, its standard
+    deviation is the largest that is possible."""
 
     def rows(self) -> list[dict[str, object]]:
         """One row a joint of the pendant, in degrees."""

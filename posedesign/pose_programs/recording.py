@@ -45,19 +45,17 @@ def check_recorded(cell: Cell, plan: PoseList) -> None:
 
 @dataclass(eq=False)
 class Recording:
-    """The touch-ups of a plan so far, and the file that they are kept in.
-
-    ``rows``: by column, in the order of arrival; those of an earlier start first, as they are.
-    ``by_hand``: that rows of an earlier start stood in a file that was changed since it was
-    written, in words that the file then says; empty where none did.
-    """
+    """The touch-ups of a plan so far, and the file that they are kept in."""
 
     cell: Cell
     plan: PoseList
     file: Claim
     columns: list[str]
     rows: list[dict[str, object]]
+    """By column, in the order of arrival; those of an earlier start first, as they are."""
     by_hand: str = ""
+    """That rows of an earlier start stood in a file that was changed since it was written, in words
+    that the file then says; empty where none did."""
 
     @classmethod
     def resume(cls, cell: Cell, plan: PoseList, file: Claim) -> Recording:

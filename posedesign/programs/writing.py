@@ -39,18 +39,13 @@ def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class NameRule:
-    """What a controller takes for a name.
+    """What a controller takes for a name."""
 
-    ``what``: for messages: "a FANUC program name". ``length``: most characters. ``small``: whether
-    small letters are legal. ``stand_in``: a legal name, where nothing of the one given can be kept.
-    ``reserved``: words of the language, in capitals, that are no names.
-    """
-
-    what: str
-    length: int
-    small: bool = False
-    stand_in: str = "CALPOSE"
-    reserved: frozenset[str] = frozenset()
+    what: str  # for messages: "a FANUC program name"
+    length: int  # most characters
+    small: bool = False  # whether small letters are legal
+    stand_in: str = "CALPOSE"  # a legal name, where nothing of the one given can be kept
+    reserved: frozenset[str] = frozenset()  # words of the language, in capitals, that are no names
 
     def is_legal(self, name: str) -> bool:
         """Whether a name is a letter and then letters, digits and underscores, not too long."""

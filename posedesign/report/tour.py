@@ -75,19 +75,16 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """The base posture, then the poses of a list, and the straight joint motions between them.
+    """The base posture, then the poses of a list, and the straight joint motions between them."""
 
-    ``frames`` (F, n): postures [rad] in the order in which they are shown. ``stops`` (N,): the row
-    of each stop. ``verdicts``: on the stops. ``shades`` (F, B): :class:`Shade` of each body of
-    ``cell.scene`` at each of them. ``times_s`` (F,): when each is shown. ``seen`` (M, 2, 4, 4):
-    cameras of pairs that were measured, and the targets that they saw, in the base.
-    """
-
-    frames: FloatArray
-    stops: IntArray
-    verdicts: tuple[PoseVerdict, ...]
+    frames: FloatArray  # (F, n): postures [rad] in the order in which they are shown
+    stops: IntArray  # (N,): the row of each stop
+    verdicts: tuple[PoseVerdict, ...]  # on the stops
     shades: IntArray
+    """(F, B): :class:`Shade` of each body of ``cell.scene`` at each of them."""
     seen: FloatArray
+    """(M, 2, 4, 4): cameras of pairs that were measured, and the targets that they saw, in the
+    base."""
 
     @classmethod
     def of(cls, cell: Cell, poses: PoseList | None = None, pairs: Pairs | None = None) -> Tour:

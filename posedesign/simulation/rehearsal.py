@@ -147,15 +147,11 @@ def _facing(normal: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRobot:
-    """The robot as it really is, known to nothing but the simulation.
-
-    ``model``: with zero offsets of all joints and, where asked for, deflection. ``values`` (p,):
-    true parameters [SI].
-    """
+    """The robot as it really is, known to nothing but the simulation."""
 
     cell: Cell
-    model: CalibrationModel
-    values: FloatArray
+    model: CalibrationModel  # with zero offsets of all joints and, where asked for, deflection
+    values: FloatArray  # (p,): true parameters [SI]
 
     @classmethod
     def of(cls, cell: Cell, measurement: Measurement | None = None) -> SimulatedRobot:

@@ -40,17 +40,13 @@ _MOST_ALIKE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """What may change while measuring.
-
-    Attributes
-    ----------
-    columns : array (N, m, k)
-        Change of the rows over the noise by its parameters, each in units of its usual change.
-    """
+    """What may change while measuring."""
 
     part: str
     names: tuple[str, ...]
     columns: FloatArray
+    """(N, m, k): change of the rows over the noise by its parameters, each in units of its usual
+    change."""
 
 
 def things_of(held: Held) -> list[Thing]:

@@ -32,22 +32,13 @@ is less."""
 
 @dataclass(frozen=True, eq=False)
 class BoardMap:
-    """Where points of a board are seen, in OpenCV's pixels.
+    """Where points of a board are seen, in OpenCV's pixels."""
 
-    Attributes
-    ----------
-    homography : ndarray (3, 3)
-        From the board [m].
-    bend : ndarray (terms, 2)
-        Coefficients [px] of the polynomial, for terms of order two and three.
-    center, scale : ndarray (2,), float
-        Of the pixels that the polynomial is written in.
-    """
-
-    homography: FloatArray
+    homography: FloatArray  # (3, 3): from the board [m]
     bend: FloatArray
-    center: FloatArray
-    scale: float
+    """(terms, 2): coefficients [px] of the polynomial, for terms of order two and three."""
+    center: FloatArray  # (2,)
+    scale: float  # of the pixels that the polynomial is written in
 
     def __call__(self, xy: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of points ``(..., 2)`` [m]."""

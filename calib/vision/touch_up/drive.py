@@ -88,37 +88,23 @@ metre from a joint is eleven degrees. What needs more passes a singularity."""
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Arms, and how they are moved.
+    """Arms, and how they are moved."""
 
-    Attributes
-    ----------
-    robot : Robot
-        Nominal: what the controller knows.
-    approach_rad : float
-        Every stop is reached by a last movement of this angle in all joints, always in the
-        positive sense, so that backlash and friction leave the joints on the same side; 0 for
-        none. It has to be more than the lost motion of a joint.
-    refuses : callable, optional
-        Asked before every move; the limits of the joints are always kept.
-    around : callable, optional
-        Asked where the straight move to a posture is refused.
-    shown_within_rad : float
-        By which joints may be shown off what was commanded: rounding of the controller, width of
-        its fine positions, lost motion where encoders see it.
-    largest_correction_rad : float
-        By which corrections may turn a joint away from the posture that was planned.
-    tell : callable
-        Told what could not be checked.
-    """
-
-    robot: Robot
+    robot: Robot  # nominal: what the controller knows
     arms: Arms
     approach_rad: float = np.deg2rad(0.2)
+    """Every stop is reached by a last movement of this angle in all joints, always in the positive
+    sense, so that backlash and friction leave the joints on the same side; 0 for none. It has to be
+    more than the lost motion of a joint."""
     refuses: Refuses | None = None
-    around: Around | None = None
+    """Asked before every move; the limits of the joints are always kept."""
+    around: Around | None = None  # asked where the straight move to a posture is refused
     shown_within_rad: float = SHOWN_WITHIN_RAD
+    """By which joints may be shown off what was commanded: rounding of the controller, width of its
+    fine positions, lost motion where encoders see it."""
     largest_correction_rad: float = LARGEST_CORRECTION_RAD
-    tell: Callable[[str], None] = lambda text: None
+    """By which corrections may turn a joint away from the posture that was planned."""
+    tell: Callable[[str], None] = lambda text: None  # told what could not be checked
     _sent: FloatArray = field(init=False, repr=False)
     """Where each arm was sent last ``(S, n)`` [rad]; NaN before its first move."""
     _one: OnePosture = field(init=False, repr=False)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
 from calib.model.context import Setup
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ def same_posture(postures: FloatArray) -> IntArray:
     near = np.zeros(distinct.shape, dtype=bool)
     none = np.zeros((1, distinct.shape[1]), dtype=bool)
     np.put_along_axis(near, order, np.vstack([gap, none]) | np.vstack([none, gap]), axis=0)
-    free: BoolArray = near.all(axis=1)
+    free = np.asarray(near.all(axis=1))
     if free.any():
         from scipy.spatial import KDTree  # takes as long to import as the rest of a small command
 

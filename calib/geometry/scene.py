@@ -67,7 +67,8 @@ class Scene:
         What the arm carries: link n, in the frame of the last joint (with the tool given in the
         tip frame, ``chain.T_link_tip @ T_tip_body``).
     obstacles : sequence of Body
-        Link 0, in the base frame.
+        Link 0, in the base frame; of a chain with a positioner, which carries that, on the link
+        that stands on the floor, too.
     ignore : sequence of (str, str)
         Names of bodies that may come together, in either order. Several bodies can have the same
         name; all of them are meant.
@@ -97,7 +98,7 @@ class Scene:
         zero: ArrayLike | None = None,
         last_range: tuple[float, float] = (-np.pi, np.pi),
     ) -> None:
-        check_groups(chain.n, arm, tool, obstacles)
+        check_groups(chain.n, arm, tool, obstacles, chain.external.positioner)
         self._chain = chain
         self._tool_from = len(arm)
         self._fixed_from = len(arm) + len(tool)
@@ -309,7 +310,7 @@ class Scene:
         return Extent(lowest, highest)
 
     def inside(self, points: ArrayLike) -> IntArray:
-        """Which obstacle contains each of the points ``(S, 3)`` in the base frame [m].
+        """Which obstacle on the base contains each of the points ``(S, 3)`` in its frame [m].
 
         Returns
         -------
@@ -320,6 +321,8 @@ class Scene:
         wanted = _points(points, "points")
         found = np.full(len(wanted), -1, dtype=np.intp)
         for row, body in enumerate(self.bodies[self._fixed_from :]):
+            if body.link:
+                continue
             R, p = body.T_link_body[:3, :3], body.T_link_body[:3, 3]
             free = np.flatnonzero(found < 0)
             found[free[contains(body.solid, (wanted[free] - p) @ R)]] = row

@@ -11,7 +11,7 @@ from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib.robots.bounds import CoupledLimit
-    from calib.robots.chain import ChainState, SerialChain
+    from calib.robots.chain import NO_EXTERNAL_AXES, ChainState, ExternalAxes, SerialChain
     from calib.robots.controller import POSITIVE_AXES, Controller, shown_of
     from calib.robots.flange_poses import flange_robot, posture_of_pose
     from calib.robots.inverse import InverseSolutions
@@ -21,10 +21,12 @@ else:
     __getattr__ = load_when_asked(__name__)
 
 __all__ = [
+    "NO_EXTERNAL_AXES",
     "POSITIVE_AXES",
     "ChainState",
     "Controller",
     "CoupledLimit",
+    "ExternalAxes",
     "InverseSolutions",
     "Robot",
     "SerialChain",

@@ -84,7 +84,7 @@ class Watch:
                 hint="identify again",
                 name="covariance",
             )
-        joints = cell.robot.turning
+        joints = cell.robot.arm_joints
         wanted = [f"zero_offset.{joint}" for joint in joints]
         wanted += [f"{_tool(label)}.{axis}" for label in known.model.tools for axis in _SHIFTS]
         given = known.model.names

@@ -49,8 +49,8 @@ class Situation:
         state = self.__dict__.get("state")
         if state is not None:
             arrays = {f.name: getattr(state, f.name) for f in fields(state)}
-            slides = arrays.pop("slides")
-            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, slides=slides)
+            external = arrays.pop("external")
+            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, external=external)
         return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 
@@ -132,11 +132,15 @@ class JointLimits(_Limits):
     name = "joint limits"
 
     def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
-        robot, j = self._robot, which + self._robot.slides
+        robot, j = self._robot, int(self._turning[which])
         return robot.joint_labels[j], q[j], robot.lower[j], robot.upper[j]
 
     def _inside(self, q: FloatArray) -> FloatArray:
-        return _room(self._robot, q)[:, self._robot.slides :]
+        return _room(self._robot, q)[:, self._turning]
+
+    @cached_property
+    def _turning(self) -> IntArray:
+        return np.flatnonzero(~self._robot.sliding)
 
 
 class SlideLimits(Constraint):
@@ -151,15 +155,16 @@ class SlideLimits(Constraint):
         self._robot = robot
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        room = _room(self._robot, arm.q)[:, : self._robot.slides]
+        room = _room(self._robot, arm.q)[:, self._robot.external.sliding]
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        j = which + self._robot.external.sliding.start
         value, low, high = (
-            1e3 * float(v[which]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
+            1e3 * float(v[j]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
         )
-        name = self._robot.joint_labels[which]
+        name = self._robot.joint_labels[j]
         if margin < -ROUNDING:
             return limit_reason(name, value, low, high, "mm")
         return f"{name} {value:.1f} mm, {1e3 * margin:.1f} mm inside its limits"
@@ -266,7 +271,7 @@ class Checker:
         self.robot = robot
         self.margin = margin
         coupled = [CoupledLimits(robot, margin)] if robot.coupled_limits else []
-        slides = [SlideLimits(robot)] if robot.slides else []
+        slides = [SlideLimits(robot)] if robot.external.slides else []
         self.constraints = (JointLimits(robot, margin), *slides, *coupled, *constraints)
 
     def check(self, q: FloatArray, *, every: bool = True) -> Verdicts:

@@ -292,12 +292,12 @@ def check_columns(
             f"there is no column {column}", path=path, row=1, hint=near_names(column, found)
         )
     if joints:
-        extra = [c for c in found if re.fullmatch(r"j\d+_deg|e\d+_mm", c) and c not in needed]
+        extra = [c for c in found if re.fullmatch(r"j\d+_deg|e\d+_(mm|deg)", c) and c not in needed]
         if extra:
             turns = extra[0].startswith("j")
             count = sum(c[0] == extra[0][0] for c in needed)
             raise FileFormatError(
-                f"the robot has {count} {'joints' if turns else 'slides'} only",
+                f"the robot has {count} {'joints' if turns else 'external axes'} only",
                 path=path,
                 row=1,
                 column=extra[0],

@@ -26,7 +26,13 @@ from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
-from calib.robots import flange_robot, posture_of_pose, shown_of
+from calib.robots import (
+    NO_EXTERNAL_AXES,
+    ExternalAxes,
+    flange_robot,
+    posture_of_pose,
+    shown_of,
+)
 from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
@@ -35,6 +41,7 @@ from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.pictures import read_grey
+from posedesign.files.postures import external_as_dict
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pairs.certificate import Camera
@@ -114,8 +121,8 @@ class Calibrated:
 
     ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
     each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
-    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
-    joints, the first ones, slide [m].
+    and not poses of the flange. ``notes``: what is odd about the files. ``external``: what
+    the first joints are.
     """
 
     result: HandEyeResult
@@ -125,7 +132,7 @@ class Calibrated:
     postures: FloatArray
     with_joints: bool
     notes: tuple[str, ...] = ()
-    slides: int = 0
+    external: ExternalAxes = NO_EXTERNAL_AXES
 
 
 def board_of(cell: Cell) -> Board:
@@ -187,7 +194,7 @@ def calibrate_camera(
         np.concatenate([one.postures for one in sets]),
         all(shown.postures is not None for shown in pictures.values()),
         notes,
-        cell.robot.slides,
+        cell.robot.external,
     )
     _write(calibrated, sets, claims)
     return calibrated
@@ -320,7 +327,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
     factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
-    shown = shown_of(calibrated.postures.shape[1], calibrated.slides)
+    shown = shown_of(calibrated.postures.shape[1], calibrated.external)
     joints = {
         name: (shown * posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
@@ -355,7 +362,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
-        **({"slides": calibrated.slides} if joints and calibrated.slides else {}),
+        **(external_as_dict(calibrated.external) if joints else {}),
     }
 
 

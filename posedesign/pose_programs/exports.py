@@ -57,9 +57,10 @@ def zeroing_words(robot: Robot) -> str:
     """How the zeros of an arm are entered, in the words of its maker's pendant."""
     maker = "" if robot.controller is None else robot.controller.maker
     usual = f"{_ZEROED}; then make this the zero of all joints, as the maker has it"
-    words, slides = IN_THE_WORDS_OF.get(maker, usual), ", ".join(robot.joint_labels[: robot.slides])
-    keep = f". {slides} at 0 meanwhile, or left out: only the zeros of the arm are corrected"
-    return words + keep * bool(slides)
+    words = IN_THE_WORDS_OF.get(maker, usual)
+    external = ", ".join(sorted(robot.joint_labels[: robot.n_external]))
+    keep = f". {external} at 0 meanwhile, or left out: only the zeros of the arm are corrected"
+    return words + keep * bool(external)
 
 
 @dataclass(frozen=True)

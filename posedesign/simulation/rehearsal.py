@@ -193,7 +193,7 @@ class SimulatedRobot:
         and AX=ZB can find is target and tool in the frames so turned. Deflection counts as an
         offset with its value at the base pose.
         """
-        return inverse(self._turned_by(self.cell.robot.slides))
+        return inverse(self._turned_by(self.cell.robot.n_external))
 
     @property
     def T_shown_tip(self) -> FloatArray:

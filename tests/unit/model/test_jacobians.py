@@ -40,7 +40,7 @@ SIX = ("x", "y", "z", "rx", "ry", "rz")
 
 def turning(robot: Robot) -> tuple[str, ...]:
     """Names of the joints that turn."""
-    return robot.joint_names[robot.slides :]
+    return robot.joint_names[robot.n_external :]
 
 
 OF_THE_ARM = {
@@ -109,7 +109,7 @@ def test_jacobian_is_the_derivative_of_the_rows(
     robot = reference_robot
     if arm != "reference":
         robot = Robot.from_urdf(random_urdf(rng, 5 + slides, slides))
-    assert robot.slides == slides
+    assert robot.n_external == slides
     model = CalibrationModel(robot, blocks(robot, freed, setting, rng), kinds(measurement))
     assert model.p
     setup = Setup.of(

@@ -20,6 +20,7 @@ from calib.vision.camera import PinholeCamera
 from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.schema import SolidSection
+from posedesign.cell.schema_sections import TargetSection
 from posedesign.constraints import (
     Checker,
     Collision,
@@ -570,6 +571,16 @@ def check_observations(cell: CellData, path: Path) -> None:
                 hint=near_names(name, loads) if loads else "list it as [[payload]]",
                 value=name,
             )
+    if cell.camera_stands and cell.robot.floor:
+        raise FileFormatError(
+            f"a camera that stands around the arm does not turn with {cell.robot.base_frame}, "
+            "which a positioner carries",
+            path=path,
+            key="camera.mount",
+            hint="name a link on the floor as robot.base, or put the camera on the flange",
+        )
+    for k, target in enumerate(config.targets):
+        _check_footing(cell, target, path, "target" + f".{k}" * bool(config.other_targets))
     if config.tool.mark and by_camera:
         raise FileFormatError(
             "marks are seen by an instrument or touch, and this cell looks through a camera",
@@ -615,6 +626,37 @@ def check_observations(cell: CellData, path: Path) -> None:
                 key="tool.mark",
                 hint="leave the marks out, or measure them as points",
             )
+
+
+def _check_footing(cell: CellData, target: TargetSection, path: Path, key: str) -> None:
+    """Refuse a target that does not turn with the base, and an instrument that may not."""
+    robot, kind = cell.robot, target.kind or cell.config.measurement.kind
+    key = f"{key}.stands_on"
+    if not robot.floor and target.stands_on is not None:
+        raise FileFormatError(
+            f"no positioner carries {robot.base_frame}: all targets stand still in it",
+            hint="leave it out",
+            path=path,
+            key=key,
+        )
+    if robot.floor and target.stands_on == "floor":
+        raise FileFormatError(
+            f"{target.name} does not turn with {robot.base_frame}, which a positioner carries",
+            hint="what is measured from the floor tells nothing of the positioner: name a link on "
+            "the floor as robot.base",
+            path=path,
+            key=key,
+        )
+    reads = kind in KINDS and KINDS[kind].reads
+    if robot.floor and target.stands_on is None and reads:
+        raise FileFormatError(
+            f"it is not said whether {target.name} turns with {robot.base_frame}, which a "
+            "positioner carries",
+            hint='set it to "positioner" where the instrument is on it, or reads in the frame of '
+            "reflectors on it; from the floor, name a link there as robot.base",
+            path=path,
+            key=key,
+        )
 
 
 def check_board(cell: CellData, path: Path) -> None:

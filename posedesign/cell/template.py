@@ -85,6 +85,7 @@ name = "T1"
 # plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
+# stands_on = "positioner"        # of an instrument, where a positioner carries the base
 # wpr_deg = [0.0, 0.0, 0.0]       # of an instrument: the axes that it reads in,
 # nearest_mm = 500.0              # and its range; of a ball bar or a wire its lengths
 # farthest_mm = 10000.0
@@ -410,6 +411,7 @@ _NO_SURROUNDINGS = """
 # name = "table"                  # (radius_mm, height_mm), sphere, mesh, scene
 # kind = "half-space"             # a half-space is everything below at_mm
 # at_mm = [0.0, 0.0, 0.0]
+# stands_on = "floor"             # or "positioner", where one carries the base: what it turns with
 """
 
 

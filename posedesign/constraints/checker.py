@@ -19,6 +19,11 @@ ROUNDING = 1e-9
 """A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
 
 
+STAYS = 10.0
+"""Times as far as the arm's joints external axes count where the nearest of several postures is
+taken: a table stays, and the arm follows."""
+
+
 class Situation:
     """An arm at postures ``(S, n)`` [rad].
 
@@ -385,7 +390,9 @@ def _nearest_first(solutions: InverseSolutions) -> Iterator[IntArray]:
     arm has hundreds, and looking at them one by one takes long.
     """
     inside = np.flatnonzero(solutions.inside)
-    distance = np.linalg.norm(solutions.postures[inside] - solutions.near, axis=1)
+    moved = solutions.postures[inside] - solutions.near
+    moved[:, : solutions.chain.external.count] *= STAYS
+    distance = np.linalg.norm(moved, axis=1)
     order = inside[np.lexsort((distance, solutions.pose[inside]))]
     pose = solutions.pose[order]
     rank = np.arange(len(pose)) - np.searchsorted(pose, pose)

@@ -104,9 +104,21 @@ def table_text(
 ) -> str:
     """The text of such a file."""
     lines = ["# " + comment_text(text) for text in comments]
+    columns = _as_counted(columns)
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
     return "\n".join([*lines, ""])
+
+
+def _as_counted(columns: Sequence[str]) -> list[str]:
+    """Columns with those of external axes in the order of their numbers, where these stand."""
+    out = list(columns)
+    for kind in ("", "pendant_"):
+        there = [k for k, c in enumerate(columns) if re.fullmatch(rf"{kind}e\d+_(mm|deg)", c)]
+        counted = sorted((columns[k] for k in there), key=lambda c: int(re.sub(r"\D", "", c)))
+        for k, column in zip(there, counted, strict=True):
+            out[k] = column
+    return out
 
 
 def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:

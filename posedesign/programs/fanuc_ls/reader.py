@@ -189,8 +189,8 @@ def _with_other_axes(
     carried = carried_off((value for number, value in values if number == 1), path)
     found = []
     for position, (label, of_position) in zip(positions, groups.items(), strict=True):
-        values, units = _extended(of_position[1])
-        own = replace(position, external_mm=values, external_units=units)
+        extended, units = _extended(of_position[1])
+        own = replace(position, external_mm=extended, external_units=units)
         found.append(replace(own, carried=carried.get(label)))
     return tuple(found)
 

@@ -65,7 +65,9 @@ def _touched(
     batch: tuple[int, ...],
     setup: Setup,
 ) -> FloatArray:
-    hold = truth.robot.n >= 6  # fewer joints cannot hold an orientation while they touch
+    hold = (
+        len(truth.robot.arm_joints) >= 6
+    )  # fewer joints cannot hold an orientation while they touch
     start, _ = touch(truth, q, x, setup, hold_orientation=hold)
     start = np.broadcast_to(start, (*batch, *start.shape))
     displacement: FloatArray | float = 0.0

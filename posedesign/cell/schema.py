@@ -393,7 +393,8 @@ class ConstraintSection(Section):
     largest_travel_deg: Annotated[float, Field(strict=True, ge=1, le=1e4)] | None = None
     """Largest travel of any joint from one pose to the next."""
     workspace_lowest_mm: Vector | None = None
-    """Lowest corner, in the base frame, of a box that arm and tool stay in."""
+    """Lowest corner, in the base frame, of a box that arm and tool stay in; behind a positioner it
+    stands on the floor, in the frame of the root link."""
     workspace_highest_mm: Vector | None = None
     """Highest corner of this box."""
 

@@ -795,7 +795,9 @@ def _printed(text: str) -> str:
 
 def _world_line(robot: Robot) -> str:
     """Where the controller counts positions from, if that is not the base frame."""
-    if robot.controller is None or np.allclose(robot.controller.T_base_world, np.eye(4)):
+    if robot.controller is None or robot.floor:  # it turns with a positioner
+        return ""
+    if np.allclose(robot.controller.T_base_world, np.eye(4)):
         return ""
     x, y, z = [_round(v, 1) for v in 1e3 * robot.controller.T_base_world[:3, 3]]
     turned = " and turned" * (not np.allclose(robot.controller.T_base_world[:3, :3], np.eye(3)))

@@ -164,7 +164,7 @@ def calibrate_camera(
     sets, reasons = [], list[str]()
     count = sum(len(one.paths) for one in pictures.values())
     for camera, shown in pictures.items():
-        _check_poses(shown, asked)
+        _check_poses(cell, shown, asked)
         part = _Part(advance, len(reasons) / count, len(shown.paths) / count)
         found = find_boards(shown.paths, board, part)
         if not found.shown:
@@ -246,7 +246,21 @@ class _Part:
         self.advance(what, _DETECTING * (self.before + self.share * part))
 
 
-def _check_poses(shown: PictureSet, asked: Asked) -> None:
+def _check_poses(cell: Cell, shown: PictureSet, asked: Asked) -> None:
+    if cell.robot.floor and asked.camera != "on-flange":
+        raise InputError(
+            f"a camera that stands around the arm does not turn with {cell.robot.base_frame}, "
+            "which a positioner carries",
+            hint="name a link on the floor as robot.base",
+            name="camera",
+        )
+    if cell.robot.floor and shown.postures is None:
+        raise InputError(
+            f"poses of the flange do not say how {cell.robot.base_frame} stands, which a "
+            "positioner carries",
+            hint="give the joints of each picture, those of the positioner among them",
+            name="joints",
+        )
     if shown.postures is None and shown.T_base_flange is None:
         raise InputError(
             "the pictures have no joints and no poses of the flange",

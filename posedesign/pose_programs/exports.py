@@ -116,7 +116,7 @@ def ur_kinematics_text(robot: Robot, said: Sequence[str]) -> str:
     """
     controller = robot.controller
     about_z = np.abs(robot.chain.axes - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-12
-    if controller is None or controller.maker != "ur" or not about_z:
+    if controller is None or controller.maker != "ur" or not about_z or robot.n_external:
         raise InputError(
             f"{robot.name} is no arm of Universal Robots with joint frames that turn about z",
             hint="export a table of Denavit and Hartenberg",

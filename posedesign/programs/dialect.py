@@ -49,6 +49,8 @@ class Dialect:
         Whether a program is a folder of files, and not files of one name.
     forms : tuple of {"joint", "cartesian"}
         How it can write positions.
+    turning_axes : bool
+        Whether external axes may turn: those of a positioner.
     names : NameRule
         What it takes for the name of a program.
     newline, encoding : str
@@ -75,6 +77,7 @@ class Dialect:
     in_folder: ClassVar[bool] = False
     forms: ClassVar[tuple[Form, ...]] = get_args(Form)
     external_axes: ClassVar[int] = 0
+    turning_axes: ClassVar[bool] = False
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
@@ -155,7 +158,8 @@ class Dialect:
             )
         self.names.check(program.name)
         arm = self._arm_of(program)
-        if arm.n_external > self.external_axes:
+        turns = arm.controller.external.positioner > 0
+        if arm.n_external > self.external_axes or (turns and not self.turning_axes):
             key = {"mm": "held_mm", "deg": "held_deg"}[arm.external_units[-1]]
             raise InputError(
                 f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "

@@ -11,6 +11,7 @@ from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
 from calib.robots import Controller, ExternalAxes
 from calib.se3 import apply, inverse
+from posedesign.candidates import joint_candidates
 from posedesign.cell import Cell
 from posedesign.cell.cell import posture_section
 from posedesign.cell.orientations import suggest_base_posture
@@ -29,6 +30,7 @@ from tests.positioners import beside_positioner
 TABLE = ExternalAxes(positioner=2)
 PLACE = {"r2000ic165f": 1.6, "irb120": 0.5, "kr6r900sixx": 0.7, "ur10e": 0.8}
 MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "ur10e": "ur"}
+PIN = '[target]\nname = "T1"\nposition_mm = [-120.0, 40.0, 160.0]\n'
 PINS = (
     '[[target]]\nname = "T1"\nposition_mm = [-120.0, 40.0, 160.0]\n'
     '[[target]]\nname = "T2"\nposition_mm = [90.0, 110.0, 120.0]\n'
@@ -54,8 +56,8 @@ def cell_of(folder: Path, arm: str, more: str = PINS, *, box: str = "") -> Cell:
 
 def listed(cell: Cell, count: int = 16) -> PoseList:
     """Poses all around the table."""
-    chosen = plan_optimal(cell, Request(count=count, refine=False))
-    poses = PoseList.of_route(chosen.poses, chosen.route)
+    q = joint_candidates(cell, count, np.random.default_rng(0)).postures
+    poses = PoseList(tuple(f"P{k + 1}" for k in range(len(q))), q, np.zeros(len(q), dtype=bool))
     assert (np.ptp(poses.measured.postures[:, :2], axis=0) > 0.5).all()
     return poses
 
@@ -113,7 +115,7 @@ def test_from_new_to_report(cli, refuse, tmp_path):
     ],
 )
 def test_programs_hold_the_table_in_degrees_and_come_back(tmp_path, dialect, arm):
-    cell = cell_of(tmp_path, arm)
+    cell = cell_of(tmp_path, arm, PIN)
     poses = listed(cell)
     options = program_options(cell, poses)
     made = write_program(poses, tmp_path / "out", dialect, options, "CALIB01", cell)
@@ -138,7 +140,7 @@ def test_e1_is_the_tilt_and_e2_the_turn_on_it(tmp_path):
 
 
 def test_units_of_external_axes_are_those_of_the_description(tmp_path):
-    cell = cell_of(tmp_path, "r2000ic165f")
+    cell = cell_of(tmp_path, "r2000ic165f", PIN)
     poses = listed(cell, 12)
     options = program_options(cell, poses)
     (path,) = write_program(poses, tmp_path / "out", "fanuc-ls", options, "A", cell).paths

@@ -116,7 +116,7 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     corrected = Robot.from_urdf(tmp_path / "corrected" / "corrected.urdf")
     assert (corrected.lower[0], corrected.upper[0]) == (-1.5, 2.5)
     refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
-        "programs of arms on slides are not corrected"
+        "programs with such axes are not corrected"
     )
     cell.write_text(cell.read_text().replace("slides_mm = [500.0]", "slides_mm = [0.0, 1.0]"))
     refuse("plan", cell, "--out", tmp_path / "plan2").says(

@@ -86,6 +86,9 @@ def test_what_turns_is_checked_against_what_stands_and_the_stand_is_not(robot):
         assert frozenset(pair) in pairs
     assert frozenset((plate, "fixture")) not in pairs
     assert frozenset(("post", "ground")) not in pairs
+    others = {frozenset(scene.others.names(p)) for p in range(len(scene.others.pairs))}
+    (far,) = [b.name for b in robot.bodies if b.link == robot.n - 2]
+    assert frozenset((plate, far)) in others  # at the safety distance: no maker built both
     centre = apply(FIXTURE.T_link_body, np.zeros(3))
     np.testing.assert_array_equal(scene.inside(np.array([centre, centre + 1.0])), [0, -1])
 
@@ -108,6 +111,26 @@ def test_only_its_own_stand_is_a_neighbour_of_a_positioner(tmp_path):
     assert frozenset(("plate", "stand")) in pairs
     assert frozenset(("tilt_link", "stand")) not in pairs
     assert frozenset(("plate", "tilt_link")) not in pairs
+
+
+def test_an_arm_whose_zero_is_in_the_table_is_checked_against_it(tmp_path):
+    """Descriptions overlap at joints; an arm that lies stretched out in a table does not."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(beside_positioner("ur10e"))
+    robot = Robot.from_urdf(path, tip="tool0", base="plate")
+    zero = np.zeros(robot.n)
+    world = inverse(robot.T_base_floor(zero) @ robot.T_floor_world)
+    there = apply(world, robot.state(zero).origins[5]) - [0.1, 0.05, 0.05]
+    table = (("turn", "0 0 1", "-3", "3", " ".join(map(str, there)), "0 0 -0.1"),)
+    path.write_text(beside_positioner("ur10e", table))
+    robot = with_capsules(Robot.from_urdf(path, tip="tool0", base="plate"), [0.04])
+    scene = Scene(robot.chain, robot.bodies)
+    zero = scene.clearance(np.zeros((1, robot.n)))
+    (plate,) = [b.name for b in robot.bodies if b.link == 0]
+    touching = [n for p in range(len(scene.pairs)) if plate in (n := scene.names(p))]
+    assert zero.distance_m[0] < 0.0
+    assert touching
+    assert not any(plate in pair for pair in scene.excluded)
 
 
 def test_motions_that_are_clear_touch_nothing_on_the_way(robot):

@@ -104,7 +104,8 @@ class RobotSection(Section):
     urdf: Line | None = None
     """Path of a URDF or xacro file, from the folder of the cell; or ``preset``."""
     base: Line | None = None
-    """Link that positions are given in; the root by default."""
+    """Link that positions are given in; the root by default. On another branch than the tip it is
+    carried by a positioner, whose joints come first."""
     tip: Line | None = None
     """Link at the end of the chain, which carries the tool; the last one by default."""
     srdf: Line | None = None

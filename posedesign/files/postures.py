@@ -1,6 +1,6 @@
 """Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``.
 
-Slides that carry the arm stand before them, as ``e1_mm ..``: the external axes of controllers.
+External axes stand before them, as ``e1_mm ..`` of slides and ``e1_deg ..`` of positioners.
 
 Of a robot that is known, the columns may have other names, too: see :class:`JointForm`.
 """

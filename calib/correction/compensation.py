@@ -231,11 +231,11 @@ def _newton(
 
 def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors."""
-    slides = view.robot.slides
+    slides = view.robot.external.sliding
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)
-    linear[:, :slides], axes[:, :slides] = axes[:, :slides], 0.0
+    linear[:, slides], axes[:, slides] = axes[:, slides], 0.0
     return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
 
 

@@ -145,9 +145,10 @@ def correct_program(
     program without anything to correct, a model that says nothing of the arm. OutputError: the
     program itself, or another file that is not to be replaced, is in the way.
     """
-    if cell.robot.slides:
+    if cell.robot.n_external:
         raise InputError(
-            f"{cell.robot.joint_names[0]} slides: programs of arms on slides are not corrected",
+            f"{cell.robot.joint_names[0]} is an external axis: programs with such axes are "
+            "not corrected",
             hint="correct the description, or hold it where it is: robot.held_mm",
             name=cell.robot.joint_names[0],
         )

@@ -300,7 +300,7 @@ def _positions(
     chosen = _dialect(cell, path, dialect)
     if chosen is None:
         listed = read_poses(
-            path, cell.robot.n, slides=cell.robot.slides, controller=cell.robot.controller
+            path, cell.robot.n, external=cell.robot.external, controller=cell.robot.controller
         )
         _check_plan(path, listed.fingerprint_written, plan, warnings)
         measured = listed.measured

@@ -133,21 +133,17 @@ def rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """Touch-ups that came back.
+    """Touch-ups that came back."""
 
-    ``touch_ups``: named after the poses of the plan. ``moved_mm`` (N,): how far the touch-up moved
-    the tool point of the nominal arm; NaN without a plan. ``untouched``: poses that stand as
-    planned. ``missing``: poses of the plan that the files do not have. ``doubtful``: whether
-    something in it can hardly be right: a posture outside the limits, a tool point far from the
-    target, a pose that stands nearer to another one of the plan.
-    """
-
-    touch_ups: Measurements
+    touch_ups: Measurements  # named after the poses of the plan
     moved_mm: FloatArray
-    untouched: tuple[str, ...]
-    missing: tuple[str, ...]
+    """(N,): how far the touch-up moved the tool point of the nominal arm; NaN without a plan."""
+    untouched: tuple[str, ...]  # poses that stand as planned
+    missing: tuple[str, ...]  # poses of the plan that the files do not have
     warnings: tuple[str, ...]
     doubtful: bool
+    """Whether something in it can hardly be right: a posture outside the limits, a tool point far
+    from the target, a pose that stands nearer to another one of the plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +300,7 @@ def _positions(
     chosen = _dialect(cell, path, dialect)
     if chosen is None:
         listed = read_poses(
-            path, cell.robot.n, slides=cell.robot.slides, controller=cell.robot.controller
+            path, cell.robot.n, external=cell.robot.external, controller=cell.robot.controller
         )
         _check_plan(path, listed.fingerprint_written, plan, warnings)
         measured = listed.measured

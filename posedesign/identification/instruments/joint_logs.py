@@ -201,7 +201,7 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
 
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
     """Postures [rad] of what a controller logs."""
-    if robot.slides:
+    if robot.n_external:
         raise FileFormatError(
             f"is a log of {log.name}: how it has external axes is not known here",
             path=path,
@@ -353,7 +353,7 @@ def joints_of(
             path=path,
             hint="name them from the base on in instrument.columns.joints",
         )
-    if robot.slides:
+    if robot.n_external:
         raise FileFormatError(
             "has joints by columns of its own, and the arm stands on a slide",
             path=path,

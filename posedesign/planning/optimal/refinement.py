@@ -56,14 +56,11 @@ ENOUGH = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """What a choice is worth for robots that are not as described.
-
-    ``nominal``, ``median``, ``worst``: of the criterion, as it is shown; over the trials.
-    """
+    """What a choice is worth for robots that are not as described."""
 
     nominal: float
     median: float
-    worst: float
+    worst: float  # nominal, median, worst: of the criterion, as it is shown; over the trials
     trials: int
 
 

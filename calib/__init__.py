@@ -16,18 +16,11 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib import robot_world
-    from calib.identification import IdentificationResult, identify
-    from calib.model import CalibrationModel
-    from calib.robots import Robot, preset_names
+    from calib import robot_world as robot_world
+    from calib.identification import IdentificationResult as IdentificationResult
+    from calib.identification import identify as identify
+    from calib.model import CalibrationModel as CalibrationModel
+    from calib.robots import Robot as Robot
+    from calib.robots import preset_names as preset_names
 else:
     __getattr__ = load_when_asked(__name__)
-
-__all__ = [
-    "CalibrationModel",
-    "IdentificationResult",
-    "Robot",
-    "identify",
-    "preset_names",
-    "robot_world",
-]

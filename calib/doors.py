@@ -14,11 +14,14 @@ from importlib import import_module
 def load_when_asked(package: str) -> Callable[[str], object]:
     """``__getattr__`` of a package whose names are the imports that its type checker is shown.
 
-    They stand once, below ``if TYPE_CHECKING:``; its ``else:`` calls this. No name may be that of
-    a module of the package, which takes its place as soon as it is loaded.
+    They stand once, below ``if TYPE_CHECKING:``; its ``else:`` calls this, and ``__all__`` follows
+    from them. No name may be that of a module of the package, which takes its place as soon as it
+    is loaded.
     """
 
     def load(name: str) -> object:
+        if name == "__all__":
+            return list(_origins(package))
         origin = _origins(package).get(name)
         if origin is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")

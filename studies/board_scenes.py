@@ -38,15 +38,10 @@ def inner_corners(columns: int = 8, rows: int = 6, square_m: float = 0.03) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Where everything is.
-
-    Attributes
-    ----------
-    flange : array (N, 4, 4)
-        Where the arm is, and where it says that it is unless it stops off.
-    """
+    """Where everything is."""
 
     flange: FloatArray
+    """(N, 4, 4): where the arm is, and where it says that it is unless it stops off."""
     carried: Carried = "camera"
     points: FloatArray = field(default_factory=inner_corners)
     lens: Lens = LENS

@@ -43,17 +43,11 @@ def write(
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """A model, and readings that some are chosen of.
-
-    Attributes
-    ----------
-    sizes : array (p,)
-        What errors of each parameter may be [SI].
-    """
+    """A model, and readings that some are chosen of."""
 
     model: CalibrationModel
     data: Measurements
-    sizes: FloatArray
+    sizes: FloatArray  # (p,): what errors of each parameter may be [SI]
 
     @property
     def arm(self) -> list[int]:

@@ -92,22 +92,12 @@ RESAMPLING_SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Poses that are measured, and the model that is identified from them.
-
-    Attributes
-    ----------
-    postures : array (N, n)
-        [rad]
-    setup : Setup
-        What each touches.
-    weighted : bool
-        Whether rows are weighted by their noise.
-    """
+    """Poses that are measured, and the model that is identified from them."""
 
     model: CalibrationModel
-    postures: FloatArray
-    setup: Setup
-    weighted: bool = True
+    postures: FloatArray  # (N, n) [rad]
+    setup: Setup  # what each touches
+    weighted: bool = True  # whether rows are weighted by their noise
 
     @classmethod
     def of(
@@ -130,24 +120,14 @@ class Experiment:
 
 @dataclass(frozen=True, eq=False)
 class ToolErrors:
-    """Errors of the tool point at K points of a box in T trials.
+    """Errors of the tool point at K points of a box in T trials."""
 
-    Attributes
-    ----------
-    errors_m : array (T, K, 3)
-        Identified less true [m], base axes.
-    covariance : array (K, 3, 3)
-        As predicted [m²].
-    group : array (T,) of int
-        Trials of one group share what was drawn for all of them: they are resampled together.
-    failed : int
-        Trials that gave no answer.
-    """
-
-    errors_m: FloatArray
-    covariance: FloatArray
+    errors_m: FloatArray  # (T, K, 3): identified less true [m], base axes
+    covariance: FloatArray  # (K, 3, 3): as predicted [m²]
     group: IntArray
-    failed: int = 0
+    """(T,): trials of one group share what was drawn for all of them: they are resampled
+    together."""
+    failed: int = 0  # trials that gave no answer
 
     @classmethod
     def joined(cls, parts: Sequence[ToolErrors]) -> ToolErrors:

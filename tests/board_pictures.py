@@ -73,21 +73,14 @@ def bend_of(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera with a lens, in front of one board.
-
-    Attributes
-    ----------
-    blur_px, noise : float
-        Standard deviations of the blur [px] and of grey levels.
-    light : float
-        By how much of its brightness the right side of a picture is darker than the left.
-    """
+    """A camera with a lens, in front of one board."""
 
     lens: Lens
     board: Board
     blur_px: float = 1.0
-    noise: float = 4.0
+    noise: float = 4.0  # blur_px, noise: standard deviations of the blur [px] and of grey levels
     light: float = 0.3
+    """By how much of its brightness the right side of a picture is darker than the left."""
     px_per_m: float = 4000.0
     margin_m: float = 0.03
 

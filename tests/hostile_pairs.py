@@ -54,21 +54,13 @@ def _looking_along(axis: FloatArray, roll_rad: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Hostile:
-    """A set of pairs with something wrong, and the answer that it was made from.
+    """A set of pairs with something wrong, and the answer that it was made from."""
 
-    Attributes
-    ----------
-    what : str
-        What is wrong with it.
-    A, B : ndarray (N, 4, 4)
-    X, Z : ndarray (4, 4)
-    """
-
-    what: str
+    what: str  # what is wrong with it
     A: FloatArray
-    B: FloatArray
+    B: FloatArray  # A, B (N, 4, 4)
     X: FloatArray
-    Z: FloatArray
+    Z: FloatArray  # X, Z (4, 4)
 
 
 Spoilt = tuple[FloatArray, FloatArray]

@@ -49,25 +49,13 @@ BASES = {
 
 @dataclass(frozen=True)
 class Session:
-    """An arm with zero offsets under a tracker: N poses, three reflectors, or one frame.
-
-    Attributes
-    ----------
-    q : array (N, n)
-        [rad]
-    points : array (N, 3, 3)
-        Of each reflector [m].
-    poses : array (N, 6)
-        Place [m] and rotation vector of the frame on the tool.
-    starts : array (N,)
-        When the arm came to a pose [s]; it stands for two seconds.
-    """
+    """An arm with zero offsets under a tracker: N poses, three reflectors, or one frame."""
 
     robot: str
-    q: FloatArray
-    points: FloatArray
-    poses: FloatArray
-    starts: FloatArray
+    q: FloatArray  # (N, n) [rad]
+    points: FloatArray  # (N, 3, 3): of each reflector [m]
+    poses: FloatArray  # (N, 6): place [m] and rotation vector of the frame on the tool
+    starts: FloatArray  # (N,): when the arm came to a pose [s]; it stands for two seconds
 
     @property
     def names(self) -> list[str]:

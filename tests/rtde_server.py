@@ -51,13 +51,11 @@ class Raw:
 
 @dataclass
 class RtdeServer:
-    """Plays stages to whoever connects; a second client hears what the first one has not.
-
-    ``answers``: by the letter of a request, other content than the usual.
-    """
+    """Plays stages to whoever connects; a second client hears what the first one has not."""
 
     stages: Sequence[Stage | Raw]
     answers: dict[str, bytes | None] = field(default_factory=dict)
+    """By the letter of a request, other content than the usual."""
     clients: int = 0
     asked: list[bytes] = field(default_factory=list)
 

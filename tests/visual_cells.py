@@ -63,22 +63,14 @@ _DEFLECTION = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A camera on an arm that is not quite what its controller believes, and its target.
-
-    Attributes
-    ----------
-    q : array (n,)
-        Taught: the target is in view [rad].
-    camera, target, imaging
-        As they really are.
-    """
+    """A camera on an arm that is not quite what its controller believes, and its target."""
 
     preset: str
-    q: FloatArray
+    q: FloatArray  # (n,): taught: the target is in view [rad]
     true: TrueCell
     camera: Camera
     target: CircleTarget
-    imaging: Imaging
+    imaging: Imaging  # camera, target, imaging: as they really are
     believed: Robot | None = None
 
     @property

@@ -44,38 +44,22 @@ class OvalTarget(CircleTarget):
 
 @dataclass(eq=False)
 class Trick:
-    """What is done to a cell from some picture on; nothing by default.
-
-    Attributes
-    ----------
-    begins : int
-        Number of the picture with which it begins.
-    picture : callable
-        From a picture to the one that the driver gives.
-    imaging : Imaging, optional
-        Light and what stands before the lens.
-    beside : tuple
-        Other targets, with their poses in the frame of the target.
-    T_target_moved, T_camera_moved : array (4, 4)
-        By which target and camera move, in their own frames.
-    true_joints : callable
-        From joint values of the controller to those of the true arm.
-    frozen : int
-        For how many pictures the driver repeats the last one.
-    late : int
-        How many pictures old each picture is.
-    """
+    """What is done to a cell from some picture on; nothing by default."""
 
     name: str
-    begins: int = 0
+    begins: int = 0  # number of the picture with which it begins
     picture: Callable[[GreyImage], GreyImage] = lambda image: image
-    imaging: Imaging | None = None
-    beside: tuple[Beside, ...] = ()
+    """From a picture to the one that the driver gives."""
+    imaging: Imaging | None = None  # light and what stands before the lens
+    beside: tuple[Beside, ...] = ()  # other targets, with their poses in the frame of the target
     T_target_moved: FloatArray = field(default_factory=lambda: np.eye(4))
     T_camera_moved: FloatArray = field(default_factory=lambda: np.eye(4))
+    """T_target_moved, T_camera_moved (4, 4): by which target and camera move, in their own
+    frames."""
     true_joints: Callable[[FloatArray], FloatArray] = lambda q: q
-    frozen: int = 0
-    late: int = 0
+    """From joint values of the controller to those of the true arm."""
+    frozen: int = 0  # for how many pictures the driver repeats the last one
+    late: int = 0  # how many pictures old each picture is
 
 
 class TrickyRobot(RobotAdapter):

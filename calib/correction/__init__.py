@@ -1,12 +1,7 @@
 """What an identified robot is for: a corrected chain, its URDF, and commands that compensate."""
 
-from calib.correction.compensation import Compensated, compensate
-from calib.correction.corrected_robot import CorrectedRobot, corrected_robot, corrected_urdf
-
-__all__ = [
-    "Compensated",
-    "CorrectedRobot",
-    "compensate",
-    "corrected_robot",
-    "corrected_urdf",
-]
+from calib.correction.compensation import Compensated as Compensated
+from calib.correction.compensation import compensate as compensate
+from calib.correction.corrected_robot import CorrectedRobot as CorrectedRobot
+from calib.correction.corrected_robot import corrected_robot as corrected_robot
+from calib.correction.corrected_robot import corrected_urdf as corrected_urdf

@@ -51,36 +51,24 @@ Point = Literal["tool", "tip"]
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Corrected commands for N poses.
-
-    Attributes
-    ----------
-    postures : array (N, n)
-        Joint values to command [rad]; NaN where there is no posture to start from.
-    T_base_tip : array (N, 4, 4)
-        Pose of the tip that the *nominal* robot has at the command [m]: what to give a controller
-        that takes Cartesian points, and computes its joint values as described.
-    wanted : array (N, 4, 4)
-        Poses of tool or tip that the real arm was to take, in the base frame [m].
-    nominal : array (N, n)
-        Postures that the nominal robot takes them with [rad].
-    error_m, error_rad : array (N,)
-        What remains between the real arm and the poses wanted; NaN without a posture.
-    status : tuple of str
-        ``reached``, ``outside limits`` (the command is; the arm will not go there), ``not
-        reached``, or ``no posture`` (the nominal robot has none).
-    reasons : tuple of str
-        Why a pose is not reached; empty where it is.
-    """
+    """Corrected commands for N poses."""
 
     postures: FloatArray
+    """(N, n): joint values to command [rad]; NaN where there is no posture to start from."""
     T_base_tip: FloatArray
+    """(N, 4, 4): pose of the tip that the *nominal* robot has at the command [m]: what to give a
+    controller that takes Cartesian points, and computes its joint values as described."""
     wanted: FloatArray
-    nominal: FloatArray
+    """(N, 4, 4): poses of tool or tip that the real arm was to take, in the base frame [m]."""
+    nominal: FloatArray  # (N, n): postures that the nominal robot takes them with [rad]
     error_m: FloatArray
     error_rad: FloatArray
+    """error_m, error_rad (N,): what remains between the real arm and the poses wanted; NaN without
+    a posture."""
     status: tuple[Status, ...]
-    reasons: tuple[str, ...]
+    """``reached``, ``outside limits`` (the command is; the arm will not go there), ``not reached``,
+    or ``no posture`` (the nominal robot has none)."""
+    reasons: tuple[str, ...]  # why a pose is not reached; empty where it is
 
     @property
     def ok(self) -> BoolArray:
@@ -247,15 +235,16 @@ def _newton(
 def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors.
 
-    Zero of slides below joints enough to correct a pose: they keep their places.
+    Zero of external axes beside joints enough to correct a pose: they keep their places.
     """
-    slides = view.robot.slides
+    external = view.robot.external
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)
-    linear[:, :slides], axes[:, :slides] = axes[:, :slides], 0.0
-    if view.robot.n - slides >= _ENOUGH_JOINTS:
-        linear[:, :slides] = 0.0
+    slides = external.sliding
+    linear[:, slides], axes[:, slides] = axes[:, slides], 0.0
+    if view.robot.n - external.count >= _ENOUGH_JOINTS:
+        linear[:, : external.count] = axes[:, : external.count] = 0.0
     return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
 
 

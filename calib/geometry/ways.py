@@ -24,44 +24,27 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """How near bodies come to each other at S postures.
-
-    Attributes
-    ----------
-    distance_m : array (S,)
-        Smallest distance of all pairs, or the cap where that is farther; below zero where bodies
-        touch, by how far one would have to be moved to come free; of meshes by a micrometre, unless
-        depths were asked for. Infinite without pairs.
-    pair : array (S,) of int
-        Which pair, a row of :attr:`~calib.geometry.scene.Scene.pairs`; beyond the cap one that
-        may be the nearest. -1 without pairs.
-    """
+    """How near bodies come to each other at S postures."""
 
     distance_m: FloatArray
+    """(S,): smallest distance of all pairs, or the cap where that is farther; below zero where
+    bodies touch, by how far one would have to be moved to come free; of meshes by a micrometre,
+    unless depths were asked for. Infinite without pairs."""
     pair: IntArray
+    """(S,): which pair, a row of :attr:`~calib.geometry.scene.Scene.pairs`; beyond the cap one that
+    may be the nearest. -1 without pairs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """Straight joint-space ways that were checked as a whole.
+    """Straight joint-space ways that were checked as a whole."""
 
-    Attributes
-    ----------
-    clear : array (W,) of bool
-        No pair comes nearer than asked, anywhere on the way.
-    distance_m : array (W,)
-        Smallest distance at the postures that had to be looked at, as in :class:`Clearance`. A
-        blocked way is not looked at any further than to find that it is blocked.
-    pair : array (W,) of int
-        The pair of that distance, as in :class:`Clearance`.
-    part : array (W,)
-        Where on the way that is: 0 at its start, 1 at its end.
-    """
-
-    clear: BoolArray
+    clear: BoolArray  # (W,): no pair comes nearer than asked, anywhere on the way
     distance_m: FloatArray
-    pair: IntArray
-    part: FloatArray
+    """(W,): smallest distance at the postures that had to be looked at, as in :class:`Clearance`. A
+    blocked way is not looked at any further than to find that it is blocked."""
+    pair: IntArray  # (W,): the pair of that distance, as in :class:`Clearance`
+    part: FloatArray  # (W,): where on the way that is: 0 at its start, 1 at its end
 
 
 @dataclass(frozen=True, eq=False)

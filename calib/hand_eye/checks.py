@@ -23,7 +23,8 @@ from calib.lens import Lens
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.model.measurements.board_view import Carried
-from calib.robot_world import residuals, solve_batch
+from calib.robot_world import PairSets, residuals, solve_batch
+from calib.robot_world.scale import by_rotations_first
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 CHANCE = 1e-4
@@ -56,25 +57,14 @@ class Suspicion:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of least squares with some parameters more.
-
-    Attributes
-    ----------
-    values, sigma : array (k,)
-        Of the new parameters.
-    gain : float
-        By how much chi² is lower with them.
-    moved : array (p - k,)
-        By how much the others move with them.
-    moved_sigma : array (p - k,)
-        Standard deviations of the others where the new ones are known.
-    """
+    """One step of least squares with some parameters more."""
 
     values: FloatArray
-    sigma: FloatArray
-    gain: float
-    moved: FloatArray
+    sigma: FloatArray  # values, sigma (k,): of the new parameters
+    gain: float  # by how much chi² is lower with them
+    moved: FloatArray  # (p - k,): by how much the others move with them
     moved_sigma: FloatArray
+    """(p - k,): standard deviations of the others where the new ones are known."""
 
     @property
     def is_sure(self) -> bool:
@@ -275,7 +265,8 @@ def explain_misfit(
                 f"the pictures before {names[split]} fit each other, and those from it on: the "
                 "board or the camera was moved; calibrate with the pictures of one place alone"
             )
-    factor = _scale_of(A, poses, carried)
+    B = se3.inverse(poses) if carried == "camera" else poses
+    factor = float(by_rotations_first(PairSets(A[None], B[None]))[0])
     if abs(np.log(factor)) > _ANOTHER_UNIT:
         scaled = poses.copy()
         scaled[:, :3, 3] *= factor
@@ -310,20 +301,6 @@ def _misfit(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
     moved = float(np.linalg.norm(A[:, :3, 3].std(axis=0)))
     turns, places = (np.median(np.linalg.norm(r, axis=1)) for r in (rows[:, :3], rows[:, 3:]))
     return float(turns + places / max(moved, np.finfo(float).tiny))
-
-
-def _scale_of(A: FloatArray, poses: FloatArray, carried: Carried) -> float:
-    """By what the places of the board have to be multiplied to fit those of the arm."""
-    B = se3.inverse(poses) if carried == "camera" else poses
-    R_Z = solve_batch(A[None], B[None], "shah").Z[0, :3, :3]
-    if not np.isfinite(R_Z).all():
-        return 1.0
-    # R_A p_X + p_A = s R_Z p_B + p_Z
-    minus_one = np.broadcast_to(-np.eye(3), (len(A), 3, 3))
-    seen = (B[:, :3, 3] @ R_Z.T)[..., None]
-    rows = np.concatenate([A[:, :3, :3], -seen, minus_one], axis=2).reshape(-1, 7)
-    factor = np.linalg.lstsq(rows, -A[:, :3, 3].ravel(), rcond=None)[0][3]
-    return float(factor) if factor > 0 else 1.0
 
 
 def unmirrored_poses(lens: Lens, board: FloatArray, pixels: FloatArray) -> Iterator[FloatArray]:

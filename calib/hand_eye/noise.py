@@ -36,42 +36,24 @@ class Deviations:
     """Each of M stops of the arm taken apart: what its own deviation explains, and what is left.
 
     A stop has one of the N pictures, or several by several cameras.
-
-    Attributes
-    ----------
-    stops : array (N,)
-        Stop of each picture.
-    off : array (M, 6)
-        By how much the tip would have to be shifted [m] and turned [rad] for the best fit of the
-        pictures of each stop, base axes.
-    by_parameters : array (M, 6, p)
-        The same by the parameters.
-    covariance : array (M, 6, 6)
-        Of ``off``, by pixels alone, for pixels of the noise of the model.
-    within : array (N,)
-        Squares of what is left in each picture over the pixels' noise.
-    within_rows : array (N,)
-        Its rows less its share of the six that the deviation takes.
-    within_blocks, within_right : array (N, p, p), (N, p)
-        What the inside of the pictures says of the parameters, of the lens above all: ``JᵀJ`` and
-        ``Jᵀr``.
-    known_block, known_right : array (p, p), (p,)
-        The same of what is known besides.
-    left : array (N, m)
-        What is left in the rows of each picture over the pixels' noise.
     """
 
-    stops: IntArray
+    stops: IntArray  # (N,): stop of each picture
     off: FloatArray
-    by_parameters: FloatArray
+    """(M, 6): by how much the tip would have to be shifted [m] and turned [rad] for the best fit of
+    the pictures of each stop, base axes."""
+    by_parameters: FloatArray  # (M, 6, p): the same by the parameters
     covariance: FloatArray
-    within: FloatArray
-    within_rows: FloatArray
-    within_blocks: FloatArray
+    """(M, 6, 6): of ``off``, by pixels alone, for pixels of the noise of the model."""
+    within: FloatArray  # (N,): squares of what is left in each picture over the pixels' noise
+    within_rows: FloatArray  # (N,): its rows less its share of the six that the deviation takes
+    within_blocks: FloatArray  # (N, p, p)
     within_right: FloatArray
-    known_block: FloatArray
-    known_right: FloatArray
-    left: FloatArray
+    """(N, p): what the inside of the pictures says of the parameters, of the lens above all:
+    ``JᵀJ`` and ``Jᵀr``."""
+    known_block: FloatArray  # (p, p)
+    known_right: FloatArray  # (p,): the same of what is known besides
+    left: FloatArray  # (N, m): what is left in the rows of each picture over the pixels' noise
 
     def at_stops(self, of_pictures: FloatArray) -> FloatArray:
         """Sums ``(M, ...)`` over the pictures of each stop, of ``(N, ...)``."""

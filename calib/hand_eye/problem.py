@@ -34,30 +34,17 @@ _LETTERS = "A are the poses of the flange, B those of the board in the pictures"
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Pictures of one board by one camera, with what the estimate starts from.
-
-    Attributes
-    ----------
-    usable : array (n,)
-        Index among the pictures of those that show the board and have a posture.
-    pixels : array (n, K, 2)
-        Of these, points in one order.
-    poses : array (n, 4, 4)
-        ``T_camera_board`` [m].
-    found : array (n,) of bool
-        Where there is such a pose.
-    start : RobotWorldResult
-        Of A X = Z B.
-    """
+    """Pictures of one board by one camera, with what the estimate starts from."""
 
     pictures: Pictures
     lens: Lens
     free_lens: bool
     usable: IntArray
-    pixels: FloatArray
-    poses: FloatArray
-    found: BoolArray
-    start: RobotWorldResult
+    """(n,): index among the pictures of those that show the board and have a posture."""
+    pixels: FloatArray  # (n, K, 2): of these, points in one order
+    poses: FloatArray  # (n, 4, 4): ``T_camera_board`` [m]
+    found: BoolArray  # (n,): where there is such a pose
+    start: RobotWorldResult  # of A X = Z B
 
     @classmethod
     def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:

@@ -20,24 +20,13 @@ PictureStatus = Literal["used", "contradicts the others", "no board", "no postur
 
 @dataclass(frozen=True, eq=False)
 class PlacedFrame:
-    """Where a camera or a board is.
+    """Where a camera or a board is."""
 
-    Attributes
-    ----------
-    name : str
-        With the frames by word: ``T_flange_camera``.
-    label : str
-        Of the camera or board.
-    T : array (4, 4)
-        [m]
-    covariance : array (6, 6)
-        Of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
-    """
-
-    name: str
-    label: str
-    T: FloatArray
+    name: str  # with the frames by word: ``T_flange_camera``
+    label: str  # of the camera or board
+    T: FloatArray  # (4, 4) [m]
     covariance: FloatArray
+    """(6, 6): of the place [m] in the axes of its parent, then of the rotation [rad] in its own."""
 
     @property
     def parent(self) -> str:

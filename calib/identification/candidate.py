@@ -45,46 +45,27 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model to be tried.
-
-    Attributes
-    ----------
-    notes : tuple of str
-        What was done to it, such as parameters merged with others.
-    groups : tuple of PriorGroup
-        Priors of which the sizes are to be found from the measurements.
-    """
+    """A model to be tried."""
 
     name: str
     model: CalibrationModel
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was done to it, such as parameters merged with others
     groups: tuple[PriorGroup, ...] = ()
+    """Priors of which the sizes are to be found from the measurements."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What became of a candidate.
+    """What became of a candidate."""
 
-    Attributes
-    ----------
-    candidate : Candidate
-        With the sizes of its priors and the noise that were found.
-    result : IdentificationResult or None
-        None where it could not be identified.
-    error : CalibError or None
-        Why not.
-    target_out : array (N, m)
-        Rows at each measurement [m, rad] with the arm identified from all targets but its own, and
-        only that target's place from other poses at it; NaN where no target was left out.
-    expected : ExpectedError or None
-        Of the tool point where the arm will work, by the reference; None without one.
-    """
-
-    candidate: Candidate
-    result: IdentificationResult | None
-    error: CalibError | None
+    candidate: Candidate  # with the sizes of its priors and the noise that were found
+    result: IdentificationResult | None  # None where it could not be identified
+    error: CalibError | None  # why not
     target_out: FloatArray
+    """(N, m): rows at each measurement [m, rad] with the arm identified from all targets but its
+    own, and only that target's place from other poses at it; NaN where no target was left out."""
     expected: ExpectedError | None = None
+    """Of the tool point where the arm will work, by the reference; None without one."""
 
     @property
     def name(self) -> str:
@@ -113,20 +94,13 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A candidate as fitted.
+    """A candidate as fitted."""
 
-    Attributes
-    ----------
-    model : CalibrationModel
-        With the sizes of its priors and the noise that were found.
-    log_marginal : float
-        How likely the measurements are under the model, see
-        :class:`~calib.identification.TunedPriors`; NaN of a model whose priors were not tuned.
-    """
-
-    model: CalibrationModel
+    model: CalibrationModel  # with the sizes of its priors and the noise that were found
     result: IdentificationResult
     log_marginal: float = float("nan")
+    """How likely the measurements are under the model, see
+    :class:`~calib.identification.TunedPriors`; NaN of a model whose priors were not tuned."""
 
 
 def fit(
@@ -191,27 +165,16 @@ LEAST_LEFT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The reference of a set of measurements.
-
-    Attributes
-    ----------
-    given : CalibrationModel
-        Before sizes and noise were found.
-    arms : DrawnArms
-        By which other models are judged.
-    loss : Loss
-        That it was fitted with, and that the others are to be.
-    probabilities : dict of str to float
-        Of the arm with everything, and of each alternative, by their names: after the measurements,
-        before which all are alike.
-    """
+    """The reference of a set of measurements."""
 
     candidate: Candidate
-    given: CalibrationModel
+    given: CalibrationModel  # before sizes and noise were found
     fitted: Fitted
-    arms: DrawnArms
-    loss: Loss
+    arms: DrawnArms  # by which other models are judged
+    loss: Loss  # that it was fitted with, and that the others are to be
     probabilities: dict[str, float]
+    """Of the arm with everything, and of each alternative, by their names: after the measurements,
+    before which all are alike."""
 
     @property
     def noise_found(self) -> list[tuple[Measurement, Measurement]]:

@@ -54,28 +54,16 @@ of what another model can be judged by, for a model to be compared at all."""
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Models side by side.
-
-    Attributes
-    ----------
-    nominal_m : array (N,)
-        Distance at each measurement with everything as described [m]; NaN where the set-up is not.
-    recommended : str or None
-        Name of the model to take; None where nothing can be compared.
-    reason : str
-        Why, in a sentence.
-    criterion : str
-        ``expected error``, ``leave-one-out`` or ``leave-one-target-out``.
-    reference : str or None
-        Name of the model that the others were judged by.
-    """
+    """Models side by side."""
 
     nominal_m: FloatArray
+    """(N,): distance at each measurement with everything as described [m]; NaN where the set-up is
+    not."""
     trials: tuple[Trial, ...]
-    recommended: str | None
-    reason: str
-    criterion: str
-    reference: str | None = None
+    recommended: str | None  # name of the model to take; None where nothing can be compared
+    reason: str  # why, in a sentence
+    criterion: str  # ``expected error``, ``leave-one-out`` or ``leave-one-target-out``
+    reference: str | None = None  # name of the model that the others were judged by
 
     @property
     def results(self) -> tuple[IdentificationResult, ...]:
@@ -315,24 +303,14 @@ def _everywhere(rows: Sequence[FloatArray]) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class _Units:
-    """What is compared as one: measurements that were left out together, of one target each.
+    """What is compared as one: measurements that were left out together, of one target each."""
 
-    Attributes
-    ----------
-    rows : array (N,) of bool
-        Measurements compared.
-    index : array (K,)
-        Unit of each of the K that are.
-    weights : array (K,)
-        Share of each in the fit, on average one: gross errors count as little as in the fit.
-    cluster : array (G,) or None
-        Target of each unit, where targets were left out.
-    """
-
-    rows: BoolArray
-    index: IntArray
+    rows: BoolArray  # (N,): measurements compared
+    index: IntArray  # (K,): unit of each of the K that are
     weights: FloatArray
-    cluster: IntArray | None
+    """(K,): share of each in the fit, on average one: gross errors count as little as in the
+    fit."""
+    cluster: IntArray | None  # (G,): target of each unit, where targets were left out
 
     @classmethod
     def of(
@@ -360,34 +338,19 @@ class _Units:
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Squares of errors of several models at the same units, and how they are put in words.
-
-    Attributes
-    ----------
-    squares : list of array (G,)
-        What is compared, in units of ``square``.
-    rms : list of float
-        What is shown, in units of ``unit``.
-    criterion : str
-        How measurements were left out.
-    cluster : array (G,) or None
-        See :class:`_Units`.
-    by_kind : dict
-        Of each kind of measurement, where there are several: part of the squares of each model,
-        and its rms [mm].
-    aside : str
-        What is to be said of the criterion.
-    """
+    """Squares of errors of several models at the same units, and how they are put in words."""
 
     names: Sequence[str]
-    squares: list[FloatArray]
-    rms: list[float]
+    squares: list[FloatArray]  # (G,): what is compared, in units of ``square``
+    rms: list[float]  # what is shown, in units of ``unit``
     unit: str
     square: str
-    criterion: str
-    cluster: IntArray | None = None
+    criterion: str  # how measurements were left out
+    cluster: IntArray | None = None  # (G,): see :class:`_Units`
     by_kind: dict[str, tuple[list[float], list[float]]] = field(default_factory=dict)
-    aside: str = ""
+    """Of each kind of measurement, where there are several: part of the squares of each model, and
+    its rms [mm]."""
+    aside: str = ""  # what is to be said of the criterion
 
     def paired(self, k: int, other: int) -> tuple[float, float, float]:
         """Mean of the differences of squares, its standard error, and how far chance reaches.

@@ -53,29 +53,19 @@ _AT_BOUND = 1e-3
 
 @dataclass(frozen=True)
 class PriorGroup:
-    """Parameters that are taken to be of one size, or of sizes in the proportions of their priors.
+    """Parameters taken to be of one size, or of sizes in the proportions of their priors."""
 
-    Attributes
-    ----------
-    name : str
-        In words, for reports.
-    parameters : tuple of str
-        Names, as the model has them; of one unit.
-    lower, upper : float
-        Bounds of the standard deviation [SI], the root mean square where sizes differ. They say
-        what is possible for the arm, and have to be given: touch-ups do not see the scale of all
-        lengths, and without bounds the likeliest arm may be one that shrinks until its residuals
-        are small.
-    usual : float, optional
-        What the standard deviation is for such arms, within a factor of three [SI]: a few
-        parameters do not tell it well. Without it every size within the bounds is as likely.
-    """
-
-    name: str
-    parameters: tuple[str, ...]
+    name: str  # in words, for reports
+    parameters: tuple[str, ...]  # names, as the model has them; of one unit
     lower: float
     upper: float
+    """lower, upper: bounds of the standard deviation [SI], the root mean square where sizes differ.
+    They say what is possible for the arm, and have to be given: touch-ups do not see the scale of
+    all lengths, and without bounds the likeliest arm may be one that shrinks until its residuals
+    are small."""
     usual: float | None = None
+    """What the standard deviation is for such arms, within a factor of three [SI]: a few parameters
+    do not tell it well. Without it every size within the bounds is as likely."""
 
     def __post_init__(self) -> None:
         if not self.parameters:
@@ -90,44 +80,28 @@ class PriorGroup:
 
 @dataclass(frozen=True, eq=False)
 class TunedPriors:
-    """Priors and noise for which the measurements are likeliest.
-
-    Attributes
-    ----------
-    model : CalibrationModel
-        With these priors and this noise: for :func:`calib.identify` with the same loss.
-    sigma : array (G,)
-        Standard deviation of each group [SI].
-    log_evidence : float
-        Logarithm of the marginal likelihood of the linearised problem at these sizes and this
-        noise, weights as they are.
-    log_marginal : float
-        The same over all sizes and noises, too (Laplace's approximation), and for Student's loss
-        over the weights: it compares models of the same measurements, loss and parameters without
-        a prior.
-    x : array (p,)
-        Parameters [SI]; :func:`calib.identify` finds the same, and what they are worth.
-    weights : array (N,)
-        Of the squares of each measurement.
-    covariance : array (p, p)
-        What parameters are uncertain by because the sizes are [SI], to be added to the covariance
-        of a fit with the priors: the law of total variance, by the curvature of the likelihood.
-    passes : int
-        Linearisations.
-    notes : tuple of str
-        Groups whose standard deviation stands at a bound.
-    """
+    """Priors and noise for which the measurements are likeliest."""
 
     model: CalibrationModel
+    """With these priors and this noise: for :func:`calib.identify` with the same loss."""
     groups: tuple[PriorGroup, ...]
-    sigma: FloatArray
+    sigma: FloatArray  # (G,): standard deviation of each group [SI]
     log_evidence: float
+    """Logarithm of the marginal likelihood of the linearised problem at these sizes and this noise,
+    weights as they are."""
     log_marginal: float
+    """The same over all sizes and noises, too (Laplace's approximation), and for Student's loss
+    over the weights: it compares models of the same measurements, loss and parameters without a
+    prior."""
     x: FloatArray
-    weights: FloatArray
+    """(p,): parameters [SI]; :func:`calib.identify` finds the same, and what they are worth."""
+    weights: FloatArray  # (N,): of the squares of each measurement
     covariance: FloatArray
-    passes: int
-    notes: tuple[str, ...]
+    """(p, p): what parameters are uncertain by because the sizes are [SI], to be added to the
+    covariance of a fit with the priors: the law of total variance, by the curvature of the
+    likelihood."""
+    passes: int  # linearisations
+    notes: tuple[str, ...]  # groups whose standard deviation stands at a bound
 
 
 def tune_priors(
@@ -251,17 +225,11 @@ def _applied(
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What is known of the logarithms of sizes and noise before the measurements.
+    """What is known of the logarithms of sizes and noise before the measurements."""
 
-    Attributes
-    ----------
-    bounds : array (2, G + C)
-    usual : array (G + C,)
-        NaN where none is known, as of noise: then as if uniform between the bounds.
-    """
-
-    bounds: FloatArray
+    bounds: FloatArray  # (2, G + C)
     usual: FloatArray
+    """(G + C,): NaN where none is known, as of noise: then as if uniform between the bounds."""
 
     @classmethod
     def of(cls, groups: Sequence[PriorGroup], noises: int, noise: tuple[float, float]) -> _Known:
@@ -378,29 +346,17 @@ class LinearEvidence:
     Parameters are ``x = nominal + unit z``; rows of the class c over their noise, ``B_c z - y_c``,
     have the variance ``exp(2 t_c)``. Those of the last class have the variance 1: what is measured
     with noise that is given, and what is known besides.
-
-    Attributes
-    ----------
-    nominal, unit : array (p,)
-    pull : array (p,)
-        ``unit`` over the standard deviation of each parameter, in units of that of its group.
-    grams : array (C + 1, p + 1, p + 1)
-        ``[B y]ᵀ[B y]`` of each class.
-    counts : array (C,)
-        Rows of each class but the last.
-    members : tuple of array
-        Columns of the parameters of each of G groups.
-    constant : float
-        What of the logarithm no standard deviation changes.
     """
 
     nominal: FloatArray
-    unit: FloatArray
+    unit: FloatArray  # nominal, unit (p,)
     pull: FloatArray
-    grams: FloatArray
-    counts: FloatArray
-    members: tuple[IntArray, ...]
-    constant: float
+    """(p,): ``unit`` over the standard deviation of each parameter, in units of that of its
+    group."""
+    grams: FloatArray  # (C + 1, p + 1, p + 1): ``[B y]ᵀ[B y]`` of each class
+    counts: FloatArray  # (C,): rows of each class but the last
+    members: tuple[IntArray, ...]  # columns of the parameters of each of G groups
+    constant: float  # what of the logarithm no standard deviation changes
 
     def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Best parameters z ``(p,)``, their covariance ``(p, p)``, and half log of its inverse."""

@@ -51,27 +51,16 @@ _RIDGE = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the iteration ended, for each of T trials.
+    """Where the iteration ended, for each of T trials."""
 
-    Attributes
-    ----------
-    x : array (T, p)
-        [SI]
-    cost : array (T,)
-        Sum of the squared rows over their noise, of what is known besides included; before the
-        last step, which changes no digit of it.
-    change : array (T,)
-        Of the predictions in the last step, in standard deviations of noise or residuals.
-    converged : array (T,) of bool
-    iterations : int
-        The most that a trial took.
-    """
-
-    x: FloatArray
+    x: FloatArray  # (T, p) [SI]
     cost: FloatArray
+    """(T,): sum of the squared rows over their noise, of what is known besides included; before the
+    last step, which changes no digit of it."""
     change: FloatArray
-    converged: BoolArray
-    iterations: int
+    """(T,): of the predictions in the last step, in standard deviations of noise or residuals."""
+    converged: BoolArray  # (T,)
+    iterations: int  # the most that a trial took
 
 
 @dataclass(frozen=True, eq=False)

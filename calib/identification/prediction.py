@@ -163,18 +163,11 @@ _UNSEEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ErrorToExpect:
-    """Error of the tool point at each of K postures.
-
-    Attributes
-    ----------
-    unknown_m : array (K,)
-        Standard deviation (of the distance) that the identification leaves [m].
-    lost_m : array (K,)
-        Distance that is known, and that the correction does not carry [m].
-    """
+    """Error of the tool point at each of K postures."""
 
     unknown_m: FloatArray
-    lost_m: FloatArray
+    """(K,): standard deviation (of the distance) that the identification leaves [m]."""
+    lost_m: FloatArray  # (K,): distance that is known, and that the correction does not carry [m]
 
     @property
     def points_m(self) -> FloatArray:
@@ -373,19 +366,13 @@ class Workplace:
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """Distance of the tool point from where the arm takes it to be, in the mean over a workplace.
+    """Distance of the tool point from where the arm takes it to be, mean over a workplace."""
 
-    Attributes
-    ----------
-    rms_m : float
-        Root mean square over arms and workplace [m].
-    low_m, high_m : float
-        Of the root mean square over the workplace: 95 % of the arms are between [m].
-    """
-
-    rms_m: float
+    rms_m: float  # root mean square over arms and workplace [m]
     low_m: float
     high_m: float
+    """low_m, high_m: of the root mean square over the workplace: 95 % of the arms are between
+    [m]."""
 
 
 @dataclass(frozen=True, eq=False)

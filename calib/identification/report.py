@@ -260,19 +260,12 @@ HARDLY = 0.05
 
 @dataclass(frozen=True, eq=False)
 class NoiseTest:
-    """Residuals against the noise.
+    """Residuals against the noise."""
 
-    Attributes
-    ----------
-    squares : array (K,)
-        Sum of the squared residuals of each kind over their noise.
-    redundancy : array (K,)
-        How many of the equations of each kind are free to show noise: the others are used up by
-        the parameters. What is known besides uses up none.
-    """
-
-    squares: FloatArray
+    squares: FloatArray  # (K,): sum of the squared residuals of each kind over their noise
     redundancy: FloatArray
+    """(K,): how many of the equations of each kind are free to show noise: the others are used up
+    by the parameters. What is known besides uses up none."""
 
     @cached_property
     def chi2(self) -> float:

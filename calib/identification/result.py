@@ -69,29 +69,17 @@ Status = Literal["converged", "not converged"]
 
 @dataclass(frozen=True)
 class KindNoise:
-    """Noise of one kind of measurement.
-
-    Attributes
-    ----------
-    sigma : array (m,)
-        Standard deviation of each row that the estimate is weighed by [m, rad].
-    estimated : bool
-        From the residuals, of this model or of a larger one, and not as given.
-    scale : float
-        Residuals over the noise given, redundancy taken into account; 1 where it fits.
-    doubted : bool
-        Whether the noise does not explain them: the covariance then takes it ``scale`` times as
-        large.
-    unit : str
-        Of the rows that are no angles.
-    """
+    """Noise of one kind of measurement."""
 
     kind: str
     sigma: FloatArray
-    estimated: bool
-    scale: float
+    """(m,): standard deviation of each row that the estimate is weighed by [m, rad]."""
+    estimated: bool  # from the residuals, of this model or of a larger one, and not as given
+    scale: float  # residuals over the noise given, redundancy taken into account; 1 where it fits
     doubted: bool
-    unit: Literal["m", "px"] = "m"
+    """Whether the noise does not explain them: the covariance then takes it ``scale`` times as
+    large."""
+    unit: Literal["m", "px"] = "m"  # of the rows that are no angles
 
 
 class Displayed(NamedTuple):

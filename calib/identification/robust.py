@@ -52,38 +52,23 @@ def _nobody() -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A fit with the noise and the weights that belong to it.
+    """A fit with the noise and the weights that belong to it."""
 
-    Attributes
-    ----------
-    model : CalibrationModel
-        With the noise of its kinds as given or as estimated.
-    x : array (p,)
-        [SI]
-    weights : array (N,)
-        Of the squares of each measurement.
-    outliers : array (N,) of bool
-        Left out.
-    loss : Loss
-        That the weights are of.
-    suspects : array (N,) or (1,) of bool
-        Farther off than noise takes one, but not left out: see :func:`noise.suspects`.
-    consistency : array (N,) or (1,)
-        Of the loss: weighted squares of residuals are divided by it, in the fit as well, so that
-        they stand against what is known besides as the noise says.
-    inflation : array (N,) or (1,)
-        Variance over what the weighted measurements promise: their information is divided by it.
-    """
-
-    model: CalibrationModel
-    x: FloatArray
-    weights: FloatArray
-    outliers: BoolArray
+    model: CalibrationModel  # with the noise of its kinds as given or as estimated
+    x: FloatArray  # (p,) [SI]
+    weights: FloatArray  # (N,): of the squares of each measurement
+    outliers: BoolArray  # (N,): left out
     iterations: int
-    loss: Loss = "least-squares"
+    loss: Loss = "least-squares"  # that the weights are of
     suspects: BoolArray = field(default_factory=_nobody)
+    """(N,) or (1,): farther off than noise takes one, but not left out: see
+    :func:`noise.suspects`."""
     consistency: FloatArray = field(default_factory=_one)
+    """(N,) or (1,): of the loss: weighted squares of residuals are divided by it, in the fit as
+    well, so that they stand against what is known besides as the noise says."""
     inflation: FloatArray = field(default_factory=_one)
+    """(N,) or (1,): variance over what the weighted measurements promise: their information is
+    divided by it."""
 
 
 def fit_robustly(

@@ -499,25 +499,16 @@ def _last(array: FloatArray, view: MeasurementContext) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residuals of measurements and their derivative, at one or many sets of parameters.
-
-    Attributes
-    ----------
-    rows_last : array (m, S)
-        Prediction less reading [m, rad], posture last.
-    jacobian_last : array (p, m, S)
-    motion : array (p, 6, S)
-        Twists of the tool against its target, see :meth:`ParameterBlock.move`.
-    root : array (S,), optional
-        What whitened rows are multiplied by: square roots of the weights of measurements.
-    """
+    """Residuals of measurements and their derivative, at one or many sets of parameters."""
 
     model: CalibrationModel
     view: MeasurementContext
-    rows_last: FloatArray
-    jacobian_last: FloatArray
+    rows_last: FloatArray  # (m, S): prediction less reading [m, rad], posture last
+    jacobian_last: FloatArray  # (p, m, S)
     motion: FloatArray
+    """(p, 6, S): twists of the tool against its target, see :meth:`ParameterBlock.move`."""
     root: FloatArray | None = None
+    """(S,): what whitened rows are multiplied by: square roots of the weights of measurements."""
 
     @property
     def rows(self) -> FloatArray:

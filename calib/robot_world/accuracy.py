@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
@@ -447,12 +446,8 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
     inverse = 1.0 / np.where(values > _ALL_OF_IT, values, 1.0)
     step = (vectors @ (inverse[..., None] * (np.swapaxes(vectors, -1, -2) @ gradient)))[..., 0]
     step = np.where(seen[:, None], step / size, np.nan)
-    moved = []
-    for T, at in ((fit.X[0], 0), (fit.Z[0], 6)):
-        turn = np.where(seen[:, None], step[:, at : at + 3], 0.0)
-        R = se3.rotation_exp(turn) @ T[:3, :3]
-        moved.append(se3.transform(R, T[:3, 3] + step[:, at + 3 : at + 6]))
-    return moved[0], moved[1]
+    step[~seen, :3] = step[~seen, 6:9] = 0.0  # rotations stay rotations
+    return perturb(fit.X[0], step[:, :6]), perturb(fit.Z[0], step[:, 6:])
 
 
 def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | None) -> FloatArray:

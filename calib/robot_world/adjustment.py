@@ -34,6 +34,7 @@ from calib.robot_world.errors_of_pairs import (
     left_over,
 )
 from calib.robot_world.estimate import Fit
+from calib.robot_world.noise import perturb
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -284,12 +285,7 @@ def _moved(
     root: FloatArray | None,
 ) -> _State:
     """State after a step: X and Z, and the true A that are the likeliest with them."""
-    X = se3.transform(
-        se3.rotation_exp(step[:, :3]) @ state.X[:, :3, :3], state.X[:, :3, 3] + step[:, 3:6]
-    )
-    Z = se3.transform(
-        se3.rotation_exp(step[:, 6:9]) @ state.Z[:, :3, :3], state.Z[:, :3, 3] + step[:, 9:]
-    )
+    X, Z = perturb(state.X, step[:, :6]), perturb(state.Z, step[:, 6:])
     if not (model.on_A and model.on_B):
         return _State(X, Z, state.R_A, state.p_A)
     white = linear.white + (linear.jacobian * pairs.spread(step.T)[:, None]).sum(axis=0)

@@ -52,24 +52,12 @@ _ALL = 0.97
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One way in which noise may be made.
+    """One way in which noise may be made."""
 
-    Attributes
-    ----------
-    name : str
-        In words.
-    criterion : float
-        Akaike's, of all pairs used; the constants that all have in common left out.
-    make : callable
-        Makes the noise of all pairs.
-    by_distance : bool
-        Whether it is of what is seen, by its distance or along the line of sight.
-    """
-
-    name: str
-    criterion: float
-    make: Callable[[], PairCovariances]
-    by_distance: bool
+    name: str  # in words
+    criterion: float  # Akaike's, of all pairs used; the constants that all have in common left out
+    make: Callable[[], PairCovariances]  # makes the noise of all pairs
+    by_distance: bool  # whether it is of what is seen, by its distance or along the line of sight
 
     @cached_property
     def noise(self) -> PairCovariances:
@@ -148,13 +136,9 @@ def _loose(count: int) -> float:
     return 6.0 * count / (6.0 * count - 12.0)
 
 
-def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0, extra: int = 0) -> float:
+def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0) -> float:
     """Akaike's criterion of normal numbers in groups, each with the variance that it shows."""
-    return (
-        float((counts * np.log(squares / counts + _TINY)).sum())
-        + more
-        + 2.0 * (len(counts) + extra)
-    )
+    return float((counts * np.log(squares / counts + _TINY)).sum()) + more + 2.0 * len(counts)
 
 
 def _isotropic(

@@ -45,15 +45,11 @@ def left_over(a: FloatArray, b: FloatArray, m: FloatArray, R_Z: FloatArray) -> F
 
 @dataclass(frozen=True, eq=False)
 class Isotropic:
-    """Errors that are the same in all directions.
-
-    Attributes
-    ----------
-    sigma : ndarray (4, 1) or (4, S)
-        Standard deviations of each component of a [rad], α [m], b [rad] and β [m].
-    """
+    """Errors that are the same in all directions."""
 
     sigma: FloatArray
+    """(4, 1) or (4, S): standard deviations of each component of a [rad], α [m], b [rad] and β
+    [m]."""
 
     @property
     def on_A(self) -> bool:
@@ -114,16 +110,11 @@ class _IsotropicErrors:
 
 @dataclass(frozen=True, eq=False)
 class General:
-    """Errors with any covariance.
+    """Errors with any covariance."""
 
-    Attributes
-    ----------
-    A, B : ndarray (S, 6, 6) or (1, 6, 6), or None
-        Covariances of (a, α) and (b, β) [rad, m]; None where that side has no errors.
-    """
-
-    A: FloatArray | None
+    A: FloatArray | None  # (S, 6, 6) or (1, 6, 6)
     B: FloatArray | None
+    """Covariances of (a, α) and (b, β) [rad, m]; None where that side has no errors."""
 
     @property
     def on_A(self) -> bool:
@@ -162,16 +153,12 @@ class General:
 
 @dataclass(frozen=True, eq=False)
 class _GeneralErrors:
-    """By a Cholesky factor of each pair; see :class:`_IsotropicErrors`.
-
-    Attributes
-    ----------
-    inverse_root, of_A : ndarray (S, 6, 6)
-        Inverse of the factor, and covariance of the errors of A with (e_R, e_p).
-    """
+    """By a Cholesky factor of each pair; see :class:`_IsotropicErrors`."""
 
     inverse_root: FloatArray
     of_A: FloatArray
+    """inverse_root, of_A (S, 6, 6): inverse of the factor, and covariance of the errors of A with
+    (e_R, e_p)."""
 
     def whiten(self, e: FloatArray) -> FloatArray:
         columns = e.reshape(-1, 6, e.shape[-1]).transpose(2, 1, 0)

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from calib.batch_last import columns_of, product, rotation_log, transposed, turn
 from calib.robot_world.algebra import unit_diagonal
+from calib.robot_world.closed_form import residual_rows
+from calib.robot_world.pair_arrays import PairArrays
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _LARGEST_INVERSE = 1e14
@@ -56,31 +57,18 @@ class _OfSets:
 
 @dataclass(frozen=True, eq=False)
 class Fit(_OfSets):
-    """Where the adjustment of T sets of N pairs ended.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-    cost : ndarray (T,)
-        Sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom.
-    white : ndarray (6, T, N)
-        White rows of each pair.
-    jacobian : ndarray (12, 6, T, N)
-        Their derivatives by the errors of X (rotation, translation) and Z.
-    information : ndarray (T, 12, 12)
-        Inverse of the covariance of X and Z.
-    iterations : ndarray of int (T,)
-    converged : ndarray of bool (T,)
-    """
+    """Where the adjustment of T sets of N pairs ended."""
 
     X: FloatArray
-    Z: FloatArray
+    Z: FloatArray  # X, Z (T, 4, 4)
     cost: FloatArray
-    white: FloatArray
+    """(T,): sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom."""
+    white: FloatArray  # (6, T, N): white rows of each pair
     jacobian: FloatArray
-    information: FloatArray
-    iterations: IntArray
-    converged: BoolArray
+    """(12, 6, T, N): their derivatives by the errors of X (rotation, translation) and Z."""
+    information: FloatArray  # (T, 12, 12): inverse of the covariance of X and Z
+    iterations: IntArray  # (T,)
+    converged: BoolArray  # (T,)
 
     _sets_axis: ClassVar = {"white": 1, "jacobian": 2}
 
@@ -110,34 +98,20 @@ class Fit(_OfSets):
 
 @dataclass(frozen=True, eq=False)
 class Estimate(_OfSets):
-    """What one method returns for T problems.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The transforms.
-    iterations : ndarray of int (T,) or None
-        Where the method iterates, the cycles it took.
-    converged : ndarray of bool (T,) or None
-        Where the method iterates, whether it arrived within its limit.
-    fit : Fit or None
-        Where the method is an adjustment, its rows and information.
-    sigma : ndarray (2, T) or None
-        Where the method estimates the noise, the standard deviations of rotation and translation.
-    weights : ndarray (T, N) or None
-        Where the method leaves pairs out, 0 for these and 1 for the others.
-    scale : ndarray (T,) or None
-        Where it was estimated, the factor of B's translations.
-    """
+    """What one method returns for T problems."""
 
     X: FloatArray
-    Z: FloatArray
-    iterations: IntArray | None = None
+    Z: FloatArray  # X, Z (T, 4, 4): the transforms
+    iterations: IntArray | None = None  # (T,): where the method iterates, the cycles it took
     converged: BoolArray | None = None
-    fit: Fit | None = None
+    """(T,): where the method iterates, whether it arrived within its limit."""
+    fit: Fit | None = None  # where the method is an adjustment, its rows and information
     sigma: FloatArray | None = None
+    """(2, T): where the method estimates the noise, the standard deviations of rotation and
+    translation."""
     weights: FloatArray | None = None
-    scale: FloatArray | None = None
+    """(T, N): where the method leaves pairs out, 0 for these and 1 for the others."""
+    scale: FloatArray | None = None  # (T,): where it was estimated, the factor of B's translations
 
     _sets_axis: ClassVar = {"sigma": 1}
 
@@ -161,19 +135,8 @@ def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> Flo
     X, Z : ndarray (..., 4, 4)
         The solution.
     """
-    shape = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
-    R_A, p_A, R_B, p_B, R_X, p_X, R_Z, p_Z = (
-        part
-        for T in (A, B, X[..., None, :, :], Z[..., None, :, :])
-        for part in _columns(np.broadcast_to(T, (*shape, 4, 4)))
-    )
-    difference = product(product(R_A, R_X), transposed(product(R_Z, R_B)))
-    translation = turn(R_A, p_X) + p_A - turn(R_Z, p_B) - p_Z
-    error = np.concatenate([rotation_log(difference), translation])
-    return np.ascontiguousarray(error.T).reshape(*shape, 6)
-
-
-def _columns(T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Columns ``(3, 3, S)`` and origins ``(3, S)`` of transforms ``(..., 4, 4)``."""
-    flat = T.reshape(-1, 4, 4)
-    return columns_of(flat[:, :3, :3]), np.ascontiguousarray(flat[:, :3, 3].T)
+    *sets, N = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
+    A, B = (np.broadcast_to(T, (*sets, N, 4, 4)).reshape(-1, N, 4, 4) for T in (A, B))
+    X, Z = (np.broadcast_to(T, (*sets, 4, 4)).reshape(-1, 4, 4) for T in (X, Z))
+    rows = residual_rows(PairArrays(A, B), X, Z)
+    return np.ascontiguousarray(rows.T).reshape(*sets, N, 6)

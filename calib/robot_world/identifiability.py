@@ -85,27 +85,20 @@ Other = tuple[str, FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the rotations of T sets of pose pairs tell.
-
-    Attributes
-    ----------
-    tilt_rad : ndarray (T,)
-        Root mean square tilt of the common axis, or where that is more than enough, some bound
-        below it; as far as A and B agree.
-    residual_rad : ndarray (T,)
-        Root mean square residual rotation angle of the closed form of the rotations.
-    residual_m : ndarray (T,)
-        Root mean square residual translation with these rotations, the translations solved for.
-    rank_deficient, degenerate : ndarray of bool (T,)
-        No tilt; none that stands out of the noise.
-    """
+    """What the rotations of T sets of pose pairs tell."""
 
     pairs: PairSets
     tilt_rad: FloatArray
+    """(T,): root mean square tilt of the common axis, or where that is more than enough, some bound
+    below it; as far as A and B agree."""
     residual_rad: FloatArray
+    """(T,): root mean square residual rotation angle of the closed form of the rotations."""
     residual_m: FloatArray
+    """(T,): root mean square residual translation with these rotations, the translations solved
+    for."""
     rank_deficient: BoolArray
     degenerate: BoolArray
+    """rank_deficient, degenerate (T,): no tilt; none that stands out of the noise."""
 
     @cached_property
     def turn_rad(self) -> FloatArray:

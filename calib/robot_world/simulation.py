@@ -25,20 +25,12 @@ _TARGET_OFFSET_M = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Problems:
-    """T problems without noise: ``A X = Z B`` holds to rounding.
-
-    Attributes
-    ----------
-    A, B : ndarray (T, N, 4, 4)
-        Transforms of the pairs [m].
-    X, Z : ndarray (T, 4, 4)
-        The answer [m].
-    """
+    """T problems without noise: ``A X = Z B`` holds to rounding."""
 
     A: FloatArray
-    B: FloatArray
+    B: FloatArray  # A, B (T, N, 4, 4): transforms of the pairs [m]
     X: FloatArray
-    Z: FloatArray
+    Z: FloatArray  # X, Z (T, 4, 4): the answer [m]
 
     @property
     def pairs(self) -> PairSets:

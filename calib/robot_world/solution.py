@@ -34,34 +34,17 @@ _SCALE_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """X and Z of one set by a method.
-
-    Attributes
-    ----------
-    pairs : PairSets
-        With the scale of B corrected where that was estimated.
-    noise : PairNoise, PairCovariances or None
-        By which the pairs were weighed.
-    used : ndarray of bool (N,)
-    motion : Motion
-        Of the pairs used.
-    doubts : tuple of str
-        What is wrong with the pairs whatever X and Z are.
-    others : tuple of (str, X, Z)
-        Solutions that fit as well.
-    factor : float or None
-        The scale of B's translations where it was estimated.
-    """
+    """X and Z of one set by a method."""
 
     method: Method
-    pairs: PairSets
-    noise: Noise | None
+    pairs: PairSets  # with the scale of B corrected where that was estimated
+    noise: Noise | None  # by which the pairs were weighed
     found: Estimate
-    used: BoolArray
-    motion: Motion
-    doubts: tuple[str, ...] = ()
-    others: tuple[Other, ...] = ()
-    factor: float | None = None
+    used: BoolArray  # (N,)
+    motion: Motion  # of the pairs used
+    doubts: tuple[str, ...] = ()  # what is wrong with the pairs whatever X and Z are
+    others: tuple[Other, ...] = ()  # solutions that fit as well
+    factor: float | None = None  # the scale of B's translations where it was estimated
 
     @property
     def is_sound(self) -> bool:

@@ -50,20 +50,16 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class PoseCharacteristics:
-    """Accuracy and repeatability at a pose.
+    """Accuracy and repeatability at a pose."""
 
-    ``cycles``: n. ``accuracy``: AP_p [m]. ``deviation`` (3,): AP_x, AP_y, AP_z [m].
-    ``repeatability``: RP_l [m]; NaN from a single cycle. ``angles`` (3,): AP_a, AP_b, AP_c [rad];
-    None where no orientation was measured. ``angle_repeatability``: RP_a, RP_b, RP_c [rad]; empty
-    where no orientation was measured.
-    """
-
-    cycles: int
-    accuracy: Figure
-    deviation: FloatArray
-    repeatability: Figure
+    cycles: int  # n
+    accuracy: Figure  # AP_p [m]
+    deviation: FloatArray  # (3,): AP_x, AP_y, AP_z [m]
+    repeatability: Figure  # RP_l [m]; NaN from a single cycle
     angles: FloatArray | None = None
+    """(3,): AP_a, AP_b, AP_c [rad]; None where no orientation was measured."""
     angle_repeatability: tuple[Figure, ...] = ()
+    """RP_a, RP_b, RP_c [rad]; empty where no orientation was measured."""
 
 
 def pose_characteristics(

@@ -68,25 +68,23 @@ _RESAMPLED = 2000
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Errors of one arm in a test.
-
-    ``frames``: by target, pose ``(4, 4)`` of the instrument or plate in the base frame; of a foot,
-    its place. ``errors`` (N, 3): measured less commanded position of each measurement, base axes
-    [m]; of distances the first number is what was read less what it should be. ``places`` (K,):
-    error of each pose of the test [m], the mean of its cycles; in a test of places by the frame
-    that the others give. ``poses``: by pose; empty where distances alone were read. ``distances``:
-    by pair of poses, or pose and foot. ``rms``: root mean square of ``places`` [m]. ``beyond``: how
-    many places are beyond the limit, those that were not measured included.
-    """
+    """Errors of one arm in a test."""
 
     arm: str
     frames: Mapping[str, FloatArray]
+    """By target, pose ``(4, 4)`` of the instrument or plate in the base frame; of a foot, its
+    place."""
     errors: FloatArray
+    """(N, 3): measured less commanded position of each measurement, base axes [m]; of distances the
+    first number is what was read less what it should be."""
     places: FloatArray
-    poses: Mapping[str, PoseCharacteristics]
+    """(K,): error of each pose of the test [m], the mean of its cycles; in a test of places by the
+    frame that the others give."""
+    poses: Mapping[str, PoseCharacteristics]  # by pose; empty where distances alone were read
     distances: Mapping[tuple[str, str], DistanceCharacteristics]
-    rms: Figure
-    beyond: int
+    """By pair of poses, or pose and foot."""
+    rms: Figure  # root mean square of ``places`` [m]
+    beyond: int  # how many places are beyond the limit, those that were not measured included
 
     @property
     def worst_m(self) -> float:
@@ -95,17 +93,13 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Outcome of an acceptance test.
-
-    ``names`` (K): of the poses. ``points_m`` (K, 3): where the point of the tool was to be, in the
-    base frame. ``missing``: poses of the test that were not measured: they count as beyond.
-    """
+    """Outcome of an acceptance test."""
 
     request: AcceptanceRequest
-    names: tuple[str, ...]
-    points_m: FloatArray
+    names: tuple[str, ...]  # of the poses
+    points_m: FloatArray  # (K, 3): where the point of the tool was to be, in the base frame
     judged: tuple[Judged, ...]
-    missing: tuple[str, ...]
+    missing: tuple[str, ...]  # poses of the test that were not measured: they count as beyond
     frame: str
     notes: tuple[str, ...] = ()
 

@@ -130,22 +130,18 @@ class AcceptanceRequest:
 
 @dataclass(frozen=True, eq=False)
 class AcceptancePlan:
-    """Poses of a test.
-
-    ``where``: the places in words. ``chance``: to pass, by what the identification says of the arm;
-    NaN without one. ``expected_m``: root mean square error that it predicts at the poses [m]; NaN
-    without one. ``distances``: whether distances alone are read: nothing is said of errors across
-    them.
-    """
+    """Poses of a test."""
 
     request: AcceptanceRequest
     poses: PoseSet
     route: Route
-    where: str
+    where: str  # the places in words
     notes: tuple[str, ...] = ()
-    chance: float = np.nan
+    chance: float = np.nan  # to pass, by what the identification says of the arm; NaN without one
     expected_m: float = np.nan
+    """Root mean square error that it predicts at the poses [m]; NaN without one."""
     distances: bool = False
+    """Whether distances alone are read: nothing is said of errors across them."""
 
     @property
     def statement(self) -> str:

@@ -49,17 +49,14 @@ _SHIFTS, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 
 @dataclass(frozen=True, eq=False)
 class Watch:
-    """An identified arm with all that may have moved since.
-
-    ``model``: frees the identified parameters, and every zero, tool and target besides. ``x`` (P,),
-    ``covariance`` (P, P): [SI]. ``anew`` (P, f): what of the set-up stands anew.
-    """
+    """An identified arm with all that may have moved since."""
 
     model: CalibrationModel
-    x: FloatArray
-    covariance: FloatArray
+    """Frees the identified parameters, and every zero, tool and target besides."""
+    x: FloatArray  # (P,) [SI]
+    covariance: FloatArray  # (P, P) [SI]
     causes: tuple[Cause, ...]
-    anew: FloatArray
+    anew: FloatArray  # (P, f): what of the set-up stands anew
 
     @classmethod
     def of(
@@ -84,8 +81,10 @@ class Watch:
                 hint="identify again",
                 name="covariance",
             )
-        joints = cell.robot.joint_names
-        units = ["m" if k < cell.robot.slides else "rad" for k in range(len(joints))]
+        # of a positioner all but that which moves the base: it moves the targets, too
+        robot = cell.robot
+        joints = (*robot.joint_names[1 : robot.floor], *robot.joint_names[robot.floor :])
+        units = ["m" if unit == "mm" else "rad" for unit in robot.joint_units[-len(joints) :]]
         wanted = [f"zero_offset.{joint}" for joint in joints]
         wanted += [f"{_tool(label)}.{axis}" for label in known.model.tools for axis in _SHIFTS]
         given = known.model.names
@@ -171,19 +170,16 @@ def _kind(cell: Cell, name: str, noise: Mapping[str, Noise]) -> Measurement:
 
 @dataclass(frozen=True, eq=False)
 class RecheckPlan:
-    """Poses of a recheck.
-
-    ``told``: what they tell. ``by_count``: by the number of poses, smallest change [rad] that the
-    best of the pool find of the zero that they find worst. ``blind``: joints whose zero nothing in
-    the pool tells.
-    """
+    """Poses of a recheck."""
 
     poses: PoseSet
     route: Route
-    told: Whitened
+    told: Whitened  # what they tell
     watch: Watch
     by_count: Mapping[int, float]
-    blind: tuple[str, ...]
+    """By the number of poses, smallest change [rad] that the best of the pool find of the zero that
+    they find worst."""
+    blind: tuple[str, ...]  # joints whose zero nothing in the pool tells
 
     def smallest(self) -> dict[str, float]:
         """By cause, the smallest change [rad, m] found with a chance of 90 %."""

@@ -5,18 +5,10 @@
 that is connected to this computer, :func:`run_by_sight` for what the command does.
 """
 
-from calib.vision.touch_up.arms import RobotAdapter
-from posedesign.autonomous.by_sight import SightResult, calibrate_robot, run_by_sight
-from posedesign.autonomous.folder_robot import FolderRobot
-from posedesign.autonomous.process import Calibration
-from posedesign.autonomous.video_camera import VideoCamera
-
-__all__ = [
-    "Calibration",
-    "FolderRobot",
-    "RobotAdapter",
-    "SightResult",
-    "VideoCamera",
-    "calibrate_robot",
-    "run_by_sight",
-]
+from calib.vision.touch_up.arms import RobotAdapter as RobotAdapter
+from posedesign.autonomous.by_sight import SightResult as SightResult
+from posedesign.autonomous.by_sight import calibrate_robot as calibrate_robot
+from posedesign.autonomous.by_sight import run_by_sight as run_by_sight
+from posedesign.autonomous.folder_robot import FolderRobot as FolderRobot
+from posedesign.autonomous.process import Calibration as Calibration
+from posedesign.autonomous.video_camera import VideoCamera as VideoCamera

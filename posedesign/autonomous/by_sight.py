@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -52,13 +52,11 @@ _PLATES = 10
 
 @dataclass(frozen=True, eq=False)
 class SightResult:
-    """A calibration, and where the robot was simulated what it is worth on a plate.
-
-    ``plate``: or in words why the plate cannot be touched; None for a real robot.
-    """
+    """A calibration, and where the robot was simulated what it is worth on a plate."""
 
     calibration: Calibration
     plate: PlateTest | str | None
+    """Or in words why the plate cannot be touched; None for a real robot."""
 
     def set_up_rows(self) -> list[dict[str, object]]:
         """What the first step has found, as rows of a table."""
@@ -248,12 +246,9 @@ def calibrate_robot(
 
 @dataclass(frozen=True)
 class _Session:
-    """What is measured with.
+    """What is measured with."""
 
-    ``about``: see :class:`~posedesign.autonomous.journal.Journal`.
-    """
-
-    about: Mapping[str, str]
+    about: Mapping[str, str]  # see :class:`~posedesign.autonomous.journal.Journal`
     seed: int = 0
     pictures: bool = True
     simulated: bool = False
@@ -303,7 +298,7 @@ def _calibrate(
                 "simulated" if session.simulated else "measured", LOG, check=False
             )
             with Record(log, cell.robot.n, session.pictures_mb, warn) as record:
-                drive = drive_of(cell, RecordedArms(arms, record), warn)
+                drive = drive_of(cell, cast(Arms, RecordedArms(arms, record)), warn)
                 done = calibrate(
                     cell,
                     KeptStation(drive, journal, session.seed),
@@ -360,6 +355,12 @@ def _check_kind(cell: Cell) -> None:
             name="measurement.kind",
         )
     check_plain(cell, "a calibration by sight")
+    if cell.robot.floor:
+        raise InputError(
+            f"a positioner carries {cell.robot.base_frame}, and by sight only the arm is driven",
+            hint="hold the positioner (robot.held_deg), or plan, program and identify",
+            name="robot.base",
+        )
 
 
 def _check_results(out: Path) -> None:

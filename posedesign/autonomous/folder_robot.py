@@ -60,21 +60,17 @@ MOST_MOVES = 9999
 
 @dataclass
 class _Move:
-    """The last move: where it was to go, and how far its results are read.
+    """The last move: where it was to go, and how far its results are read."""
 
-    ``number``: counted from 1 in the folder. ``posture``, ``written`` (n,): as it was commanded,
-    and as it stands in the program, rounded [rad]. ``program``: the file with the position,
-    relative to the folder of programs. ``mark``: fingerprint that the program carries.
-    ``pictures``: that were asked for. ``waiting``: the last of them has not been read yet.
-    """
-
-    number: int
+    number: int  # counted from 1 in the folder
     posture: FloatArray
     written: FloatArray
-    program: Path
-    mark: str
-    pictures: int = 1
-    waiting: bool = True
+    """posture, written (n,): as it was commanded, and as it stands in the program, rounded
+    [rad]."""
+    program: Path  # the file with the position, relative to the folder of programs
+    mark: str  # fingerprint that the program carries
+    pictures: int = 1  # that were asked for
+    waiting: bool = True  # the last of them has not been read yet
 
     @property
     def label(self) -> str:

@@ -72,18 +72,15 @@ class Missed:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration has found.
+    """What a calibration has found."""
 
-    ``set_up``: of the first step. ``cell``: with what the first step has found. ``sigma_m`` (3,):
-    noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
-    ``touch_ups``: of the second step.
-    """
-
-    set_up: SetUp
-    cell: Cell
+    set_up: SetUp  # of the first step
+    cell: Cell  # with what the first step has found
     sigma_m: FloatArray
+    """(3,): noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without
+    repeats."""
     plan: PosePlan
-    touch_ups: Measurements
+    touch_ups: Measurements  # of the second step
     missed: tuple[Missed, ...]
     identified: Identified
 
@@ -102,16 +99,12 @@ def loop_of(cell: Cell) -> Loop:
 
 @dataclass(frozen=True)
 class SessionFiles:
-    """Files of one calibration, claimed before the arm moves.
-
-    ``pairs``: None where there are no pictures. ``planned``: what planning and identification will
-    write, and claim once more.
-    """
+    """Files of one calibration, claimed before the arm moves."""
 
     found_cell: Claim
     touch_ups: Claim
-    pairs: Claim | None
-    planned: tuple[Claim, ...]
+    pairs: Claim | None  # None where there are no pictures
+    planned: tuple[Claim, ...]  # what planning and identification will write, and claim once more
 
     @classmethod
     def of(

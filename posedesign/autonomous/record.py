@@ -216,20 +216,6 @@ class RecordedArms:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._arms, name)
 
-    @property
-    def count(self) -> int:
-        """See :meth:`Arms.count`."""
-        return self._arms.count
-
-    @property
-    def image_px(self) -> tuple[int, int]:
-        """See :meth:`Arms.image_px`."""
-        return self._arms.image_px
-
-    def picture(self, arm: int) -> GreyImage | None:
-        """See :meth:`Arms.picture`."""
-        return self._arms.picture(arm)
-
     def move(self, which: IntArray, q: FloatArray) -> None:
         """See :meth:`Arms.move`."""
         self.record.row("command", q[0])

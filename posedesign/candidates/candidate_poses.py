@@ -114,23 +114,18 @@ def _checked(targets: FloatArray, name: str, hint: str) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class CandidatePoses:
-    """Postures that keep every constraint of a cell, no two of them the same.
+    """Postures that keep every constraint of a cell, no two of them the same."""
 
-    ``postures`` (N, n): [rad]. ``orientations`` (N, 3, 3): of the tip, in the base frame.
-    ``target`` (N,): what each touches, or looks at: an index into the targets. ``targets_m`` (K,
-    3): targets [m] in the base frame. ``target_names``: their labels in a model. ``tried``: poses,
-    or postures, that were looked at. ``description``: how they were made, in words. ``cell``: whose
-    observations ``target`` is an index into, where a pose may be of several, or of several tools.
-    """
-
-    postures: FloatArray
-    orientations: FloatArray
-    target: IntArray
-    targets_m: FloatArray
-    target_names: tuple[str, ...]
-    tried: int
-    description: str
+    postures: FloatArray  # (N, n) [rad]
+    orientations: FloatArray  # (N, 3, 3): of the tip, in the base frame
+    target: IntArray  # (N,): what each touches, or looks at: an index into the targets
+    targets_m: FloatArray  # (K, 3): targets [m] in the base frame
+    target_names: tuple[str, ...]  # their labels in a model
+    tried: int  # poses, or postures, that were looked at
+    description: str  # how they were made, in words
     cell: Cell | None = None
+    """Whose observations ``target`` is an index into, where a pose may be of several, or of several
+    tools."""
 
     def __len__(self) -> int:
         return len(self.postures)

@@ -28,37 +28,20 @@ FOUND_WHOLE = ("chessboard", "circles", "asymmetric-circles", "round-target")
 
 @dataclass(frozen=True, eq=False)
 class BoardSetUp:
-    """Camera and board of a cell.
-
-    Attributes
-    ----------
-    board : Board
-    lens : Lens
-        As described, or as calibrated before.
-    carried : {"camera", "board"}
-        What is on the flange.
-    X, Z : array (4, 4)
-        ``T_tip_camera`` and ``T_base_board``, or ``T_tip_board`` and ``T_base_camera`` [m].
-    share : float
-        Least share of the board's points in the image.
-    border_px : float
-        Width of the edge of the image where points do not count.
-    nearest_m, farthest_m : float
-        Distances of the board from the lens [m].
-    largest_tilt : float
-        Between the board's normal and the line of sight [rad].
-    """
+    """Camera and board of a cell."""
 
     board: Board
-    lens: Lens
-    carried: Carried
+    lens: Lens  # as described, or as calibrated before
+    carried: Carried  # what is on the flange
     X: FloatArray
     Z: FloatArray
-    share: float
-    border_px: float
+    """X, Z (4, 4): ``T_tip_camera`` and ``T_base_board``, or ``T_tip_board`` and ``T_base_camera``
+    [m]."""
+    share: float  # least share of the board's points in the image
+    border_px: float  # width of the edge of the image where points do not count
     nearest_m: float
-    farthest_m: float
-    largest_tilt: float
+    farthest_m: float  # nearest_m, farthest_m: distances of the board from the lens [m]
+    largest_tilt: float  # between the board's normal and the line of sight [rad]
 
     @property
     def T_board_middle(self) -> FloatArray:

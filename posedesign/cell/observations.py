@@ -43,17 +43,12 @@ _FARTHEST_MM = 50_000.0
 
 @dataclass(frozen=True)
 class Observation:
-    """What is measured at a posture.
+    """What is measured at a posture."""
 
-    ``kind``: of :data:`~calib.model.measurements.KINDS`. ``tools``: labels of the points of the
-    tool that are measured, all at once. ``target``: label of what they are measured from.
-    ``payload``: name of what the flange carries besides; empty for the tool alone.
-    """
-
-    kind: str
-    tools: tuple[str, ...]
-    target: str
-    payload: str = OWN_PAYLOAD
+    kind: str  # of :data:`~calib.model.measurements.KINDS`
+    tools: tuple[str, ...]  # labels of the points of the tool that are measured, all at once
+    target: str  # label of what they are measured from
+    payload: str = OWN_PAYLOAD  # name of what the flange carries besides; empty for the tool alone
 
     @property
     def reads(self) -> bool:

@@ -30,19 +30,12 @@ BOX_OF_REACH = 0.1
 
 @dataclass(frozen=True, eq=False)
 class TaskBox:
-    """A box along the axes of the base, and how many points of it are looked at.
-
-    Attributes
-    ----------
-    lowest_m, highest_m : array (3,)
-        Corners in the base frame [m].
-    steps : tuple of int
-        Points along x, y and z, the faces included; 1 is the middle.
-    """
+    """A box along the axes of the base, and how many points of it are looked at."""
 
     lowest_m: FloatArray
-    highest_m: FloatArray
+    highest_m: FloatArray  # lowest_m, highest_m (3,): corners in the base frame [m]
     steps: tuple[int, int, int] = (3, 3, 3)
+    """Points along x, y and z, the faces included; 1 is the middle."""
 
     def __post_init__(self) -> None:
         corners = np.array([self.lowest_m, self.highest_m], dtype=float)
@@ -97,31 +90,17 @@ class TaskBox:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoxAccuracy(Shown):
-    """Predicted accuracy of the tool point over a task box.
+    """Predicted accuracy of the tool point over a task box."""
 
-    Attributes
-    ----------
-    points_m : array (N, 3)
-        [m], in the base frame.
-    postures : array (N, n)
-        [rad]; NaN where there is none.
-    covariance : array (N, 3, 3)
-        Of the position of the tool point [m²], base axes; NaN without a posture.
-    to_target_m : array (N,)
-        Root mean square error [m] of the way from the target, as identified, to the tool point;
-        NaN without a posture.
-    reasons : tuple of str
-        Why a point cannot be reached; empty where it can.
-    reference : str
-        What the accuracy is one against, in words.
-    """
-
-    points_m: FloatArray
-    postures: FloatArray
+    points_m: FloatArray  # (N, 3) [m], in the base frame
+    postures: FloatArray  # (N, n) [rad]; NaN where there is none
     covariance: FloatArray
+    """(N, 3, 3): of the position of the tool point [m²], base axes; NaN without a posture."""
     to_target_m: FloatArray
-    reasons: tuple[str, ...]
-    reference: str
+    """(N,): root mean square error [m] of the way from the target, as identified, to the tool
+    point; NaN without a posture."""
+    reasons: tuple[str, ...]  # why a point cannot be reached; empty where it can
+    reference: str  # what the accuracy is one against, in words
 
     @property
     def reached(self) -> BoolArray:

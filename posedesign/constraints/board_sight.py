@@ -30,27 +30,15 @@ _AT_ONCE = 200_000
 
 @dataclass(frozen=True, eq=False)
 class BoardSight:
-    """A camera and a board, one of them on the tip.
-
-    Attributes
-    ----------
-    lens : Lens
-    points : array (K, 3)
-        What of the board has to be seen, in its frame [m].
-    outline : array (4, 3)
-        Corners of what is printed, in order.
-    T_tip_own, T_base_other : array (4, 4)
-        Camera and board, or board and camera.
-    carried : {"camera", "board"}
-        What is on the tip.
-    """
+    """A camera and a board, one of them on the tip."""
 
     lens: Lens
-    points: FloatArray
-    outline: FloatArray
+    points: FloatArray  # (K, 3): what of the board has to be seen, in its frame [m]
+    outline: FloatArray  # (4, 3): corners of what is printed, in order
     T_tip_own: FloatArray
     T_base_other: FloatArray
-    carried: Carried
+    """T_tip_own, T_base_other (4, 4): camera and board, or board and camera."""
+    carried: Carried  # what is on the tip
 
     @cached_property
     def rim(self) -> FloatArray:

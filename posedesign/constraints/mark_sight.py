@@ -25,17 +25,14 @@ CLEAR_OF_INSTRUMENT_M = 2e-3
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A point of the tool that is measured.
-
-    ``point_m`` (3,): in the axes of the tip. ``axis`` (3,): unit vector that it faces along, in
-    these; None where it is seen from all around. ``largest`` [rad]: angle between this and the line
-    of sight up to which it is measured.
-    """
+    """A point of the tool that is measured."""
 
     name: str
-    point_m: FloatArray
+    point_m: FloatArray  # (3,): in the axes of the tip
     axis: FloatArray | None = None
+    """(3,): unit vector that it faces along, in these; None where it is seen from all around."""
     largest: float = np.pi
+    """Angle between this and the line of sight up to which it is measured [rad]."""
 
 
 class MarkSight(Constraint):

@@ -63,18 +63,13 @@ class _Unusable(ValueError):
 
 @dataclass(frozen=True)
 class PictureHead:
-    """What a file says of its picture, before it is decoded.
+    """What a file says of its picture, before it is decoded."""
 
-    ``size_px``: width and height, as the sensor had them. ``digest``: of all bytes of the file:
-    those of the same picture are the same. ``is_turned``: whether a note in it asks for the picture
-    to be shown turned or mirrored. ``taken``: when it was taken, by its EXIF: text that sorts by
-    time; empty where it does not say.
-    """
-
-    size_px: tuple[int, int]
-    digest: str
-    is_turned: bool
+    size_px: tuple[int, int]  # width and height, as the sensor had them
+    digest: str  # of all bytes of the file: those of the same picture are the same
+    is_turned: bool  # whether a note in it asks for the picture to be shown turned or mirrored
     taken: str
+    """When it was taken, by its EXIF: text that sorts by time; empty where it does not say."""
 
 
 def read_picture(path: Path | str) -> GreyImage:

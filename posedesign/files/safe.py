@@ -35,22 +35,19 @@ class Claim(os.PathLike[str]):
     """A file that a command is going to write, and was found free to; a path to write it under.
 
     Whatever writes files here takes it for a path, and the file then says its origin.
-
-    ``overwrite``: whether what is there may be replaced; it is kept beside it, under a name with a
-    number. ``say``: told where what was there is kept. ``needed_by``: what else belongs to what is
-    there, in words; empty for nothing. ``bare``: whether the file cannot say its origin: other
-    programs could not read it then. It is checked when it is written, and may be replaced by the
-    same bytes only. ``place``: the folder as it was claimed in, by device and number: see
-    :func:`identity_of`.
     """
 
     path: Path
     origin: Origin
     overwrite: bool = False
-    say: Callable[[str], None] = lambda text: None
-    needed_by: str = ""
+    """Whether what is there may be replaced; it is kept beside it, under a name with a number."""
+    say: Callable[[str], None] = lambda text: None  # told where what was there is kept
+    needed_by: str = ""  # what else belongs to what is there, in words; empty for nothing
     bare: bool = False
+    """Whether the file cannot say its origin: other programs could not read it then. It is checked
+    when it is written, and may be replaced by the same bytes only."""
     place: tuple[int, int] | None = None
+    """The folder as it was claimed in, by device and number: see :func:`identity_of`."""
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -156,21 +153,15 @@ def kept_aside(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Results:
-    """The folder that one command writes its results into.
-
-    ``command``: name of the command, or of who else writes. ``inputs``: files that the results are
-    made from. ``overwrite``: whether files that are not its own may be replaced, and kept aside.
-    ``say``: told of what is kept aside. ``remakes``: whether all that follows from its plan is made
-    anew, too. ``place``: the folder as it was at first; see :func:`identity_of`.
-    """
+    """The folder that one command writes its results into."""
 
     folder: Path
-    command: str = "Python"
-    inputs: Sequence[Path] = ()
-    overwrite: bool = False
-    say: Callable[[str], None] = lambda text: None
-    remakes: bool = False
-    place: tuple[int, int] | None = None
+    command: str = "Python"  # name of the command, or of who else writes
+    inputs: Sequence[Path] = ()  # files that the results are made from
+    overwrite: bool = False  # whether files that are not its own may be replaced, and kept aside
+    say: Callable[[str], None] = lambda text: None  # told of what is kept aside
+    remakes: bool = False  # whether all that follows from its plan is made anew, too
+    place: tuple[int, int] | None = None  # the folder as it was at first; see :func:`identity_of`
 
     @classmethod
     def of(cls, out: Path | Results, command: str) -> Results:

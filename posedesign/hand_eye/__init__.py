@@ -7,24 +7,12 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from posedesign.hand_eye.calibration import (
-        CAMERA_FILES,
-        Asked,
-        Calibrated,
-        Sightings,
-        as_calibrated,
-        calibrate_camera,
-        find_boards,
-    )
+    from posedesign.hand_eye.calibration import CAMERA_FILES as CAMERA_FILES
+    from posedesign.hand_eye.calibration import Asked as Asked
+    from posedesign.hand_eye.calibration import Calibrated as Calibrated
+    from posedesign.hand_eye.calibration import Sightings as Sightings
+    from posedesign.hand_eye.calibration import as_calibrated as as_calibrated
+    from posedesign.hand_eye.calibration import calibrate_camera as calibrate_camera
+    from posedesign.hand_eye.calibration import find_boards as find_boards
 else:
     __getattr__ = load_when_asked(__name__)
-
-__all__ = [
-    "CAMERA_FILES",
-    "Asked",
-    "Calibrated",
-    "Sightings",
-    "as_calibrated",
-    "calibrate_camera",
-    "find_boards",
-]

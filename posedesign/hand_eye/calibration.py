@@ -26,7 +26,13 @@ from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
-from calib.robots import flange_robot, posture_of_pose, shown_of
+from calib.robots import (
+    NO_EXTERNAL_AXES,
+    ExternalAxes,
+    flange_robot,
+    posture_of_pose,
+    shown_of,
+)
 from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
@@ -35,6 +41,7 @@ from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.pictures import read_grey
+from posedesign.files.postures import external_as_dict
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pairs.certificate import Camera
@@ -45,14 +52,11 @@ Advance = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """What N pictures show of a board of K points.
-
-    ``pixels`` (N, K, 2): from the left upper corner of the image; NaN where a point is not seen.
-    ``reasons``: why a picture shows none of them; empty where it shows some.
-    """
+    """What N pictures show of a board of K points."""
 
     pixels: FloatArray
-    reasons: tuple[str, ...]
+    """(N, K, 2): from the left upper corner of the image; NaN where a point is not seen."""
+    reasons: tuple[str, ...]  # why a picture shows none of them; empty where it shows some
 
     @property
     def shown(self) -> int:
@@ -89,43 +93,32 @@ _DETECTING = 0.9
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be estimated, and what is known.
+    """What is to be estimated, and what is known."""
 
-    ``camera`` {"on-flange", "fixed"}: eye-in-hand, or eye-to-hand with the board on the flange.
-    ``lens``: model of a lens that is estimated, or one that is known. ``free``: words of what of
-    the robot is estimated, too, such as ``zero_offsets``. ``board_errors``: of ``scale``,
-    ``bend_x``, ``bend_y``. ``pixel_sigma``: noise of a coordinate of a point [px]; from the
-    pictures by default. ``arm_sigma``: how far the arm stops from where it says [m, rad]; likewise.
-    ``board``: in place of the one that the cell describes.
-    """
-
-    camera: Camera = "on-flange"
-    lens: LensName | Lens = "pinhole"
+    camera: Camera = "on-flange"  # eye-in-hand, or eye-to-hand with the board on the flange
+    lens: LensName | Lens = "pinhole"  # model of a lens that is estimated, or one that is known
     free: tuple[str, ...] = ()
-    board_errors: tuple[str, ...] = ()
+    """Words of what of the robot is estimated, too, such as ``zero_offsets``."""
+    board_errors: tuple[str, ...] = ()  # of ``scale``, ``bend_x``, ``bend_y``
     pixel_sigma: float | None = None
+    """Noise of a coordinate of a point [px]; from the pictures by default."""
     arm_sigma: tuple[float, float] | None = None
-    board: Board | None = None
+    """How far the arm stops from where it says [m, rad]; likewise."""
+    board: Board | None = None  # in place of the one that the cell describes
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """The result with what is to be said of its files.
-
-    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
-    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
-    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
-    joints, the first ones, slide [m].
-    """
+    """The result with what is to be said of its files."""
 
     result: HandEyeResult
     asked: Asked
     board: Board
-    reasons: tuple[str, ...]
-    postures: FloatArray
-    with_joints: bool
-    notes: tuple[str, ...] = ()
-    slides: int = 0
+    reasons: tuple[str, ...]  # why a picture does not show the board; empty where it does
+    postures: FloatArray  # (N, n): of each picture [rad]; NaN where it is not known
+    with_joints: bool  # whether they are joint values, and not poses of the flange
+    notes: tuple[str, ...] = ()  # what is odd about the files
+    external: ExternalAxes = NO_EXTERNAL_AXES  # what the first joints are
 
 
 def board_of(cell: Cell) -> Board:
@@ -157,8 +150,8 @@ def calibrate_camera(
     sets, reasons = [], list[str]()
     count = sum(len(one.paths) for one in pictures.values())
     for camera, shown in pictures.items():
-        _check_poses(shown, asked)
-        part = _Part(advance, len(reasons) / count, len(shown.paths) / count)
+        _check_poses(cell, shown, asked)
+        part = _part(advance, len(reasons) / count, len(shown.paths) / count)
         found = find_boards(shown.paths, board, part)
         if not found.shown:
             raise InputError(
@@ -187,7 +180,7 @@ def calibrate_camera(
         np.concatenate([one.postures for one in sets]),
         all(shown.postures is not None for shown in pictures.values()),
         notes,
-        cell.robot.slides,
+        cell.robot.external,
     )
     _write(calibrated, sets, claims)
     return calibrated
@@ -227,19 +220,26 @@ def as_calibrated(cell: Cell, path: Path) -> tuple[Cell, FloatArray]:
     return replace(cell, config=config, camera_found=camera), cell.robot.of_shown(taken)
 
 
-@dataclass(frozen=True)
-class _Part:
+def _part(advance: Advance, before: float, share: float) -> Advance:
     """Progress of a part of the pictures."""
-
-    advance: Advance
-    before: float
-    share: float
-
-    def __call__(self, what: str, part: float) -> None:
-        self.advance(what, _DETECTING * (self.before + self.share * part))
+    return lambda what, part: advance(what, _DETECTING * (before + share * part))
 
 
-def _check_poses(shown: PictureSet, asked: Asked) -> None:
+def _check_poses(cell: Cell, shown: PictureSet, asked: Asked) -> None:
+    if cell.robot.floor and asked.camera != "on-flange":
+        raise InputError(
+            f"a camera that stands around the arm does not turn with {cell.robot.base_frame}, "
+            "which a positioner carries",
+            hint="name a link on the floor as robot.base",
+            name="camera",
+        )
+    if cell.robot.floor and shown.postures is None:
+        raise InputError(
+            f"poses of the flange do not say how {cell.robot.base_frame} stands, which a "
+            "positioner carries",
+            hint="give the joints of each picture, those of the positioner among them",
+            name="joints",
+        )
     if shown.postures is None and shown.T_base_flange is None:
         raise InputError(
             "the pictures have no joints and no poses of the flange",
@@ -320,7 +320,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
     factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
-    shown = shown_of(calibrated.postures.shape[1], calibrated.slides)
+    shown = shown_of(calibrated.postures.shape[1], calibrated.external)
     joints = {
         name: (shown * posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
@@ -355,7 +355,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
-        **({"slides": calibrated.slides} if joints and calibrated.slides else {}),
+        **(external_as_dict(calibrated.external) if joints else {}),
     }
 
 

@@ -50,24 +50,20 @@ _NOT_MEASURED = ("via", "dropped")
 
 @dataclass(frozen=True, eq=False)
 class PictureSet:
-    """Pictures by one lens, and how the arm stood when each was taken.
+    """Pictures by one lens, and how the arm stood when each was taken."""
 
-    ``paths``: their files, in order. ``names``: names of the files; each is there once.
-    ``size_px``: width and height of all. ``postures`` (N, n): joint values [rad]; NaN for a picture
-    without, which serves the lens only. None where poses of the flange are given, or nothing.
-    ``T_base_flange`` (N, 4, 4): poses of the flange in the base frame [m], likewise. ``motion`` (N,
-    2, n): velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them; of the
-    postures of :func:`calib.robots.flange_robot`, where it is of poses. ``notes``: what is odd
-    about them, or was taken for granted, in words.
-    """
-
-    paths: tuple[Path, ...]
-    names: tuple[str, ...]
-    size_px: tuple[int, int]
+    paths: tuple[Path, ...]  # their files, in order
+    names: tuple[str, ...]  # names of the files; each is there once
+    size_px: tuple[int, int]  # width and height of all
     postures: FloatArray | None
+    """(N, n): joint values [rad]; NaN for a picture without, which serves the lens only. None where
+    poses of the flange are given, or nothing."""
     T_base_flange: FloatArray | None
+    """(N, 4, 4): poses of the flange in the base frame [m], likewise."""
     motion: FloatArray | None
-    notes: tuple[str, ...]
+    """(N, 2, n): velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them;
+    of the postures of :func:`calib.robots.flange_robot`, where it is of poses."""
+    notes: tuple[str, ...]  # what is odd about them, or was taken for granted, in words
 
 
 def read_picture_set(
@@ -232,20 +228,16 @@ def _by_time(
 
 @dataclass(frozen=True, eq=False)
 class _Poses:
-    """Joint values or poses of the flange, row by row of a file.
-
-    ``joints``: whether they are joint values. ``values`` (R, n) or (R, 4, 4): NaN in rows that give
-    none. ``pictures``: the picture of each row; empty where the file does not say. ``motion`` (R,
-    2, n): how the joints moved, where the file is a record of them.
-    """
+    """Joint values or poses of the flange, row by row of a file."""
 
     path: Path
-    joints: bool
-    values: FloatArray
+    joints: bool  # whether they are joint values
+    values: FloatArray  # (R, n) or (R, 4, 4): NaN in rows that give none
     lines: list[int]
-    pictures: list[str]
+    pictures: list[str]  # the picture of each row; empty where the file does not say
     notes: tuple[str, ...] = ()
     motion: FloatArray | None = None
+    """(R, 2, n): how the joints moved, where the file is a record of them."""
 
     @classmethod
     def read(cls, path: Path, robot: Robot | None, trust_units: bool) -> _Poses:

@@ -68,38 +68,32 @@ FAR_FROM_NOISE = 10.0
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Something of a model that cannot be, or that such arms do not have.
-
-    ``kind`` {"zero", "arm", "sign", "distance"}: a joint's zero, or another error of the arm,
-    beyond what is known of it; a compliance below zero; a known distance that comes out otherwise.
-    ``said``: in words.
-    """
+    """Something of a model that cannot be, or that such arms do not have."""
 
     kind: Literal["zero", "arm", "sign", "distance"]
-    said: str
+    """A joint's zero, or another error of the arm, beyond what is known of it; a compliance below
+    zero; a known distance that comes out otherwise."""
+    said: str  # in words
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """All models on one set of measurements.
-
-    ``findings``: what explains the residuals by name, the likeliest first. ``contradictions``: what
-    the recommended model says against what is known of such arms. ``workplace``: where the errors
-    of the models are expected, in words; empty where they are not. ``held_only``: models that were
-    not tried, since nothing measured sees the scale of their links. ``probabilities``: of errors
-    that the arm may have, as models with priors: what the others were judged by. ``measured``: what
-    the file of an instrument has, in words by what it is about.
-    """
+    """All models on one set of measurements."""
 
     comparison: Comparison
     table: MeasurementTable
     warnings: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  # what explains the residuals by name, the likeliest first
     contradictions: tuple[Contradiction, ...] = ()
+    """What the recommended model says against what is known of such arms."""
     workplace: str = ""
+    """Where the errors of the models are expected, in words; empty where they are not."""
     held_only: tuple[str, ...] = ()
+    """Models that were not tried, since nothing measured sees the scale of their links."""
     probabilities: dict[str, float] = field(default_factory=dict)
+    """Of errors that the arm may have, as models with priors: what the others were judged by."""
     measured: dict[str, str] = field(default_factory=dict)
+    """What the file of an instrument has, in words by what it is about."""
 
     @property
     def nominal_rms_m(self) -> float:

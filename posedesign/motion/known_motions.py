@@ -222,16 +222,12 @@ def _rows(postures: FloatArray) -> dict[bytes, list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """Where the arm stands before its last movement to each posture.
-
-    ``postures`` (N, n): short of those that are measured, by the same joint angles for all [rad].
-    ``direction`` (n,): of the last movement of each joint: 1 or -1. ``lost``: postures, by index,
-    that cannot be approached so, and why.
-    """
+    """Where the arm stands before its last movement to each posture."""
 
     postures: FloatArray
-    direction: FloatArray
-    lost: dict[int, str]
+    """(N, n): short of those that are measured, by the same joint angles for all [rad]."""
+    direction: FloatArray  # (n,): of the last movement of each joint: 1 or -1
+    lost: dict[int, str]  # postures, by index, that cannot be approached so, and why
 
 
 def find_approaches(
@@ -246,7 +242,7 @@ def find_approaches(
     must be clear by what is ``known``.
     """
     best: Approaches | None = None
-    sliding = np.arange(postures.shape[1]) < passing.robot.slides
+    sliding = passing.robot.sliding
     by = np.where(sliding, COMES_M, angle_rad)
     for direction, bound in islice(_directions(postures, by, passing), MOST_DIRECTIONS):
         if best is not None and bound <= len(postures) - len(best.lost):

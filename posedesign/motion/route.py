@@ -65,30 +65,25 @@ class Passing(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A posture on the route.
+    """A posture on the route."""
 
-    ``posture`` (n,): [rad]. ``pose``: index of the pose that is measured there; None where the arm
-    only passes through. ``passing``: why, where it does.
-    """
-
-    posture: FloatArray
+    posture: FloatArray  # (n,) [rad]
     pose: int | None
-    passing: Passing = Passing.DETOUR
+    """Index of the pose that is measured there; None where the arm only passes through."""
+    passing: Passing = Passing.DETOUR  # why, where it does
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Postures in the order in which they are visited.
-
-    ``lost``: poses that no clear way leads to, by index, and why. ``moving_s``: predicted time of
-    all moves, from the base posture on [s]; NaN where no speed is known. ``dwell_s``: how long the
-    arm stands at each pose that is measured [s]; one number, or one for each (N,).
-    """
+    """Postures in the order in which they are visited."""
 
     stops: tuple[Stop, ...]
-    lost: dict[int, str]
+    lost: dict[int, str]  # poses that no clear way leads to, by index, and why
     moving_s: float = float("nan")
+    """Predicted time of all moves, from the base posture on [s]; NaN where no speed is known."""
     dwell_s: float | FloatArray = 0.0
+    """How long the arm stands at each pose that is measured [s]; one number, or one for each
+    (N,)."""
 
     @property
     def order(self) -> IntArray:
@@ -124,18 +119,14 @@ class Route:
 
 @dataclass(frozen=True)
 class RouteOptions:
-    """How poses are visited.
+    """How poses are visited."""
 
-    ``return_to_base``: whether the round ends where it starts. ``approach_rad``: last movement of
-    every joint to each pose, in the same direction at all of them; 0: as it comes. ``dwell_s``: how
-    long the arm stands at each pose. ``speed_share``: speed of the moves as a part of the joints'
-    own.
-    """
-
-    return_to_base: bool = True
+    return_to_base: bool = True  # whether the round ends where it starts
     approach_rad: float = 0.0
-    dwell_s: float = 0.0
-    speed_share: float = 1.0
+    """Last movement of every joint to each pose, in the same direction at all of them; 0: as it
+    comes."""
+    dwell_s: float = 0.0  # how long the arm stands at each pose
+    speed_share: float = 1.0  # speed of the moves as a part of the joints' own
 
 
 class Router:
@@ -161,7 +152,7 @@ class Router:
         self._led_to: set[bytes] = set()  # postures that a route has led to
         self.options = options or RouteOptions()
         # joints whose speed is not known are taken to be as fast as the others that turn
-        known, sliding = np.isfinite(robot.speed), np.arange(robot.n) < robot.slides
+        known, sliding = np.isfinite(robot.speed), robot.sliding
         self._timed = bool(known.any())
         like = robot.speed[known & ~sliding]
         usual = np.where(sliding, SLIDE_M_S, np.median(like) if len(like) else 1.0)
@@ -379,18 +370,15 @@ class Router:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """The base posture, which is place 0, and the poses.
+    """The base posture, which is place 0, and the poses."""
 
-    ``at`` (1 + N, n): postures that the arm is brought to [rad]. ``leave``, ``enter`` (1 + N, n):
-    postures from which the arm goes on, and to which it comes first [rad]: the same array where
-    motions are the same in both directions, and as ``at`` where nothing lies in between.
-    ``closed``: whether the arm goes back to place 0 in the end.
-    """
-
-    at: FloatArray
+    at: FloatArray  # (1 + N, n): postures that the arm is brought to [rad]
     leave: FloatArray
     enter: FloatArray
-    closed: bool
+    """leave, enter (1 + N, n): postures from which the arm goes on, and to which it comes first
+    [rad]: the same array where motions are the same in both directions, and as ``at`` where nothing
+    lies in between."""
+    closed: bool  # whether the arm goes back to place 0 in the end
 
     def leg(self, start: int, end: int) -> Leg:
         return self.leave[start], self.enter[end]

@@ -115,32 +115,26 @@ def _refuse(poses: Sequence[str], hint: str) -> None:
 
 @dataclass(frozen=True)
 class PoseVerdict:
-    """What the constraints say of one pose, and of the way to it.
-
-    ``via``: the arm only passes through: nothing has to be seen or touched. ``feasible``: whether
-    the pose keeps every constraint. ``tightest``: name of the constraint that has least margin, or
-    is broken most. ``room``: how far the pose is inside that constraint; negative outside; None
-    where it says yes or no only. ``unit``: of ``room``. ``says``: the same in words.
-    ``distance_mm``: smallest distance between tool, obstacles and arm; None where that is not
-    checked. ``nearest``: the same in words, with the two bodies. ``way_clear``: whether the
-    straight joint-space way to the pose keeps what motions must keep: from the pose before, or from
-    the base posture to the first pose. None where a pose at one of its ends cannot be taken: the
-    rest of the way is then not looked at. ``way``: what is wrong with the way; empty where it is
-    clear. ``travel_deg``: largest joint travel on the way.
-    """
+    """What the constraints say of one pose, and of the way to it."""
 
     name: str
-    via: bool
-    feasible: bool
-    tightest: str
+    via: bool  # the arm only passes through: nothing has to be seen or touched
+    feasible: bool  # whether the pose keeps every constraint
+    tightest: str  # name of the constraint that has least margin, or is broken most
     room: float | None
-    unit: str
-    says: str
+    """How far the pose is inside that constraint; negative outside; None where it says yes or no
+    only."""
+    unit: str  # of ``room``
+    says: str  # the same in words
     distance_mm: float | None
-    nearest: str
+    """Smallest distance between tool, obstacles and arm; None where that is not checked."""
+    nearest: str  # the same in words, with the two bodies
     way_clear: bool | None
-    way: str
-    travel_deg: float
+    """Whether the straight joint-space way to the pose keeps what motions must keep: from the pose
+    before, or from the base posture to the first pose. None where a pose at one of its ends cannot
+    be taken: the rest of the way is then not looked at."""
+    way: str  # what is wrong with the way; empty where it is clear
+    travel_deg: float  # largest joint travel on the way
 
     @property
     def ok(self) -> bool:
@@ -259,20 +253,18 @@ def _on_the_way(motions: MotionVerdicts, row: int) -> str:
 
 @dataclass(frozen=True)
 class Score:
-    """How good a list of poses is for a cell.
-
-    ``sigma`` (name, unit, value): predicted standard deviations as people read them; empty where
-    not identifiable. ``problem``: what the poses cannot identify; empty where they can.
-    ``not_feasible``: poses that break a constraint of the cell, with the one that is broken most.
-    The motions between them are not looked at: a list that is scored need not be in order.
-    ``off_target``: poses that do not bring the tool point to the target, with the distance.
-    """
+    """How good a list of poses is for a cell."""
 
     indices: Indices
     sigma: list[tuple[str, str, float]]
-    problem: str
+    """(name, unit, value): predicted standard deviations as people read them; empty where not
+    identifiable."""
+    problem: str  # what the poses cannot identify; empty where they can
     not_feasible: tuple[str, ...]
+    """Poses that break a constraint of the cell, with the one that is broken most. The motions
+    between them are not looked at: a list that is scored need not be in order."""
     off_target: tuple[str, ...]
+    """Poses that do not bring the tool point to the target, with the distance."""
 
 
 def score_poses(cell: Cell, poses: PoseList) -> Score:

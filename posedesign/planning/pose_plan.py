@@ -41,25 +41,21 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PoseSet:
-    """The 27 poses of one round, taken, repaired or dropped.
+    """The 27 poses of one round, taken, repaired or dropped."""
 
-    ``postures`` (27, n): [rad]; NaN where the pose was dropped. ``shut_out``: what keeps a pose of
-    the grid from being taken as it is; empty where it can be. ``orientations`` (27, 3, 3):
-    ``R_base_tip`` that the grid asks for. ``turned`` (27,): angle of a replacement against the pose
-    of the grid [rad]; NaN for all others. ``searched``: whether replacements were looked for.
-    ``letter``: that names begin with. ``first``: number of the first pose. ``labels``: what each
-    pose is of, by column of a list of poses: target, tool, payload; none where all are of one.
-    """
-
-    postures: FloatArray
+    postures: FloatArray  # (27, n) [rad]; NaN where the pose was dropped
     status: tuple[PoseStatus, ...]
     shut_out: tuple[str, ...]
-    orientations: FloatArray
+    """What keeps a pose of the grid from being taken as it is; empty where it can be."""
+    orientations: FloatArray  # (27, 3, 3): ``R_base_tip`` that the grid asks for
     turned: FloatArray
-    searched: bool = False
-    letter: str = "P"
-    first: int = 1
+    """(27,): angle of a replacement against the pose of the grid [rad]; NaN for all others."""
+    searched: bool = False  # whether replacements were looked for
+    letter: str = "P"  # that names begin with
+    first: int = 1  # number of the first pose
     labels: tuple[Mapping[str, str], ...] = ()
+    """What each pose is of, by column of a list of poses: target, tool, payload; none where all are
+    of one."""
 
     @classmethod
     def of_grid(
@@ -155,21 +151,18 @@ class PoseSet:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One turn of the loop.
-
-    ``variation_deg``: D_W, D_P, D_R. ``grid``, ``repaired``, ``dropped``: poses taken as generated,
-    replaced, and left out. ``sigma`` (p,): predicted standard deviation of each parameter [SI], of
-    the estimator that the cell asks for (weighted or not); infinite where not identifiable.
-    """
+    """One turn of the loop."""
 
     number: int
-    variation_deg: tuple[float, float, float]
+    variation_deg: tuple[float, float, float]  # D_W, D_P, D_R
     grid: int
     repaired: int
-    dropped: int
+    dropped: int  # grid, repaired, dropped: poses taken as generated, replaced, and left out
     c_g: float
     cond_2_g: float
     sigma: FloatArray
+    """(p,): predicted standard deviation of each parameter [SI], of the estimator that the cell
+    asks for (weighted or not); infinite where not identifiable."""
 
 
 class Planned(Shown):
@@ -195,7 +188,7 @@ class Planned(Shown):
     def rows(self) -> list[dict[str, object]]:
         """The stops in their order: name, whether passed through only, joints [deg, mm]."""
         robot = self.model.robot
-        columns = joint_columns(robot.n, robot.slides)
+        columns = joint_columns(robot.n, robot.external)
         return [
             {"name": name, "via": via} | dict(zip(columns, robot.shown(q).tolist(), strict=True))
             for name, q, via in self.stops

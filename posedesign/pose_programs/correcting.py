@@ -67,28 +67,24 @@ _SAME_TOOL_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CorrectedProgram:
-    """A program with corrected positions.
-
-    ``data``: content of the file; empty where a position cannot be corrected: nothing is written
-    then. ``program``: as it was. ``corrected`` (M,): which of its positions were to be corrected; M
-    may be less than all. ``reasons``: why each of these cannot be corrected; empty where it is.
-    ``moved_m`` (M,): how far off the tool point stands without the correction [m]; NaN where the
-    arm as described does not reach it. ``error_m`` (M,): how far off it stands with it [m].
-    ``written_m`` (M,): the same with the numbers as they stand in the file, rounded [m]; none where
-    nothing is written. ``simulated``: what is to be said first where the errors are those of a
-    simulated robot.
-    """
+    """A program with corrected positions."""
 
     data: bytes
-    program: RecordedProgram
+    """Content of the file; empty where a position cannot be corrected: nothing is written then."""
+    program: RecordedProgram  # as it was
     corrected: tuple[int, ...]
-    reasons: tuple[str, ...]
+    """(M,): which of its positions were to be corrected; M may be less than all."""
+    reasons: tuple[str, ...]  # why each of these cannot be corrected; empty where it is
     moved_m: FloatArray
-    error_m: FloatArray
+    """(M,): how far off the tool point stands without the correction [m]; NaN where the arm as
+    described does not reach it."""
+    error_m: FloatArray  # (M,): how far off it stands with it [m]
     written_m: FloatArray
+    """(M,): the same with the numbers as they stand in the file, rounded [m]; none where nothing is
+    written."""
     notes: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
-    simulated: str = ""
+    simulated: str = ""  # what is to be said first where the errors are those of a simulated robot
 
     @property
     def ok(self) -> bool:
@@ -149,6 +145,13 @@ def correct_program(
     program without anything to correct, a model that says nothing of the arm. OutputError: the
     program itself, or another file that is not to be replaced, is in the way.
     """
+    if cell.robot.external.positioner:
+        raise InputError(
+            f"{cell.robot.joint_names[0]} turns what is measured: programs with such axes are "
+            "not corrected",
+            hint="correct the description, or hold it where it is: robot.held_deg",
+            name=cell.robot.joint_names[0],
+        )
     results = Results.of(out, "correct")
     if identity_of(results.folder) == identity_of(path.parent):
         raise InputError(
@@ -445,7 +448,7 @@ def _reason(
     if found.reasons[k]:
         return found.reasons[k]
     turned = np.abs(found.postures[k] - found.nominal[k])
-    if turned[: arm.slides].any():
+    if turned[: arm.n_external].any():
         return f"{arm.joint_names[-1]} would have to move, and in a program it keeps its place"
     j = int(np.argmax(turned))
     if turned[j] > MOST_TURNED_RAD:

@@ -64,41 +64,30 @@ _DESCRIBED = "tool as described"
 
 @dataclass(frozen=True, eq=False)
 class CorrectedTool:
-    """The point of the tool that is to stand where it should.
+    """The point of the tool that is to stand where it should."""
 
-    ``index``: of the tool in the model. ``parameters``: names of those that place it; none where it
-    is taken as described. ``said``: what is to be known of the choice; empty where it is the cell's
-    own tool, as identified.
-    """
-
-    index: int
-    parameters: tuple[str, ...]
+    index: int  # of the tool in the model
+    parameters: tuple[str, ...]  # names of those that place it; none where it is taken as described
     said: str
+    """What is to be known of the choice; empty where it is the cell's own tool, as identified."""
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """One way to use what was identified.
-
-    ``values``: model, parameters and their covariance [SI]. ``expected``: over the task box.
-    ``tool_m`` (3,): the tool point that goes with it, in tip axes [m].
-    """
+    """One way to use what was identified."""
 
     name: str
-    values: Carried
-    expected: ErrorToExpect
-    tool_m: FloatArray
+    values: Carried  # model, parameters and their covariance [SI]
+    expected: ErrorToExpect  # over the task box
+    tool_m: FloatArray  # (3,): the tool point that goes with it, in tip axes [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Routes:
-    """All ways, the best one first, and the arm as it is.
-
-    ``where``: which box, in words.
-    """
+    """All ways, the best one first, and the arm as it is."""
 
     routes: tuple[Route, ...]
-    where: str
+    where: str  # which box, in words
     tool: CorrectedTool
 
     def __getitem__(self, name: str) -> Route:

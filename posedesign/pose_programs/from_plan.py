@@ -72,7 +72,8 @@ def arm_of(cell: Cell) -> Arm:
     arm = Arm.of(cell.robot, T_world_user, _frame(tool), load)
     if section.world is None:
         return arm
-    if not cell.robot.slides or arm.maker not in WORLD_STANDS:
+    external = cell.robot.external
+    if external.positioner or not external.slides or arm.maker not in WORLD_STANDS:
         raise InputError(
             "program.world is of an arm that slides carry, and of a controller of "
             f"{' or '.join(WORLD_STANDS)}",
@@ -154,29 +155,26 @@ def check_recorded_frames(
 
 @dataclass(frozen=True)
 class WrittenProgram:
-    """A robot program on disk, checked.
+    """A robot program on disk, checked."""
 
-    ``paths``: those with the positions first. ``poses``: that are measured. ``problems``: what the
-    strict validator objects to; empty is good. ``largest_rounding_deg``: largest joint difference
-    between the plan and what is read back from the program. ``c_g``, ``c_g_rounded``: of the poses
-    as planned, and as they stand in the program; None without a cell. ``note``: what the program
-    takes for granted; empty for nothing. ``not_checked``, ``forced``: what nobody looked at, and
-    poses written although they break a constraint; both stand in the head of the program.
-    ``simulated``, ``made_from``: the files that it was made from, those of a simulated robot apart;
-    the same.
-    """
-
-    paths: tuple[Path, ...]
-    poses: int
-    problems: tuple[str, ...]
+    paths: tuple[Path, ...]  # those with the positions first
+    poses: int  # that are measured
+    problems: tuple[str, ...]  # what the strict validator objects to; empty is good
     largest_rounding_deg: float
+    """Largest joint difference between the plan and what is read back from the program."""
     c_g: float | None = None
     c_g_rounded: float | None = None
-    note: str = ""
+    """c_g, c_g_rounded: of the poses as planned, and as they stand in the program; None without a
+    cell."""
+    note: str = ""  # what the program takes for granted; empty for nothing
     not_checked: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
+    """not_checked, forced: what nobody looked at, and poses written although they break a
+    constraint; both stand in the head of the program."""
     simulated: tuple[str, ...] = ()
     made_from: tuple[str, ...] = ()
+    """simulated, made_from: the files that it was made from, those of a simulated robot apart; the
+    same."""
 
     @property
     def warning(self) -> str:

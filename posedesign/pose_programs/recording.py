@@ -45,19 +45,17 @@ def check_recorded(cell: Cell, plan: PoseList) -> None:
 
 @dataclass(eq=False)
 class Recording:
-    """The touch-ups of a plan so far, and the file that they are kept in.
-
-    ``rows``: by column, in the order of arrival; those of an earlier start first, as they are.
-    ``by_hand``: that rows of an earlier start stood in a file that was changed since it was
-    written, in words that the file then says; empty where none did.
-    """
+    """The touch-ups of a plan so far, and the file that they are kept in."""
 
     cell: Cell
     plan: PoseList
     file: Claim
     columns: list[str]
     rows: list[dict[str, object]]
+    """By column, in the order of arrival; those of an earlier start first, as they are."""
     by_hand: str = ""
+    """That rows of an earlier start stood in a file that was changed since it was written, in words
+    that the file then says; empty where none did."""
 
     @classmethod
     def resume(cls, cell: Cell, plan: PoseList, file: Claim) -> Recording:
@@ -65,7 +63,7 @@ class Recording:
 
         Raises FileFormatError: what is in the file cannot be read.
         """
-        columns = ["target", *joint_columns(cell.robot.n, cell.robot.slides), "pose"]
+        columns = ["target", *joint_columns(cell.robot.n, cell.robot.external), "pose"]
         if not cell.is_plain:
             columns += ["kind", "tool", "payload"]
         rows: list[dict[str, object]] = []
@@ -77,7 +75,7 @@ class Recording:
         ):
             loads = [load.name for load in cell.config.payload]
             read_measurements(
-                file.path, cell.robot.n, slides=cell.robot.slides, payloads=loads
+                file.path, cell.robot.n, external=cell.robot.external, payloads=loads
             )  # says what is wrong in it
             table = read_table(file.path)
             columns += [column for column in table.columns if column not in columns]
@@ -126,7 +124,10 @@ class Recording:
             raise InputError(f"{name} came with {len(shown_rad)} joints, the robot has {arm.n}")
         q = arm.postures(np.degrees(shown_rad))[None]
         untouched = (planned, stopping_short(self.cell, self.plan).postures[[number - 1]])
-        if any(is_unmoved(q, at, np.deg2rad(UNMOVED_DEG), 0)[0] for at in untouched):
+        if any(
+            is_unmoved(q, at, np.deg2rad(UNMOVED_DEG), self.cell.robot.sliding)[0]
+            for at in untouched
+        ):
             raise InputError(f"{name} stands as planned: it was not touched up")
         doubts = outside_limits(self.cell, [name], q)
         doubts += off_target(self.cell, [name], q, NEAR_TARGET_M)

@@ -137,21 +137,17 @@ def rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """Touch-ups that came back.
+    """Touch-ups that came back."""
 
-    ``touch_ups``: named after the poses of the plan. ``moved_mm`` (N,): how far the touch-up moved
-    the tool point of the nominal arm; NaN without a plan. ``untouched``: poses that stand as
-    planned. ``missing``: poses of the plan that the files do not have. ``doubtful``: whether
-    something in it can hardly be right: a posture outside the limits, a tool point far from the
-    target, a pose that stands nearer to another one of the plan.
-    """
-
-    touch_ups: Measurements
+    touch_ups: Measurements  # named after the poses of the plan
     moved_mm: FloatArray
-    untouched: tuple[str, ...]
-    missing: tuple[str, ...]
+    """(N,): how far the touch-up moved the tool point of the nominal arm; NaN without a plan."""
+    untouched: tuple[str, ...]  # poses that stand as planned
+    missing: tuple[str, ...]  # poses of the plan that the files do not have
     warnings: tuple[str, ...]
     doubtful: bool
+    """Whether something in it can hardly be right: a posture outside the limits, a tool point far
+    from the target, a pose that stands nearer to another one of the plan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +204,7 @@ def import_touch_ups(
     unmoved = np.zeros(len(q), dtype=bool)
     if plan is not None:  # a list has the poses themselves, a program where it stops before them
         for own in (planned, _planned(names, q, stopping_short(cell, plan))):
-            unmoved |= is_unmoved(q, own, unmoved_rad, cell.robot.slides)
+            unmoved |= is_unmoved(q, own, unmoved_rad, cell.robot.sliding)
     kept = np.flatnonzero(~unmoved | keep_untouched)
     if not len(kept):
         raise InputError(
@@ -309,7 +305,7 @@ def _positions(
     chosen = _dialect(cell, path, dialect)
     if chosen is None:
         listed = read_poses(
-            path, cell.robot.n, slides=cell.robot.slides, controller=cell.robot.controller
+            path, cell.robot.n, external=cell.robot.external, controller=cell.robot.controller
         )
         _check_plan(path, listed.fingerprint_written, plan, warnings)
         measured = listed.measured
@@ -404,20 +400,22 @@ def _of_program(
     q = postures_of(positions, dialect.seen(arm_of(cell)), near)
     if near is not None and not program.fingerprint:
         check_near_plan(cell, names, q, near, path)
-    warnings += _not_described(positions, cell.robot.slides, path)
+    warnings += _not_described(positions, cell.robot.n_external, path)
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
     step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0
     return _Positions(names, q, unmoved, step)
 
 
-def _not_described(positions: Sequence[RecordedPosition], slides: int, path: Path) -> list[str]:
+def _not_described(positions: Sequence[RecordedPosition], known: int, path: Path) -> list[str]:
     """Which external axes stand where in all positions, and are not in the description."""
+    values, units = positions[0].external_mm, positions[0].external_units or ("",) * 99
     return [
-        f"{path}: E{k} stands at {value:g} mm in all positions and is not in the robot's "
-        "description: taken to have stood there in all that was measured"
-        for k, value in enumerate(positions[0].external_mm[slides:], start=slides + 1)
-        if abs(value) > EXTERNAL_AT_REST
+        f"{path}: E{k + 1} stands at {values[k]:g} {units[k]}".rstrip()
+        + " in all positions and is not in the robot's description: taken to have stood there in "
+        "all that was measured"
+        for k in range(known, len(values))
+        if abs(values[k]) > EXTERNAL_AT_REST
     ]
 
 
@@ -440,12 +438,12 @@ def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> Floa
 
 
 def is_unmoved(
-    q: FloatArray, planned: FloatArray, within_rad: FloatArray | float, slides: int
+    q: FloatArray, planned: FloatArray, within_rad: FloatArray | float, sliding: BoolArray
 ) -> BoolArray:
     """Whether postures ``(N, n)`` are those of the plan but for rounding ``(N,)`` [rad], ``(N,)``.
 
-    ``slides``: how many of the joints, the first ones, slide.
+    ``sliding`` (n,): which joints slide.
     """
     off = np.abs(q - planned)
-    turning = off[:, slides:].max(axis=1) <= within_rad
-    return np.asarray(turning & (off[:, :slides] <= UNMOVED_M).all(axis=1))
+    turning = off[:, ~sliding].max(axis=1) <= within_rad
+    return np.asarray(turning & (off[:, sliding] <= UNMOVED_M).all(axis=1))

@@ -118,15 +118,12 @@ class JointDialect(Dialect, ABC):
 
 @dataclass
 class Notes:
-    """What the remarks of a program say of its plan.
+    """What the remarks of a program say of its plan."""
 
-    ``mark``: None: it is of no plan. ``names``: names of poses by number. ``rows``: lines of the
-    remarks that name them, and the numbers.
-    """
-
-    mark: PlanMark | None = None
-    names: dict[int, str] = field(default_factory=dict)
+    mark: PlanMark | None = None  # None: it is of no plan
+    names: dict[int, str] = field(default_factory=dict)  # names of poses by number
     rows: dict[int, int] = field(default_factory=dict)
+    """Lines of the remarks that name them, and the numbers."""
 
     def take(self, row: int, text: str) -> None:
         """Take what a remark says."""
@@ -203,12 +200,9 @@ def in_moves(
 
 @dataclass
 class Standing:
-    """Whether the arm stands, and for how long, where a step begins.
+    """Whether the arm stands, and for how long, where a step begins."""
 
-    ``words``: what a language calls the stop and the wait.
-    """
-
-    words: tuple[str, str]
+    words: tuple[str, str]  # what a language calls the stop and the wait
     moves: bool = False
     waited: bool = True
 

@@ -78,17 +78,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Statement:
-    """What one line says.
+    """What one line says."""
 
-    ``row``: line of the file where it begins, counted from 1. ``text``: as it stands there.
-    ``tree``: what the grammar makes of it; a tree of the name ``fault`` where nothing. ``fault``:
-    what is wrong with it, in words; empty for nothing.
-    """
-
-    row: int
-    text: str
-    tree: Tree[Token]
-    fault: str = ""
+    row: int  # line of the file where it begins, counted from 1
+    text: str  # as it stands there
+    tree: Tree[Token]  # what the grammar makes of it; a tree of the name ``fault`` where nothing
+    fault: str = ""  # what is wrong with it, in words; empty for nothing
 
     @property
     def kind(self) -> str:

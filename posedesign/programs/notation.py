@@ -86,15 +86,12 @@ VECTOR = Turn(3, rotation_exp, _vector, in_deg=False)
 
 @dataclass(frozen=True)
 class Literal:
-    """A number as it stands in a text; ``before`` and ``after``: what it has to be put between.
-
-    ``scale``: its value over that of the number, where a function stands around it.
-    """
+    """A number as it stands in a text; ``before`` and ``after``: what it has to be put between."""
 
     start: int
     end: int
     text: str
-    scale: float = 1.0
+    scale: float = 1.0  # its value over that of the number, where a function stands around it
     before: str = ""
     after: str = ""
 
@@ -120,32 +117,21 @@ def literals_of(text: str) -> Iterator[Literal]:
 
 @dataclass(frozen=True, eq=False)
 class Notation:
-    """How a dialect writes the numbers of a position.
-
-    Attributes
-    ----------
-    joint, place, turned : int
-        Decimals that are written at least, of joint values, coordinates and rotations.
-    joint_units : float or array (n,)
-        Number in the file over the joint value in degrees; with 0 decimals numbers are whole.
-    place_unit : float
-        Number in the file over the coordinate in metres.
-    turn : Turn
-        The rotation.
-    literals : callable
-        All numbers of a text that can be a position's, in their order.
-    counts_at : int
-        Where the numbers that count turns begin, from the first one of a pose on; 0: nowhere.
-    repeated : bool
-        Whether a position can stand there again before the next one: the arm stands at it.
-    """
+    """How a dialect writes the numbers of a position."""
 
     joint: int = 6
     place: int = 4
     turned: int = 5
+    """joint, place, turned: decimals that are written at least, of joint values, coordinates and
+    rotations."""
     joint_units: float | FloatArray = 1.0
-    place_unit: float = 1e3
-    turn: Turn = WPR
+    """(n,): number in the file over the joint value in degrees; with 0 decimals numbers are
+    whole."""
+    place_unit: float = 1e3  # number in the file over the coordinate in metres
+    turn: Turn = WPR  # the rotation
     literals: Callable[[str], Iterator[Literal]] = literals_of
+    """All numbers of a text that can be a position's, in their order."""
     counts_at: int = 0
+    """Where the numbers that count turns begin, from the first one of a pose on; 0: nowhere."""
     repeated: bool = False
+    """Whether a position can stand there again before the next one: the arm stands at it."""

@@ -65,20 +65,15 @@ _FIRST_REGISTER = re.compile(r"\w+[\[{](\d{1,6})[\]}] IS P(\d{1,6})\s*", re.ASCI
 
 @dataclass
 class Numbering:
-    """How a program numbers its positions, and what its comments say of them.
+    """How a program numbers its positions, and what its comments say of them."""
 
-    ``numbered``: of whole names with a number, which is its first group: ``XP3``. ``element``: of
-    whole names of the elements of the array that keeps touched-up positions: ``XM[3]``. ``mark``:
-    the plan it was written from. ``names``: names of the planned poses by number.
-    ``first_register``: element of the array, and number of the pose that it keeps; None:
-    there is no array.
-    """
-
-    numbered: re.Pattern[str]
+    numbered: re.Pattern[str]  # of whole names with a number, which is its first group: ``XP3``
     element: re.Pattern[str]
-    mark: PlanMark | None = None
-    names: dict[int, str] = field(default_factory=dict)
+    """Of whole names of the elements of the array that keeps touched-up positions: ``XM[3]``."""
+    mark: PlanMark | None = None  # the plan it was written from
+    names: dict[int, str] = field(default_factory=dict)  # names of the planned poses by number
     first_register: tuple[int, int] | None = None
+    """Element of the array, and number of the pose that it keeps; None: there is no array."""
 
     def take(self, remark: str) -> bool:
         """Take what a comment says, if it is of this."""

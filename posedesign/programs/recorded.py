@@ -74,7 +74,9 @@ class RecordedPosition:
     joint_names : tuple of str
         Joints of ``shown_deg`` in their order, where the file names them.
     external_mm : tuple of float
-        Values of linear external axes beside the joints, E1 first [mm].
+        Values of external axes beside the joints, E1 first [mm]; of those that turn [deg].
+    external_units : tuple of str
+        Units of these, where the file gives them.
     carried : mapping of int to FileFormatError
         What says that an external axis stands elsewhere than in the first position, by its index
         from 0 on. Raised for an arm that has no such axis in its description.
@@ -92,6 +94,7 @@ class RecordedPosition:
     T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     external_mm: tuple[float, ...] = ()
+    external_units: tuple[str, ...] = ()
     carried: Mapping[int, FileFormatError] = field(default_factory=dict)
 
     @property
@@ -173,9 +176,9 @@ def postures_of(
     UnreachableError
         No posture takes a stored pose.
     """
-    for error in (e for p in positions for k, e in p.carried.items() if k >= arm.slides):
+    for error in (e for p in positions for k, e in p.carried.items() if k >= arm.n_external):
         raise error
-    if arm.slides:
+    if arm.n_external:
         positions = tuple(_with_external(position, arm) for position in positions)
     out = np.empty((len(positions), arm.n))
     at_joints = [i for i, p in enumerate(positions) if p.shown_deg is not None]
@@ -198,38 +201,47 @@ def postures_of(
             [positions[i].configuration for i in posed],
             None if near is None else near[posed],
             [positions[i].label for i in posed],
-            np.array([positions[i].external_mm[: arm.slides] for i in posed]) / 1e3
-            if arm.slides
+            np.array([positions[i].external_mm[: arm.n_external] for i in posed]) / 1e3
+            if arm.n_external
             else None,
         )
     return out
 
 
 def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
-    """A position with the values of the slides that carry the arm behind those of its joints."""
-    shown, slides = position.shown_deg, arm.slides
+    """A position with the values of external axes behind those of the arm's joints."""
+    shown, units = position.shown_deg, arm.external_units
     if shown is None and not arm.world_stands:
         raise InputError(
             f"{position.label} is a pose, and where an external axis has the arm is not in it",
             hint="record joint positions; of a KUKA or an ABB set program.world",
             name=position.label,
         )
-    if (
-        shown is not None and position.joint_names
-    ):  # a file that names its joints has them all, in SI
-        slide = np.isin(position.joint_names, arm.joint_names[-slides:])
+    if shown is not None and position.joint_names:
+        # a file that names its joints has them all, in SI
+        own = zip(arm.joint_names[-len(units) :], units, strict=True)
+        slide = np.isin(position.joint_names, [name for name, unit in own if unit == "mm"])
         return replace(position, shown_deg=np.where(slide, 1e3 * np.deg2rad(shown), shown))
-    if len(position.external_mm) < slides:
+    missing = len(position.external_mm)
+    if missing < len(units):
         raise InputError(
-            f"{position.label} has no value [mm] of E{len(position.external_mm) + 1}, which "
-            "carries the arm",
+            f"{position.label} has no value [{units[missing]}] of E{missing + 1}, which "
+            + ("carries the arm" if units[missing] == "mm" else "turns what is measured"),
             hint="record it with its external axes; of encoder pulses, give pulses_per_mm",
             name=position.label,
         )
+    for k, (unit, wanted) in enumerate(zip(position.external_units, units, strict=False)):
+        if unit != wanted:
+            raise InputError(
+                f"{position.label}: E{k + 1} is in {unit or 'no unit'}, and the description's "
+                f"{arm.joint_names[k - len(units)]} in {wanted}",
+                hint="are the external axes of the controller those of the description?",
+                name=position.label,
+            )
     if shown is None:
         return position
-    turning = shown[: arm.n - slides]  # formats for any arm cannot say where its joints end
-    return replace(position, shown_deg=np.append(turning, position.external_mm[:slides]))
+    joints = shown[: arm.n - len(units)]  # formats for any arm cannot say where its joints end
+    return replace(position, shown_deg=np.append(joints, position.external_mm[: len(units)]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

@@ -35,15 +35,11 @@ MOST_PARTS = 99
 
 @dataclass(frozen=True)
 class SetMark:
-    """What a file of a program says of its plan and of its set.
+    """What a file of a program says of its plan and of its set."""
 
-    ``plan``: fingerprint of the plan. ``files``: number of files of the set; None where the file
-    names none. ``digest``: of the set; empty where the file names none.
-    """
-
-    plan: str
-    files: int | None = None
-    digest: str = ""
+    plan: str  # fingerprint of the plan
+    files: int | None = None  # number of files of the set; None where the file names none
+    digest: str = ""  # of the set; empty where the file names none
 
     def __str__(self) -> str:
         return f"plan {self.plan}" + f", set {self.digest}" * bool(self.digest)

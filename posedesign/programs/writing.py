@@ -39,18 +39,13 @@ def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class NameRule:
-    """What a controller takes for a name.
+    """What a controller takes for a name."""
 
-    ``what``: for messages: "a FANUC program name". ``length``: most characters. ``small``: whether
-    small letters are legal. ``stand_in``: a legal name, where nothing of the one given can be kept.
-    ``reserved``: words of the language, in capitals, that are no names.
-    """
-
-    what: str
-    length: int
-    small: bool = False
-    stand_in: str = "CALPOSE"
-    reserved: frozenset[str] = frozenset()
+    what: str  # for messages: "a FANUC program name"
+    length: int  # most characters
+    small: bool = False  # whether small letters are legal
+    stand_in: str = "CALPOSE"  # a legal name, where nothing of the one given can be kept
+    reserved: frozenset[str] = frozenset()  # words of the language, in capitals, that are no names
 
     def is_legal(self, name: str) -> bool:
         """Whether a name is a letter and then letters, digits and underscores, not too long."""
@@ -311,7 +306,7 @@ def check_call(
 def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     """Joint values ``(N, n)`` [deg] of poses as the controller shows them, each within +-720.
 
-    Those of external axes [mm] stand behind them.
+    Those of external axes [mm, deg] stand behind them.
 
     Raises InputError: a joint value is beyond, with its pose and joint, or the arm has other
     joints.
@@ -319,26 +314,26 @@ def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     listed = list(poses)
     postures = np.stack([pose.posture_rad for pose in listed])
     # The description's values first: far larger ones would overflow when they become degrees.
-    sliding = np.arange(postures.shape[1]) < arm.slides
+    sliding = arm.controller.external.slides_of(postures.shape[1])
     most = np.where(sliding, MOST_POSITION_MM, MOST_JOINT_DEG)
     too_far = np.abs(postures) > np.where(sliding, most / 1e3, np.radians(most))
     if not too_far.any():
         shown = arm.shown(postures)
-        too_far = np.roll(np.abs(shown), arm.slides, axis=1) > most
+        too_far = np.abs(shown)[:, np.argsort(arm.order)] > most
         if not too_far.any():
             return shown
     i, j = (int(k) for k in np.argwhere(too_far)[0])
+    label = arm.controller.external.labels(postures.shape[1])[j]
     if sliding[j]:
         raise InputError(
-            f"pose {listed[i].name!r}: E{j + 1} is beyond +-{MOST_POSITION_MM:g} mm",
+            f"pose {listed[i].name!r}: {label} is beyond +-{MOST_POSITION_MM:g} mm",
             hint="postures have slides in metres, and no rail is as long",
             name=listed[i].name,
         )
-    j -= arm.slides
     raise InputError(
-        f"pose {listed[i].name!r}: J{j + 1} is beyond +-{MOST_JOINT_DEG:g} deg",
+        f"pose {listed[i].name!r}: {label} is beyond +-{MOST_JOINT_DEG:g} deg",
         hint="postures are in radians, and no arm turns so far",
         name=listed[i].name,
-        value=float(postures[i, j + arm.slides]),
+        value=float(postures[i, j]),
         bound=float(np.radians(MOST_JOINT_DEG)),
     )

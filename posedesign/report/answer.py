@@ -84,26 +84,18 @@ class Line:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a step found, the most important first.
+    """What a step found, the most important first."""
 
-    ``verdict``: whether it did what was asked for, in a sentence. ``figures``: what matters most,
-    by its name: ``{"tool point": "0.14 mm rms"}``. ``warnings``: what may be wrong with it, the
-    most important first. ``not_checked``: what nobody looked at. ``notes``: what is good to know of
-    the cell and the files. ``details``: more of the result, for who asks for the tables. ``files``:
-    paths that were written. ``then``: the next command. ``first``: what is to be said before all
-    else: that a robot was simulated.
-    """
-
-    verdict: str
-    figures: Mapping[str, str]
-    warnings: Sequence[str] = ()
-    not_checked: Sequence[str] = ()
-    notes: Sequence[str] = ()
-    details: Sequence[str] = ()
+    verdict: str  # whether it did what was asked for, in a sentence
+    figures: Mapping[str, str]  # what matters most, by its name: ``{"tool point": "0.14 mm rms"}``
+    warnings: Sequence[str] = ()  # what may be wrong with it, the most important first
+    not_checked: Sequence[str] = ()  # what nobody looked at
+    notes: Sequence[str] = ()  # what is good to know of the cell and the files
+    details: Sequence[str] = ()  # more of the result, for who asks for the tables
     tables: Sequence[Table] = ()
-    files: Sequence[str] = ()
-    then: str = ""
-    first: str = ""
+    files: Sequence[str] = ()  # paths that were written
+    then: str = ""  # the next command
+    first: str = ""  # what is to be said before all else: that a robot was simulated
 
     def all_lines(self) -> list[Line]:
         """Everything but the tables."""

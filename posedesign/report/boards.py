@@ -37,21 +37,15 @@ _MM_PER_INCH, _POINTS_PER_INCH = 25.4, 72.0
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A board on a sheet of paper; all in mm from its left upper corner.
-
-    ``width_mm``, ``height_mm``: of the sheet. ``rectangles`` (M, 4): left, top, right and bottom of
-    what is black. ``discs`` (D, 3): centre and radius of what is black and round. ``cut_out`` (C,
-    4): left, top, right and bottom of what is white in it. ``lines`` (L, 4): of the ruler, from x,
-    y to x, y. ``texts``: where each line of text begins, and the text.
-    """
+    """A board on a sheet of paper; all in mm from its left upper corner."""
 
     width_mm: float
-    height_mm: float
-    rectangles: FloatArray
-    discs: FloatArray
-    cut_out: FloatArray
-    lines: FloatArray
-    texts: tuple[tuple[float, float, str], ...]
+    height_mm: float  # width_mm, height_mm: of the sheet
+    rectangles: FloatArray  # (M, 4): left, top, right and bottom of what is black
+    discs: FloatArray  # (D, 3): centre and radius of what is black and round
+    cut_out: FloatArray  # (C, 4): left, top, right and bottom of what is white in it
+    lines: FloatArray  # (L, 4): of the ruler, from x, y to x, y
+    texts: tuple[tuple[float, float, str], ...]  # where each line of text begins, and the text
 
     @classmethod
     def of(cls, board: Board, page: str = "a4") -> Sheet:

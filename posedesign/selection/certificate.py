@@ -38,32 +38,27 @@ _MOST_STEPS = 100
 
 @dataclass(frozen=True, eq=False)
 class Smooth:
-    """Cost of weighted candidates, and the derivatives of its logarithm.
-
-    ``Z`` (p, p): less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a
-    candidate lowers the logarithm. ``curvature`` (n, n): second derivatives by the weights.
-    ``weights_of_functions`` (K,): of the functions of the parameters of which the largest counts.
-    """
+    """Cost of weighted candidates, and the derivatives of its logarithm."""
 
     cost: float
     Z: FloatArray
-    curvature: FloatArray
+    """(p, p): less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a candidate
+    lowers the logarithm."""
+    curvature: FloatArray  # (n, n): second derivatives by the weights
     weights_of_functions: FloatArray | None = None
+    """(K,): of the functions of the parameters of which the largest counts."""
 
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """The best that fractions of candidates can be.
+    """The best that fractions of candidates can be."""
 
-    ``weights`` (N,): from 0 to 1; their sum is the number of poses. ``cost``: of these weights.
-    ``certificate``: proof that no weights, and so no choice, cost less than ``bound``; None where
-    the bound is put together from several, or where all choices were tried: the weights are then
-    those of the best.
-    """
-
-    weights: FloatArray
-    cost: float
+    weights: FloatArray  # (N,): from 0 to 1; their sum is the number of poses
+    cost: float  # of these weights
     certificate: Certificate | None
+    """Proof that no weights, and so no choice, cost less than ``bound``; None where the bound is
+    put together from several, or where all choices were tried: the weights are then those of the
+    best."""
     bound: float
 
     @property
@@ -89,17 +84,12 @@ class Certificate(ABC):
 
 @dataclass(frozen=True, eq=False)
 class MeanCertificate(Certificate):
-    """Proof for a mean variance.
+    """Proof for a mean variance."""
 
-    ``Z`` (p, p): any positive semidefinite matrix [scaled parameters]. ``K`` (p, k): combinations
-    of interest. ``order``: of the mean: 0 geometric, 1 arithmetic, infinite: the largest.
-    ``total``: the cost is the sum of the variances in place of their mean.
-    """
-
-    Z: FloatArray
-    K: FloatArray
-    order: float
-    total: bool = False
+    Z: FloatArray  # (p, p): any positive semidefinite matrix [scaled parameters]
+    K: FloatArray  # (p, k): combinations of interest
+    order: float  # of the mean: 0 geometric, 1 arithmetic, infinite: the largest
+    total: bool = False  # the cost is the sum of the variances in place of their mean
 
     def bound(self, candidates: Candidates, count: int) -> float:
         return self.bound_by(candidates, partial(sum_of_largest, count=count))
@@ -130,17 +120,16 @@ class MeanCertificate(Certificate):
 
 @dataclass(frozen=True, eq=False)
 class ConditionCertificate(Certificate):
-    """Proof for the ratio of extreme eigenvalues of the information, its parameters rescaled.
-
-    ``Y``, ``Z`` (p, p): any positive semidefinite matrices: near the directions of least and of
-    most information. ``lowest``, ``highest`` (p,): between which the squares of the scales of the
-    parameters lie, whatever is chosen.
-    """
+    """Proof for the ratio of extreme eigenvalues of the information, its parameters rescaled."""
 
     Y: FloatArray
     Z: FloatArray
+    """Y, Z (p, p): any positive semidefinite matrices: near the directions of least and of most
+    information."""
     lowest: FloatArray
     highest: FloatArray
+    """lowest, highest (p,): between which the squares of the scales of the parameters lie, whatever
+    is chosen."""
     root: bool = False
 
     def bound(self, candidates: Candidates, count: int) -> float:

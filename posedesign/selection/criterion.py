@@ -31,21 +31,17 @@ FIRST_BATCH, LARGEST_BATCH = 32, 1024
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """What is made best.
-
-    ``title``: in words. ``smaller_is_better``: of the value that is shown. ``on``: the objective
-    that it comes to on a pool. ``shown``, ``cost_of``: from the cost to the value that people know
-    the criterion by, and back. ``falls_with_poses``: more poses never cost more: of variances, not
-    of condition numbers.
-    """
+    """What is made best."""
 
     name: str
-    title: str
-    smaller_is_better: bool
-    on: Callable[[Candidates], Objective]
+    title: str  # in words
+    smaller_is_better: bool  # of the value that is shown
+    on: Callable[[Candidates], Objective]  # the objective that it comes to on a pool
     shown: Callable[[float], float]
     cost_of: Callable[[float], float]
+    """shown, cost_of: from the cost to the value that people know the criterion by, and back."""
     falls_with_poses: bool = True
+    """More poses never cost more: of variances, not of condition numbers."""
 
 
 class Objective(ABC):

@@ -40,22 +40,14 @@ class LinearLimit(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a choice has to keep.
+    """What a choice has to keep."""
 
-    Attributes
-    ----------
-    rows : array (K, N)
-    lower, upper : array (K,)
-        Of the sums ``rows @ times``; infinite where there is no limit.
-    least, most : array (N,)
-        Times that each candidate is measured.
-    """
-
-    rows: FloatArray
+    rows: FloatArray  # (K, N)
     lower: FloatArray
     upper: FloatArray
+    """lower, upper (K,): of the sums ``rows @ times``; infinite where there is no limit."""
     least: FloatArray
-    most: FloatArray
+    most: FloatArray  # least, most (N,): times that each candidate is measured
 
     @classmethod
     def of(

@@ -42,48 +42,40 @@ Advance = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Finding:
-    """What the draws of one pose set gave for one quantity by one estimator.
-
-    ``truth``: ``deflecting``: reducers give way under gravity, which constant offsets cannot
-    follow. ``rigid``: the model that is identified is the true one. ``d_w_deg``, ``d_p_deg``,
-    ``d_r_deg``: variation of the pose set. ``estimator``: ``touch-up weighted``, ``touch-up
-    unweighted``, ``view line``, ``uncalibrated``, or a solver, with ``, identified arm`` where A
-    was computed with the identified offsets. ``predicted_sigma``: from the covariance, before any
-    draw; NaN where there is none. ``spread``, ``spread_low``, ``spread_high``: standard deviation
-    over the draws with its 95 % interval; NaN for errors that have no sign. ``error_median``,
-    ``error_p95``: of the absolute error against the truth. ``draws``, ``failed``: draws, and how
-    many of them gave no answer.
-    """
+    """What the draws of one pose set gave for one quantity by one estimator."""
 
     truth: str
+    """``deflecting``: reducers give way under gravity, which constant offsets cannot follow.
+    ``rigid``: the model that is identified is the true one."""
     d_w_deg: float
     d_p_deg: float
-    d_r_deg: float
+    d_r_deg: float  # d_w_deg, d_p_deg, d_r_deg: variation of the pose set
     poses: int
     c_g: float
     cond_2_g: float
     estimator: str
+    """``touch-up weighted``, ``touch-up unweighted``, ``view line``, ``uncalibrated``, or a solver,
+    with ``, identified arm`` where A was computed with the identified offsets."""
     quantity: str
     unit: str
-    predicted_sigma: float
+    predicted_sigma: float  # from the covariance, before any draw; NaN where there is none
     spread: float
     spread_low: float
     spread_high: float
+    """spread, spread_low, spread_high: standard deviation over the draws with its 95 % interval;
+    NaN for errors that have no sign."""
     error_median: float
-    error_p95: float
+    error_p95: float  # error_median, error_p95: of the absolute error against the truth
     draws: int
-    failed: int
+    failed: int  # draws, failed: draws, and how many of them gave no answer
 
 
 @dataclass(frozen=True)
 class AccuracyStudy:
-    """All findings, and what could not be studied.
-
-    ``plan``: the loop that the pose sets are from.
-    """
+    """All findings, and what could not be studied."""
 
     findings: tuple[Finding, ...]
-    plan: PosePlan
+    plan: PosePlan  # the loop that the pose sets are from
     draws: int
     seed: int
     notes: tuple[str, ...]

@@ -25,13 +25,11 @@ PLATE_PITCH_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class PlateTest:
-    """The plate as seen by one robot after another: section 3.4 and Fig. 11 of the paper.
-
-    ``postures`` (T, 25, n): joint values with the tool point on each point of the plate, a trial a
-    row [rad].
-    """
+    """The plate as seen by one robot after another: section 3.4 and Fig. 11 of the paper."""
 
     postures: FloatArray
+    """(T, 25, n): joint values with the tool point on each point of the plate, a trial a row
+    [rad]."""
 
     @classmethod
     def measure(cls, robot: SimulatedRobot, rng: np.random.Generator, trials: int) -> PlateTest:

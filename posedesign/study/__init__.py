@@ -5,19 +5,13 @@ that repeats one simulation over a grid of conditions gives :mod:`.grid` its con
 :mod:`.runner` runs them on one machine or a cluster; its results are kept by :mod:`.store`.
 """
 
-from posedesign.study.library import Advance, Options, call, own_folder
-from posedesign.study.runner import Grid, Task, Workers, run_grid
-from posedesign.study.store import Store, read_table
-
-__all__ = [
-    "Advance",
-    "Grid",
-    "Options",
-    "Store",
-    "Task",
-    "Workers",
-    "call",
-    "own_folder",
-    "read_table",
-    "run_grid",
-]
+from posedesign.study.library import Advance as Advance
+from posedesign.study.library import Options as Options
+from posedesign.study.library import call as call
+from posedesign.study.library import own_folder as own_folder
+from posedesign.study.runner import Grid as Grid
+from posedesign.study.runner import Task as Task
+from posedesign.study.runner import Workers as Workers
+from posedesign.study.runner import run_grid as run_grid
+from posedesign.study.store import Store as Store
+from posedesign.study.store import read_table as read_table

@@ -47,18 +47,14 @@ _OF_DAMAGED_TABLES = (ArithmeticError, AttributeError, LookupError, OSError, Typ
 
 @dataclass(frozen=True)
 class Options:
-    """How a study is to be run.
+    """How a study is to be run."""
 
-    ``out``: folder for tables and key figures. ``trials``: in place of the study's own number: a
-    short form. ``restart``: begin anew, whatever results there are. ``advance``: called with what
-    is being done and the part of all work that is done.
-    """
-
-    out: Path
-    trials: int | None = None
+    out: Path  # folder for tables and key figures
+    trials: int | None = None  # in place of the study's own number: a short form
     workers: Workers = field(default_factory=Workers)
-    restart: bool = False
+    restart: bool = False  # begin anew, whatever results there are
     advance: Advance = lambda what, part: None
+    """Called with what is being done and the part of all work that is done."""
 
 
 @dataclass(frozen=True)

@@ -24,18 +24,13 @@ MOST_TASKS = 100_000
 
 @dataclass(frozen=True)
 class Task:
-    """Some trials of one condition: what a worker does at once.
+    """Some trials of one condition: what a worker does at once."""
 
-    ``number``: counted from 0 over the whole grid. ``condition``: plain values that can be sent to
-    another machine. ``first``, ``trials``: the trials of the condition that it does. ``seed``: of
-    the study.
-    """
-
-    number: int
-    condition: Mapping[str, Any]
+    number: int  # counted from 0 over the whole grid
+    condition: Mapping[str, Any]  # plain values that can be sent to another machine
     first: int
-    trials: int
-    seed: int
+    trials: int  # first, trials: the trials of the condition that it does
+    seed: int  # of the study
 
     def rng(self) -> np.random.Generator:
         """Random numbers of the task's own: the same on any worker, in any order."""
@@ -47,16 +42,15 @@ class Task:
 class Grid:
     """All conditions, each with as many trials.
 
-    ``batch``: trials of a task: enough for arrays to pay, and small enough for a task to be lost.
-    It decides which random numbers a trial gets, so it is a number of the study and does not depend
-    on how many workers there are.
-
     Raises InputError: nothing to do.
     """
 
     conditions: Sequence[Mapping[str, Any]]
     trials: int
     batch: int
+    """Trials of a task: enough for arrays to pay, and small enough for a task to be lost. It
+    decides which random numbers a trial gets, so it is a number of the study and does not depend on
+    how many workers there are."""
     seed: int
 
     def __post_init__(self) -> None:
@@ -128,14 +122,11 @@ _TRIES = 3
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does the work.
+    """Who does the work."""
 
-    ``jobs``: processes on this machine. ``scheduler``: address of a Dask scheduler, such as
-    ``tcp://host:8786``; then its workers do it.
-    """
-
-    jobs: int = 1
+    jobs: int = 1  # processes on this machine
     scheduler: str | None = None
+    """Address of a Dask scheduler, such as ``tcp://host:8786``; then its workers do it."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.jobs <= MOST_JOBS:

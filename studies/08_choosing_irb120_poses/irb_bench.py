@@ -41,15 +41,10 @@ class Bench(Pool):
     """A model of the arm, the 36 configurations as a pool, and what was read in them.
 
     The readings have a row for each point of each configuration.
-
-    Attributes
-    ----------
-    common : float
-        Error common to the points of a configuration, over that of each of them.
     """
 
     recorded: Any
-    common: float
+    common: float  # error common to the points of a configuration, over that of each of them
 
     @property
     def count(self) -> int:

@@ -29,19 +29,13 @@ D_OF_ARM = "D of the arm"
 
 @dataclass(frozen=True, eq=False)
 class Everything:
-    """What all configurations together are worth, ``(36,)`` [m²] each.
-
-    Attributes
-    ----------
-    left_out, check_left_out : array
-        Of each configuration, from a fit to the other 35: the points, the check points.
-    in_sample : array
-        From the fit to all 36.
-    """
+    """What all configurations together are worth, ``(36,)`` [m²] each."""
 
     left_out: FloatArray
     check_left_out: FloatArray
-    in_sample: FloatArray
+    """left_out, check_left_out: of each configuration, from a fit to the other 35: the points, the
+    check points."""
+    in_sample: FloatArray  # from the fit to all 36
 
 
 def everything(bench: Bench) -> Everything:

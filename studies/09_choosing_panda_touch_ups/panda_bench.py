@@ -30,18 +30,10 @@ SOCKETS = len(touched.SETTINGS["sockets"])
 
 @dataclass(frozen=True, eq=False)
 class Bench(Pool):
-    """A model, the touch-ups at two sites, and the postures at the one held out.
+    """A model, the touch-ups at two sites, and the postures at the one held out."""
 
-    Attributes
-    ----------
-    q_out : array (M, 7)
-        Postures at the site held out [rad].
-    socket_out : array (M,)
-        Socket that each belongs to.
-    """
-
-    q_out: FloatArray
-    socket_out: IntArray
+    q_out: FloatArray  # (M, 7): postures at the site held out [rad]
+    socket_out: IntArray  # (M,): socket that each belongs to
 
     @cached_property
     def groups(self) -> list[IntArray]:

@@ -57,27 +57,15 @@ class Variant:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a variant came to.
-
-    Attributes
-    ----------
-    measurements, targets : int
-        Touch-ups, and how many targets they touch.
-    minutes, moving_minutes : float
-        Predicted time of the round, and of its moves.
-    rigid : ToolErrors
-        Over the box, of an arm that is as the model has it.
-    deflecting : ToolErrors or None
-        Of one whose reducers give way, where its stiffness is known.
-    """
+    """What a variant came to."""
 
     variant: Variant
     measurements: int
-    targets: int
+    targets: int  # measurements, targets: touch-ups, and how many targets they touch
     minutes: float
-    moving_minutes: float
-    rigid: ToolErrors
-    deflecting: ToolErrors | None
+    moving_minutes: float  # minutes, moving_minutes: predicted time of the round, and of its moves
+    rigid: ToolErrors  # over the box, of an arm that is as the model has it
+    deflecting: ToolErrors | None  # of one whose reducers give way, where its stiffness is known
 
 
 def _without_unused(pool: CandidatePoses) -> CandidatePoses:

@@ -48,22 +48,13 @@ HALVES = "simulation, half against half"
 
 @dataclass(frozen=True, eq=False)
 class Sets:
-    """Sets of poses of one kind.
+    """Sets of poses of one kind."""
 
-    Attributes
-    ----------
-    indices : dict of array (S,)
-        By name.
-    error_m, worst_m : array (S,)
-        Root mean square over the box, and at its worst point [m].
-    halves_m : array (2, S)
-        The first of each half of the trials.
-    """
-
-    indices: dict[str, FloatArray]
+    indices: dict[str, FloatArray]  # (S,): by name
     error_m: FloatArray
     worst_m: FloatArray
-    halves_m: FloatArray
+    """error_m, worst_m (S,): root mean square over the box, and at its worst point [m]."""
+    halves_m: FloatArray  # (2, S): the first of each half of the trials
 
 
 class Bank:

@@ -62,25 +62,16 @@ class PlainRelation(Relation):
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A cell, what looks at its target, and the Jacobian that was measured in it.
-
-    Attributes
-    ----------
-    condition : dict
-        As ``study.toml`` has it, over its base.
-    home : array (n,)
-        Where the target was first touched up [rad]; all is repeated around it.
-    stream : tuple of int
-        Seed of the study and number of the set-up: its random numbers are its own.
-    """
+    """A cell, what looks at its target, and the Jacobian that was measured in it."""
 
     cell: Cell
     true: TrueCell
     observer: Observer
-    condition: dict[str, Any]
+    condition: dict[str, Any]  # as ``study.toml`` has it, over its base
     jacobian: ImageJacobian
-    home: FloatArray
+    home: FloatArray  # (n,): where the target was first touched up [rad]; all is repeated around it
     stream: tuple[int, int]
+    """Seed of the study and number of the set-up: its random numbers are its own."""
 
     @classmethod
     def of(cls, settings: dict[str, Any], condition: dict[str, Any], set_up: int = 0) -> Bench:

@@ -34,16 +34,12 @@ class CircleRelation(Relation):
     """The relation of the middle of the circle, not of the middle of its ellipse.
 
     Focal length and diameter are those that the Jacobian shows: nothing is calibrated besides.
-
-    Attributes
-    ----------
-    normal : tuple of three floats
-        About how the face is turned, in the camera frame.
     """
 
     focal_px: float = 0.0
     diameter_m: float = 0.0
     normal: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    """About how the face is turned, in the camera frame."""
 
     def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
         right, down = self.center_px

@@ -35,38 +35,20 @@ from posedesign.simulation import SimulatedRobot, true_cell, true_observer
 
 @dataclass(frozen=True, eq=False)
 class PoseSet:
-    """What the planner's loop returns for a threshold.
+    """What the planner's loop returns for a threshold."""
 
-    Attributes
-    ----------
-    d_deg : float
-        Variation of W, P and R.
-    postures : array (N, n)
-        [rad]
-    """
-
-    d_deg: float
+    d_deg: float  # variation of W, P and R
     c_g: float
-    postures: FloatArray
+    postures: FloatArray  # (N, n) [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class DataSets:
-    """Touch-ups of T data sets.
+    """Touch-ups of T data sets."""
 
-    Attributes
-    ----------
-    q : array (T, N, n)
-        What the controllers showed [rad].
-    failed : int
-        Data sets that are left out, for a pose was not touched.
-    moves : float
-        Of a touch-up, on average.
-    """
-
-    q: FloatArray
-    failed: int
-    moves: float
+    q: FloatArray  # (T, N, n): what the controllers showed [rad]
+    failed: int  # data sets that are left out, for a pose was not touched
+    moves: float  # of a touch-up, on average
 
     def scatter(self, robot: Robot) -> FloatArray:
         """Standard deviations ``(3,)`` [m] of where touch-ups of a pose end, in the tip's axes.
@@ -86,19 +68,11 @@ class DataSets:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A cell with the truth of one arm.
-
-    Attributes
-    ----------
-    settings : mapping
-        Of the study.
-    noise : MeasurementNoise
-        Of the pictures, which the fast observer draws from.
-    """
+    """A cell with the truth of one arm."""
 
     cell: Cell
-    settings: Mapping[str, Any]
-    noise: MeasurementNoise
+    settings: Mapping[str, Any]  # of the study
+    noise: MeasurementNoise  # of the pictures, which the fast observer draws from
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], truth: Mapping[str, Any]) -> Bench:

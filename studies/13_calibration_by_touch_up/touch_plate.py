@@ -27,19 +27,12 @@ OFFSET = "zero_offset.joint_2"
 
 @dataclass(frozen=True)
 class Estimator:
-    """One way to come from touch-ups to parameters.
-
-    Attributes
-    ----------
-    by_view_line : bool
-        Whether the loop follows the view line only.
-    uses_size : bool
-        Whether all three coordinates go into the identification, or those across the line.
-    """
+    """One way to come from touch-ups to parameters."""
 
     name: str
-    by_view_line: bool = False
+    by_view_line: bool = False  # whether the loop follows the view line only
     uses_size: bool = True
+    """Whether all three coordinates go into the identification, or those across the line."""
     weighted: bool = False
 
 
@@ -55,24 +48,14 @@ paper may have meant by its second."""
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What an estimator makes of the data sets of a pose set.
-
-    Attributes
-    ----------
-    values : array (T, p)
-        [SI]
-        NaN where it has not converged.
-    predicted : array (p,)
-        Standard deviations from the noise [SI].
-    sigma : array (3,)
-        The noise, as touch-ups of one pose repeat each other, in the tip's axes [m].
-    """
+    """What an estimator makes of the data sets of a pose set."""
 
     estimator: Estimator
     model: CalibrationModel
-    values: FloatArray
-    predicted: FloatArray
+    values: FloatArray  # (T, p) [SI]; NaN where it has not converged
+    predicted: FloatArray  # (p,): standard deviations from the noise [SI]
     sigma: FloatArray
+    """(3,): the noise, as touch-ups of one pose repeat each other, in the tip's axes [m]."""
     data: DataSets
 
     @property
@@ -194,22 +177,15 @@ OF_MANY_ARMS = (PAPER, WEIGHTED)
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """The plate about the target, across the tool.
-
-    Attributes
-    ----------
-    poses : array (25, 4, 4)
-        Of the tip with the tool point on each point, as the cell is known beforehand [m].
-    postures : array (25, n)
-        Of the nominal arm there [rad].
-    T_base_target : array (25, 4, 4)
-        Where each point really is, and how its target faces [m].
-    """
+    """The plate about the target, across the tool."""
 
     bench: Bench
     poses: FloatArray
-    postures: FloatArray
+    """(25, 4, 4): of the tip with the tool point on each point, as the cell is known beforehand
+    [m]."""
+    postures: FloatArray  # (25, n): of the nominal arm there [rad]
     T_base_target: FloatArray
+    """(25, 4, 4): where each point really is, and how its target faces [m]."""
 
     @classmethod
     def of(cls, bench: Bench) -> Plate:

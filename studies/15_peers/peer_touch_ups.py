@@ -17,23 +17,13 @@ from calib.se3 import FloatArray, apply, rotation_exp, transform
 
 @dataclass(frozen=True, eq=False)
 class TouchUps:
-    """Touch-ups of one unknown point by an arm with errors.
-
-    Attributes
-    ----------
-    model : CalibrationModel
-        Four zero offsets [rad], the tool point and the target [m], in this order.
-    truth : ndarray (10,)
-    data : Measurements
-        With T trials.
-    held : ndarray (K, n)
-        Postures where the tool point is compared [rad].
-    """
+    """Touch-ups of one unknown point by an arm with errors."""
 
     model: CalibrationModel
-    truth: FloatArray
-    data: Measurements
-    held: FloatArray
+    """Four zero offsets [rad], the tool point and the target [m], in this order."""
+    truth: FloatArray  # (10,)
+    data: Measurements  # with T trials
+    held: FloatArray  # (K, n): postures where the tool point is compared [rad]
 
     @classmethod
     def drawn(cls, own: Mapping[str, Any], noise: str, trials: int, seed: int) -> TouchUps:

@@ -52,26 +52,17 @@ TRIES = 20
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm as it really is.
-
-    Attributes
-    ----------
-    model : CalibrationModel
-        With all its errors, held by priors of the sizes that they were drawn with, and the noise as
-        it is: what whoever knew all that would identify.
-    values : array (p,)
-        [SI]
-    compliant, wavy : bool
-        Whether its joints give way, and whether its transmissions run unevenly and have play.
-    noise : float
-        Over what the cell says.
-    """
+    """An arm as it really is."""
 
     model: CalibrationModel
-    values: FloatArray
+    """With all its errors, held by priors of the sizes that they were drawn with, and the noise as
+    it is: what whoever knew all that would identify."""
+    values: FloatArray  # (p,) [SI]
     compliant: bool
     wavy: bool
-    noise: float
+    """compliant, wavy: whether its joints give way, and whether its transmissions run unevenly and
+    have play."""
+    noise: float  # over what the cell says
 
     def without(self, *words: str) -> FloatArray:
         """Its parameters ``(p,)``, those whose names begin with a word at zero."""

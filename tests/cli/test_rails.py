@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from calib import Robot
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
+from calib.robots import ExternalAxes
 from calib.se3 import inverse
 from posedesign.acceptance.recheck import Watch, plan_recheck
 from posedesign.candidates import joint_candidates
@@ -43,6 +44,7 @@ from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
 from tests.unit.acceptance.conftest import identified_in
 
+RAIL = ExternalAxes(slides=1)
 POSTURE = {
     "r2000ic165f": [6.0, 12.0, -40.0, -2.0, -40.0, -73.0],
     "irb120": [0.0, 10.0, 20.0, 0.0, 50.0, 0.0],
@@ -91,7 +93,7 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
     assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
     poses = tmp_path / "plan" / "poses.csv"
-    found = read_poses(poses, 7, slides=1)
+    found = read_poses(poses, 7, external=RAIL)
     assert found.postures.shape[1] == 7
     cli("program", poses, "--cell", cell, "--format", "fanuc-ls", "--out", tmp_path / "ls")
     (written,) = (tmp_path / "ls").glob("*.LS")
@@ -174,13 +176,13 @@ def test_a_rail_in_metres_is_not_read_as_millimetres(tmp_path):
     rows = [f"T1,{e},10.5,20.5,-30.5,5.5,40.5,60.5" for e in (0.4, 1.2, 2.05)]
     path.write_text("\n".join([f"target,e1_mm,{joints}", *rows, ""]))
     with pytest.raises(FileFormatError, match=r"looks like metres \(the largest is 2.05\)"):
-        read_measurements(path, 7, slides=1)
-    assert read_measurements(path, 7, slides=1, trust_units=True).data.count == 3
+        read_measurements(path, 7, external=RAIL)
+    assert read_measurements(path, 7, external=RAIL, trust_units=True).data.count == 3
     parked = [
         row.replace(f",{e},", ",0.35,") for row, e in zip(rows, (0.4, 1.2, 2.05), strict=True)
     ]
     path.write_text("\n".join([f"target,e1_mm,{joints}", *parked, ""]))
-    assert read_measurements(path, 7, slides=1).data.postures[0, 0] == pytest.approx(0.35e-3)
+    assert read_measurements(path, 7, external=RAIL).data.postures[0, 0] == pytest.approx(0.35e-3)
 
 
 def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
@@ -308,7 +310,7 @@ def test_rows_of_one_pose_differ_in_millimetres(tmp_path):
         f"target,e1_mm,{joints},pose\nT1,400,1,2,3,4,5,6,P1\nT1,401.5,1,2,3,4,5,6,P1\n"
     )
     with pytest.raises(FileFormatError, match=r"P1 has other joint values .* \(by 1.5 mm\)"):
-        read_measurements(table, 7, slides=1)
+        read_measurements(table, 7, external=RAIL)
 
 
 def test_on_a_lift_along_the_first_axis_its_zero_is_still_the_target_s(cli, tmp_path):
@@ -341,7 +343,11 @@ def test_a_camera_s_file_has_the_joints_of_its_pictures_as_they_were(cli, tmp_pa
         tmp_path / "pictures", cell.robot, camera, X, T_floor_arm @ Z, 12, rng, near=at
     )
     assert np.ptp(q[:, 0]) > 1.0
-    write_rows(tmp_path / "joints.csv", ["picture", *joint_columns(7, 1)], cell.robot.shown(q))
+    write_rows(
+        tmp_path / "joints.csv",
+        ["picture", *joint_columns(7, RAIL)],
+        cell.robot.shown(q),
+    )
     told = ("--joints", tmp_path / "joints.csv", "--out", tmp_path)
     assert cli("camera", path, tmp_path / "pictures", *told).code == 0
     tree = json.loads((tmp_path / "camera.json").read_text())

@@ -34,23 +34,12 @@ GROUPS = {"X": slice(0, 6), "Z": slice(6, 12), "lens": slice(12, 21)}
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Errors of many sets of pictures.
+    """Errors of many sets of pictures."""
 
-    Attributes
-    ----------
-    errors : array (T, p)
-    bounds : array (T, p, p)
-        Of their covariance, with the noise as it is.
-    stated : array (T, p, p)
-        As each result states it.
-    inside : array (T, p) of bool
-        Whether the 95 % intervals hold the truth.
-    """
-
-    errors: FloatArray
-    bounds: FloatArray
-    stated: FloatArray
-    inside: FloatArray
+    errors: FloatArray  # (T, p)
+    bounds: FloatArray  # (T, p, p): of their covariance, with the noise as it is
+    stated: FloatArray  # (T, p, p): as each result states it
+    inside: FloatArray  # (T, p): whether the 95 % intervals hold the truth
 
     def over_bound(self, part: slice = slice(None)) -> float:
         """Rms of the errors of some parameters over their bound, in its own axes."""

@@ -50,33 +50,17 @@ SIZES = (0.1, 1.0, 10.0)
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Residuals at the solution of a model, and what its parameters take up.
+    """Residuals at the solution of a model, and what its parameters take up."""
 
-    Attributes
-    ----------
-    linear : Linearisation
-        At the solution.
-    x : array (p,)
-        [SI]
-    rows : array (N, m)
-        Residuals over their noise: ``V⁻¹y``.
-    J : array (N, m, p)
-    Q : array (N, m, r)
-        Of the orthonormal columns that parameters span, the rows of the measurements.
-    squares : float
-        ``yᵀV⁻¹y``: of residuals and of what is known besides.
-    freedom : float
-        What that is on average.
-    """
-
-    linear: Linearisation
+    linear: Linearisation  # at the solution
     data: Measurements
-    x: FloatArray
-    rows: FloatArray
-    J: FloatArray
+    x: FloatArray  # (p,) [SI]
+    rows: FloatArray  # (N, m): residuals over their noise: ``V⁻¹y``
+    J: FloatArray  # (N, m, p)
     Q: FloatArray
-    squares: float
-    freedom: float
+    """(N, m, r): of the orthonormal columns that parameters span, the rows of the measurements."""
+    squares: float  # ``yᵀV⁻¹y``: of residuals and of what is known besides
+    freedom: float  # what that is on average
 
     @property
     def model(self) -> CalibrationModel:
@@ -159,25 +143,14 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """A finding with the columns that it adds to the model.
-
-    Attributes
-    ----------
-    columns : array (N, m, k)
-        Change of the rows over the noise by the effect, in units of its usual size.
-    usual : float
-        Standard deviation of its size.
-    tried : float
-        Logarithm of how many others were tried beside it.
-    alike : float
-        Correlation of the residuals that it leaves, from one measurement to the next.
-    """
+    """A finding with the columns that it adds to the model."""
 
     finding: Finding
     columns: FloatArray
-    usual: float
-    tried: float
-    alike: float
+    """(N, m, k): change of the rows over the noise by the effect, in units of its usual size."""
+    usual: float  # standard deviation of its size
+    tried: float  # logarithm of how many others were tried beside it
+    alike: float  # correlation of the residuals that it leaves, from one measurement to the next
 
 
 def scores(
@@ -372,37 +345,23 @@ MODEL: frozenset[Cause] = frozenset({"reach", "harmonic"})
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause that explains residuals far better than chance.
-
-    Attributes
-    ----------
-    things : tuple of str
-        What it happened to: labels of tools or targets, names of joints, axes.
-    part : str
-        Of what kind these are: ``tool``, ``target``, ``targets``, ``instrument``, ``joint``,
-        ``axis`` or nothing.
-    rows : tuple of int
-        Measurements concerned: the first one after a step, those swapped or mislabelled.
-    size : float
-        Of the effect: a length [m], an angle [rad], a factor; NaN where it has none.
-    unit : str
-        ``m``, ``rad`` or nothing.
-    before_m, after_m : float
-        Root mean square distance left over as measured and with the cause taken out [m].
-    log_odds : float
-        Natural logarithm of how much likelier the measurements are with the cause than without,
-        what was tried besides considered.
-    also : tuple of Finding
-        Other causes that explain the measurements as well.
-    """
+    """One cause that explains residuals far better than chance."""
 
     cause: Cause
     things: tuple[str, ...]
+    """What it happened to: labels of tools or targets, names of joints, axes."""
     part: str
+    """Of what kind these are: ``tool``, ``target``, ``targets``, ``instrument``, ``joint``,
+    ``axis`` or nothing."""
     rows: tuple[int, ...]
-    size: float
-    unit: str
+    """Measurements concerned: the first one after a step, those swapped or mislabelled."""
+    size: float  # of the effect: a length [m], an angle [rad], a factor; NaN where it has none
+    unit: str  # ``m``, ``rad`` or nothing
     before_m: float
     after_m: float
+    """before_m, after_m: root mean square distance left over as measured and with the cause taken
+    out [m]."""
     log_odds: float
-    also: tuple[Finding, ...] = ()
+    """Natural logarithm of how much likelier the measurements are with the cause than without, what
+    was tried besides considered."""
+    also: tuple[Finding, ...] = ()  # other causes that explain the measurements as well

@@ -40,17 +40,13 @@ _MOST_ALIKE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """What may change while measuring.
-
-    Attributes
-    ----------
-    columns : array (N, m, k)
-        Change of the rows over the noise by its parameters, each in units of its usual change.
-    """
+    """What may change while measuring."""
 
     part: str
     names: tuple[str, ...]
     columns: FloatArray
+    """(N, m, k): change of the rows over the noise by its parameters, each in units of its usual
+    change."""
 
 
 def things_of(held: Held) -> list[Thing]:
@@ -265,7 +261,7 @@ def incomplete(held: Held) -> Iterator[Finding]:
     bare = held_at(model.with_prior(prior), held.data, held.x)
     view, n = bare.linear.view, model.robot.n
     tried = float(np.log(n * len(WAVES) + 1))
-    for joint in range(model.robot.slides, n):
+    for joint in range(model.robot.n_external, n):
         turn = np.zeros((6, view.q.shape[1]))
         view.turn_about(view.axis(joint), view.walk.origins[joint], turn)
         for wave in WAVES:

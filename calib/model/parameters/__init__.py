@@ -1,55 +1,29 @@
 """What can be identified, as blocks that are combined freely."""
 
-from calib.model.parameters.base import ParameterBlock, Part, Unit
-from calib.model.parameters.frames import (
-    Frames,
-    LengthOffsets,
-    TargetFrame,
-    TargetPlane,
-    TargetPoints,
-    ToolBody,
-    ToolFrame,
-    ToolPoint,
-    ToolPoints,
-)
-from calib.model.parameters.gravity import GravityLoad, Payload, gravity_torque
-from calib.model.parameters.joints import (
-    JointCompliance,
-    JointHarmonics,
-    JointScale,
-    LostMotion,
-    TimeOffsets,
-    ZeroOffsets,
-)
-from calib.model.parameters.links import AXES, BearingCompliance, LinkGeometry
-from calib.model.parameters.readings import BoardErrors, LensParameters, ReadingParameters
-
-__all__ = [
-    "AXES",
-    "BearingCompliance",
-    "BoardErrors",
-    "Frames",
-    "GravityLoad",
-    "JointCompliance",
-    "JointHarmonics",
-    "JointScale",
-    "LengthOffsets",
-    "LensParameters",
-    "LinkGeometry",
-    "LostMotion",
-    "ParameterBlock",
-    "Part",
-    "Payload",
-    "ReadingParameters",
-    "TargetFrame",
-    "TargetPlane",
-    "TargetPoints",
-    "TimeOffsets",
-    "ToolBody",
-    "ToolFrame",
-    "ToolPoint",
-    "ToolPoints",
-    "Unit",
-    "ZeroOffsets",
-    "gravity_torque",
-]
+from calib.model.parameters.base import ParameterBlock as ParameterBlock
+from calib.model.parameters.base import Part as Part
+from calib.model.parameters.base import Unit as Unit
+from calib.model.parameters.frames import Frames as Frames
+from calib.model.parameters.frames import LengthOffsets as LengthOffsets
+from calib.model.parameters.frames import TargetFrame as TargetFrame
+from calib.model.parameters.frames import TargetPlane as TargetPlane
+from calib.model.parameters.frames import TargetPoints as TargetPoints
+from calib.model.parameters.frames import ToolBody as ToolBody
+from calib.model.parameters.frames import ToolFrame as ToolFrame
+from calib.model.parameters.frames import ToolPoint as ToolPoint
+from calib.model.parameters.frames import ToolPoints as ToolPoints
+from calib.model.parameters.gravity import GravityLoad as GravityLoad
+from calib.model.parameters.gravity import Payload as Payload
+from calib.model.parameters.gravity import gravity_torque as gravity_torque
+from calib.model.parameters.joints import JointCompliance as JointCompliance
+from calib.model.parameters.joints import JointHarmonics as JointHarmonics
+from calib.model.parameters.joints import JointScale as JointScale
+from calib.model.parameters.joints import LostMotion as LostMotion
+from calib.model.parameters.joints import TimeOffsets as TimeOffsets
+from calib.model.parameters.joints import ZeroOffsets as ZeroOffsets
+from calib.model.parameters.links import AXES as AXES
+from calib.model.parameters.links import BearingCompliance as BearingCompliance
+from calib.model.parameters.links import LinkGeometry as LinkGeometry
+from calib.model.parameters.readings import BoardErrors as BoardErrors
+from calib.model.parameters.readings import LensParameters as LensParameters
+from calib.model.parameters.readings import ReadingParameters as ReadingParameters

@@ -299,24 +299,13 @@ _MATRICES = np.array([se3.skew(axis) for axis in np.eye(3)])
 
 @dataclass(frozen=True, eq=False)
 class LocalMinimum:
-    """Stationary points that T descents ended in.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-    cost : ndarray (T,)
-        chi², where the weights are those of the noise.
-    iterations : ndarray of int (T,)
-        Steps of Newton's method.
-    converged : ndarray of bool (T,)
-        The last step was one that needs no other.
-    """
+    """Stationary points that T descents ended in."""
 
     X: FloatArray
-    Z: FloatArray
-    cost: FloatArray
-    iterations: IntArray
-    converged: BoolArray
+    Z: FloatArray  # X, Z (T, 4, 4)
+    cost: FloatArray  # (T,): chi², where the weights are those of the noise
+    iterations: IntArray  # (T,): steps of Newton's method
+    converged: BoolArray  # (T,): the last step was one that needs no other
 
 
 def minimise(

@@ -32,17 +32,12 @@ on how well conditioned the motion is, while the norm of K does.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
-from calib import se3
-from calib.errors import ConvergenceError
 from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.certificate.polynomial import QuadraticForm
 from calib.se3 import BoolArray, FloatArray
@@ -61,21 +56,15 @@ mere rounding, next to nothing where ρ matters."""
 
 @dataclass(frozen=True, eq=False)
 class LowerBound:
-    """Bounds of the costs of T problems.
-
-    Attributes
-    ----------
-    value : ndarray (T,)
-        No rotations have a lower cost: the allowance for rounding is taken off. Not below zero.
-    smallest_eigenvalue : ndarray (T,)
-        Of S, as computed [cost].
-    convex : ndarray of bool (T,)
-        S is positive definite beyond rounding: one pair of rotations at most reaches the bound.
-    """
+    """Bounds of the costs of T problems."""
 
     value: FloatArray
-    smallest_eigenvalue: FloatArray
+    """(T,): no rotations have a lower cost: the allowance for rounding is taken off. Not below
+    zero."""
+    smallest_eigenvalue: FloatArray  # (T,): of S, as computed [cost]
     convex: BoolArray
+    """(T,): S is positive definite beyond rounding: one pair of rotations at most reaches the
+    bound."""
 
 
 def least_multipliers(form: QuadraticForm) -> FloatArray:
@@ -145,23 +134,16 @@ _RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """The equations of one rotation, split by what a stationary point fixes.
+    """The equations of one rotation, split by what a stationary point fixes."""
 
-    Attributes
-    ----------
-    bends, slopes : ndarray (20, 9, 9), (20, 9)
-        The equations; the bends are orthonormal in the Frobenius norm.
-    balance : ndarray (20, 9)
-        Multipliers of least norm by which the slopes balance a force: ``slopesᵀ (balance f)`` is
-        the part of f that is normal to SO(3) at the identity.
-    flat : ndarray (14, 9, 9)
-        Orthonormal bends of the combinations without slope: they can be added at will.
-    """
-
-    bends: FloatArray
-    slopes: FloatArray
+    bends: FloatArray  # (20, 9, 9)
+    slopes: FloatArray  # (20, 9): the equations; the bends are orthonormal in the Frobenius norm
     balance: FloatArray
+    """(20, 9): multipliers of least norm by which the slopes balance a force: ``slopesᵀ (balance
+    f)`` is the part of f that is normal to SO(3) at the identity."""
     flat: FloatArray
+    """(14, 9, 9): orthonormal bends of the combinations without slope: they can be added at
+    will."""
 
 
 @cache
@@ -290,9 +272,6 @@ ACCURACY = 1e-3
 BOUND_ACCURACY = 1e-7
 """Of the best bound, in units of the cost at the reference."""
 
-SOLVER_TOLERANCE = 1e-12
-"""Asked of the solver of the relaxation, which stops at what it can reach."""
-
 _LEAST_CURVATURE = 1e-9
 """Part of the mean eigenvalue of the quadratic term that it has at least, as a measure."""
 
@@ -373,78 +352,3 @@ def _root(quadratic: FloatArray) -> FloatArray:
 
 def _largest(matrix: FloatArray) -> float:
     return float(np.linalg.eigvalsh(matrix)[-1])
-
-
-@dataclass(frozen=True, eq=False)
-class Relaxation:
-    """Solution of the relaxed problem.
-
-    Attributes
-    ----------
-    X, Z : ndarray (4, 4)
-        Rounded to rotations, with the translations that fit best; the cost is theirs.
-    value : float
-        Of the relaxed problem: a bound of the cost, as far as the solver's precision goes.
-    second_eigenvalue : float
-        Of the matrix of products, in units of the first: zero where the relaxation is tight.
-    """
-
-    X: FloatArray
-    Z: FloatArray
-    cost: float
-    value: float
-    second_eigenvalue: float
-
-    @property
-    def relative_gap(self) -> float:
-        """``|cost - value| / cost``."""
-        return abs(self.cost - self.value) / self.cost
-
-
-def solve_relaxation(form: QuadraticForm) -> Relaxation:
-    """Solve the relaxation of one problem by cvxpy and Clarabel: a check of the dual route.
-
-    The cost is linear in the products of (u, 1) with itself. With the matrix of products replaced
-    by any positive semidefinite one that satisfies the equations of the rotations (Shor's
-    relaxation), it is a semidefinite program, whose value is the best bound that multipliers can
-    give. Where its solution has rank one, that is the global optimum. An interior-point solver
-    knows its value to some digits of the largest numbers in it only, which are the weights of the
-    data, not the cost: the closer the reference to the solution, the more digits are left.
-
-    Raises
-    ------
-    ConvergenceError
-        The solver gave up.
-    """
-    cp: Any = import_module("cvxpy")  # takes a second to load
-    quadratic, linear = form.quadratic[0], form.linear[0]
-    whole = np.block([[quadratic, linear[:, None]], [linear[None], form.constant[:1, None]]])
-    scale = float(np.abs(whole).max())
-    Y = cp.Variable((19, 19), PSD=True)
-    constraints = [Y[18, 18] == 1.0]
-    equations = rotation_constraints()
-    for at in (slice(0, 9), slice(9, 18)):
-        constraints += [
-            cp.sum(cp.multiply(bend, Y[at, at])) + 2.0 * (slope @ Y[at, 18]) == 0.0
-            for bend, slope in zip(equations.bends, equations.slopes, strict=True)
-        ]
-    problem = cp.Problem(cp.Minimize(cp.sum(cp.multiply(whole / scale, Y))), constraints)
-    asked = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), SOLVER_TOLERANCE)
-    with warnings.catch_warnings():
-        # that it stopped short of its tolerances is what the result is looked at for
-        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
-        problem.solve(solver=cp.CLARABEL, **asked)
-    if Y.value is None:
-        raise ConvergenceError(
-            f"Clarabel ended with {problem.status}", hint="the dual certificate needs no solver"
-        )
-    products = np.asarray(Y.value)
-    turns = se3.project_to_rotation(np.eye(3) + products[:18, 18].reshape(2, 1, 3, 3))
-    X, Z = form.transforms(turns[0], turns[1])
-    cost = float(form.cost(form.offset(X[:, :3, :3], Z[:, :3, :3]))[0])
-    # over the rotations themselves, since about the solution u is zero and 1 is all there is
-    lift = np.eye(19)
-    lift[:18, 18] = np.tile(np.eye(3).ravel(), 2)
-    eigenvalues = np.linalg.eigvalsh(lift @ products @ lift.T)
-    second = float(eigenvalues[-2] / eigenvalues[-1])
-    return Relaxation(X[0], Z[0], cost, float(problem.value) * scale, second)

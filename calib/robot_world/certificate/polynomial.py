@@ -43,18 +43,10 @@ made it: a spread of the axes of 1e-6."""
 
 @dataclass(frozen=True)
 class Weights:
-    """Factors of the squared norms of the cost.
+    """Factors of the squared norms of the cost."""
 
-    Attributes
-    ----------
-    rotation : float
-        w_R, of ``|R_A R_X - R_Z R_B|²`` (Frobenius norm).
-    translation : float
-        w_p, of ``|R_A p_X + p_A - R_Z p_B - p_Z|²`` [1/m²].
-    """
-
-    rotation: float
-    translation: float
+    rotation: float  # w_R, of ``|R_A R_X - R_Z R_B|²`` (Frobenius norm)
+    translation: float  # w_p, of ``|R_A p_X + p_A - R_Z p_B - p_Z|²`` [1/m²]
 
 
 def cost_weights(noise: PairNoise) -> Weights:
@@ -87,30 +79,22 @@ def cost_weights(noise: PairNoise) -> Weights:
 
 @dataclass(frozen=True, eq=False)
 class QuadraticForm:
-    """Cost of T problems over the offsets of both rotations from a reference.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The reference.
-    quadratic, linear, constant : ndarray (T, 18, 18), (T, 18), (T,)
-        ``constant + 2 linear·u + uᵀ quadratic u`` is the least cost over the translations.
-    translation_map : ndarray (T, 6, 19)
-        By it, (u, 1) gives the offsets of the translations from the reference that go with u.
-    rounding, constant_rounding : ndarray (T,)
-        By how much rounding may have changed ``quadratic`` (spectral norm) or ``linear``
-        (Euclidean norm), and ``constant``. Infinite where the motion leaves a translation free:
-        all rotations of A about one axis, or none.
-    """
+    """Cost of T problems over the offsets of both rotations from a reference."""
 
     X: FloatArray
-    Z: FloatArray
-    quadratic: FloatArray
-    linear: FloatArray
+    Z: FloatArray  # X, Z (T, 4, 4): the reference
+    quadratic: FloatArray  # (T, 18, 18)
+    linear: FloatArray  # (T, 18)
     constant: FloatArray
+    """(T,): ``constant + 2 linear·u + uᵀ quadratic u`` is the least cost over the translations."""
     translation_map: FloatArray
+    """(T, 6, 19): by it, (u, 1) gives the offsets of the translations from the reference that go
+    with u."""
     rounding: FloatArray
     constant_rounding: FloatArray
+    """rounding, constant_rounding (T,): by how much rounding may have changed ``quadratic``
+    (spectral norm) or ``linear`` (Euclidean norm), and ``constant``. Infinite where the motion
+    leaves a translation free: all rotations of A about one axis, or none."""
 
     def offset(self, R_X: FloatArray, R_Z: FloatArray) -> FloatArray:
         """Offsets u ``(..., T, 18)`` of rotations ``(..., T, 3, 3)`` from the reference."""

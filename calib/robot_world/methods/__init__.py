@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib.robot_world.methods.registry import METHODS, PAPER_METHODS, Method, find_method
+    from calib.robot_world.methods.registry import METHODS as METHODS
+    from calib.robot_world.methods.registry import PAPER_METHODS as PAPER_METHODS
+    from calib.robot_world.methods.registry import Method as Method
+    from calib.robot_world.methods.registry import find_method as find_method
 else:
     __getattr__ = load_when_asked(__name__)
-
-__all__ = ["METHODS", "PAPER_METHODS", "Method", "find_method"]

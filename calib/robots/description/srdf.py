@@ -38,31 +38,16 @@ MOST_ELEMENTS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Srdf:
-    """What an SRDF holds.
-
-    Attributes
-    ----------
-    chains : mapping of str to (str, str)
-        Base and tip link of each group that is one chain.
-    groups : tuple of str
-        Names of all groups.
-    states : mapping of (str, str) to mapping of str to float
-        Values of joints [rad, m], by group and name.
-    allowed : frozenset of frozenset of str
-        Pairs of links that may touch.
-    allowed_of : frozenset of str
-        Links that may touch all others.
-    enabled : frozenset of frozenset of str
-        Pairs that are checked all the same.
-    """
+    """What an SRDF holds."""
 
     path: Path
-    chains: Mapping[str, tuple[str, str]]
-    groups: tuple[str, ...]
+    chains: Mapping[str, tuple[str, str]]  # base and tip link of each group that is one chain
+    groups: tuple[str, ...]  # names of all groups
     states: Mapping[tuple[str, str], Mapping[str, float]]
-    allowed: frozenset[frozenset[str]]
-    allowed_of: frozenset[str]
-    enabled: frozenset[frozenset[str]]
+    """Values of joints [rad, m], by group and name."""
+    allowed: frozenset[frozenset[str]]  # pairs of links that may touch
+    allowed_of: frozenset[str]  # links that may touch all others
+    enabled: frozenset[frozenset[str]]  # pairs that are checked all the same
 
     def chain(self, group: str) -> tuple[str, str]:
         """Base and tip link of a group."""

@@ -49,33 +49,20 @@ class Description:
 
 @dataclass(frozen=True, eq=False)
 class Urdf:
-    """What a URDF holds.
-
-    Attributes
-    ----------
-    model : pinocchio.Model
-        Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg.
-    notices : tuple of str
-        What was read otherwise than it stands in the file.
-    joint_notices : mapping of str to str
-        The same of single joints, which matters where the joint moves.
-    flaws : mapping of str to RobotModelError
-        Joints that can be held still but not moved, and why: no limits, or led by another joint.
-    led : mapping of str to (str, float, float)
-        Joints that follow another: its name, the factor and the offset [rad, m].
-    shapes : tuple of LinkShape
-        Collision geometry.
-    lost_shapes : tuple of str
-        Links with collision geometry that cannot be had; ``notices`` say why.
-    """
+    """What a URDF holds."""
 
     model: pin.Model
-    notices: tuple[str, ...]
+    """Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg."""
+    notices: tuple[str, ...]  # what was read otherwise than it stands in the file
     joint_notices: Mapping[str, str]
+    """The same of single joints, which matters where the joint moves."""
     flaws: Mapping[str, RobotModelError]
+    """Joints that can be held still but not moved, and why: no limits, or led by another joint."""
     led: Mapping[str, tuple[str, float, float]]
-    shapes: tuple[LinkShape, ...]
+    """Joints that follow another: its name, the factor and the offset [rad, m]."""
+    shapes: tuple[LinkShape, ...]  # collision geometry
     lost_shapes: tuple[str, ...]
+    """Links with collision geometry that cannot be had; ``notices`` say why."""
 
 
 def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:

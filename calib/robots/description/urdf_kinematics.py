@@ -38,22 +38,13 @@ _Fail = Callable[[str, str], RobotModelError]
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """A URDF that holds links with their masses and joints with their limits, and nothing else.
-
-    Attributes
-    ----------
-    notices : dict of str to str
-        By joint: what was read otherwise than it stands in the file.
-    flaws : dict of str to RobotModelError
-        By joint: why it cannot be moved.
-    led : dict of str to (str, float, float)
-        By joint that follows another (mimic): that joint, the factor and the offset [rad, m].
-    """
+    """A URDF that holds links with their masses and joints with their limits, and nothing else."""
 
     root: Element
-    notices: dict[str, str]
-    flaws: dict[str, RobotModelError]
+    notices: dict[str, str]  # by joint: what was read otherwise than it stands in the file
+    flaws: dict[str, RobotModelError]  # by joint: why it cannot be moved
     led: dict[str, tuple[str, float, float]]
+    """By joint that follows another (mimic): that joint, the factor and the offset [rad, m]."""
 
 
 def read_kinematics(root: Element, path: Path) -> Kinematics:

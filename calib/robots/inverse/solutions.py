@@ -38,59 +38,34 @@ _AT_ONCE = 20_000
 
 @dataclass(frozen=True)
 class NoPosture:
-    """Why no posture inside the limits takes a pose.
-
-    Attributes
-    ----------
-    gap_m : float
-        Distance to the nearest point the arm reaches [m]: zero where it is the limits that are in
-        the way, NaN where it is not known.
-    joint : int or None
-        Joint (from zero) that the least offending posture brings farthest beyond its limits.
-    coupled : str or None
-        Name of the coupled limit, where it is one of these that is broken farthest.
-    excess : float
-        How far beyond [rad, m]; NaN where no posture takes the pose at all.
-    """
+    """Why no posture inside the limits takes a pose."""
 
     gap_m: float
+    """Distance to the nearest point the arm reaches [m]: zero where it is the limits that are in
+    the way, NaN where it is not known."""
     joint: int | None
+    """Joint (from zero) that the least offending posture brings farthest beyond its limits."""
     coupled: str | None
-    excess: float
+    """Name of the coupled limit, where it is one of these that is broken farthest."""
+    excess: float  # how far beyond [rad, m]; NaN where no posture takes the pose at all
 
 
 @dataclass(frozen=True, eq=False)
 class InverseSolutions:
-    """Postures for a list of poses, as flat arrays.
+    """Postures for a list of poses, as flat arrays."""
 
-    Attributes
-    ----------
-    postures : array (S, n)
-        [rad]. Those of pose 0 first, then those of pose 1, and so on.
-    pose : array (S,)
-        Index of the pose that each posture takes.
-    inside : array (S,) of bool
-        Whether the posture lies inside the limits it was solved for, those that joints have
-        together included. Where a joint has no full turn inside them, the turn that breaks them
-        least is given.
-    gap_m : array (N,)
-        Distance from each pose to the nearest point the arm reaches: zero where there is a
-        solution, NaN where it is not known.
-    near : array (n,)
-        Posture that full turns were chosen near to [rad].
-    bounds : Bounds
-        The limits it was solved for.
-    chain : SerialChain
-        The arm it was solved for.
-    """
-
-    postures: FloatArray
-    pose: IntArray
+    postures: FloatArray  # (S, n) [rad]. Those of pose 0 first, then those of pose 1, and so on.
+    pose: IntArray  # (S,): index of the pose that each posture takes
     inside: BoolArray
+    """(S,): whether the posture lies inside the limits it was solved for, those that joints have
+    together included. Where a joint has no full turn inside them, the turn that breaks them least
+    is given."""
     gap_m: FloatArray
-    near: FloatArray
-    bounds: Bounds
-    chain: SerialChain
+    """(N,): distance from each pose to the nearest point the arm reaches: zero where there is a
+    solution, NaN where it is not known."""
+    near: FloatArray  # (n,): posture that full turns were chosen near to [rad]
+    bounds: Bounds  # the limits it was solved for
+    chain: SerialChain  # the arm it was solved for
 
     @cached_property
     def singular(self) -> BoolArray:

@@ -28,45 +28,25 @@ _NO_LIMIT = np.finfo(float).max
 
 @dataclass(frozen=True, eq=False)
 class Preset:
-    """A robot as loaded from its file.
-
-    Attributes
-    ----------
-    missing : tuple of str
-        What the source does not say.
-    controller : str
-        Maker of the controller, a key of ``calib.robots.POSITIVE_AXES``.
-    repeatability_mm, arm_mass_kg : float or None
-        As the maker's catalogue has them; None where not known.
-    tip : str
-        Link that carries the tool.
-    base_posture_deg : tuple of float
-        A posture to start planning from, the tool in front of the arm and pointing down.
-    model : pinocchio.Model
-        Links have no mass where the file gives none.
-    stiffness : dict
-        Torsional stiffness by joint name [Nm/rad].
-    shapes : tuple of LinkShape
-        The links as capsules and boxes.
-    shape_fit : str
-        How the shapes were found, and how far off they may be.
-    """
+    """A robot as loaded from its file."""
 
     name: str
     title: str
     source: str
     confidence: str
-    missing: tuple[str, ...]
-    controller: str
+    missing: tuple[str, ...]  # what the source does not say
+    controller: str  # maker of the controller, a key of ``calib.robots.POSITIVE_AXES``
     payload_kg: float
     repeatability_mm: float | None
     arm_mass_kg: float | None
-    tip: str
+    """repeatability_mm, arm_mass_kg: as the maker's catalogue has them; None where not known."""
+    tip: str  # link that carries the tool
     base_posture_deg: tuple[float, ...]
-    model: pin.Model
-    stiffness: dict[str, float]
-    shapes: tuple[LinkShape, ...]
-    shape_fit: str
+    """A posture to start planning from, the tool in front of the arm and pointing down."""
+    model: pin.Model  # links have no mass where the file gives none
+    stiffness: dict[str, float]  # torsional stiffness by joint name [Nm/rad]
+    shapes: tuple[LinkShape, ...]  # the links as capsules and boxes
+    shape_fit: str  # how the shapes were found, and how far off they may be
     coupled_limits: tuple[CoupledLimit, ...]
 
 

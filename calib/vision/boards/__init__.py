@@ -10,45 +10,23 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib.vision.boards.board import (
-        BOARDS,
-        DICTIONARIES,
-        AprilTagGrid,
-        ArucoGrid,
-        AsymmetricCircleGrid,
-        Board,
-        CharucoBoard,
-        Chessboard,
-        CircleGrid,
-        GridBoard,
-        KalibrAprilGrid,
-        MarkerBoard,
-        MarkerGrid,
-        RoundTarget,
-        make_board,
-    )
-    from calib.vision.boards.detection import BoardSighting, detect_board
-    from calib.vision.boards.picture import board_picture
+    from calib.vision.boards.board import BOARDS as BOARDS
+    from calib.vision.boards.board import DICTIONARIES as DICTIONARIES
+    from calib.vision.boards.board import AprilTagGrid as AprilTagGrid
+    from calib.vision.boards.board import ArucoGrid as ArucoGrid
+    from calib.vision.boards.board import AsymmetricCircleGrid as AsymmetricCircleGrid
+    from calib.vision.boards.board import Board as Board
+    from calib.vision.boards.board import CharucoBoard as CharucoBoard
+    from calib.vision.boards.board import Chessboard as Chessboard
+    from calib.vision.boards.board import CircleGrid as CircleGrid
+    from calib.vision.boards.board import GridBoard as GridBoard
+    from calib.vision.boards.board import KalibrAprilGrid as KalibrAprilGrid
+    from calib.vision.boards.board import MarkerBoard as MarkerBoard
+    from calib.vision.boards.board import MarkerGrid as MarkerGrid
+    from calib.vision.boards.board import RoundTarget as RoundTarget
+    from calib.vision.boards.board import make_board as make_board
+    from calib.vision.boards.detection import BoardSighting as BoardSighting
+    from calib.vision.boards.detection import detect_board as detect_board
+    from calib.vision.boards.picture import board_picture as board_picture
 else:
     __getattr__ = load_when_asked(__name__)
-
-__all__ = [
-    "BOARDS",
-    "DICTIONARIES",
-    "AprilTagGrid",
-    "ArucoGrid",
-    "AsymmetricCircleGrid",
-    "Board",
-    "BoardSighting",
-    "CharucoBoard",
-    "Chessboard",
-    "CircleGrid",
-    "GridBoard",
-    "KalibrAprilGrid",
-    "MarkerBoard",
-    "MarkerGrid",
-    "RoundTarget",
-    "board_picture",
-    "detect_board",
-    "make_board",
-]

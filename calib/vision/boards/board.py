@@ -130,16 +130,11 @@ class Board(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridBoard(Board):
-    """A board of rows and columns.
-
-    Attributes
-    ----------
-    columns, rows : int
-        Squares of ChArUco and chessboards, markers, or circles, across and down.
-    """
+    """A board of rows and columns."""
 
     columns: int
     rows: int
+    """columns, rows: squares of ChArUco and chessboards, markers, or circles, across and down."""
 
     def __post_init__(self) -> None:
         for key in ("columns", "rows"):
@@ -148,24 +143,14 @@ class GridBoard(Board):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkerBoard(GridBoard):
-    """A board with markers, each of which tells which one it is.
-
-    Attributes
-    ----------
-    marker_m : float
-        Side of the black square of a marker.
-    dictionary : str
-        One of :data:`DICTIONARIES`.
-    first_id : int
-        Number of the left upper marker; the others count on, row by row.
-    """
+    """A board with markers, each of which tells which one it is."""
 
     border_bits: ClassVar[int] = 1
     """Width of the black border of a marker, in its cells."""
 
-    marker_m: float
-    dictionary: str
-    first_id: int = 0
+    marker_m: float  # side of the black square of a marker
+    dictionary: str  # one of :data:`DICTIONARIES`
+    first_id: int = 0  # number of the left upper marker; the others count on, row by row
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -229,20 +214,13 @@ class MarkerBoard(GridBoard):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CharucoBoard(MarkerBoard):
-    """A chessboard with markers in its white squares.
-
-    Attributes
-    ----------
-    square_m : float
-        Side of the squares.
-    legacy : bool
-        The pattern of OpenCV before 4.6: with an even number of rows the left upper square is
-        white and has a marker.
-    """
+    """A chessboard with markers in its white squares."""
 
     name: ClassVar[str] = "charuco"
-    square_m: float
+    square_m: float  # side of the squares
     legacy: bool = False
+    """The pattern of OpenCV before 4.6: with an even number of rows the left upper square is white
+    and has a marker."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -311,16 +289,10 @@ class CharucoBoard(MarkerBoard):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkerGrid(MarkerBoard):
-    """Rows and columns of markers.
-
-    Attributes
-    ----------
-    spacing_m : float
-        From the left side of a marker to that of the next.
-    """
+    """Rows and columns of markers."""
 
     title: ClassVar[str]
-    spacing_m: float
+    spacing_m: float  # from the left side of a marker to that of the next
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,22 +32,13 @@ is less."""
 
 @dataclass(frozen=True, eq=False)
 class BoardMap:
-    """Where points of a board are seen, in OpenCV's pixels.
+    """Where points of a board are seen, in OpenCV's pixels."""
 
-    Attributes
-    ----------
-    homography : ndarray (3, 3)
-        From the board [m].
-    bend : ndarray (terms, 2)
-        Coefficients [px] of the polynomial, for terms of order two and three.
-    center, scale : ndarray (2,), float
-        Of the pixels that the polynomial is written in.
-    """
-
-    homography: FloatArray
+    homography: FloatArray  # (3, 3): from the board [m]
     bend: FloatArray
-    center: FloatArray
-    scale: float
+    """(terms, 2): coefficients [px] of the polynomial, for terms of order two and three."""
+    center: FloatArray  # (2,)
+    scale: float  # of the pixels that the polynomial is written in
 
     def __call__(self, xy: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of points ``(..., 2)`` [m]."""
@@ -110,6 +101,13 @@ def fit_map(
     if found is None or np.count_nonzero(inside) < 4:
         return None
     return found, inside
+
+
+def spacing(points: FloatArray) -> float:
+    """Median distance of points ``(K, 2)`` from the nearest other one, in their unit."""
+    from scipy.spatial import cKDTree
+
+    return float(np.median(np.asarray(cKDTree(points).query(points, k=[2])[0])))
 
 
 def _fit(xy: FloatArray, px: FloatArray) -> BoardMap | None:

@@ -125,30 +125,17 @@ def refine(
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Lines across the edges of points, E for each.
-
-    Attributes
-    ----------
-    shift : ndarray (K, E, A, V, 2)
-        From the point to where grey levels are read [px]; A lines across an edge are averaged.
-    sign : ndarray (K, E, A)
-        Light is towards larger distances (1), or smaller ones (-1); 0 for no edge.
-    distance : ndarray (K, E, V)
-        Across the edge [px].
-    mover : ndarray (K, 2, E)
-        What an edge's offset moves the point by.
-    group : ndarray (K, E)
-        Edges with a blur of their own: those along x, along y.
-    share : float
-        Of the edges, how many must be seen.
-    """
+    """Lines across the edges of points, E for each."""
 
     shift: FloatArray
+    """(K, E, A, V, 2): from the point to where grey levels are read [px]; A lines across an edge
+    are averaged."""
     sign: FloatArray
-    distance: FloatArray
-    mover: FloatArray
-    group: NDArray[np.intp]
-    share: float
+    """(K, E, A): light is towards larger distances (1), or smaller ones (-1); 0 for no edge."""
+    distance: FloatArray  # (K, E, V): across the edge [px]
+    mover: FloatArray  # (K, 2, E): what an edge's offset moves the point by
+    group: NDArray[np.intp]  # (K, E): edges with a blur of their own: those along x, along y
+    share: float  # of the edges, how many must be seen
 
     @property
     def wanted(self) -> BoolArray:

@@ -133,26 +133,16 @@ def half_axes(ellipse: FloatArray) -> FloatArray:
     return np.asarray(ellipse[..., [2, 3, 3, 4]].reshape(*ellipse.shape[:-1], 2, 2))
 
 
-def fit_ellipse(
-    points: FloatArray,
-    weights: ArrayLike = 1.0,
-    start: FloatArray | None = None,
-    steps: int = _FIT_STEPS,
-) -> FloatArray:
-    """Ellipse ``(..., 5)`` of least squared distance from points, by Gauss-Newton.
+def fit_ellipse(points: FloatArray, steps: int = _FIT_STEPS) -> FloatArray:
+    """Ellipse ``(..., 5)`` of least squared distance from points ``(..., K, 2)`` [px].
 
-    Parameters
-    ----------
-    points : ndarray (..., K, 2)
-        [px].
-    weights : array_like (..., K)
-        Of the squared distances.
-    start : ndarray (..., 5), optional
-        Ellipse to start from. Unless given, mean and scatter of the points, which must then lie
-        evenly about the whole of it.
+    By Gauss-Newton, from their mean and scatter: they lie evenly about the whole of it.
     """
-    weight = np.broadcast_to(np.asarray(weights, dtype=float), points.shape[:-1])
-    ellipse = _from_scatter(points) if start is None else np.asarray(start, dtype=float)
+    center = points.mean(axis=-2)
+    off = points - center[..., None, :]
+    # the mean of u uᵀ over the unit circle is half the identity
+    ellipse = _from_square(center, 2.0 * np.swapaxes(off, -1, -2) @ off / points.shape[-2])
+    weight = np.ones(points.shape[:-1])
     for _ in range(steps):
         distance, jacobian = ellipse_distance(ellipse, points)
         ellipse = ellipse + ellipse_step(distance, jacobian, weight)
@@ -198,13 +188,6 @@ def is_sound(ellipse: FloatArray) -> BoolArray:
     """Whether numbers ``(..., 5)`` are those of an ellipse: finite, both axes positive."""
     _, short = axis_lengths(ellipse)
     return np.asarray(np.isfinite(ellipse).all(axis=-1) & (short > 0.0))
-
-
-def _from_scatter(points: FloatArray) -> FloatArray:
-    center = points.mean(axis=-2)
-    off = points - center[..., None, :]
-    # the mean of u uᵀ over the unit circle is half the identity
-    return _from_square(center, 2.0 * np.swapaxes(off, -1, -2) @ off / points.shape[-2])
 
 
 def _from_square(center: FloatArray, square: FloatArray) -> FloatArray:

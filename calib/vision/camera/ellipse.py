@@ -41,32 +41,19 @@ _EDGE_FLOOR_PX = 0.1
 
 @dataclass(frozen=True, eq=False)
 class EllipseMeasurement:
-    """What is measured of a circular target in an image.
-
-    Attributes
-    ----------
-    center_px : ndarray (2,)
-        Centre of the ellipse, x to the right and y down from the left upper corner of the image.
-        It is not quite where the middle of the circle is seen: :func:`circle_center_bias`.
-    long_axis_px, short_axis_px : float
-        Whole lengths of the axes.
-    angle_rad : float
-        Direction of the long axis from x towards y, in (-pi/2, pi/2].
-    rms_px : float
-        Rms distance of the edges that were kept from the ellipse; 0 where no image was looked at.
-    status : {"ok", "no target", "touches the edge", "poor fit", "several"}
-        The numbers are NaN with ``"no target"``, ``"touches the edge"`` and ``"several"``.
-    message : str
-        The status in a sentence.
-    """
+    """What is measured of a circular target in an image."""
 
     center_px: FloatArray
+    """(2,): centre of the ellipse, x to the right and y down from the left upper corner of the
+    image. It is not quite where the middle of the circle is seen: :func:`circle_center_bias`."""
     long_axis_px: float
-    short_axis_px: float
-    angle_rad: float
+    short_axis_px: float  # long_axis_px, short_axis_px: whole lengths of the axes
+    angle_rad: float  # direction of the long axis from x towards y, in (-pi/2, pi/2]
     rms_px: float
+    """Rms distance of the edges that were kept from the ellipse; 0 where no image was looked at."""
     status: Status
-    message: str
+    """The numbers are NaN with ``"no target"``, ``"touches the edge"`` and ``"several"``."""
+    message: str  # the status in a sentence
 
     @property
     def is_ok(self) -> bool:

@@ -21,17 +21,11 @@ from calib.se3 import FloatArray
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera without distortion: all that the planning of poses needs.
-
-    Attributes
-    ----------
-    focal_px : float
-        Focal length in pixels; the optical axis meets the image in its middle.
-    """
+    """A pinhole camera without distortion: all that the planning of poses needs."""
 
     width_px: int
     height_px: int
-    focal_px: float
+    focal_px: float  # focal length in pixels; the optical axis meets the image in its middle
 
     @property
     def center_px(self) -> FloatArray:

@@ -32,18 +32,12 @@ _LEAST_MEASURED = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What is seen of a target at K poses.
-
-    Attributes
-    ----------
-    ellipses : ndarray (K, 5)
-        [px], as :mod:`calib.vision.camera.conic` writes them; NaN where it was not measured.
-    reasons : tuple of str
-        Why not; empty where it was.
-    """
+    """What is seen of a target at K poses."""
 
     ellipses: FloatArray
-    reasons: tuple[str, ...]
+    """(K, 5) [px], as :mod:`calib.vision.camera.conic` writes them; NaN where it was not
+    measured."""
+    reasons: tuple[str, ...]  # why not; empty where it was
 
     @classmethod
     def of(cls, measured: Sequence[tuple[FloatArray, str]]) -> Views:
@@ -135,20 +129,11 @@ class MeasurementNoise:
     Of the five numbers of an ellipse (:mod:`calib.vision.camera.conic`), not of its axes: where an
     ellipse is nearly a circle its long axis is the larger of two, which is neither normal nor
     without bias, and that follows from the five by itself.
-
-    Attributes
-    ----------
-    bias : ndarray (5,)
-        Mean error [px].
-    covariance : ndarray (5, 5)
-        [px²].
-    sigma_vhs_px : ndarray (3,)
-        Standard deviations of V, H and s in the images.
     """
 
-    bias: FloatArray
-    covariance: FloatArray
-    sigma_vhs_px: FloatArray
+    bias: FloatArray  # (5,): mean error [px]
+    covariance: FloatArray  # (5, 5) [px²]
+    sigma_vhs_px: FloatArray  # (3,): standard deviations of V, H and s in the images
 
     @classmethod
     def from_sigma(cls, sigma_vhs_px: ArrayLike) -> MeasurementNoise:
@@ -175,18 +160,13 @@ class MeasurementNoise:
 
 @dataclass(frozen=True, eq=False)
 class ImageObserver:
-    """Renders an image and measures it.
-
-    Attributes
-    ----------
-    beside : tuple of (Plate, array (4, 4))
-        Other targets in the picture, each with its pose in the frame of the target.
-    """
+    """Renders an image and measures it."""
 
     camera: Camera
     target: Target
     imaging: Imaging
     beside: tuple[tuple[Plate, FloatArray], ...] = ()
+    """Other targets in the picture, each with its pose in the frame of the target."""
 
     def grab(self, T_camera_target: FloatArray, rng: np.random.Generator) -> GreyImage:
         """Picture ``(height, width)`` of the target at a pose ``(4, 4)`` [m]."""

@@ -58,30 +58,16 @@ class Glare:
 
 @dataclass(frozen=True)
 class Imaging:
-    """How a scene becomes grey levels.
+    """How a scene becomes grey levels."""
 
-    Attributes
-    ----------
-    blur_px : float
-        Standard deviation of the Gaussian point spread function; 0 for none.
-    noise_grey : float
-        Standard deviation of the Gaussian noise of a pixel, in grey levels.
-    white_grey : float
-        Grey level of a white surface in the middle of the image.
-    surroundings : float
-        Reflectance of what stands about the plates.
-    gradient : tuple of two floats
-        Relative change of the light from the left edge to the right one, and from top to bottom.
-    vignetting : float
-        Relative loss of light in the corners; it grows with the square of the distance.
-    """
-
-    blur_px: float = 1.0
-    noise_grey: float = 2.0
-    white_grey: float = 230.0
-    surroundings: float = 0.35
+    blur_px: float = 1.0  # standard deviation of the Gaussian point spread function; 0 for none
+    noise_grey: float = 2.0  # standard deviation of the Gaussian noise of a pixel, in grey levels
+    white_grey: float = 230.0  # grey level of a white surface in the middle of the image
+    surroundings: float = 0.35  # reflectance of what stands about the plates
     gradient: tuple[float, float] = (0.0, 0.0)
+    """Relative change of the light from the left edge to the right one, and from top to bottom."""
     vignetting: float = 0.0
+    """Relative loss of light in the corners; it grows with the square of the distance."""
     occluders: tuple[Occluder, ...] = ()
     glares: tuple[Glare, ...] = ()
 

@@ -32,27 +32,18 @@ class CircleTarget:
 
     The target frame has its origin in the middle of circle and plate, x and y along the sides of
     the plate and along the bars of the cross, and z out of the face.
-
-    Attributes
-    ----------
-    diameter_m : float
-        Of the circle.
-    plate_m : tuple of two floats
-        Size of the plate along x and y.
-    cross_length_m, cross_width_m : float
-        Length and width of the two bars of the cross. It ends inside the circle, so the contour of
-        the circle is whole; a length of 0 leaves the cross out.
-    circle, face : float
-        Reflectance (0 black, 1 white) of the circle, and of plate and cross. A light circle with a
-        dark cross on a dark plate has ``circle > face``.
     """
 
-    diameter_m: float = 0.020
-    plate_m: tuple[float, float] = (0.040, 0.040)
+    diameter_m: float = 0.020  # of the circle
+    plate_m: tuple[float, float] = (0.040, 0.040)  # size of the plate along x and y
     cross_length_m: float = 0.012
     cross_width_m: float = 0.002
+    """cross_length_m, cross_width_m: length and width of the two bars of the cross. It ends inside
+    the circle, so the contour of the circle is whole; a length of 0 leaves the cross out."""
     circle: float = 0.08
     face: float = 0.85
+    """circle, face: reflectance (0 black, 1 white) of the circle, and of plate and cross. A light
+    circle with a dark cross on a dark plate has ``circle > face``."""
 
     is_known: ClassVar[bool] = False
     is_biased: ClassVar[bool] = True

@@ -31,25 +31,16 @@ costs less than that more cannot be told from the first."""
 
 @dataclass(frozen=True, eq=False)
 class TargetPose:
-    """Pose of a target, as B of A X = Z B wants it.
+    """Pose of a target, as B of A X = Z B wants it."""
 
-    Attributes
-    ----------
-    T_camera_target : ndarray (4, 4)
-        [m]; NaN with ``"no pose"``.
-    covariance : ndarray (6, 6)
-        Of (w, v) in ``R = exp([w]) R_true, p = p_true + v`` in camera axes, rotation [rad] first:
-        the errors of :class:`calib.robot_world.PairNoise`. For the stated noise of the points.
-    rms_px : float
-        Rms of the coordinates' residuals.
-    status : {"ok", "ambiguous", "no pose"}
-        ``"ambiguous"``: a second pose, the face turned the other way, fits as well.
-    """
-
-    T_camera_target: FloatArray
+    T_camera_target: FloatArray  # (4, 4) [m]; NaN with ``"no pose"``
     covariance: FloatArray
-    rms_px: float
+    """(6, 6): of (w, v) in ``R = exp([w]) R_true, p = p_true + v`` in camera axes, rotation [rad]
+    first: the errors of :class:`calib.robot_world.PairNoise`. For the stated noise of the
+    points."""
+    rms_px: float  # rms of the coordinates' residuals
     status: PoseStatus
+    """``"ambiguous"``: a second pose, the face turned the other way, fits as well."""
     message: str
 
     @property

@@ -7,32 +7,22 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
-    from calib.vision.touch_up.arms import Arms, RobotAdapter, SimulatedArms, TrueCell
-    from calib.vision.touch_up.board_target import BoardTarget
-    from calib.vision.touch_up.drive import Drive, follow
-    from calib.vision.touch_up.jacobian import ImageJacobian, Relation
-    from calib.vision.touch_up.servo import Loop, Station, TouchUps, touch_up
-    from calib.vision.touch_up.set_up import find_set_up
-    from calib.vision.touch_up.sighting import NoSetUp, SetUp, TiltBias
+    from calib.vision.touch_up.arms import Arms as Arms
+    from calib.vision.touch_up.arms import RobotAdapter as RobotAdapter
+    from calib.vision.touch_up.arms import SimulatedArms as SimulatedArms
+    from calib.vision.touch_up.arms import TrueCell as TrueCell
+    from calib.vision.touch_up.board_target import BoardTarget as BoardTarget
+    from calib.vision.touch_up.drive import Drive as Drive
+    from calib.vision.touch_up.drive import follow as follow
+    from calib.vision.touch_up.jacobian import ImageJacobian as ImageJacobian
+    from calib.vision.touch_up.jacobian import Relation as Relation
+    from calib.vision.touch_up.servo import Loop as Loop
+    from calib.vision.touch_up.servo import Station as Station
+    from calib.vision.touch_up.servo import TouchUps as TouchUps
+    from calib.vision.touch_up.servo import touch_up as touch_up
+    from calib.vision.touch_up.set_up import find_set_up as find_set_up
+    from calib.vision.touch_up.sighting import NoSetUp as NoSetUp
+    from calib.vision.touch_up.sighting import SetUp as SetUp
+    from calib.vision.touch_up.sighting import TiltBias as TiltBias
 else:
     __getattr__ = load_when_asked(__name__)
-
-__all__ = [
-    "Arms",
-    "BoardTarget",
-    "Drive",
-    "ImageJacobian",
-    "Loop",
-    "NoSetUp",
-    "Relation",
-    "RobotAdapter",
-    "SetUp",
-    "SimulatedArms",
-    "Station",
-    "TiltBias",
-    "TouchUps",
-    "TrueCell",
-    "find_set_up",
-    "follow",
-    "touch_up",
-]

@@ -34,21 +34,13 @@ class LostMotion:
     by ``friction / stiffness`` on either side. Backlash widens the band by half its width on either
     side where friction holds the joint, and where gravity is stronger it lays the joint against the
     side that gravity pushes to.
-
-    Attributes
-    ----------
-    backlash_rad : array (n,)
-        Whole width of the play.
-    friction_nm : array (n,)
-    stiffness_nm_per_rad : array (n,)
-    scatter_rad : array (n,)
-        Standard deviation of where a joint stops, each time it was moved.
     """
 
-    backlash_rad: FloatArray
-    friction_nm: FloatArray
-    stiffness_nm_per_rad: FloatArray
+    backlash_rad: FloatArray  # (n,): whole width of the play
+    friction_nm: FloatArray  # (n,)
+    stiffness_nm_per_rad: FloatArray  # (n,)
     scatter_rad: FloatArray
+    """(n,): standard deviation of where a joint stops, each time it was moved."""
 
     @classmethod
     def of(
@@ -88,30 +80,16 @@ class LostMotion:
 
 @dataclass(frozen=True, eq=False)
 class TrueCell:
-    """How the cell really is.
+    """How the cell really is."""
 
-    Attributes
-    ----------
-    model : CalibrationModel
-        The arm with all its errors.
-    values : array (p,)
-        Of its parameters [SI].
-    T_tip_camera : array (4, 4)
-    T_base_target : array (4, 4) or (S, 4, 4)
-        One for all arms, or one for each.
-    payload : Payload or None
-        Whose weight lays joints to a side.
-    vibration_m : float
-        Standard deviation of where the lens is along each axis while a picture is taken.
-    """
-
-    model: CalibrationModel
-    values: FloatArray
-    T_tip_camera: FloatArray
-    T_base_target: FloatArray
+    model: CalibrationModel  # the arm with all its errors
+    values: FloatArray  # (p,): of its parameters [SI]
+    T_tip_camera: FloatArray  # (4, 4)
+    T_base_target: FloatArray  # (4, 4) or (S, 4, 4): one for all arms, or one for each
     lost_motion: LostMotion
-    payload: Payload | None = None
+    payload: Payload | None = None  # whose weight lays joints to a side
     vibration_m: float = 0.0
+    """Standard deviation of where the lens is along each axis while a picture is taken."""
 
     @property
     def robot(self) -> Robot:

@@ -44,18 +44,17 @@ def follow(
     carries it stays. And which were found ``(S,)``: not where joint limits or a singularity are in
     the way.
     """
-    slides, arm = robot.slides, robot.chain.arm
-    if len(q) == 1 and not slides:
+    first, arm = robot.n_external, robot.chain.arm
+    if len(q) == 1 and not first:
         one = OnePosture(robot) if one is None else one
         posture, off = one.close_in(q[0], T_wanted[0], _CLOSED, _ITERATIONS)
         out, error = posture[None], np.array([off])
     else:
-        T = T_wanted.copy()  # an arm that has gone along sees a pose come back by as much
-        T[:, :3, 3] -= q[:, :slides] @ robot.chain.slide_directions
-        lower, upper = robot.lower[slides:], robot.upper[slides:]
-        out = close_in(arm, q[:, slides:], T, lower, upper, _ITERATIONS)
+        T = robot.chain.at_rest(T_wanted, q[:, :first]) if first else T_wanted
+        lower, upper = robot.lower[first:], robot.upper[first:]
+        out = close_in(arm, q[:, first:], T, lower, upper, _ITERATIONS)
         error = np.abs(pose_error(arm, out, T)).max(axis=-1)
-        out = np.hstack([q[:, :slides], out])
+        out = np.hstack([q[:, :first], out])
     found = error < CLOSURE_TOLERANCE
     for limit in robot.coupled_limits:
         found &= limit.margin(out) >= 0.0
@@ -88,37 +87,23 @@ metre from a joint is eleven degrees. What needs more passes a singularity."""
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Arms, and how they are moved.
+    """Arms, and how they are moved."""
 
-    Attributes
-    ----------
-    robot : Robot
-        Nominal: what the controller knows.
-    approach_rad : float
-        Every stop is reached by a last movement of this angle in all joints, always in the
-        positive sense, so that backlash and friction leave the joints on the same side; 0 for
-        none. It has to be more than the lost motion of a joint.
-    refuses : callable, optional
-        Asked before every move; the limits of the joints are always kept.
-    around : callable, optional
-        Asked where the straight move to a posture is refused.
-    shown_within_rad : float
-        By which joints may be shown off what was commanded: rounding of the controller, width of
-        its fine positions, lost motion where encoders see it.
-    largest_correction_rad : float
-        By which corrections may turn a joint away from the posture that was planned.
-    tell : callable
-        Told what could not be checked.
-    """
-
-    robot: Robot
+    robot: Robot  # nominal: what the controller knows
     arms: Arms
     approach_rad: float = np.deg2rad(0.2)
+    """Every stop is reached by a last movement of this angle in all joints, always in the positive
+    sense, so that backlash and friction leave the joints on the same side; 0 for none. It has to be
+    more than the lost motion of a joint."""
     refuses: Refuses | None = None
-    around: Around | None = None
+    """Asked before every move; the limits of the joints are always kept."""
+    around: Around | None = None  # asked where the straight move to a posture is refused
     shown_within_rad: float = SHOWN_WITHIN_RAD
+    """By which joints may be shown off what was commanded: rounding of the controller, width of its
+    fine positions, lost motion where encoders see it."""
     largest_correction_rad: float = LARGEST_CORRECTION_RAD
-    tell: Callable[[str], None] = lambda text: None
+    """By which corrections may turn a joint away from the posture that was planned."""
+    tell: Callable[[str], None] = lambda text: None  # told what could not be checked
     _sent: FloatArray = field(init=False, repr=False)
     """Where each arm was sent last ``(S, n)`` [rad]; NaN before its first move."""
     _one: OnePosture = field(init=False, repr=False)
@@ -126,9 +111,10 @@ class Drive:
     """Where each arm was left by an earlier drive ``(S, n)`` [rad]; NaN where that is not known."""
 
     def __post_init__(self) -> None:
-        if self.robot.slides:
+        if self.robot.n_external:
             raise InputError(
-                f"{self.robot.joint_names[0]} slides, and by sight only turning joints are driven",
+                f"{self.robot.joint_names[0]} is an external axis, and by sight only the "
+                "joints of the arm are driven",
                 hint="hold it where it is: robot.held_mm",
                 name=self.robot.joint_names[0],
             )

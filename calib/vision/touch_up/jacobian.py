@@ -26,17 +26,11 @@ class Relation:
     It is the tip of a virtual pin: the place before the lens at which a target is seen so. A view
     is compared with it by the three numbers ``e = (dV, dH, ds)`` of :meth:`error`, which the paper
     has as ``(V - V0, H - H0, 1/s - 1/s0)``.
-
-    Attributes
-    ----------
-    center_px : tuple of two floats
-        H0 and V0: to the right and down from the left upper corner of the image.
-    size_px : float
-        s0: long axis of the target's ellipse.
     """
 
     center_px: tuple[float, float]
-    size_px: float
+    """H0 and V0: to the right and down from the left upper corner of the image."""
+    size_px: float  # s0: long axis of the target's ellipse
 
     def __post_init__(self) -> None:
         if not (np.isfinite([*self.center_px, self.size_px]).all() and self.size_px > 0.0):
@@ -87,15 +81,11 @@ be a few hundredths of the focal length beside the axis of the lens."""
 
 @dataclass(frozen=True, eq=False)
 class ImageJacobian:
-    """Derivatives of the relation's error by the place of the tip.
-
-    Attributes
-    ----------
-    matrix : array (3, 3)
-        By x, y, z of the tip [px/m]; rows V, H and size, as :meth:`Relation.error` has them.
-    """
+    """Derivatives of the relation's error by the place of the tip."""
 
     matrix: FloatArray
+    """(3, 3): by x, y, z of the tip [px/m]; rows V, H and size, as :meth:`Relation.error` has
+    them."""
     relation: Relation
 
     def shift(self, error: FloatArray, *, view_line: bool = False) -> FloatArray:

@@ -31,28 +31,18 @@ _FOLLOWED = 0.3
 
 @dataclass(frozen=True)
 class Loop:
-    """When the loop ends.
-
-    Attributes
-    ----------
-    center_px, size_px : float
-        Errors across the picture, and of the size, at or below which the target is touched.
-    iterations : int
-        Moves after which it has not converged.
-    farthest_m : float
-        Distance of the tip from where the loop began beyond which it has run away.
-    looks : int
-        Pictures whose mean is taken at each stop.
-    view_line : bool
-        Only V and H: the target is brought onto the view line, at any distance (Fig. 1a).
-    """
+    """When the loop ends."""
 
     center_px: float = 0.1
     size_px: float = 0.05
-    iterations: int = 10
+    """center_px, size_px: errors across the picture, and of the size, at or below which the target
+    is touched."""
+    iterations: int = 10  # moves after which it has not converged
     farthest_m: float = 0.1
-    looks: int = 1
+    """Distance of the tip from where the loop began beyond which it has run away."""
+    looks: int = 1  # pictures whose mean is taken at each stop
     view_line: bool = False
+    """Only V and H: the target is brought onto the view line, at any distance (Fig. 1a)."""
 
     @property
     def within(self) -> str:
@@ -74,29 +64,16 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class TouchUps:
-    """What became of S touch-ups.
+    """What became of S touch-ups."""
 
-    Attributes
-    ----------
-    q : array (S, n)
-        Joint values that the controllers showed at the end [rad].
-    error_px : array (S, 3)
-        Of the relation, as last measured; NaN where nothing was seen at the end.
-    ellipses : array (S, 5)
-        As last measured [px].
-    moves : array (S,)
-    status : tuple of str
-        ``touched``, or why not: ``lost``, ``no posture``, ``too far``, ``not converged``.
-    reasons : tuple of str
-        The same in a sentence; empty where it is touched.
-    """
-
-    q: FloatArray
+    q: FloatArray  # (S, n): joint values that the controllers showed at the end [rad]
     error_px: FloatArray
-    ellipses: FloatArray
-    moves: IntArray
+    """(S, 3): of the relation, as last measured; NaN where nothing was seen at the end."""
+    ellipses: FloatArray  # (S, 5): as last measured [px]
+    moves: IntArray  # (S,)
     status: tuple[Status, ...]
-    reasons: tuple[str, ...]
+    """``touched``, or why not: ``lost``, ``no posture``, ``too far``, ``not converged``."""
+    reasons: tuple[str, ...]  # the same in a sentence; empty where it is touched
 
     @property
     def touched(self) -> BoolArray:

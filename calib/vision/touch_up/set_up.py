@@ -45,27 +45,14 @@ _STEPS = 2
 
 @dataclass(frozen=True, eq=False)
 class Pin:
-    """The virtual pin tip and the target that it touches.
+    """The virtual pin tip and the target that it touches."""
 
-    Attributes
-    ----------
-    tool_m : array (3,)
-        Pin tip in the tip frame [m].
-    target_m : array (3,)
-        In the base frame [m].
-    missed_m : array (N, 3)
-        Pin tip less target at each touch-up, in base axes.
-    left_m : float
-        Rms distance of the touch-ups from each other that zero offsets do not explain.
-    sigma_tool_m : float
-        Largest standard deviation of the pin tip along any direction, from what is missed.
-    """
-
-    tool_m: FloatArray
-    target_m: FloatArray
-    missed_m: FloatArray
-    left_m: float
+    tool_m: FloatArray  # (3,): pin tip in the tip frame [m]
+    target_m: FloatArray  # (3,): in the base frame [m]
+    missed_m: FloatArray  # (N, 3): pin tip less target at each touch-up, in base axes
+    left_m: float  # rms distance of the touch-ups from each other that zero offsets do not explain
     sigma_tool_m: float
+    """Largest standard deviation of the pin tip along any direction, from what is missed."""
 
     @property
     def rms_m(self) -> float:

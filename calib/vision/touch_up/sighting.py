@@ -23,34 +23,17 @@ from calib.vision.touch_up.servo import Loop, Station, TouchUps
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """Where camera and target are, roughly, as the nominal arm sees them.
-
-    Attributes
-    ----------
-    tool_m : array (3,)
-        Virtual pin tip in the tip frame [m].
-    target_m : array (3,)
-        In the base frame [m].
-    facing : Facing
-        How the target's face is turned.
-    postures : array (N, n)
-        Touched up on the way [rad].
-    rms_m : float
-        Distance by which the touch-ups miss each other, three axes together.
-    sigma_tool_m : float
-        Largest standard deviation of the virtual pin tip, from what the touch-ups miss.
-    notes : tuple of str
-        Turns that could not be made, and why.
-    """
+    """Where camera and target are, roughly, as the nominal arm sees them."""
 
     jacobian: ImageJacobian
-    tool_m: FloatArray
-    target_m: FloatArray
-    facing: Facing
-    postures: FloatArray
-    rms_m: float
+    tool_m: FloatArray  # (3,): virtual pin tip in the tip frame [m]
+    target_m: FloatArray  # (3,): in the base frame [m]
+    facing: Facing  # how the target's face is turned
+    postures: FloatArray  # (N, n): touched up on the way [rad]
+    rms_m: float  # distance by which the touch-ups miss each other, three axes together
     sigma_tool_m: float
-    notes: tuple[str, ...]
+    """Largest standard deviation of the virtual pin tip, from what the touch-ups miss."""
+    notes: tuple[str, ...]  # turns that could not be made, and why
 
     @property
     def T_tip_camera(self) -> FloatArray:
@@ -363,20 +346,12 @@ class TiltBias:
     The centre of the ellipse is not the image of the middle, and the long axis is a little longer
     than Eq. 1 has it: the near half is seen larger. At 45 deg a circle of 20 mm seen from 350 mm is
     off by as much as the paper's Table 3.
-
-    Attributes
-    ----------
-    robot : Robot
-        Nominal: its orientation is right to a tenth of a degree.
-    jacobian : ImageJacobian
-        Of which the focal length, the distance and the diameter of the target are taken.
-    normal : array (3,)
-        Of the target, in base axes.
     """
 
-    robot: Robot
+    robot: Robot  # nominal: its orientation is right to a tenth of a degree
     jacobian: ImageJacobian
-    normal: FloatArray
+    """Of which the focal length, the distance and the diameter of the target are taken."""
+    normal: FloatArray  # (3,): of the target, in base axes
 
     def __call__(self, q: FloatArray) -> FloatArray:
         """Of postures ``(K, n)`` [rad], ellipse less middle and size ``(K, 3)`` [px]: V, H, s.

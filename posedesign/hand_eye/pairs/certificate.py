@@ -23,17 +23,13 @@ Camera = Literal["on-flange", "fixed"]
 
 @dataclass(frozen=True)
 class Frames:
-    """What the letters of A X = Z B mean.
-
-    ``A``, ``B``, ``X``, ``Z``: name of the transform and, in words, what it is. ``other_way``: what
-    B often is in place of that, and what to do then.
-    """
+    """What the letters of A X = Z B mean."""
 
     A: str
     B: str
     X: str
-    Z: str
-    other_way: str
+    Z: str  # A, B, X, Z: name of the transform and, in words, what it is
+    other_way: str  # what B often is in place of that, and what to do then
 
 
 FRAMES: Mapping[Camera, Frames] = MappingProxyType(
@@ -66,17 +62,15 @@ of them to tell."""
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """A certificate, and where the answer that it was asked for stands to it.
-
-    ``sigma_X``, ``sigma_Z``, ``sigma``: from the answer to the certificate's X, Z, and both
-    together, in standard deviations of the direction that has most of them; NaN where there are no
-    standard deviations.
-    """
+    """A certificate, and where the answer that it was asked for stands to it."""
 
     certificate: Certificate
     sigma_X: float
     sigma_Z: float
     sigma: float
+    """sigma_X, sigma_Z, sigma: from the answer to the certificate's X, Z, and both together, in
+    standard deviations of the direction that has most of them; NaN where there are no standard
+    deviations."""
 
     @classmethod
     def of(cls, result: RobotWorldResult, certificate: Certificate) -> Proof:

@@ -46,20 +46,17 @@ _KNOWN = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Poses of the arm and of the camera, pair by pair: A X = Z B.
-
-    ``A``, ``B`` (N, 4, 4): [m]; camera on the flange, ``T_base_flange`` and ``T_target_camera``.
-    ``places``: where each stands in its file, in words; empty where they come from none. ``notes``:
-    what is odd about them. ``misread``: how else they seem to have been written than they were
-    read; empty where they fit.
-    """
+    """Poses of the arm and of the camera, pair by pair: A X = Z B."""
 
     names: tuple[str, ...]
     A: FloatArray
     B: FloatArray
+    """A, B (N, 4, 4) [m]; camera on the flange, ``T_base_flange`` and ``T_target_camera``."""
     places: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    """Where each stands in its file, in words; empty where they come from none."""
+    notes: tuple[str, ...] = ()  # what is odd about them
     misread: str = ""
+    """How else they seem to have been written than they were read; empty where they fit."""
 
 
 def pair_columns(letter: str, form: PoseForm = DEFAULT_FORM) -> list[str]:

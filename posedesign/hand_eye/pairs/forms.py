@@ -47,18 +47,14 @@ prints them, passes (2e-3). Unlike with a matrix, nothing but rounding comes so 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the poses of one side stand, for messages.
-
-    ``lines``: lines of a table. ``variable``: name of a variable, in a file that is no table.
-    ``marks``: what stands around the number of a pose, behind the name. ``first``: number of the
-    first pose.
-    """
+    """Where the poses of one side stand, for messages."""
 
     path: Path
-    lines: tuple[int, ...] = ()
-    variable: str = ""
+    lines: tuple[int, ...] = ()  # lines of a table
+    variable: str = ""  # name of a variable, in a file that is no table
     marks: tuple[str, str] = ("(:,:,", ")")
-    first: int = 1
+    """What stands around the number of a pose, behind the name."""
+    first: int = 1  # number of the first pose
 
     def name(self, i: int) -> str:
         """``line 7``, or ``T_cam(:,:,6)`` as MATLAB counts, ``T_cam[5]`` as Python does."""
@@ -347,20 +343,14 @@ class PoseForm:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of one side as they were read.
+    """Poses of one side as they were read."""
 
-    ``T`` (N, 4, 4): [m]. ``place``: where they stand. ``names``: from the column ``pose``; empty
-    where there is none. ``notes``: what is odd about them. ``turn``: form that the orientation had,
-    one of :data:`TURNS`. ``numbers`` (N, 3) or (N, 4) or (N, 9): the orientation in that form;
-    angles in rad.
-    """
-
-    T: FloatArray
-    place: Place
-    names: tuple[str, ...]
-    notes: tuple[str, ...]
-    turn: str
-    numbers: FloatArray
+    T: FloatArray  # (N, 4, 4) [m]
+    place: Place  # where they stand
+    names: tuple[str, ...]  # from the column ``pose``; empty where there is none
+    notes: tuple[str, ...]  # what is odd about them
+    turn: str  # form that the orientation had, one of :data:`TURNS`
+    numbers: FloatArray  # (N, 3) or (N, 4) or (N, 9): the orientation in that form; angles in rad
 
 
 def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:

@@ -44,17 +44,14 @@ _LATER = (("standard deviations", "covariance"), ("leaving out pairs", "left_out
 
 @dataclass(frozen=True)
 class SolverOutcome:
-    """What one AX=ZB solver made of the pairs, or why it could not.
-
-    ``left_out``: where the pairs stand that it did not use, in words. ``proof``: whether no other X
-    and Z are likelier, where that was asked for and can be.
-    """
+    """What one AX=ZB solver made of the pairs, or why it could not."""
 
     method: str
     result: RobotWorldResult | None
     problem: str = ""
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # where the pairs stand that it did not use, in words
     proof: Proof | None = None
+    """Whether no other X and Z are likelier, where that was asked for and can be."""
 
     @property
     def ok(self) -> bool:

@@ -96,13 +96,10 @@ _OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
 
 @dataclass(frozen=True)
 class Misfit:
-    """Sides that no X and Z fit as they were read.
+    """Sides that no X and Z fit as they were read."""
 
-    ``text``: in a sentence. ``explained``: whether another reading fits, which the text names.
-    """
-
-    text: str
-    explained: bool
+    text: str  # in a sentence
+    explained: bool  # whether another reading fits, which the text names
 
 
 def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
@@ -193,28 +190,21 @@ _TREES = (".xml", ".yaml", ".yml", ".json", ".samples")
 
 @dataclass(frozen=True)
 class PairSource:
-    """Files of pose pairs, and how they are to be understood.
-
-    ``pairs``: one file with both sides: a table, a file of matrices (:mod:`.stacks`), or samples of
-    MoveIt or easy_handeye (:mod:`.samples`). ``a``, ``b``: two files with one side each, in place
-    of it. ``columns``: names of the columns of tables without a header line. ``variables``: names
-    of A and B in files of matrices. ``unit`` {"mm", "m"}: unit of length of files of matrices.
-    ``invert`` {"none", "a", "b", "both"}: sides that the files have the other way round.
-    ``convention`` {"axzb", "opencv"}: whose A and B the files have, once they are inverted.
-    ``trust_units``: do not refuse angles and lengths that look like those of another unit.
-    ``camera`` {"on-flange", "fixed"}: where it is: tells A and B of samples.
-    """
+    """Files of pose pairs, and how they are to be understood."""
 
     pairs: Path | None = None
+    """One file with both sides: a table, a file of matrices (:mod:`.stacks`), or samples of MoveIt
+    or easy_handeye (:mod:`.samples`)."""
     a: Path | None = None
-    b: Path | None = None
-    columns: Sequence[str] = ()
-    variables: Sequence[str] = ()
-    unit: str | None = None
-    invert: Invert = "none"
-    convention: Convention = "axzb"
+    b: Path | None = None  # a, b: two files with one side each, in place of it
+    columns: Sequence[str] = ()  # names of the columns of tables without a header line
+    variables: Sequence[str] = ()  # names of A and B in files of matrices
+    unit: str | None = None  # {"mm", "m"}: unit of length of files of matrices
+    invert: Invert = "none"  # sides that the files have the other way round
+    convention: Convention = "axzb"  # whose A and B the files have, once they are inverted
     trust_units: bool = False
-    camera: Camera = "on-flange"
+    """Do not refuse angles and lengths that look like those of another unit."""
+    camera: Camera = "on-flange"  # where it is: tells A and B of samples
 
     def __post_init__(self) -> None:
         if self.camera == "fixed" and self.convention == "opencv":

@@ -57,21 +57,17 @@ _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
 
 @dataclass(frozen=True)
 class StackFile:
-    """A file of matrices that was looked into.
-
-    ``variables``: by name; arrays are 4x4xN, whatever their order in the file. ``marks``: what
-    stands around the number of a transform, behind the name. ``first``: number of the first.
-    ``lines``: lines where transforms begin, in a text. ``notes``: what is odd about it. ``hint``:
-    what to do where something is no stack of transforms.
-    """
+    """A file of matrices that was looked into."""
 
     path: Path
-    variables: Mapping[str, Variable]
+    variables: Mapping[str, Variable]  # by name; arrays are 4x4xN, whatever their order in the file
     marks: tuple[str, str] = ("(:,:,", ")")
-    first: int = 1
-    lines: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
+    """What stands around the number of a transform, behind the name."""
+    first: int = 1  # number of the first
+    lines: tuple[int, ...] = ()  # lines where transforms begin, in a text
+    notes: tuple[str, ...] = ()  # what is odd about it
     hint: str = "stack the transforms along the third dimension: cat(3, T{:})"
+    """What to do where something is no stack of transforms."""
 
     @property
     def stacks(self) -> tuple[str, ...]:

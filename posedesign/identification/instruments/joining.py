@@ -33,15 +33,12 @@ _MOST_SHOWN = 3
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Where something stood still.
-
-    ``first``, ``last`` (K,): rows of the record that each is the mean of. ``creeping``: those that
-    were no standstill: too slow to be seen in a short time.
-    """
+    """Where something stood still."""
 
     first: IntArray
-    last: IntArray
+    last: IntArray  # first, last (K,): rows of the record that each is the mean of
     creeping: tuple[int, ...] = ()
+    """Those that were no standstill: too slow to be seen in a short time."""
 
     @property
     def middle(self) -> Stops:
@@ -99,15 +96,11 @@ def is_record(times: FloatArray, still_s: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Which stop each reading belongs to.
+    """Which stop each reading belongs to."""
 
-    ``stop`` (N,): below zero for none. ``reason``: why there is none; empty for those that have
-    one. ``how``: in words.
-    """
-
-    stop: IntArray
-    reason: tuple[str, ...]
-    how: str
+    stop: IntArray  # (N,): below zero for none
+    reason: tuple[str, ...]  # why there is none; empty for those that have one
+    how: str  # in words
 
     @property
     def is_found(self) -> BoolArray:

@@ -114,7 +114,7 @@ def read_joint_rows(
     rows = _rows_of(path, text, robot, section, trust_units)
     if rows.times is not None:
         rows = _in_order(rows, rows.times)
-    turned = np.rad2deg(np.abs(rows.postures[:, robot.slides :]).max(axis=1))
+    turned = np.rad2deg(np.abs(rows.postures[:, robot.n_external :]).max(axis=1))
     if turned.max() > LARGEST_DEG:
         raise FileFormatError(
             f"a joint value is {turned.max():.4g} deg",
@@ -187,7 +187,7 @@ def _log_of(columns: Sequence[str], robot: Robot) -> tuple[Log | None, list[str]
     Those of external axes come first, as in a posture; where they have names, all are joints.
     """
     for log in _LOGS:
-        turning = robot.n - robot.slides if log.maker else robot.n
+        turning = robot.n - robot.n_external if log.maker else robot.n
         needed = [log.joint.format(k + log.first) for k in range(turning)]
         if 2 * len({*needed} & {*columns}) >= turning:
             external = [log.external.format(k + 1) for k in range(robot.n - turning)]
@@ -213,14 +213,14 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
 
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
     """Postures [rad, m] of what a controller logs, external axes first [mm]."""
-    if values.shape[1] < robot.n:
+    if values.shape[1] < robot.n or robot.external.positioner:
         raise FileFormatError(
             f"is a log of {log.name}, which has no external axes",
             path=path,
             hint="give a table with e1_mm, j1_deg ..",
         )
     if log.unit == "rad":
-        largest = float(np.abs(values[:, robot.slides :]).max())
+        largest = float(np.abs(values[:, robot.n_external :]).max())
         if largest > 4.0 * np.pi:
             raise FileFormatError(
                 f"a log of {log.name} is in radians, and its largest value is {largest:.4g}",
@@ -311,7 +311,7 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
                 times[-1] = float(found[3]) * SECONDS["ms"]
             continue
         carriers = found[1] == "EIPos"
-        count = robot.slides if carriers else robot.n - robot.slides
+        count = robot.n_external if carriers else robot.n - robot.n_external
         row = _axes_in(found, count, path, line + 1)
         if carriers:
             external.append(row)
@@ -329,13 +329,13 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
             row=lines[int(timed.argmin())],
             hint="log both, or no IPOC",
         )
-    if robot.slides and len(external) != len(values):
+    if robot.n_external and len(external) != len(values):
         raise FileFormatError(
             f"has {len(external)} EIPos for {len(values)} AIPos, and axes carry the arm",
             path=path,
             hint="log EIPos in every telegram: DEF_EIPos",
         )
-    shown = np.hstack([external, values]) if robot.slides else np.array(values)
+    shown = np.hstack([external, values]) if robot.n_external else np.array(values)
     postures = _of_controller(path, shown, _LOGS[2], robot)
     return JointRows(path, np.array(lines), postures, np.array(times) if timed.all() else None)
 
@@ -384,7 +384,7 @@ def joints_of(
             path=path,
             hint="name them from the base on in instrument.columns.joints",
         )
-    if robot.slides:
+    if robot.n_external:
         raise FileFormatError(
             "has joints by columns of its own, and the arm stands on a slide",
             path=path,

@@ -74,25 +74,19 @@ class Thing:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a file has what.
-
-    ``head``: lines before the table; the names of its columns are among them where ``header`` has
-    them. ``end``: line after its last, counted from 0. ``header``: names of all columns, of a table
-    without them. ``unit``: of lengths, one of :data:`METRES`; empty where the file does not say it.
-    ``turn``: form of the orientation; see ``instrument.turn``. ``time_factor``: seconds that the
-    unit of time is.
-    """
+    """Where a file has what."""
 
     things: tuple[Thing, ...]
     head: int = 0
-    end: int | None = None
-    header: tuple[str, ...] = ()
-    unit: str = ""
-    turn: str = ""
+    """Lines before the table; the names of its columns are among them where ``header`` has them."""
+    end: int | None = None  # line after its last, counted from 0
+    header: tuple[str, ...] = ()  # names of all columns, of a table without them
+    unit: str = ""  # of lengths, one of :data:`METRES`; empty where the file does not say it
+    turn: str = ""  # form of the orientation; see ``instrument.turn``
     reflector: str | None = None
     pose: str | None = None
     time: str | None = None
-    time_factor: float = 1.0
+    time_factor: float = 1.0  # seconds that the unit of time is
     temperature: str | None = None
     joints: tuple[str, ...] = ()
 

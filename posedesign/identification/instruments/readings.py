@@ -29,22 +29,16 @@ MISSING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "null", "none", 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What an instrument read, one row for each reflector at a time.
-
-    ``lines`` (N,): line of the file. ``values`` (N, 3) or (N, 6): places [m], then rotation vectors
-    [rad]. ``reflectors``: of each; empty where the file does not say. ``poses``: name of each pose;
-    none where the file does not say. ``times`` (N,): [s]. ``temperatures`` (N,): [deg C]; NaN where
-    there is none. ``joints`` (N, n): in the unit and signs of the file.
-    """
+    """What an instrument read, one row for each reflector at a time."""
 
     path: Path
-    lines: IntArray
-    values: FloatArray
-    reflectors: tuple[str, ...]
-    poses: tuple[str, ...] = ()
-    times: FloatArray | None = None
-    temperatures: FloatArray | None = None
-    joints: FloatArray | None = None
+    lines: IntArray  # (N,): line of the file
+    values: FloatArray  # (N, 3) or (N, 6): places [m], then rotation vectors [rad]
+    reflectors: tuple[str, ...]  # of each; empty where the file does not say
+    poses: tuple[str, ...] = ()  # name of each pose; none where the file does not say
+    times: FloatArray | None = None  # (N,) [s]
+    temperatures: FloatArray | None = None  # (N,) [deg C]; NaN where there is none
+    joints: FloatArray | None = None  # (N, n): in the unit and signs of the file
     notes: tuple[str, ...] = ()
 
 

@@ -25,14 +25,10 @@ _LEAST_ASIDE = 2
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Scatter of repeated readings about the mean of their group.
+    """Scatter of repeated readings about the mean of their group."""
 
-    ``sigma`` (m,): pooled standard deviation of one reading along each axis. ``freedom``: degrees
-    of freedom of it.
-    """
-
-    sigma: FloatArray
-    freedom: int
+    sigma: FloatArray  # (m,): pooled standard deviation of one reading along each axis
+    freedom: int  # degrees of freedom of it
 
     def probability(self, stated: FloatArray) -> float:
         """How probable so large or so small a scatter is by chance, the stated one being true.
@@ -111,16 +107,12 @@ def drift_of(places: FloatArray, times: FloatArray) -> Drift | None:
 
 @dataclass(frozen=True)
 class Trend:
-    """How residuals go with the temperature.
+    """How residuals go with the temperature."""
 
-    ``axis``: axis that goes with it most clearly. ``slope``: change of the residual a degree.
-    ``probability``: of chance, for all axes together.
-    """
-
-    axis: int
-    slope: float
+    axis: int  # axis that goes with it most clearly
+    slope: float  # change of the residual a degree
     correlation: float
-    probability: float
+    probability: float  # of chance, for all axes together
 
 
 def trend_with(residuals: FloatArray, temperature: FloatArray) -> Trend | None:

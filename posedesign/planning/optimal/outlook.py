@@ -41,21 +41,19 @@ APART_OF_REACH = 0.3
 
 @dataclass(frozen=True)
 class Outlook:
-    """Predicted error of the tool point over the task box, from the noise alone.
-
-    ``tcp_m``, ``tcp_worst_m``: root mean square error of the poses, in the mean over the box and
-    where it is largest [m]; infinite where they do not identify everything. ``chosen_tcp_m``: in
-    the mean, of the best choice of as many poses out of a small pool that keeps all constraints but
-    those on the motions between poses; None where there is no such choice. ``box_words``: the task
-    box in words. ``advice``: what would lower the error of the best choice, with the error of as
-    many poses chosen then.
-    """
+    """Predicted error of the tool point over the task box, from the noise alone."""
 
     tcp_m: float
     tcp_worst_m: float
+    """tcp_m, tcp_worst_m: root mean square error of the poses, in the mean over the box and where
+    it is largest [m]; infinite where they do not identify everything."""
     chosen_tcp_m: float | None
-    box_words: str
+    """In the mean, of the best choice of as many poses out of a small pool that keeps all
+    constraints but those on the motions between poses; None where there is no such choice."""
+    box_words: str  # the task box in words
     advice: str = ""
+    """What would lower the error of the best choice, with the error of as many poses chosen
+    then."""
 
     @property
     def chosen_is_better(self) -> bool:

@@ -54,17 +54,13 @@ ROBUST = ("none", "average", "worst")
 
 @dataclass(frozen=True, eq=False)
 class PlanObjective:
-    """What is to be reached, and on which blocks.
-
-    ``limit``: value to be reached, as the criterion is shown. ``unit``: of values as they are
-    shown; empty where they have none. ``known`` (K, p): rows of what is known before any pose, as
-    the blocks are scaled; None for nothing.
-    """
+    """What is to be reached, and on which blocks."""
 
     criterion: Criterion
-    limit: float | None = None
-    unit: str = ""
+    limit: float | None = None  # value to be reached, as the criterion is shown
+    unit: str = ""  # of values as they are shown; empty where they have none
     known: FloatArray | None = None
+    """(K, p): rows of what is known before any pose, as the blocks are scaled; None for nothing."""
 
     def blocks(self, linear: Linearisation) -> FloatArray:
         """Blocks ``(N, m, p)`` that the criterion is of."""
@@ -201,18 +197,15 @@ def _wanted(model: CalibrationModel, sigma_m: float | None, sigma_rad: float | N
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """What a number of poses promises.
-
-    ``value``: of the criterion, as it is shown. ``sigma`` (p,): standard deviations of the
-    parameters [SI]. ``tcp_m``, ``tcp_worst_m``: root mean square error of the tool point over the
-    task box, in the mean and where it is largest [m].
-    """
+    """What a number of poses promises."""
 
     poses: int
-    value: float
-    sigma: FloatArray
+    value: float  # of the criterion, as it is shown
+    sigma: FloatArray  # (p,): standard deviations of the parameters [SI]
     tcp_m: float
     tcp_worst_m: float
+    """tcp_m, tcp_worst_m: root mean square error of the tool point over the task box, in the mean
+    and where it is largest [m]."""
 
 
 def accuracy_of(

@@ -271,28 +271,23 @@ def _or_none(value: float) -> float | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NextPoses(Shown):
-    """Poses to measure next, and what they promise.
-
-    ``measured``: touch-ups so far. ``identified``: what they give; None while they do not identify
-    everything. ``why_not``: why they do not, in words. ``noise_scale``: by which the noise given is
-    multiplied in what is predicted. ``poses``: the next ones, the one that gains most first.
-    ``tcp_m`` (k + 1,): root mean square error of the tool point over the box [m]: now, and after
-    each further pose. ``accuracy_m``: error at which to stop. ``things``: what is measured, and
-    whose error it is.
-    """
+    """Poses to measure next, and what they promise."""
 
     objective: PlanObjective
-    measured: int
+    measured: int  # touch-ups so far
     identified: IdentificationResult | None
-    why_not: str
-    noise_scale: float
-    poses: PoseSet
+    """What they give; None while they do not identify everything."""
+    why_not: str  # why they do not, in words
+    noise_scale: float  # by which the noise given is multiplied in what is predicted
+    poses: PoseSet  # the next ones, the one that gains most first
     route: Route
     tcp_m: FloatArray
+    """(k + 1,): root mean square error of the tool point over the box [m]: now, and after each
+    further pose."""
     box_words: str
     least_gain: float
-    accuracy_m: float | None
-    things: tuple[str, str] = ("touch-up", "tool point")
+    accuracy_m: float | None  # error at which to stop
+    things: tuple[str, str] = ("touch-up", "tool point")  # what is measured, and whose error it is
 
     @property
     def worth(self) -> int:

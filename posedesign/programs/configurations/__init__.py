@@ -4,11 +4,11 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.abb import AbbConfiguration
-from posedesign.programs.configurations.fanuc import FanucConfiguration
-from posedesign.programs.configurations.kuka import KukaConfiguration
-from posedesign.programs.configurations.staubli import StaubliConfiguration
-from posedesign.programs.configurations.yaskawa import YaskawaConfiguration
+from posedesign.programs.configurations.abb import AbbConfiguration as AbbConfiguration
+from posedesign.programs.configurations.fanuc import FanucConfiguration as FanucConfiguration
+from posedesign.programs.configurations.kuka import KukaConfiguration as KukaConfiguration
+from posedesign.programs.configurations.staubli import StaubliConfiguration as StaubliConfiguration
+from posedesign.programs.configurations.yaskawa import YaskawaConfiguration as YaskawaConfiguration
 
 CONFIGURATIONS: dict[str, type[Configuration]] = {
     kind.maker: kind
@@ -37,15 +37,3 @@ def words(robot: Robot, postures: FloatArray) -> list[str]:
         return [found.words for found in kind.of(robot, postures)]
     except InputError:  # an arm with another wrist than the words are for
         return [""] * len(postures)
-
-
-__all__ = [
-    "CONFIGURATIONS",
-    "AbbConfiguration",
-    "FanucConfiguration",
-    "KukaConfiguration",
-    "StaubliConfiguration",
-    "YaskawaConfiguration",
-    "configuration_of",
-    "words",
-]

@@ -19,16 +19,6 @@ from posedesign.programs.configurations.geometry import arm_positions
 class AbbConfiguration(Configuration):
     """``confdata`` of an ABB controller for a six-axis arm.
 
-    Attributes
-    ----------
-    cf1, cf4, cf6 : int
-        Quadrants of axes 1, 4, 6: the angle divided by 90 deg, rounded down. At 0: 0.
-    cfx : int
-        Bit 0: axis 5 negative. Bit 1: wrist centre behind the line through axes 2 and 3, "behind
-        the lower arm". Bit 2: wrist centre behind axis 1.
-    beside : tuple of int
-        Quadrants on the other side of a boundary nearby (:mod:`.boundaries`); empty when read.
-
     Notes
     -----
     The quadrants are documented (RAPID, Basic characteristics). They and the three bits were
@@ -50,8 +40,13 @@ class AbbConfiguration(Configuration):
     cf1: int
     cf4: int
     cf6: int
+    """cf1, cf4, cf6: quadrants of axes 1, 4, 6: the angle divided by 90 deg, rounded down. At 0:
+    0."""
     cfx: int
+    """Bit 0: axis 5 negative. Bit 1: wrist centre behind the line through axes 2 and 3, "behind the
+    lower arm". Bit 2: wrist centre behind axis 1."""
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
+    """Quadrants on the other side of a boundary nearby (:mod:`.boundaries`); empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:

@@ -22,21 +22,6 @@ _TOLERANCE_DEG = 5e-4
 class FanucConfiguration(Configuration):
     """``CONFIG`` of a FANUC controller for a six-axis arm.
 
-    Attributes
-    ----------
-    flip : bool
-        F: J5 > 0. N: J5 < 0, which is the usual posture with the tool down, and J5 = 0.
-    down : bool
-        D: the wrist centre is behind the line from axis 2 to axis 3. U: in front of it, the elbow
-        up.
-    back : bool
-        B: the wrist centre is behind axis 1. T: in front of it.
-    turns : tuple of int
-        Of J1, J4, J6. Turn 0 is (-180, 180) deg, open at both ends: +180 is turn 1, and -180 is
-        taken for turn -1. Turn t is the same 360 t deg further.
-    beside : tuple of int
-        Turns on the other side of a boundary nearby (:mod:`.boundaries`); empty when read.
-
     Notes
     -----
     F/N, U/D, T/B and the turns were measured by others on FANUC's simulator (ROBOGUIDE, M-20iD/25,
@@ -55,11 +40,16 @@ class FanucConfiguration(Configuration):
         r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?"
     )
     counts: ClassVar[tuple[str, ...]] = ("turns",)
-    flip: bool
+    flip: bool  # F: J5 > 0. N: J5 < 0, which is the usual posture with the tool down, and J5 = 0.
     down: bool
-    back: bool
+    """D: the wrist centre is behind the line from axis 2 to axis 3. U: in front of it, the elbow
+    up."""
+    back: bool  # B: the wrist centre is behind axis 1. T: in front of it.
     turns: tuple[int, int, int]
+    """Of J1, J4, J6. Turn 0 is (-180, 180) deg, open at both ends: +180 is turn 1, and -180 is
+    taken for turn -1. Turn t is the same 360 t deg further."""
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
+    """Turns on the other side of a boundary nearby (:mod:`.boundaries`); empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:

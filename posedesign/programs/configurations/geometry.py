@@ -24,25 +24,18 @@ _PARALLEL = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ArmPositions:
-    """Arm positions at N postures.
-
-    Attributes
-    ----------
-    pendant_deg : array (N, 6)
-        Joint values with the maker's signs, as the pendant shows them [deg].
-    front_m : array (N,)
-        How far the wrist centre is in front of axis 1 [m], seen by the arm: along the horizontal
-        direction that is x of the controller's world when joint 1 is at zero, and turns with it.
-        Negative behind axis 1.
-    line_m : array (N,)
-        How far the wrist centre is in front of the line from axis 2 to axis 3 [m], seen by the
-        arm: positive where a forearm that points to the front is with the upper arm straight up.
-        Zero where the arm is stretched or folded.
-    """
+    """Arm positions at N postures."""
 
     pendant_deg: FloatArray
+    """(N, 6): joint values with the maker's signs, as the pendant shows them [deg]."""
     front_m: FloatArray
+    """(N,): how far the wrist centre is in front of axis 1 [m], seen by the arm: along the
+    horizontal direction that is x of the controller's world when joint 1 is at zero, and turns with
+    it. Negative behind axis 1."""
     line_m: FloatArray
+    """(N,): how far the wrist centre is in front of the line from axis 2 to axis 3 [m], seen by the
+    arm: positive where a forearm that points to the front is with the upper arm straight up. Zero
+    where the arm is stretched or folded."""
 
     @property
     def behind_axis_1(self) -> BoolArray:

@@ -26,19 +26,6 @@ _LARGEST_STATUS, _LARGEST_TURN = 0b11111, 0b111111
 class KukaConfiguration(Configuration):
     """Status and Turn of a KUKA controller for a six-axis arm.
 
-    Attributes
-    ----------
-    status : int
-        Bit 0: wrist centre behind axis 1, the overhead area. Bit 1: wrist centre in front of the
-        line through axes 2 and 3, which is A3 above its in-line angle (0 for arms whose axes 3 and
-        4 meet, a few degrees for others). Bit 2: A5 in [-180, 0) deg, or from 180 deg. Bits 3 and 4
-        say nothing of the arm, and are written as zero.
-    turn : int
-        Bit i - 1: axis i negative, for A1 to A6.
-    loose : int
-        Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign
-        (:mod:`.boundaries`); zero when read.
-
     Notes
     -----
     Nothing here was measured on a controller. Bits of S as Beckhoff documents them for KUKA's kind
@@ -62,8 +49,14 @@ class KukaConfiguration(Configuration):
     )
     counts: ClassVar[tuple[str, ...]] = ("turn",)
     status: int
-    turn: int
+    """Bit 0: wrist centre behind axis 1, the overhead area. Bit 1: wrist centre in front of the
+    line through axes 2 and 3, which is A3 above its in-line angle (0 for arms whose axes 3 and 4
+    meet, a few degrees for others). Bit 2: A5 in [-180, 0) deg, or from 180 deg. Bits 3 and 4 say
+    nothing of the arm, and are written as zero."""
+    turn: int  # bit i - 1: axis i negative, for A1 to A6
     loose: int = field(default=0, compare=False, repr=False)
+    """Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign
+    (:mod:`.boundaries`); zero when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:

@@ -24,16 +24,6 @@ _TABLES = SHOULDER, ELBOW, WRIST
 class StaubliConfiguration(Configuration):
     """``config`` of a Staubli controller for a six-axis arm (RX, TX, TX2).
 
-    Attributes
-    ----------
-    righty : bool or None
-        Wrist centre behind axis 1; lefty: in front of it. None: free.
-    elbow_negative : bool or None
-        Wrist centre behind the line through axes 2 and 3, which is joint 3 negative where axes 3
-        and 4 meet. None: free.
-    wrist_negative : bool or None
-        Joint 5 negative; at zero it is positive. None: free.
-
     Notes
     -----
     Nothing here was measured on a controller. The words are those of VAL 3 (Beckhoff documents them
@@ -53,9 +43,11 @@ class StaubliConfiguration(Configuration):
     form: ClassVar[re.Pattern[str]] = re.compile(
         r'(?:shoulder=")?(\w+)(?:"\s+elbow="|[\s,]+)(\w+)(?:"\s+wrist="|[\s,]+)(\w+)"?'
     )
-    righty: bool | None
+    righty: bool | None  # wrist centre behind axis 1; lefty: in front of it. None: free.
     elbow_negative: bool | None
-    wrist_negative: bool | None
+    """Wrist centre behind the line through axes 2 and 3, which is joint 3 negative where axes 3 and
+    4 meet. None: free."""
+    wrist_negative: bool | None  # joint 5 negative; at zero it is positive. None: free.
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:

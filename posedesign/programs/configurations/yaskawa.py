@@ -24,23 +24,6 @@ on."""
 class YaskawaConfiguration(Configuration):
     """``RCONF`` of a Yaskawa controller for a six-axis arm.
 
-    Attributes
-    ----------
-    no_flip : int
-        0, flip: R in (-90, 90] deg, or the same a turn further. 1, no flip: R elsewhere.
-    lower : int
-        0, upper arm: wrist centre in front of the line through axes 2 and 3 (L and U), the elbow
-        up. 1, lower arm: behind it.
-    rear : int
-        0, front: wrist centre in front of axis 1. 1, rear: behind it.
-    r_beyond, t_beyond, s_beyond : int
-        0: R, T, S in (-180, 180] deg. 1: beyond.
-    length : int
-        Number of values to write, the rest are zero: one of :data:`LENGTHS`.
-    beside : tuple of int
-        ``no_flip`` and the last three on the other side of a boundary nearby
-        (:mod:`.boundaries`); empty when read.
-
     Notes
     -----
     Nothing here was measured on a controller. Order and values of RCONF as in the makers' manuals
@@ -61,13 +44,19 @@ class YaskawaConfiguration(Configuration):
     )
     form: ClassVar[re.Pattern[str]] = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
     no_flip: int
+    """0, flip: R in (-90, 90] deg, or the same a turn further. 1, no flip: R elsewhere."""
     lower: int
-    rear: int
+    """0, upper arm: wrist centre in front of the line through axes 2 and 3 (L and U), the elbow up.
+    1, lower arm: behind it."""
+    rear: int  # 0, front: wrist centre in front of axis 1. 1, rear: behind it.
     r_beyond: int
     t_beyond: int
-    s_beyond: int
+    s_beyond: int  # r_beyond, t_beyond, s_beyond: 0: R, T, S in (-180, 180] deg. 1: beyond.
     length: int = field(default=LENGTHS[-1], compare=False)
+    """Number of values to write, the rest are zero: one of :data:`LENGTHS`."""
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
+    """``no_flip`` and the last three on the other side of a boundary nearby (:mod:`.boundaries`);
+    empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:

@@ -187,7 +187,7 @@ def _source(program: PoseProgram, arm: Arm) -> str:
 
 def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)
-    names = (*AXES, *EXTERNAL[: arm.slides])
+    names = (*AXES, *EXTERNAL[: arm.n_external])
     return ["{" + _fields(names, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
 
 
@@ -196,7 +196,7 @@ def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     postures = program.postures_rad
     placed = _frames(arm.tool_poses(postures))
     words = arm.configurations(postures)
-    names = EXTERNAL[: arm.slides]
+    names = EXTERNAL[: arm.n_external]
     external = [_fields(names, plain_all(r[len(r) - len(names) :], JOINT_DECIMALS)) for r in rows]
     return [
         "{" + ",".join(filter(None, [fields, at.words, beside])) + "}"

@@ -248,16 +248,16 @@ class MitsubishiMelfa(JointDialect):
         """The file. It says that nobody has compared the signs of the joints."""
         if arm.n > 8:
             raise InputError("a joint position has at most 8 values", name="poses", value=arm.n)
-        if arm.slides and arm.n - arm.slides != JOINTS:
+        if arm.n_external and arm.n - arm.n_external != JOINTS:
             raise InputError(
-                f"additional axes stand behind six joints, the arm has {arm.n - arm.slides}",
+                f"additional axes stand behind six joints, the arm has {arm.n - arm.n_external}",
                 hint="hold the slide where it is: robot.held_mm",
                 name="poses",
             )
         external = [
             EXTERNAL.format(k, name)
             for k, name in enumerate(arm.joint_names[JOINTS:], start=JOINTS + 1)
-            if arm.slides
+            if arm.n_external
         ]
         said = (*program.not_checked, SIGNS, *external)
         return super().render(replace(program, not_checked=said), arm)

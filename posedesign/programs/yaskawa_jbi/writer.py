@@ -111,7 +111,8 @@ def render_yaskawa_jbi(
         argument = options.argument(program.measured_count)
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
     pulses = checked(pulses_per_deg) if options.form == "joint" else ()
-    base = checked(pulses_per_mm, "pulses_per_mm", EXTERNAL[: arm.slides]) if arm.slides else ()
+    carrying = EXTERNAL[: arm.n_external]
+    base = checked(pulses_per_mm, "pulses_per_mm", carrying) if carrying else ()
     pulses += base
     positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
     frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
@@ -142,7 +143,7 @@ def render_yaskawa_jbi(
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
-    pulses = (1.0,) * (len(AXES) + (program.arm.slides if program.arm else 0))
+    pulses = (1.0,) * (len(AXES) + (program.arm.n_external if program.arm else 0))
     return len(_head(program, pulses)) + 1, len([*_at_pose(program.options, pose, "", 1)])
 
 

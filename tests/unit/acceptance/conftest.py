@@ -83,7 +83,7 @@ def identified_in(cell: Cell) -> Found:
     model = model_of(cell, names).with_measurements([cell.measurement])
     x = np.array([robot.value(name) for name in model.names])
     # what the first and the last joint are off, tool and target take up
-    for joint in set(cell.robot.turning) - set(cell.offset_joints):
+    for joint in set(cell.robot.arm_joints) - set(cell.offset_joints):
         robot.values[robot.model.names.index(f"zero_offset.{joint}")] = 0.0
     q = candidates_of(cell).postures[:30]
     C = covariance_of(model, q, x=x)

@@ -128,7 +128,7 @@ def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]
 
 
 @each_case
-@pytest.mark.parametrize("count", by_stage(40, 500, 5000))
+@pytest.mark.parametrize("count", by_stage(40, 200, 5000))
 def test_damaged_programs(name: str, form: str, count: int) -> None:
     file, text = written(name, form)
     assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
@@ -145,7 +145,7 @@ def dialect_of_export(file: str) -> Dialect:
 
 
 @each_export
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
 def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file, count):
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
@@ -271,7 +271,7 @@ def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) ->
     """Lines of the mutants that a validator takes for good programs."""
     dialect, robot = DIALECTS[name], robot_of(name)
     turning = (robot.lower + robot.upper) / 2.0
-    middle = np.concatenate([np.full(arm.slides, 0.4), turning])
+    middle = np.concatenate([np.full(arm.n_external, 0.4), turning])
     postures = middle + np.array([[0.1], [0.2], [-0.3]])
     poses = [ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures)]
     program = replace(program_of(name, poses, "MUTATED", form=form, user_frame=0), arm=arm)
@@ -288,7 +288,7 @@ def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) ->
     return passing
 
 
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
 @pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
 def test_light_mutants_are_refused(name: str, form: str, count: int, tmp_path: Path) -> None:
     assert passing_mutants(name, form, Arm.of(robot_of(name)), count, tmp_path) == []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
-from calib.robots import Controller
+from calib.robots import Controller, ExternalAxes
 from calib.se3 import inverse, rotation_exp, transform
 from posedesign.pose_programs.correcting import correct_positions
 from posedesign.programs import (
@@ -164,7 +164,7 @@ def test_a_touched_up_variable_has_the_base_axis_beside_it():
 
 
 def test_a_melfa_has_additional_axes_behind_six_joints():
-    five = Arm(Controller("", np.eye(6), np.eye(4), slides=1))
+    five = Arm(Controller("", np.eye(6), np.eye(4), ExternalAxes(slides=1)))
     poses = (ProgramPose("T1", np.zeros(6)),)
     with pytest.raises(InputError, match="stand behind six joints, the arm has 5"):
         DIALECTS["mitsubishi-melfa"].files(PoseProgram("A", poses, arm=five))

@@ -96,8 +96,9 @@ def test_a_wrong_argument_is_refused_in_one_line(name, argument):
 
 
 def test_every_public_function_is_called_wrongly():
-    """Results, which nobody makes by hand, and classes of them apart."""
+    """But for results, which nobody makes by hand, and what is given checked arrays."""
     results = {"Certificate", "Method", "Problems", "RobotWorldBatch", "RobotWorldResult", "Scale"}
+    of_checked = {"NoiseShown", "difference", "residuals"}
     public = {
         name
         for module in (robot_world, design)
@@ -106,4 +107,4 @@ def test_every_public_function_is_called_wrongly():
         and callable(getattr(module, name))
         and (module is robot_world or inspect.getmodule(getattr(module, name)) is design)
     }
-    assert public - results == set(CALLS) - {"of_seen_target"}
+    assert public - results - of_checked == set(CALLS) - {"of_seen_target"}

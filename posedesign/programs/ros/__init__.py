@@ -31,6 +31,7 @@ class _RosList(Dialect):
 
     maker = None
     suffixes = (".yaml", ".yml")
+    remark = (r"", "# {words}")
     external_axes = 6
     forms = ("joint",)
     names = NameRule("a name for a list", 64, small=True)

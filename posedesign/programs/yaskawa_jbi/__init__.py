@@ -35,6 +35,7 @@ class YaskawaJbi(Dialect):
     title = "Yaskawa INFORM job"
     maker = "yaskawa"
     suffixes = (".jbi",)
+    remark = (r"^NOP[^\n]*\n", "'{words}")
     names = NAMES
     newline = "\r\n"
     numbered_frames = True

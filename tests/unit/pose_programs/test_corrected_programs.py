@@ -34,6 +34,7 @@ from posedesign.programs import (
     RecordedProgram,
     registry,
 )
+from posedesign.programs.recorded import CORRECTED, corrected_by
 from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
 from tests import arms
 from tests.arms import PULSES
@@ -172,6 +173,30 @@ def test_only_numbers_of_positions_change(name, form, tmp_path):
     assert dialect.validate(path) == []
     path.write_bytes(after)
     assert dialect.validate(path) == []
+
+
+@each_case
+def test_a_corrected_program_says_so_and_is_as_valid_as_before(name, form, tmp_path):
+    for path in files_of(name, clear_postures(robot_of(name), 3), form, tmp_path):
+        dialect, before = dialect_of(name), path.read_bytes()
+        meant = dialect.read(path)
+        text = dialect.with_remark(before.decode("latin-1"), CORRECTED.format("1a2b3c4d"))
+        path.write_bytes(text.encode("latin-1"))
+        assert dialect.validate(path) == []
+        said = [p.message for p in dialect.validate(path, ["note"]) if p.rule == "corrected"]
+        has_comments = name != "robodk-csv"
+        by = "corrected by the identification 1a2b3c4d"
+        assert said == [f"positions are of the arm {by}"] * has_comments
+        assert corrected_by(before) == ""
+        read = dialect.read(path)
+        assert (read.mark, read.name) == (meant.mark, meant.name)
+        for new, old in zip(read.positions, meant.positions, strict=True):
+            assert (new.number, new.name, new.configuration) == (
+                *(old.number, old.name),
+                old.configuration,
+            )
+            np.testing.assert_array_equal(new.shown_deg, old.shown_deg)
+            np.testing.assert_array_equal(new.T_user_tool, old.T_user_tool)
 
 
 PEOPLE = sorted(p.name for p in EXPORTS.iterdir() if p.suffix != ".log")

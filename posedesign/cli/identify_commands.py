@@ -277,7 +277,7 @@ def correct(
 
     Each of them is enough by itself, with values that are best for it over the task box. A table
     says what error each leaves. Of a program its Cartesian targets keep their place on the real
-    arm; nothing else in it changes.
+    arm; nothing else in it changes, but for a comment that says so.
     """
     from posedesign.cell import Cell
     from posedesign.cli.json_forms import correction_as_dict, program_as_dict

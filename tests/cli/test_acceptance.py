@@ -124,15 +124,35 @@ def as_exported(rows: list[dict[str, str]], file: str) -> None:
     Path(file).write_text("\n".join(["name,x_mm,y_mm,z_mm", *lines, ""]))
 
 
+EXPORT = """[instrument]
+kind = "point"
+unit = "mm"
+match = "pose"
+[instrument.columns]
+pose = "name"
+place = ["x_mm", "y_mm", "z_mm"]
+"""
+
+
+def test_the_next_poses_are_those_after_the_own_table(tracked, cli):
+    """After the export of an instrument and the list of its poses."""
+    Path("export.toml").write_text(CELL + EXPORT)
+    as_exported([row.cells for row in read_table(Path("run/measurements.csv")).rows], "export.csv")
+    own = cli("next", "cell.toml", "run/measurements.csv", "--out", "a", "--json")
+    joined = ("--joints", "run/poses.csv")
+    said = cli("next", "export.toml", "export.csv", *joined, "--out", "b", "--json")
+    assert said.code == own.code == 0, said.err
+    errors = [strict_json(each.out)["tcp_rms_mm"] for each in (said, own)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-4)
+
+
 def test_repeatability_is_of_visits_in_the_export_of_an_instrument(tracked, cli):
     """Readings of each visit by themselves give RP as the own table does; of one visit none."""
     cli("prove", "cell.toml", "--test", "iso", "--cycles", "5", "--out", "iso")
     cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "5", "--out", "iso")
     table = read_table(Path("iso/measurements.csv"))
     rows = [row.cells for row in table.rows]
-    section = '[instrument]\nkind = "point"\nunit = "mm"\nmatch = "pose"\n[instrument.columns]\n'
-    section += 'pose = "name"\nplace = ["x_mm", "y_mm", "z_mm"]\n'
-    Path("export.toml").write_text(CELL + section)
+    Path("export.toml").write_text(CELL + EXPORT)
 
     def answer(file: str, *more: str) -> dict[str, Any]:
         cell = "export.toml" if more else "cell.toml"

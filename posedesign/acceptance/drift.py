@@ -152,7 +152,7 @@ class Explanation:
     """A single cause of what was measured.
 
     ``change`` (k,), ``sigma`` (k,): estimate and standard deviations [SI]. ``left``: sum of squares
-    that it leaves, ``p_left``: chance of as much. ``akaike``: criterion, smaller is likelier.
+    that it leaves, ``p_left``: chance of as much.
     """
 
     cause: str
@@ -161,7 +161,11 @@ class Explanation:
     sigma: FloatArray
     left: float
     p_left: float
-    akaike: float
+
+    @property
+    def akaike(self) -> float:
+        """Criterion, smaller is likelier."""
+        return self.left + 2.0 * len(self.change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +211,6 @@ def judge_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
                 np.sqrt(np.sum((Vt.T / s) ** 2, axis=1)),
                 left,
                 float(stats.chi2.sf(left, told.freedom - cause.k)),
-                left + 2.0 * cause.k,
             )
         )
     found.sort(key=lambda each: each.akaike)

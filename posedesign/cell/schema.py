@@ -552,6 +552,13 @@ class ProgramSection(Section):
     """The first of these registers."""
     pulses_per_deg: tuple[Finite, ...] = ()
     """Encoder pulses, one number for each joint: for Yaskawa's pulse jobs."""
+    pulses_per_mm: tuple[Finite, ...] = ()
+    """The same for each slide that carries the arm, a base axis of Yaskawa's jobs."""
+
+    @property
+    def pulses(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Pulses in a degree and in a millimetre, as :meth:`Dialect.reading` takes them."""
+        return self.pulses_per_deg, self.pulses_per_mm
 
 
 class PoolSection(Section):

@@ -299,6 +299,7 @@ keep = "position"                 # where a touched-up position is kept; or "reg
 # tool = {{ at_mm = [0.0, 0.0, 100.0], wpr_deg = [0.0, 0.0, 0.0] }}  # in the axes of the tip
 # user = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}    # in the controller's world
 # pulses_per_deg = [..]           # six, for Yaskawa's pulse jobs
+# pulses_per_mm = [..]            # the same of the slides that carry the arm, its base axes
 
 # [task_box]                      # where the arm works: posedesign predict tells its accuracy there
 # lowest_mm = [1000.0, -500.0, 300.0]   # corners, in the base frame

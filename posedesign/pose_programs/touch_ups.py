@@ -345,7 +345,7 @@ def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
             )
         if b"_deg" in head or b"_rad" in head:
             return None
-    return dialect_of(path, name).reading(cell.config.program.pulses_per_deg)
+    return dialect_of(path, name).reading(*cell.config.program.pulses)
 
 
 def _check_plan(path: Path, written: str, plan: PoseList | None, warnings: list[str]) -> None:

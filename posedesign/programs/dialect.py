@@ -49,8 +49,10 @@ class Dialect:
         Whether a program is a folder of files, and not files of one name.
     forms : tuple of {"joint", "cartesian"}
         How it can write positions.
+    external_axes : int
+        How many external axes its joint positions can have.
     turning_axes : bool
-        Whether external axes may turn: those of a positioner.
+        Whether these may turn: those of a positioner.
     names : NameRule
         What it takes for the name of a program.
     newline, encoding : str
@@ -121,7 +123,9 @@ class Dialect:
         """Most poses of one file of such a program; None: any number."""
         return None
 
-    def reading(self, pulses_per_deg: Sequence[float]) -> Dialect:
+    def reading(
+        self, pulses_per_deg: Sequence[float], pulses_per_mm: Sequence[float] = ()
+    ) -> Dialect:
         """The dialect that reads with what is known of the arm; most need nothing."""
         return self
 

@@ -223,7 +223,7 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
         raise InputError(
             f"{position.label} has no value [{units[missing]}] of E{missing + 1}, which "
             + ("carries the arm" if units[missing] == "mm" else "turns what is measured"),
-            hint="record it with its external axes",
+            hint="record it with its external axes; of encoder pulses, give pulses_per_mm",
             name=position.label,
         )
     for k, (unit, wanted) in enumerate(zip(position.external_units, units, strict=False)):
@@ -234,7 +234,8 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
                 hint="are the external axes of the controller those of the description?",
                 name=position.label,
             )
-    return replace(position, shown_deg=np.append(shown, position.external_mm[: len(units)]))
+    joints = shown[: arm.n - len(units)]  # formats for any arm cannot say where its joints end
+    return replace(position, shown_deg=np.append(joints, position.external_mm[: len(units)]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

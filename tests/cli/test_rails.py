@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from calib import Robot
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
-from calib.robots import Controller, ExternalAxes
+from calib.robots import ExternalAxes
 from calib.se3 import inverse
 from posedesign.candidates import joint_candidates
 from posedesign.candidates.limits import limits_of
@@ -29,12 +29,11 @@ from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
-from posedesign.programs import PoseProgram, ProgramPose, find_dialect
-from posedesign.programs.arm import Arm
 from posedesign.report.page import _measured_deg
 from posedesign.report.plots import figure_of_identification
 from posedesign.simulation import SimulatedRobot
 from posedesign.simulation.pictures import simulate_pictures
+from tests.arms import PULSES
 from tests.board_pictures import Camera as BoardCamera
 from tests.board_pictures import take_pictures
 from tests.cli.test_camera import BOARD, LENS, NEAR, X, Z, write_rows
@@ -48,7 +47,12 @@ POSTURE = {
     "kr6r900sixx": [0.0, -70.0, 100.0, 0.0, 60.0, 0.0],
     "gp7": [0.0, 10.0, -20.0, 0.0, -60.0, 0.0],
 }
-FORMATS = {"fanuc-ls": "r2000ic165f", "abb-rapid": "irb120", "kuka-krl": "kr6r900sixx"}
+FORMATS = {
+    "fanuc-ls": "r2000ic165f",
+    "abb-rapid": "irb120",
+    "kuka-krl": "kr6r900sixx",
+    "yaskawa-jbi": "gp7",
+}
 MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "gp7": "yaskawa"}
 
 
@@ -115,9 +119,13 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
     corrected = Robot.from_urdf(tmp_path / "corrected" / "corrected.urdf")
     assert (corrected.lower[0], corrected.upper[0]) == (-1.5, 2.5)
-    refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
-        "programs with such axes are not corrected"
-    )
+    said = cli("correct", cell, found, written, "--joints", "--out", tmp_path / "prog")
+    assert said.code == 0
+    places = [
+        re.findall(r"E1=.*", path.read_text())
+        for path in (written, tmp_path / "prog" / written.name)
+    ]
+    assert places[0] == places[1]
     cell.write_text(cell.read_text().replace("slides_mm = [500.0]", "slides_mm = [0.0, 1.0]"))
     refuse("plan", cell, "--out", tmp_path / "plan2").says(
         "2 values for the slides of", "slides_mm"
@@ -128,7 +136,8 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
 
 @pytest.mark.parametrize("dialect", [*FORMATS, "ros-trajectory"])
 def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
-    cell = railed(tmp_path, FORMATS.get(dialect, "irb120"))
+    pulses = f"[program]\npulses_per_deg = {[*PULSES]}\npulses_per_mm = [1310.72]\n"
+    cell = railed(tmp_path, FORMATS.get(dialect, "irb120"), pulses)
     poses = listed(cell)
     made = write_program(
         poses, tmp_path / "out", dialect, program_options(cell, poses), "CALIB01", cell
@@ -138,19 +147,6 @@ def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
     off = np.abs(back.postures - poses.measured.postures[order])
     assert off.max(axis=0)[0] <= 1e-6  # micrometres of the rail
     assert off.max() <= np.deg2rad(1.1e-3)
-
-
-def test_a_kawasaki_has_its_rail_behind_its_joints(tmp_path):
-    arm = Arm(Controller("kawasaki", np.eye(7), np.eye(4), external=RAIL))
-    postures = np.random.default_rng(0).uniform(-2.5, 2.5, (5, 7))
-    poses = tuple(ProgramPose(f"P{k}", q) for k, q in enumerate(postures, start=1))
-    dialect = find_dialect("kawasaki-as")
-    (path,) = dialect.write(PoseProgram("CALIB", poses, arm=arm), tmp_path)
-    assert dialect.validate(path) == []
-    found = dialect.read(path)
-    np.testing.assert_allclose(found.postures(arm), postures, atol=2e-8)
-    with pytest.raises(FileFormatError, match="axis 7 differs"):
-        found.postures()
 
 
 def test_the_ends_of_a_rail_are_left_out_and_its_unit_is_looked_at(tmp_path):
@@ -187,10 +183,12 @@ def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
     cell = railed(tmp_path, "gp7")
     poses = listed(cell, 12)
     options = program_options(cell, poses)
-    with pytest.raises(
-        InputError, match=r"rail slides, and the external axes of .* are not written"
+    for dialect, message in (
+        ("robodk-csv", r"rail slides, and the external axes of .* are not written"),
+        ("yaskawa-jbi", "pulses_per_deg has 0 values"),
     ):
-        write_program(poses, tmp_path / "out", "yaskawa-jbi", options, "A", cell)
+        with pytest.raises(InputError, match=message):
+            write_program(poses, tmp_path / "out", dialect, options, "A", cell)
     fanuc = railed(tmp_path, "r2000ic165f", '[program]\nform = "cartesian"\n')
     poses = listed(fanuc, 12)
     with pytest.raises(InputError, match="where its controller has the world is not known"):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from calib.robots import Controller, Robot
+from calib.robots import Controller, ExternalAxes, Robot
 from calib.se3 import transform
 from posedesign.programs import (
     DIALECTS,
@@ -223,7 +223,7 @@ def arm_on_slides(name: str, slides: int = 1) -> Arm:
     n = slides + robot_of(name).n
     shares, maker = np.eye(n), DIALECTS[name].maker
     shares[slides:, slides:] = Arm.usual(maker, n - slides).controller.pendant_from_joints
-    return Arm(Controller(maker or "", shares, np.eye(4), slides))
+    return Arm(Controller(maker or "", shares, np.eye(4), ExternalAxes(slides=slides)))
 
 
 PULSES_PER_MM = (1310.72, -2000.0, 1000.0)

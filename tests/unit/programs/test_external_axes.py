@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
-from calib.robots import Controller
+from calib.robots import Controller, ExternalAxes
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, RecordedProgram
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
 from tests.unit.programs.dialects import (
@@ -108,7 +108,7 @@ def test_a_touched_up_variable_has_the_base_axis_beside_it():
 
 
 def test_a_melfa_has_additional_axes_behind_six_joints():
-    five = Arm(Controller("", np.eye(6), np.eye(4), slides=1))
+    five = Arm(Controller("", np.eye(6), np.eye(4), ExternalAxes(slides=1)))
     poses = (ProgramPose("T1", np.zeros(6)),)
     with pytest.raises(InputError, match="stand behind six joints, the arm has 5"):
         DIALECTS["mitsubishi-melfa"].files(PoseProgram("A", poses, arm=five))

@@ -168,12 +168,16 @@ class MotionVerdicts:
 
 @dataclass(frozen=True, eq=False)
 class MotionChecker:
-    """Bounds on motions: distances that are kept all along, and how far a joint may travel."""
+    """Bounds on motions: distances that are kept all along, and how far a joint may travel.
+
+    ``collisions``: each with its bodies and the distance they keep; none: motions are not checked
+    for them. ``largest_travel``: of joints that turn [rad]; infinite for no bound. ``slides``: how
+    many of the joints, the first ones, slide.
+    """
 
     collisions: tuple[Collision, ...]
-    """Each with its bodies and the distance they keep; none: motions are not checked for them."""
-    largest_travel: float  # of joints that turn [rad]; infinite for no bound
-    slides: int = 0  # how many of the joints, the first ones, slide
+    largest_travel: float
+    slides: int = 0
 
     @cached_property
     def _scenes(self) -> list[tuple[Scene, FloatArray, list[tuple[Collision, int]]]]:
@@ -225,21 +229,25 @@ class MotionChecker:
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """Moves along the axis of a tool, to poses that touch and away from them."""
+    """Moves along the axis of a tool, to poses that touch and away from them.
+
+    ``tool_m`` (3,): tool point in the tip frame [m]. ``axis`` (3,): unit vector in the tip frame
+    along which the tool comes to the target. ``length_m``, ``contact_m``, ``short_m``: how far the
+    tool backs off, within how much of the pose bodies may touch, and how far before the pose a
+    program stops. ``passing``: what a posture that is backed off must keep: all distances.
+    ``others``: what is kept all along the move: all distances but those of bodies that meet at the
+    target. ``meeting``: those not touching, until the last part of the move.
+    """
 
     robot: Robot
-    tool_m: FloatArray  # (3,): tool point in the tip frame [m]
-    axis: FloatArray  # (3,): unit vector in the tip frame along which the tool comes to the target
+    tool_m: FloatArray
+    axis: FloatArray
     length_m: float
     contact_m: float
     short_m: float
-    """length_m, contact_m, short_m: how far the tool backs off, within how much of the pose bodies
-    may touch, and how far before the pose a program stops."""
-    passing: Checker  # what a posture that is backed off must keep: all distances
+    passing: Checker
     others: MotionChecker
-    """What is kept all along the move: all distances but those of bodies that meet at the
-    target."""
-    meeting: MotionChecker  # those not touching, until the last part of the move
+    meeting: MotionChecker
 
     def back_off(self, q: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """Postures ``(N, n)`` [rad] with the tool backed off from others, and what is in the way.

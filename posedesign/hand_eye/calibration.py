@@ -102,16 +102,22 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """The result with what is to be said of its files."""
+    """The result with what is to be said of its files.
+
+    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
+    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
+    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
+    joints, the first ones, slide [m].
+    """
 
     result: HandEyeResult
     asked: Asked
     board: Board
-    reasons: tuple[str, ...]  # why a picture does not show the board; empty where it does
-    postures: FloatArray  # (N, n): of each picture [rad]; NaN where it is not known
-    with_joints: bool  # whether they are joint values, and not poses of the flange
-    notes: tuple[str, ...] = ()  # what is odd about the files
-    slides: int = 0  # how many of the joints, the first ones, slide [m]
+    reasons: tuple[str, ...]
+    postures: FloatArray
+    with_joints: bool
+    notes: tuple[str, ...] = ()
+    slides: int = 0
 
 
 def board_of(cell: Cell) -> Board:

@@ -22,19 +22,12 @@ _MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})(?: \d{1,3} [0-9a-f]{8})?")
 
 @dataclass(frozen=True)
 class PlanMark:
-    """What a program says of the plan that it was written from, in a comment.
+    """What a program says of the plan that it was written from, in a comment."""
 
-    Attributes
-    ----------
-    fingerprint : str
-        Of the plan; empty for none.
-    measured : int or None
-        Number of poses that are measured, in the whole plan. Positions with higher numbers are
-        passed through.
-    """
-
-    fingerprint: str = ""
+    fingerprint: str = ""  # of the plan; empty for none
     measured: int | None = None
+    """Number of poses that are measured, in the whole plan. Positions with higher numbers are
+    passed through."""
 
     @property
     def words(self) -> str:

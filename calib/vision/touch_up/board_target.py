@@ -15,10 +15,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calib.se3 import FloatArray, rotation_angle
+from calib.se3 import FloatArray, rotation_angle, transform
 from calib.vision.boards import Board, detect_board
 from calib.vision.boards.board_map import fit_map
-from calib.vision.boards.picture import BoardPlate
+from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, pose_from_points
 from calib.vision.camera.conic import disc_image, ellipse_of_slope
 from calib.vision.camera.rendering import GreyImage
@@ -45,6 +45,11 @@ class BoardTarget:
     def middle_m(self) -> FloatArray:
         """Middle of what is printed ``(2,)`` [m] in the frame of the board."""
         return np.asarray(self.board.outline[:, :2].mean(axis=0))
+
+    @property
+    def T_board_target(self) -> FloatArray:
+        """The frame of the target in that of the board, OpenCV's, whose z goes into the board."""
+        return transform(T_BOARD_PLATE[:3, :3], [*self.middle_m, 0.0])
 
     def measure(
         self, image: GreyImage, near_px: FloatArray | None = None

@@ -10,9 +10,9 @@ S may be 1 where all postures share the value.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calib import se3
-from calib.se3 import FloatArray
+FloatArray = NDArray[np.float64]
 
 _NEAR_HALF_TURN = -0.9
 """Cosine of the angle from which on its sine no longer tells the axis well."""
@@ -110,16 +110,18 @@ def rotation_log(columns: FloatArray) -> FloatArray:
     turned = np.flatnonzero(cosine < _NEAR_HALF_TURN)
     if turned.size:
         # the axis is lost in the sine
-        vector[:, turned] = se3.rotation_log(matrices_of(columns[..., turned])).T
+        w, *xyz = quaternions_of(columns[..., turned])
+        half = np.sqrt(np.square(xyz).sum(axis=0))
+        vector[:, turned] = xyz * (2.0 * np.arctan2(half, w) / half)
     return np.asarray(vector)
 
 
 def rotation_exp(vector: FloatArray) -> FloatArray:
     """Rotations ``(3, 3, S)`` of rotation vectors ``(3, S)`` [rad]."""
-    angle = np.sqrt((vector * vector).sum(axis=0))
-    safe = np.where(angle > 0.0, angle, 1.0)
-    sine = np.where(angle > 0.0, np.sin(angle) / safe, 1.0)
-    half = np.where(angle > 0.0, np.sin(0.5 * angle) / safe, 0.5)
+    # the sine of what is added is itself: no turn needs no case of its own
+    angle = np.sqrt((vector * vector).sum(axis=0)) + 1e-300
+    sine = np.sin(angle) / angle
+    half = np.sin(0.5 * angle) / angle
     scaled = 2.0 * half * half * vector
     out = np.empty((3, *vector.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

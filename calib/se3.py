@@ -20,18 +20,15 @@ Conventions
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cache
-from typing import TYPE_CHECKING, SupportsInt
+from typing import SupportsInt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib import batch_last
+from calib.batch_last import FloatArray as FloatArray
 from calib.errors import InputError
 
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
@@ -146,40 +143,38 @@ def moving_xyz_from_rotation(rotation: ArrayLike) -> FloatArray:
     return np.where(angles <= -np.pi, np.pi, angles) + 0.0
 
 
-@cache
-def _rotations() -> type[Rotation]:
-    # imported late: it takes as long as all else that a small command needs
-    from scipy.spatial.transform import Rotation
-
-    return Rotation
-
-
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
     """Unit quaternions (w, x, y, z) ``(..., 4)`` of rotations ``(..., 3, 3)``, with w >= 0."""
     R = np.asarray(rotation, dtype=float)
-    xyzw = _rotations().from_matrix(R.reshape(-1, 3, 3)).as_quat(canonical=True)
-    return np.ascontiguousarray(np.roll(xyzw, 1, axis=-1)).reshape(*R.shape[:-2], 4)
+    return batch_last.quaternions_of(_columns(R)).T.reshape(*R.shape[:-2], 4)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     """Rotations ``(..., 3, 3)`` of quaternions (w, x, y, z) ``(..., 4)`` of any norm but zero."""
     q = np.asarray(quaternion, dtype=float)
-    xyzw = np.roll(q.reshape(-1, 4), -1, axis=-1)
-    return np.asarray(_rotations().from_quat(xyzw).as_matrix()).reshape(*q.shape[:-1], 3, 3)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    w, v = q[..., :1, None], q[..., 1:]
+    # R = I + 2 w K + 2 K²
+    K = skew(v)
+    return np.asarray(_IDENTITY + 2.0 * (w * K + K @ K))
 
 
 def rotation_exp(rotation_vector: ArrayLike) -> FloatArray:
     """Rotations ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` [rad]: axis times angle."""
     v = np.asarray(rotation_vector, dtype=float)
-    return np.asarray(_rotations().from_rotvec(v.reshape(-1, 3)).as_matrix()).reshape(*v.shape, 3)
+    columns = batch_last.rotation_exp(v.reshape(-1, 3).T)
+    return batch_last.matrices_of(columns).reshape(*v.shape, 3)
 
 
 def rotation_log(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors ``(..., 3)`` [rad] of rotations ``(..., 3, 3)``, angle in [0, pi]."""
     R = np.asarray(rotation, dtype=float)
-    return np.asarray(_rotations().from_matrix(R.reshape(-1, 3, 3)).as_rotvec()).reshape(
-        *R.shape[:-1]
-    )
+    return batch_last.rotation_log(_columns(R)).T.reshape(R.shape[:-1])
+
+
+def _columns(R: FloatArray) -> FloatArray:
+    """Columns ``(3, 3, S)`` of rotations ``(..., 3, 3)``."""
+    return batch_last.columns_of(R.reshape(-1, 3, 3))
 
 
 def right_jacobian(rotation_vector: ArrayLike) -> FloatArray:

@@ -36,6 +36,7 @@ _UNITS = {
     "urad_nm": "µrad/(N m)",
     "nm_per_rad": "N m/rad",
     "pulses_per_deg": "pulses/deg",
+    "pulses_per_mm": "pulses/mm",
     "mm": "mm",
     "deg": "deg",
     "px": "px",

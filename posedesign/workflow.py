@@ -230,7 +230,7 @@ def _pictured(cell: Cell, taken: Path, trust_units: bool) -> tuple[Cell, FloatAr
     listed = read_poses(
         taken,
         cell.robot.n,
-        slides=cell.robot.slides,
+        external=cell.robot.external,
         controller=cell.robot.controller,
         trust_units=trust_units,
     )
@@ -284,7 +284,7 @@ def simulate(
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
-    postures, slides = poses.postures, cell.robot.slides
+    postures, external = poses.postures, cell.robot.external
     if cycles > 1 and not all(seen.reads for seen in cell.observations):
         raise InputError(
             f"{cycles} cycles of poses that are touched",
@@ -293,14 +293,14 @@ def simulate(
         )
     if not cell.is_hand_eye and cell.is_plain:
         touched = robot.touch_up(postures, rng)
-        write_measurements(claims[0], replace(touched, names=poses.names), slides=slides)
+        write_measurements(claims[0], replace(touched, names=poses.names), external=external)
         postures = touched.postures
     elif not cell.is_hand_eye:
         which = np.tile(cell.which(poses.labels), cycles)
         data = robot.measure(np.tile(postures, (cycles, 1)), which, poses.names * cycles, rng)
         kinds = [kind.name for kind in robot.model.measurements]
         write_measurements(
-            claims[0], data, kinds, [load.name for load in cell.config.payload], slides=slides
+            claims[0], data, kinds, [load.name for load in cell.config.payload], external=external
         )
     if cell.has_camera:
         A, B = robot.camera_poses(postures, rng)
@@ -346,7 +346,7 @@ def identify_file(
         cell, facts = found.cell, found.facts
         table = replace(found.table, notes=found.notes)
         write_measurements(
-            more[0], table.data, table.kinds, extra=table.extra, slides=cell.robot.slides
+            more[0], table.data, table.kinds, extra=table.extra, external=cell.robot.external
         )
     else:
         table = _measured(cell, measurements, trust_units)
@@ -519,7 +519,7 @@ def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
     return read_measurements(
         path,
         cell.robot.n,
-        slides=cell.robot.slides,
+        external=cell.robot.external,
         kind=cell.config.measurement.kind,
         payloads=[payload.name for payload in cell.config.payload],
         controller=cell.robot.controller,

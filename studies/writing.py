@@ -190,17 +190,15 @@ def part_of(advance: Advance, k: int, count: int, name: str) -> Advance:
 
 def save(figure: Figure, out: Path, name: str) -> list[Path]:
     """Save a figure as PNG and SVG, the same bytes for the same figure."""
-    import matplotlib
     from PIL import Image
+
+    from posedesign.report.figures import as_png, as_svg
 
     make_folder(out)
     paths = [out / f"{name}.png", out / f"{name}.svg"]
-    picture = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
-        figure.savefig(picture, dpi=130)
-        # lines in few colours: a palette takes a third of the room
-        few = Image.open(picture).convert("RGB").quantize(128, dither=Image.Dither.NONE)
-        few.save(paths[0], optimize=True)
-        figure.set_layout_engine("none")  # laid out once: it takes longer than the drawing
-        figure.savefig(paths[1], metadata={"Date": None, "Creator": None})
+    figure.set_dpi(130)
+    # lines in few colours: a palette takes a third of the room
+    picture = Image.open(io.BytesIO(as_png(figure))).convert("RGB")
+    picture.quantize(128, dither=Image.Dither.NONE).save(paths[0], optimize=True)
+    paths[1].write_text(as_svg(figure))
     return paths

@@ -15,10 +15,10 @@ GANTRY = (
 )
 
 
-def on_slides(preset: str, slides: Sequence[tuple[str, str, str, str]] = (RAIL,)) -> str:
-    """URDF of a preset whose base link stands on slides, the first one on the floor."""
-    text = urdf_of(Robot.preset(preset), "").decode()
-    root = Robot.preset(preset).link_names[0]
+def on_slides(arm: str | Robot, slides: Sequence[tuple[str, str, str, str]] = (RAIL,)) -> str:
+    """URDF of an arm, or a preset, whose base link stands on slides, the first on the floor."""
+    robot = Robot.preset(arm) if isinstance(arm, str) else arm
+    text, root = urdf_of(robot, "").decode(), robot.link_names[0]
     added = ""
     for k, (name, axis, lower, upper) in enumerate(slides):
         below = f"{slides[k - 1][0]}_carriage" if k else "floor"

@@ -36,6 +36,9 @@ turns: a hundredth, where the shaft of a motor is out of true."""
 _PATIENCE = 3
 """Steps without any pose getting better after which none will: the last digits are reached."""
 
+_ENOUGH_JOINTS = 6
+"""Joints that turn which correct a pose alone: what carries them is as wrong a centimetre on."""
+
 _DAMPING = 1e-6
 """Of the least-squares step, relative to the squared error: vanishes at the solution."""
 
@@ -230,12 +233,18 @@ def _newton(
 
 
 def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
-    """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors."""
-    slides = view.robot.slides
+    """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors.
+
+    Zero of external axes beside joints enough to correct a pose: they keep their places.
+    """
+    external = view.robot.external
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)
     linear = np.cross(axes, points[:, None] - origins)
-    linear[:, :slides], axes[:, :slides] = axes[:, :slides], 0.0
+    slides = external.sliding
+    linear[:, slides], axes[:, slides] = axes[:, slides], 0.0
+    if view.robot.n - external.count >= _ENOUGH_JOINTS:
+        linear[:, : external.count] = axes[:, : external.count] = 0.0
     return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
 
 

@@ -51,15 +51,15 @@ class CorrectedRobot:
     def corrections(self) -> FloatArray:
         """How each joint's frame sits off its place as described, ``(n, 4, 4)`` [m].
 
-        In its own axes at zero: ``T_described_corrected``.
+        In its own axes at zero: ``T_described_corrected``. Those of a positioner on the link that
+        they hang on, as descriptions have them.
         """
-        described = inverse(self.nominal.chain.placements)
-        return np.asarray(described @ self.robot.chain.placements)
+        return np.asarray(inverse(self.nominal.joint_origins) @ self.robot.joint_origins)
 
     @property
     def moved(self) -> tuple[str, ...]:
         """Joints whose frames are not where the description has them."""
-        same = (self.robot.chain.placements == self.nominal.chain.placements).all(axis=(1, 2))
+        same = (self.robot.joint_origins == self.nominal.joint_origins).all(axis=(1, 2))
         pairs = zip(self.nominal.joint_names, same, strict=True)
         return tuple(name for name, is_same in pairs if not is_same)
 
@@ -86,9 +86,13 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
     for joint, off in errors.displacements().items():
         placements[joint] @= transform(off.rotation[..., 0], off.translation[..., 0])
     for j in np.flatnonzero(errors.joints[:, 0]):
-        along, slides = robot.chain.axes[j] * errors.joints[j, 0], j < robot.slides
+        along, slides = robot.chain.axes[j] * errors.joints[j, 0], robot.sliding[j]
         turn = np.eye(3) if slides else rotation_exp(along)
-        placements[j] @= transform(turn, along if slides else np.zeros(3))
+        moved = transform(turn, along if slides else np.zeros(3))
+        if j < robot.floor:  # a description has it where a positioner's joint hangs
+            placements[j + 1] = moved @ placements[j + 1]
+        else:
+            placements[j] @= moved
     corrected = with_placements(robot, placements)
     said = "joint frames as identified, not as described"
     corrected = replace(corrected, notices=(*robot.notices, said))

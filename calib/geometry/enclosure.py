@@ -191,9 +191,12 @@ def _check_mesh(name: str, mesh: Mesh) -> None:
 
 
 def check_groups(
-    n: int, arm: Sequence[Body], tool: Sequence[Body], obstacles: Sequence[Body]
+    n: int, arm: Sequence[Body], tool: Sequence[Body], obstacles: Sequence[Body], floor: int = 0
 ) -> None:
-    """Raise :class:`InputError` for a body that is not where its group is, or not usable."""
+    """Raise :class:`InputError` for a body that is not where its group is, or not usable.
+
+    ``floor``: number of the link that obstacles stand on that are not on the base.
+    """
     for body in (*arm, *tool, *obstacles):
         check_body(body)
     for body in (*arm, *tool):
@@ -212,15 +215,16 @@ def check_groups(
                 value=body.link,
                 bound=n,
             )
-    for group, link, bodies in (("tool", n, tool), ("obstacle", 0, obstacles)):
+    for group, links, bodies in (("tool", (n,), tool), ("obstacle", (0, floor), obstacles)):
         for body in bodies:
-            if body.link != link:
+            if body.link not in links:
+                allowed = " or ".join(dict.fromkeys(map(str, links)))
                 raise InputError(
                     f"{group} {body.name} is on link {body.link}",
-                    hint=f"a body of this group is on link {link}",
+                    hint=f"a body of this group is on link {allowed}",
                     name=body.name,
                     value=body.link,
-                    bound=link,
+                    bound=links[-1],
                 )
 
 
@@ -230,21 +234,27 @@ def candidate_pairs(
     """Pairs ``(P, 2)`` of rows of arm, tool and obstacles in a row that can come together.
 
     Neighbouring links touch at their joint and are left out, so is the tool against the last link,
-    which carries it, and the base, which stands on the floor, against obstacles. Another branch of
-    the tree is no neighbour of the first link.
+    which carries it, and what stands still against each other: obstacles against the link that
+    they are on. Another branch of the tree is no neighbour of the first link, and of what stands on
+    the floor only its own foot is a neighbour of a positioner. What stands second in a pair with a
+    half-space is that.
     """
 
     def can_meet(a: Body, b: Body) -> bool:
-        apart = abs(a.link - b.link)
-        return apart >= 2 or (apart == 1 and (a.of_other_branch or b.of_other_branch))
+        near, far = sorted((a, b), key=lambda body: body.link)
+        apart = far.link - near.link
+        return apart >= 2 or (apart == 1 and (near.of_other_branch or far.beside_positioner))
 
     arms = list(enumerate(arm))
     tools = [len(arm) + i for i in range(len(tool))]
     fixed = [len(arm) + len(tool) + i for i in range(len(obstacles))]
     pairs = [(i, k) for i, a in arms for k, b in arms[i + 1 :] if can_meet(a, b)]
     pairs += [(i, t) for t in tools for i, a in arms if a.link < n]
-    pairs += [(i, o) for o in fixed for i, a in arms if a.link >= 1]
+    around = list(zip(fixed, obstacles, strict=True))
+    pairs += [(i, o) for o, body in around for i, a in arms if a.link != body.link]
     pairs += [(t, o) for o in fixed for t in tools]
+    carried = [(o, body) for o, body in around if not isinstance(body.solid, HalfSpace)]
+    pairs += [(c, o) for c, a in carried for o, b in around if a.link == 0 != b.link]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
@@ -285,10 +295,11 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
 def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, FloatArray]:
     """Largest distance of bodies (B, n) from every axis inside, and outside, of their link [m].
 
-    A slide moves all alike, by as much as itself; how far bodies on this side of it are from axes
-    beyond it is not bounded by the links.
+    A slide moves all alike, by as much as itself; how far bodies on one side of it are from axes
+    on the other is not bounded by the links. All slides are next to each other, so that of the two
+    ways to bound the motion across a joint one passes none.
     """
-    n = chain.n
+    n, slides = chain.n, chain.external.sliding
     step = chain.placements[:, :3, 3]  # from each joint to the next, in axes of the link between
     length = np.linalg.norm(step, axis=-1)
     axis_inside = (chain.placements[:, :3, :3] @ chain.axes[:, :, None])[..., 0]
@@ -296,7 +307,7 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
     inward = np.zeros((len(bodies), n))
     for b, body in enumerate(bodies):
         if isinstance(body.solid, HalfSpace):
-            inward[b] = np.inf
+            outward[b] = inward[b] = np.inf
             continue
         points, radius = outer_points(body.solid)
         points = points @ body.T_link_body[:3, :3].T + body.T_link_body[:3, 3]
@@ -316,9 +327,13 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
                 first = _off_axis(step[k : k + 1], axis_inside[k])
                 far = np.linalg.norm(seen, axis=-1).max() + radius
                 inward[b, k] = first + length[own + 2 : k].sum() + far
-        if own < chain.slides - 1:
-            inward[b, chain.slides :] = np.inf
-    outward[:, : chain.slides] = inward[:, : chain.slides] = 1.0
+        if chain.external.slides:
+            if own < slides.stop - 1:
+                inward[b, slides.stop :] = np.inf
+            if own >= slides.start:
+                outward[b, : slides.start] = np.inf
+    if chain.external.slides:
+        outward[:, slides] = inward[:, slides] = 1.0
     return outward, inward
 
 

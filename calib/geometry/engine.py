@@ -68,7 +68,6 @@ class Engine:
     Parameters
     ----------
     bodies : sequence of Body
-        Half-spaces only on link 0.
     pairs : array (P, 2) of int
         Rows of ``bodies``; a half-space stands second, and there is at most one in a pair.
 
@@ -283,9 +282,10 @@ class Engine:
 
     def _above_plane(self, placed: Placed, body: int, plane: int) -> FloatArray:
         """Height (S,) of the lowest point of a body above a half-space [m]."""
-        normal = self._rotations[plane, :, 2]
-        height = (placed.origins[:, body] - self._origins[plane]) @ normal
-        down = -normal @ placed.rotations[:, body]
+        normal = placed.rotations[:, plane, :, 2]
+        apart = placed.origins[:, body] - placed.origins[:, plane]
+        height = (apart * normal).sum(axis=-1)
+        down = -(normal[:, None] @ placed.rotations[:, body])[:, 0]
         return np.asarray(height - reach(self._bodies[body].solid, self.hulls[body], down))
 
 

@@ -53,8 +53,9 @@ class Scene:
     Checked are links of the arm at least two apart (another branch of the tree is apart from the
     first link, too), the tool against all links but the last, and
     obstacles against the tool and the moving links. Pairs of the arm's own bodies that touch in
-    the zero posture are left out, since descriptions overlap at the joints; so are a body of the
-    tool and one of the last link but one that touch at every angle of the last joint.
+    the zero posture are left out, since descriptions overlap at the joints, but not those of the
+    arm and a positioner beside it; so are a body of the tool and one of the last link but one that
+    touch at every angle of the last joint.
 
     Bodies are solid, closed meshes too. Methods take as ``state`` what ``chain.forward(q)`` gives,
     where it is known already.
@@ -67,7 +68,8 @@ class Scene:
         What the arm carries: link n, in the frame of the last joint (with the tool given in the
         tip frame, ``chain.T_link_tip @ T_tip_body``).
     obstacles : sequence of Body
-        Link 0, in the base frame.
+        Link 0, in the base frame; of a chain with a positioner, which carries that, on the link
+        that stands on the floor, too.
     ignore : sequence of (str, str)
         Names of bodies that may come together, in either order. Several bodies can have the same
         name; all of them are meant.
@@ -97,7 +99,7 @@ class Scene:
         zero: ArrayLike | None = None,
         last_range: tuple[float, float] = (-np.pi, np.pi),
     ) -> None:
-        check_groups(chain.n, arm, tool, obstacles)
+        check_groups(chain.n, arm, tool, obstacles, chain.external.positioner)
         self._chain = chain
         self._tool_from = len(arm)
         self._fixed_from = len(arm) + len(tool)
@@ -113,7 +115,8 @@ class Scene:
         turned = np.repeat(rest, _TURNS, axis=0)
         turned[:, -1] = np.linspace(low, min(high, low + 2.0 * np.pi), _TURNS)
         touching = np.zeros(len(pairs), dtype=bool)
-        for rows, postures in ((pairs[:, 1] < len(arm), rest), (self._mounted(pairs), turned)):
+        own = (pairs[:, 1] < len(arm)) & ~self._across(pairs)
+        for rows, postures in ((own, rest), (self._mounted(pairs), turned)):
             touching[rows] = self._touching(pairs[rows], postures)
         self.pairs: IntArray = pairs[~touching]
         self.excluded: tuple[tuple[str, str], ...] = tuple(
@@ -129,8 +132,8 @@ class Scene:
     def own(self) -> Scene:
         """The same bodies, with only the pairs whose distances are the maker's affair.
 
-        Links of the arm, and the tool with the last link but one: how far these two are apart is
-        how the tool is mounted, whatever the posture.
+        Links of the arm, those of a positioner, and the tool with the last link but one: how far
+        these two are apart is how the tool is mounted, whatever the posture.
         """
         return self.with_pairs(self.pairs[self._own])
 
@@ -141,7 +144,14 @@ class Scene:
 
     @property
     def _own(self) -> BoolArray:
-        return (self.pairs[:, 1] < self._tool_from) | self._mounted(self.pairs)
+        arm = (self.pairs[:, 1] < self._tool_from) & ~self._across(self.pairs)
+        return arm | self._mounted(self.pairs)
+
+    def _across(self, pairs: IntArray) -> BoolArray:
+        """Which pairs (P,) are of a positioner and of the arm beside it: no maker built both."""
+        links = np.array([body.link for body in self.bodies], dtype=np.intp)[pairs]
+        floor = self._chain.external.positioner
+        return np.asarray((links.min(axis=1) < floor) & (links.max(axis=1) > floor))
 
     def _mounted(self, pairs: IntArray) -> BoolArray:
         """Which pairs (P,) are of the tool and the last link but one."""
@@ -309,7 +319,7 @@ class Scene:
         return Extent(lowest, highest)
 
     def inside(self, points: ArrayLike) -> IntArray:
-        """Which obstacle contains each of the points ``(S, 3)`` in the base frame [m].
+        """Which obstacle on the base contains each of the points ``(S, 3)`` in its frame [m].
 
         Returns
         -------
@@ -320,6 +330,8 @@ class Scene:
         wanted = _points(points, "points")
         found = np.full(len(wanted), -1, dtype=np.intp)
         for row, body in enumerate(self.bodies[self._fixed_from :]):
+            if body.link:
+                continue
             R, p = body.T_link_body[:3, :3], body.T_link_body[:3, 3]
             free = np.flatnonzero(found < 0)
             found[free[contains(body.solid, (wanted[free] - p) @ R)]] = row

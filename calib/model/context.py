@@ -248,13 +248,13 @@ class MeasurementContext:
     def frame_origin(self, joint: int) -> FloatArray:
         """Origin ``(3, S)`` [m] of a joint's frame before the joint moves its link."""
         origin: FloatArray = self.walk.origins[joint]
-        if joint >= self.robot.slides:
+        if not self.robot.sliding[joint]:
             return origin
         return np.asarray(origin - (self.q[joint] + self.errors.joints[joint]) * self.axis(joint))
 
     def move_joint(self, joint: int, out: FloatArray) -> None:
         """Write the tool's twist, ``(..., 3, S)`` or ``(..., 6, S)``, of a joint's own motion."""
-        if joint >= self.robot.slides:
+        if not self.robot.sliding[joint]:
             self.turn_about(self.axis(joint), self.walk.origins[joint], out)
         else:
             out[..., :3, :], out[..., 3:, :] = self.axis(joint), 0.0

@@ -65,7 +65,9 @@ def _touched(
     batch: tuple[int, ...],
     setup: Setup,
 ) -> FloatArray:
-    hold = truth.robot.n >= 6  # fewer joints cannot hold an orientation while they touch
+    hold = (
+        len(truth.robot.arm_joints) >= 6
+    )  # fewer joints cannot hold an orientation while they touch
     start, _ = touch(truth, q, x, setup, hold_orientation=hold)
     start = np.broadcast_to(start, (*batch, *start.shape))
     displacement: FloatArray | float = 0.0
@@ -195,7 +197,7 @@ def _shift(
     view = model.view(q, x, setup)
     wanted = np.broadcast_to(displacement, (*q.shape[:-1], 3)).reshape(-1, 3).T
     moved = np.zeros((model.robot.n, 3, view.q.shape[1]))
-    for joint in range(model.robot.slides, model.robot.n):  # what carries the arm stays
+    for joint in range(model.robot.n_external, model.robot.n):  # external axes stay
         view.move_joint(joint, moved[joint])
     J = view.posture_first(model.gap(moved, view))
     missing = view.posture_first(model.gap(wanted - view.error, view))
@@ -203,6 +205,7 @@ def _shift(
         return J, missing
     nominal = model.robot.chain.forward(q)
     turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
-    turning = nominal.jacobian(nominal.p_base_tip)[..., 3:, :]  # nothing, by slides
+    turning = nominal.jacobian(nominal.p_base_tip)[..., 3:, :]
+    turning[..., : model.robot.n_external] = 0.0
     J = np.concatenate([J, turning], axis=-2)
     return J, np.concatenate([missing, turn], axis=-1)

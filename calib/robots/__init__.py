@@ -11,7 +11,9 @@ from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib.robots.bounds import CoupledLimit as CoupledLimit
+    from calib.robots.chain import NO_EXTERNAL_AXES as NO_EXTERNAL_AXES
     from calib.robots.chain import ChainState as ChainState
+    from calib.robots.chain import ExternalAxes as ExternalAxes
     from calib.robots.chain import SerialChain as SerialChain
     from calib.robots.controller import POSITIVE_AXES as POSITIVE_AXES
     from calib.robots.controller import Controller as Controller

@@ -49,9 +49,10 @@ def unshaped_links(robot: Robot) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for _, name in sorted([*bare, *robot.lost_shapes])))
 
 
-def has_bare_base(robot: Robot) -> bool:
-    """Whether the link that the arm stands on has no shape."""
-    return all(body.link for body in robot.bodies)
+def bare_links(robot: Robot) -> tuple[str, ...]:
+    """Names of links without a shape of what the arm stands on, and of a positioner."""
+    shaped = {body.link for body in robot.bodies}
+    return tuple(robot.link_names[j] for j in range(robot.floor + 1) if j not in shaped)
 
 
 def with_capsules(robot: Robot, radius_m: Sequence[float] | FloatArray) -> Robot:
@@ -117,7 +118,8 @@ def with_shapes_of(robot: Robot, preset: str) -> Robot:
 def _to_be_shaped(robot: Robot) -> list[int]:
     """Numbers of the arm's own links that have no shape, or have lost one, the base among them."""
     shaped, lost = {body.link for body in robot.bodies}, {name for _, name in robot.lost_shapes}
-    return [j for j, name in enumerate(robot.link_names) if j not in shaped or name in lost]
+    links = list(enumerate(robot.link_names))[robot.floor :]
+    return [j for j, name in links if j not in shaped or name in lost]
 
 
 def _shaped(robot: Robot, bodies: Sequence[Body]) -> Robot:
@@ -170,7 +172,8 @@ def centre_lines(chain: SerialChain) -> list[FloatArray]:
 
     Along the axis of the joint to the common normal with the next axis, across, and along the next
     axis to its joint; between parallel axes along the longer part first. Links without length have
-    none, nor has a base whose frame is not on the first axis: where it stands is not known.
+    none, nor has a base whose frame is not on the first axis: where it stands is not known. Nor do
+    those of a positioner: tables and frames are not along their axes.
     """
     axes = chain.axes
     ahead = (chain.placements[:, :3, :3] @ axes[:, :, None])[..., 0]
@@ -181,7 +184,8 @@ def centre_lines(chain: SerialChain) -> list[FloatArray]:
     for j, axis in enumerate(axes):
         onward = ahead[j + 1] if j + 1 < chain.n else None
         lines.append(_corners(np.zeros(3), *_feet(axis, onward, steps[j + 1]), steps[j + 1]))
-    return lines
+    up = chain.external.positioner
+    return [_NO_LINE] * (up + 1) + lines[up + 1 :] if up else lines
 
 
 _NO_LINE = np.empty((0, 3))

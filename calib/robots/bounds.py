@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import InputError
+from calib.robots.chain import NO_EXTERNAL_AXES, ExternalAxes
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 
@@ -54,16 +55,16 @@ class Bounds:
         upper: FloatArray,
         coupled: Sequence[CoupledLimit] = (),
         margin: float = 0.0,
-        slides: int = 0,
+        external: ExternalAxes = NO_EXTERNAL_AXES,
     ) -> Bounds:
         """Bounds that keep a margin [rad] from limits ``(n,)``, but of the joints that slide."""
-        kept = np.where(np.arange(len(lower)) < slides, 0.0, margin)
+        kept = np.where(external.slides_of(len(lower)), 0.0, margin)
         return cls(lower + kept, upper - kept, tuple(coupled), margin)
 
-    def behind(self, slides: int) -> Bounds:
+    def behind(self, count: int) -> Bounds:
         """Those of the joints behind the first ones, which have no coupled limits."""
-        coupled = [replace(c, coefficients=c.coefficients[slides:]) for c in self.coupled]
-        return Bounds(self.lower[slides:], self.upper[slides:], tuple(coupled), self.margin)
+        coupled = [replace(c, coefficients=c.coefficients[count:]) for c in self.coupled]
+        return Bounds(self.lower[count:], self.upper[count:], tuple(coupled), self.margin)
 
     def excess(self, q: FloatArray) -> FloatArray:
         """How far postures ``(S, n)`` break each limit, ``(S, n + coupled)`` [rad].

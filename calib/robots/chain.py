@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray, frame_about, transform
+from calib.se3 import BoolArray, FloatArray, IntArray, frame_about, inverse, transform
 
 _BLOCK = 1024
 """Postures walked at once: what a joint needs of them (100 kB) stays in the cache of a core."""
@@ -26,6 +26,64 @@ _BLOCK = 1024
 _EXACT = 1e-15
 """Distance from 0, 1 and -1 within which an element of a constant rotation is just that: a quarter
 turn out of a URDF has elements of 6e-17, and multiplying by them costs time and means nothing."""
+
+
+@dataclass(frozen=True)
+class ExternalAxes:
+    """Axes that move a whole arm against the base: the first joints of its chain.
+
+    A rail, a gantry or a lift carries the arm. A positioner carries what is measured, and with it
+    the base that everything is seen from: its joints come first, in the order from there to the
+    floor, and each moves what is behind it the other way round.
+
+    Attributes
+    ----------
+    positioner : int
+        How many turn: the first ones.
+    slides : int
+        How many slide, behind those.
+    """
+
+    positioner: int = 0
+    slides: int = 0
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self.positioner + self.slides
+
+    @property
+    def sliding(self) -> slice:
+        """Which of the joints of a chain slide."""
+        return slice(self.positioner, self.count)
+
+    def slides_of(self, n: int) -> BoolArray:
+        """Whether each of n joints slides, ``(n,)``."""
+        found = np.zeros(n, dtype=bool)
+        found[self.sliding] = True
+        return found
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Number of each, counted from 1: what carries the arm, then a positioner from its foot.
+
+        As in descriptions, and as controllers count: the tilt before the turn that is on it.
+        """
+        slides, turns = self.slides, self.positioner
+        return (*range(slides + turns, slides, -1), *range(1, slides + 1))
+
+    def labels(self, n: int) -> tuple[str, ...]:
+        """Short names of n joints as controllers give them: E1 .. of these, J1 .. of the arm's."""
+        arm = range(1, n - self.count + 1)
+        return (*(f"E{k}" for k in self.numbers), *(f"J{k}" for k in arm))
+
+    def behind_arm(self, n: int) -> IntArray:
+        """Indices ``(n,)`` of n joints in the order of programs: the arm's, then E1, E2, ..."""
+        order = np.argsort(self.numbers, kind="stable")
+        return np.concatenate([np.arange(self.count, n), order]).astype(np.intp)
+
+
+NO_EXTERNAL_AXES = ExternalAxes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +101,8 @@ class ChainState:
     R_base_tip : array (..., 3, 3)
     p_base_tip : array (..., 3)
         [m]
-    slides : int
-        How many of the joints, the first ones, slide along their axes.
+    external : ExternalAxes
+        Which of the joints slide along their axes.
     """
 
     rotations: FloatArray
@@ -52,7 +110,7 @@ class ChainState:
     axes: FloatArray
     R_base_tip: FloatArray
     p_base_tip: FloatArray
-    slides: int = 0
+    external: ExternalAxes = NO_EXTERNAL_AXES
 
     @property
     def T_base_tip(self) -> FloatArray:
@@ -76,9 +134,10 @@ class ChainState:
         for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             J[..., k, :] = axes[..., i, :] * levers[..., j, :] - axes[..., j, :] * levers[..., i, :]
         J[..., 3:, :] = axes
-        if self.slides:
-            J[..., :3, : self.slides] = axes[..., : self.slides]
-            J[..., 3:, : self.slides] = 0.0
+        if self.external.slides:
+            slides = self.external.sliding
+            J[..., :3, slides] = axes[..., slides]
+            J[..., 3:, slides] = 0.0
         return J
 
 
@@ -139,11 +198,10 @@ class _Joint:
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """n joints in a row: those that slide, then those that turn.
+    """n joints in a row: external axes, then those of the arm, which turn.
 
-    Slides before the first joint that turns are what carries an arm: a rail, a gantry, a lift. They
-    move all of it along directions that stand still in the base, so that what is known of the arm
-    (its branches, its controller's view) holds wherever they are.
+    External axes move all of the arm against the base, so that what is known of the arm (its
+    branches, its controller's view) holds wherever they are.
 
     Attributes
     ----------
@@ -153,36 +211,43 @@ class SerialChain:
         Unit vector of each joint axis in its own frame.
     T_link_tip : array (4, 4)
         The tip in the frame of the last link.
-    slides : int
-        How many of the joints slide, along their axes; their values are in metres wherever those of
-        the others are in radians.
+    external : ExternalAxes
+        What moves the arm. Values of those that slide are in metres wherever those of the others
+        are in radians.
     """
 
     placements: FloatArray
     axes: FloatArray
     T_link_tip: FloatArray
-    slides: int = 0
+    external: ExternalAxes = NO_EXTERNAL_AXES
 
     @cached_property
     def arm(self) -> SerialChain:
-        """What turns, on slides that rest at zero; the chain itself where nothing slides."""
-        if not self.slides:
+        """The arm, on external axes that rest at zero; the chain itself where there are none."""
+        count = self.external.count
+        if not count:
             return self
         first = np.eye(4)
-        for placement in self.placements[: self.slides + 1]:
+        for placement in self.placements[: count + 1]:
             first = first @ placement
-        placements = np.concatenate([first[None], self.placements[self.slides + 1 :]])
-        return SerialChain(placements, self.axes[self.slides :], self.T_link_tip)
+        placements = np.concatenate([first[None], self.placements[count + 1 :]])
+        return SerialChain(placements, self.axes[count:], self.T_link_tip)
 
-    @cached_property
-    def slide_directions(self) -> FloatArray:
-        """Unit vectors ``(slides, 3)`` along the slides, in the base."""
-        return self.forward(np.zeros(self.n)).axes[: self.slides]
+    def at_rest(self, T_base: FloatArray, external: FloatArray) -> FloatArray:
+        """Poses ``(..., 4, 4)`` as :attr:`arm` sees them, of external axes at ``(..., count)``.
+
+        An arm that has gone along sees a pose come back by as much.
+        """
+        count = self.external.count
+        carrier = SerialChain(self.placements[:count], self.axes[:count], np.eye(4), self.external)
+        at_zero = carrier.forward(np.zeros(count)).T_base_tip
+        return np.asarray(at_zero @ inverse(carrier.forward(external).T_base_tip) @ T_base)
 
     @cached_property
     def reach_m(self) -> float:
         """Length of the stretched arm from its second turning joint to the tip, an upper bound."""
-        steps = np.vstack([self.placements[self.slides + 2 :, :3, 3], self.T_link_tip[:3, 3]])
+        links = self.placements[self.external.count + 2 :, :3, 3]
+        steps = np.vstack([links, self.T_link_tip[:3, 3]])
         return float(np.linalg.norm(steps, axis=1).sum())
 
     def smallest_singular_values(self, state: ChainState) -> FloatArray:
@@ -191,7 +256,7 @@ class SerialChain:
         The smallest singular value of the tip's Jacobian by the joints that turn, its linear rows
         divided by the reach.
         """
-        J = state.jacobian(state.p_base_tip)[..., self.slides :]
+        J = state.jacobian(state.p_base_tip)[..., self.external.count :]
         J[..., :3, :] /= self.reach_m if self.reach_m > 0 else 1.0
         return np.asarray(np.linalg.svd(J, compute_uv=False)[..., -1])
 
@@ -243,12 +308,13 @@ class SerialChain:
         """
         count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
-        if count == 1 and not displaced and not self.slides:
+        if count == 1 and not displaced and not self.external.slides:
             return self._walk_one(sines[:, 0].tolist(), cosines[:, 0].tolist())
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
         origin, spare = np.zeros((3, count)), np.empty((3, count))
         placed = {}
+        slides = self.external.slides_of(self.n).tolist()
         for j, joint in enumerate(self._joints):
             origin = _moved(origin, before, joint.steps, origins[j])
             a, b, k = joint.turning
@@ -259,7 +325,7 @@ class SerialChain:
                 placed[j] = own = _product(own, displaced[j].rotation)
                 at_zero = own if joint.to_link is None else _turned(own, joint.to_link.T)
             here = columns[j]
-            if j < self.slides:
+            if slides[j]:
                 here[:] = at_zero
                 origin = np.add(origin, joint.way * q[j] * at_zero[k], out=origins[j])
                 before = here
@@ -327,8 +393,9 @@ class SerialChain:
             np.multiply(axes[:, i], levers[:, j], out=J[k])
             J[k] -= axes[:, j] * levers[:, i]
         J[3:] = axes.transpose(1, 0, 2)
-        if self.slides:
-            J[:3, : self.slides], J[3:, : self.slides] = J[3:, : self.slides], 0.0
+        if self.external.slides:
+            slides = self.external.sliding
+            J[:3, slides], J[3:, slides] = J[3:, slides], 0.0
         return J
 
     def in_base(self, walk: Walk, points: FloatArray) -> FloatArray:
@@ -368,7 +435,7 @@ class SerialChain:
             axes=axes.reshape(*batch, n, 3),
             R_base_tip=R_base_tip.reshape(*batch, 3, 3),
             p_base_tip=p_base_tip.reshape(*batch, 3),
-            slides=self.slides,
+            external=self.external,
         )
 
 

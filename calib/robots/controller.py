@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, RobotModelError, near_names
-from calib.robots.chain import SerialChain
+from calib.robots.chain import NO_EXTERNAL_AXES, ExternalAxes, SerialChain
 from calib.se3 import FloatArray, inverse, transform
 
 _X, _Y, _Z = np.eye(3)
@@ -71,15 +71,14 @@ class Controller:
         Joint values on the pendant of those in the description.
     T_base_world : array (4, 4)
         The controller's world in the base frame of the robot [m].
-    slides : int
-        How many of the joints, the first ones, slide: external axes, which are shown as the
-        description has them, in millimetres.
+    external : ExternalAxes
+        The first joints: shown as the description has them, in millimetres and degrees.
     """
 
     maker: str
     pendant_from_joints: FloatArray
     T_base_world: FloatArray
-    slides: int = 0
+    external: ExternalAxes = NO_EXTERNAL_AXES
 
     @property
     def differs(self) -> bool:
@@ -88,13 +87,13 @@ class Controller:
 
     def pendant(self, q: ArrayLike) -> FloatArray:
         """Joint values on the pendant ``(..., n)`` [deg, mm] of postures ``(..., n)`` [rad, m]."""
-        shown = self._check(q) @ self.pendant_from_joints.T * shown_of(self._n, self.slides)
+        shown = self._check(q) @ self.pendant_from_joints.T * shown_of(self._n, self.external)
         return np.asarray(shown + 0.0)
 
     def posture(self, pendant_deg: ArrayLike) -> FloatArray:
         """Postures ``(..., n)`` [rad, m] of joint values on the pendant ``(..., n)`` [deg, mm]."""
         back = np.linalg.inv(self.pendant_from_joints)
-        values = self._check(pendant_deg) / shown_of(self._n, self.slides)
+        values = self._check(pendant_deg) / shown_of(self._n, self.external)
         return np.asarray(values @ back.T)
 
     def in_world(self, T_base: FloatArray) -> FloatArray:
@@ -119,9 +118,9 @@ class Controller:
         return array
 
 
-def shown_of(n: int, slides: int) -> FloatArray:
-    """Degrees in a radian ``(n,)``; millimetres in a metre of the first joints, that slide."""
-    return np.where(np.arange(n) < slides, 1e3, np.rad2deg(1.0))
+def shown_of(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> FloatArray:
+    """Degrees in a radian ``(n,)``; millimetres in a metre of joints that slide."""
+    return np.where(external.slides_of(n), 1e3, np.rad2deg(1.0))
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def controller_of(
             f"there is no controller {maker!r}", hint=near_names(maker, POSITIVE_AXES), name=maker
         )
     wanted = np.array(POSITIVE_AXES[maker])
-    arm, slides = chain.arm, chain.slides
+    arm, first = chain.arm, chain.external.count
     if len(wanted) != arm.n:
         raise RobotModelError(
             f"an arm of {maker} has {len(wanted)} joints, this one {arm.n}",
@@ -188,10 +187,10 @@ def controller_of(
             hint="is the zero posture of the description that of the controller?",
             name=maker,
         )
-    signs = np.diag(np.concatenate([np.ones(slides), np.sign(cosine)]))
+    signs = np.diag(np.concatenate([np.ones(first), np.sign(cosine)]))
     shares = np.eye(chain.n)  # what is shown, of joint values in the maker's signs
     if maker == "fanuc":
-        shares[slides + 2, slides + 1] = -1.0
+        shares[first + 2, first + 1] = -1.0
     for coupling in couplings:
         shares[_places(coupling, joint_names)] = coupling.ratio
     if abs(np.linalg.det(shares)) < _LEAST_DETERMINANT:
@@ -200,7 +199,7 @@ def controller_of(
             hint="a joint is shown with a part of one that comes before it",
             name="coupling",
         )
-    return Controller(maker, shares @ signs, world, slides)
+    return Controller(maker, shares @ signs, world, chain.external)
 
 
 def _places(coupling: Coupling, joint_names: Sequence[str]) -> tuple[int, int]:

@@ -103,9 +103,10 @@ def dh_table(robot: Robot, form: Form = "standard", parallel_rad: float = 0.0) -
         raise InputError(
             f"unknown form {form!r} of a table", hint=near_names(form, get_args(Form)), name="form"
         )
-    if robot.slides:
+    if robot.n_external:
         raise RobotModelError(
-            f"{robot.name}: {robot.joint_names[0]} slides, and the table is of joints that turn",
+            f"{robot.name}: {robot.joint_names[0]} is an external axis, and the "
+            "table is of the arm alone",
             hint="hold it, or name a base behind it",
             name=robot.joint_names[0],
         )

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.robots.chain import SerialChain
+from calib.robots.chain import ExternalAxes, SerialChain
 from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, transform
 
@@ -18,6 +19,9 @@ STANDARD_GRAVITY = 9.80665
 
 USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
+
+MOST_OF_POSITIONER = 3
+"""Joints that carry the base: each multiplies the stations that poses are solved for at."""
 
 MOST_JOINTS = 100
 """Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
@@ -66,12 +70,18 @@ def usual_tip(model: pin.Model, notices: list[str]) -> int:
     return deepest
 
 
-def gravity_at(model: pin.Model, base_id: int) -> FloatArray:
-    """Gravity (3,) [m/s²] in a base frame, which may be tilted against the root."""
+def floor_of(model: pin.Model, path: Path, base_id: int) -> pin.SE3:
+    """Root of a description in the link that stands on the floor: in the base, or behind it."""
+    if path.positioner:
+        return model.jointPlacements[path.positioner[-1]].inverse()
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    down = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-    return np.asarray(data.oMf[base_id].rotation.T @ down)
+    return data.oMf[base_id].inverse()
+
+
+def gravity_at(floor: pin.SE3) -> FloatArray:
+    """Gravity (3,) [m/s²] in a link that the root, which is level, is at a place in."""
+    return np.asarray(floor.rotation @ [0.0, 0.0, -STANDARD_GRAVITY])
 
 
 def names_of(model: pin.Model, joints: Sequence[int]) -> list[str]:
@@ -195,30 +205,50 @@ def _unit(model: pin.Model, joint: int) -> tuple[str, float]:
     return ("mm", 1e3) if is_slide(model, joint) else ("deg", math.degrees(1.0))
 
 
-def joints_between(
-    model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()
-) -> list[int]:
+class Path(NamedTuple):
+    """Joints between two links of a tree, without those that are locked.
+
+    Attributes
+    ----------
+    positioner : list of int
+        From the base to where its branch meets that of the tip: those of what carries the base.
+    arm : list of int
+        From there to the tip.
+    """
+
+    positioner: list[int]
+    arm: list[int]
+
+    @property
+    def joints(self) -> list[int]:
+        """All of them, from the base to the tip."""
+        return [*self.positioner, *self.arm]
+
+
+def joints_between(model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()) -> Path:
     """Joints from the base to the tip, without those that are locked."""
     base, tip = model.frames[base_id], model.frames[tip_id]
-    path = list(model.supports[tip.parentJoint])
-    if base.parentJoint not in path:
+    to_base, to_tip = (list(model.supports[frame.parentJoint]) for frame in (base, tip))
+    up, down = (
+        [i for i in own if i not in other and i not in locked]
+        for own, other in ((to_base, to_tip), (to_tip, to_base))
+    )
+    if not down:
+        hangs = base.parentJoint in to_tip
         raise RobotModelError(
-            f"{model.name}: {tip.name} does not hang on {base.name}",
-            hint="give a base between the root and the tip",
-            name=base.name,
+            f"{model.name}: there is no moving joint between {base.name} and {tip.name}"
+            if hangs
+            else f"{model.name}: {tip.name} does not hang on {base.name}, nor on what carries it",
+            hint="name another tip" if hangs else "give a base between the root and the tip",
+            name=tip.name if hangs else base.name,
         )
-    joints = [i for i in path[path.index(base.parentJoint) + 1 :] if i not in locked]
-    if not joints:
-        raise RobotModelError(
-            f"{model.name}: there is no moving joint between {base.name} and {tip.name}",
-            hint="name another tip",
-            name=tip.name,
-        )
-    return joints
+    return Path(up[::-1], down)
 
 
-def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotModelError]) -> None:
-    """Refuse joints that no serial arm has, nor what carries one."""
+def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelError]) -> None:
+    """Refuse joints that no serial arm has, nor what carries one or what it measures."""
+    _check_positioner(model, path.positioner)
+    joints = path.joints
     if len(joints) > MOST_JOINTS:
         raise RobotModelError(
             f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
@@ -229,8 +259,9 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
         )
     turned = False
     for i in joints:
+        carries = i in path.positioner
         name, turns = model.names[i], model.joints[i].shortname().startswith("JointModelR")
-        turned |= turns
+        turned |= turns and not carries
         if not (turns or is_slide(model, i)):
             raise RobotModelError(
                 f"{model.name}: joint {name} is neither revolute nor prismatic",
@@ -259,6 +290,26 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
         )
 
 
+def _check_positioner(model: pin.Model, joints: list[int]) -> None:
+    """Refuse what carries the base and is no positioner."""
+    if len(joints) > MOST_OF_POSITIONER:
+        raise RobotModelError(
+            f"{model.name}: {len(joints)} joints carry the base, more than {MOST_OF_POSITIONER}: "
+            + ", ".join(names_of(model, joints)),
+            hint="hold some of them with lock, or name another base",
+            name=model.name,
+            value=len(joints),
+            bound=MOST_OF_POSITIONER,
+        )
+    for i in joints:
+        if is_slide(model, i):
+            raise RobotModelError(
+                f"{model.name}: joint {model.names[i]} slides, and carries the base",
+                hint="only positioners that turn can carry it; hold this one with lock",
+                name=model.names[i],
+            )
+
+
 def links_of_other_branches(model: pin.Model, first: int) -> frozenset[str]:
     """Links that are not fixed to the one that the first joint of a chain hangs on.
 
@@ -269,56 +320,98 @@ def links_of_other_branches(model: pin.Model, first: int) -> frozenset[str]:
 
 
 def body_of(
-    model: pin.Model, shape: LinkShape, joints: list[int], base_id: int, others: frozenset[str]
+    model: pin.Model, shape: LinkShape, path: Path, base_id: int, others: frozenset[str]
 ) -> Body:
-    """A solid of a link on the joint of the chain that moves it; of other links, on the base.
+    """A solid of a link, on the link of the chain that it is fixed to.
 
-    ``others`` are links that are not fixed to the one that the chain hangs on.
+    ``others`` are links that are not fixed to the one that the arm hangs on.
     """
-    mover = link_number(model, shape.link, joints)
-    T_mover_link = model.frames[frame_id(model, shape.link)].placement
-    if not mover:
-        T_mover_link = model.frames[base_id].placement.inverse() * T_mover_link
-    T_mover_body = T_mover_link.homogeneous @ shape.T_link_shape
-    other = not mover and shape.link in others
-    return Body(shape.name, mover, T_mover_body, shape.solid, other)
+    number, T_link_mover = _link_of(model, shape.link, path, base_id)
+    T_mover_shape = model.frames[frame_id(model, shape.link)].placement.homogeneous
+    standing = number == len(path.positioner)
+    return Body(
+        shape.name,
+        number,
+        T_link_mover.homogeneous @ T_mover_shape @ shape.T_link_shape,
+        shape.solid,
+        of_other_branch=standing and shape.link in others,
+        beside_positioner=bool(path.positioner)
+        and standing
+        and shape.link != _carrier(model, path.positioner[-1]),
+    )
 
 
-def link_number(model: pin.Model, link: str, joints: list[int]) -> int:
-    """Number, from 1, of the joint of the chain that moves a link; 0 where none does."""
-    mover = model.frames[frame_id(model, link)].parentJoint
-    return joints.index(mover) + 1 if mover in joints else 0
+def _link_of(model: pin.Model, link: str, path: Path, base_id: int) -> tuple[int, pin.SE3]:
+    """Number of the link of a chain that a link is fixed to, and where its joint is in it.
+
+    A link that a positioner's joint moves against the next one outwards sits at that next joint,
+    as the last link of the way back; what no joint moves stands on the floor.
+    """
+    mover, up = model.frames[frame_id(model, link)].parentJoint, path.positioner
+    if mover in path.arm:
+        return len(up) + path.arm.index(mover) + 1, pin.SE3.Identity()
+    number = up.index(mover) if mover in up else len(up)
+    if number == 0:
+        return 0, model.frames[base_id].placement.inverse()
+    return number, model.jointPlacements[up[number - 1]].inverse()
 
 
-def link_names(model: pin.Model, joints: Sequence[str], base: str) -> tuple[str, ...]:
-    """Names of the link that the first joint hangs on, and of the link that each joint moves."""
+def link_number(model: pin.Model, link: str, path: Path, base_id: int) -> int:
+    """Number of the link of the chain that a link is fixed to: 0 is the base."""
+    return _link_of(model, link, path, base_id)[0]
+
+
+def _carrier(model: pin.Model, joint: int) -> str:
+    """Name of the link that a joint hangs on; empty where the description has none."""
     frames = model.frames
-    first = frames[model.getFrameId(joints[0], pin.FrameType.JOINT)].parentFrame
-    names = [frames[first].name if frames[first].type == pin.FrameType.BODY else base]
-    for joint in joints:
+    own = frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)].parentFrame
+    return str(frames[own].name) if frames[own].type == pin.FrameType.BODY else ""
+
+
+def link_names(
+    model: pin.Model, joints: Sequence[str], base: str, positioner: int = 0
+) -> tuple[str, ...]:
+    """Names of the links of a chain: the one that its first joint hangs on, and those they move.
+
+    Of so many joints of a positioner, the first ones: the base, and what the others move.
+    """
+    frames = model.frames
+
+    def moved(joint: str) -> str:
         mover = model.getJointId(joint)
         own = [f for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == mover]
         # a link sits where its joint is, and stands before what is fixed to it
         own.sort(key=lambda frame: not frame.placement.isIdentity(1e-9))
-        names.append(own[0].name if own else f"the link of {joint}")
-    return tuple(names)
+        return str(own[0].name) if own else f"the link of {joint}"
+
+    foot = _carrier(model, model.getJointId(joints[positioner])) or base
+    carried = [base, *map(moved, joints[1:positioner])] if positioner else []
+    return (*carried, foot, *map(moved, joints[positioner:]))
 
 
-def chain_of(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:
-    """The joints as arrays, from the base frame to the tip frame."""
-    placements = np.array([model.jointPlacements[i].homogeneous for i in joints])
+def chain_of(model: pin.Model, path: Path, base_id: int, tip_id: int) -> SerialChain:
+    """The joints as arrays, from the base frame to the tip frame.
+
+    Those of a positioner are passed from what they move to what they hang on: about the axis
+    turned over, so that their values keep their sign.
+    """
+    up, joints = len(path.positioner), path.joints
     base, tip = model.frames[base_id].placement, model.frames[tip_id].placement
-    placements[0] = base.inverse().homogeneous @ placements[0]
+    back = [model.jointPlacements[i].inverse() for i in path.positioner]
+    steps = [base.inverse(), *back, *(model.jointPlacements[i] for i in path.arm)]
+    steps[up : up + 2] = [steps[up] * steps[up + 1]]  # over the floor, to the foot of the arm
+    placements = np.array([step.homogeneous for step in steps])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     J = data.J.reshape(6, -1)  # a model of one joint gives a flat array
-    slides = sum(is_slide(model, i) for i in joints)
-    rows = [slice(0, 3)] * slides + [slice(3, 6)] * (len(joints) - slides)
+    sliding = [is_slide(model, i) for i in joints]
+    rows = [slice(0, 3) if slides else slice(3, 6) for slides in sliding]
     columns = [J[part, model.joints[i].idx_v] for i, part in zip(joints, rows, strict=True)]
     axes = np.array([data.oMi[i].rotation.T @ c for i, c in zip(joints, columns, strict=True)])
+    axes[:up] *= -1.0
     return SerialChain(
         placements=placements,
         axes=axes,
         T_link_tip=transform(tip.rotation, tip.translation),
-        slides=slides,
+        external=ExternalAxes(up, sum(sliding)),
     )

@@ -26,16 +26,19 @@ class OnePosture:
         model, nowhere = pin.Model(), pin.SE3.Identity()
         bodies = zip(robot.link_mass, robot.link_com, strict=True)
         frames = zip(chain.placements, chain.axes, bodies, strict=True)
+        sliding = robot.sliding.tolist()
         for k, (placement, axis, (mass, com)) in enumerate(frames):
-            slides = k < chain.slides
-            kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+            kind = (
+                pin.JointModelPrismaticUnaligned if sliding[k] else pin.JointModelRevoluteUnaligned
+            )
             joint = model.addJoint(joint, kind(axis), pin.SE3(placement), f"joint {k + 1}")
             model.appendBodyToJoint(joint, pin.Inertia(mass, com, np.zeros((3, 3))), nowhere)
         self._tip = pin.SE3(chain.T_link_tip)
         if com_m is not None:
             carried = pin.Inertia(mass_kg, np.asarray(com_m, dtype=float), np.zeros((3, 3)))
             model.appendBodyToJoint(joint, carried, self._tip)
-        model.gravity.linear = robot.gravity
+        model.gravity.linear = self._gravity = robot.gravity
+        self._floor = robot.floor
         self._last, self._model, self._data = joint, model, model.createData()
         self._lower, self._upper = robot.lower, robot.upper
 
@@ -44,6 +47,10 @@ class OnePosture:
 
         Positive where it turns the joint in its positive sense.
         """
+        if self._floor:  # the base turns against the floor
+            pin.forwardKinematics(self._model, self._data, q)
+            turned = self._data.oMi[self._floor].rotation @ self._gravity
+            self._model.gravity.linear = turned
         return np.asarray(-pin.computeGeneralizedGravity(self._model, self._data, q))
 
     def tip(self, q: FloatArray) -> FloatArray:

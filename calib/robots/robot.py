@@ -20,13 +20,13 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
-from calib.robots.chain import ChainState, SerialChain
+from calib.robots.chain import ChainState, ExternalAxes, SerialChain
 from calib.robots.controller import Controller, Coupling, controller_of, shown_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
 from calib.robots.inverse.offset_wrist import OffsetWrist
-from calib.robots.inverse.on_slides import OnSlides
+from calib.robots.inverse.on_external_axes import OnExternalAxes
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
@@ -34,6 +34,7 @@ from calib.robots.model_chain import (
     chain_of,
     check_joints,
     configuration,
+    floor_of,
     frame_id,
     gravity_at,
     held_in_words,
@@ -49,7 +50,7 @@ from calib.robots.model_chain import (
 )
 from calib.robots.presets import load_preset
 from calib.robots.shapes import Body, LinkShape
-from calib.se3 import FloatArray, check_transforms, numbers
+from calib.se3 import BoolArray, FloatArray, check_transforms, numbers, transform
 
 _WORLD = "base"
 """Name that ROS-Industrial gives to the controller's world."""
@@ -57,11 +58,11 @@ _WORLD = "base"
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial arm between a base frame and a tip frame, and the slides that carry it.
+    """A serial arm between a base frame and a tip frame, and what moves it against the base.
 
-    Its n joints are those that slide (a rail, a gantry, a lift), then those that turn. Values of
-    the ones are in metres wherever those of the others are in radians, and in millimetres where
-    people read degrees.
+    Its n joints are external axes (a positioner, then a rail, a gantry, a lift), then those of the
+    arm. Values of what slides are in metres wherever those of the others are in radians, and in
+    millimetres where people read degrees.
 
     Make one with :meth:`from_urdf` or :meth:`preset`.
 
@@ -80,7 +81,8 @@ class Robot:
     link_com : array (n, 3)
         Centre of mass of each link, in the frame of its joint [m].
     gravity : array (3,)
-        Acceleration of gravity in the base frame [m/s²]; the root of the description is level.
+        Acceleration of gravity [m/s²] in the base frame; behind a positioner, that of the link that
+        stands on the floor (:attr:`floor`). The root of the description is level.
     stiffness : array (n,)
         Torsional stiffness of each reducer [Nm/rad]; infinite where the description gives none.
     notices : tuple of str
@@ -98,6 +100,9 @@ class Robot:
         Names of bodies that may touch, by the semantic description.
     controller : Controller or None
         What the pendant shows; None where the maker is not known.
+    T_floor_world : array (4, 4)
+        The frame that a cell describes its surroundings in, in that of the link on the floor [m]:
+        the base frame, or behind a positioner the root of the description.
     """
 
     name: str
@@ -119,6 +124,7 @@ class Robot:
     coupled_limits: tuple[CoupledLimit, ...] = ()
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     controller: Controller | None = None
+    T_floor_world: FloatArray = field(default_factory=lambda: np.eye(4))
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -149,7 +155,8 @@ class Robot:
         tip : str, optional
             Link that carries the tool: ``tool0``, ``flange``, else the link behind most joints.
         base : str, optional
-            Link that positions are given in; the root of the tree by default.
+            Link that positions are given in; the root of the tree by default. One on another
+            branch than the tip is carried by a positioner: its joints come first.
         lock : names, optional
             Further joints to hold at zero: a rail between base and tip that stands still, say.
         held_rad, held_m : mappings of str to float, optional
@@ -169,7 +176,7 @@ class Robot:
         RobotModelError
             The file cannot be used (see :func:`calib.robots.description.urdf.load_urdf`), a frame
             or a joint to lock does not exist, or what moves between base and tip is not a row of
-            joints with limits, of which those that slide come first.
+            joints with limits, of which those that slide come before those of the arm.
         """
         check_type(path, (str, PathLike), "path")
         check_type(tip, (str, type(None)), "tip")
@@ -235,11 +242,12 @@ class Robot:
         asked = joints_to_lock(model, [*to_lock, *held_rad, *held_m])
         base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
-        joints = joints_between(model, base_id, tip_id, asked)
-        check_joints(model, joints, flaws)
+        path = joints_between(model, base_id, tip_id, asked)
+        check_joints(model, path, flaws)
+        joints = path.joints
         said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
-        others = links_of_other_branches(model, joints[0])
+        others = links_of_other_branches(model, path.arm[0])
         state = {name: value for name, value in state.items() if name not in to_lock}
         at = values_held(model, locked, held_rad, held_m, state, led, flaws)
         still = [i for i in locked if i not in at]
@@ -255,7 +263,8 @@ class Robot:
             frames = model.frames[base_id].name, model.frames[tip_id].name
             model = pin.buildReducedModel(model, locked, configuration(model, at))
             base_id, tip_id = (frame_id(model, name) for name in frames)
-            joints = joints_between(model, base_id, tip_id)
+            path = joints_between(model, base_id, tip_id)
+            joints = path.joints
         names = tuple(names_of(model, joints))
         columns = [model.joints[i].idx_v for i in joints]
         speed = np.array(model.velocityLimit)[columns]
@@ -264,24 +273,30 @@ class Robot:
                 "no speed given for "
                 + ", ".join(n for n, s in zip(names, speed, strict=True) if not s > 0)
             )
-        inertias = [model.inertias[i] for i in joints]
+        # what a positioner moves is carried by no joint behind it
+        inertias = [pin.Inertia.Zero() for _ in path.positioner]
+        inertias += [model.inertias[i] for i in path.arm]
+        floor = floor_of(model, path, base_id)
         return cls(
             name=model.name,
-            chain=chain_of(model, joints, base_id, tip_id),
+            chain=chain_of(model, path, base_id, tip_id),
             joint_names=names,
             lower=np.array(model.lowerPositionLimit)[columns],
             upper=np.array(model.upperPositionLimit)[columns],
             speed=np.where(speed > 0, speed, np.nan),
             link_mass=np.array([i.mass for i in inertias]),
             link_com=np.array([i.lever for i in inertias]),
-            gravity=gravity_at(model, base_id),
+            gravity=gravity_at(floor),
             stiffness=np.array([(stiffness or {}).get(n, np.inf) for n in names]),
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
-            bodies=tuple(body_of(model, shape, joints, base_id, others) for shape in shapes),
-            lost_shapes=tuple((link_number(model, name, joints), name) for name in lost_shapes),
+            bodies=tuple(body_of(model, shape, path, base_id, others) for shape in shapes),
+            lost_shapes=tuple(
+                (link_number(model, name, path, base_id), name) for name in lost_shapes
+            ),
             model=model,
+            T_floor_world=floor.homogeneous if path.positioner else np.eye(4),
         )
 
     def controlled_by(self, maker: str, couplings: Sequence[Coupling] = ()) -> Robot:
@@ -317,30 +332,47 @@ class Robot:
         return self.chain.n
 
     @property
-    def slides(self) -> int:
-        """How many of the joints, the first ones, slide."""
-        return self.chain.slides
+    def external(self) -> ExternalAxes:
+        """What moves the whole arm against the base: the first joints."""
+        return self.chain.external
 
     @property
-    def turning(self) -> tuple[str, ...]:
-        """Names of the joints that turn."""
-        return self.joint_names[self.slides :]
+    def n_external(self) -> int:
+        """How many of the joints, the first ones, are external axes."""
+        return self.chain.external.count
+
+    @property
+    def floor(self) -> int:
+        """Number of the link that stands on the floor, with all that stands around: 0 is the base.
+
+        Behind a positioner the base turns with what is measured, and this link does not.
+        """
+        return self.chain.external.positioner
+
+    @cached_property
+    def sliding(self) -> BoolArray:
+        """Which joints slide, ``(n,)``."""
+        return self.external.slides_of(self.n)
+
+    @property
+    def arm_joints(self) -> tuple[str, ...]:
+        """Names of the joints of the arm itself."""
+        return self.joint_names[self.n_external :]
 
     @cached_property
     def joint_labels(self) -> tuple[str, ...]:
-        """Short names as controllers give them: E1 for what slides, J1 to J6 for what turns."""
-        slides = self.slides
-        return tuple(f"E{j + 1}" if j < slides else f"J{j + 1 - slides}" for j in range(self.n))
+        """Short names as controllers give them: E1 for external axes, J1 to J6 for the arm's."""
+        return self.external.labels(self.n)
 
     @cached_property
     def joint_units(self) -> tuple[str, ...]:
         """Units that people read the joints' values in: mm or deg."""
-        return tuple("mm" if j < self.slides else "deg" for j in range(self.n))
+        return tuple("mm" if slides else "deg" for slides in self.sliding)
 
     @cached_property
     def per_unit(self) -> FloatArray:
         """Millimetres in a metre, degrees in a radian, ``(n,)``."""
-        return shown_of(self.n, self.slides)
+        return shown_of(self.n, self.external)
 
     def shown(self, q: ArrayLike) -> FloatArray:
         """Joint values ``(..., n)`` [rad, m] as people read them [deg, mm]."""
@@ -353,7 +385,15 @@ class Robot:
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """The link that the first joint hangs on, and the link that each joint moves."""
-        return link_names(self.model, self.joint_names, self.base_frame)
+        return link_names(self.model, self.joint_names, self.base_frame, self.floor)
+
+    def T_base_floor(self, q: ArrayLike) -> FloatArray:
+        """The link that stands on the floor in the base frame, ``(..., 4, 4)``, at postures [m]."""
+        state = self.state(q)
+        if not self.floor:
+            return np.broadcast_to(np.eye(4), (*state.origins.shape[:-2], 4, 4))
+        at = self.floor - 1
+        return transform(state.rotations[..., at, :, :], state.origins[..., at, :])
 
     @property
     def T_base_root(self) -> FloatArray:
@@ -361,6 +401,18 @@ class Robot:
         base = self.model.frames[frame_id(self.model, self.base_frame)].placement
         root = self.model.frames[root_id(self.model)].placement
         return np.asarray((base.inverse() * root).homogeneous)
+
+    @property
+    def joint_origins(self) -> FloatArray:
+        """Frames of the joints at zero ``(n, 4, 4)`` [m] where a description has them.
+
+        In the link that each hangs on; in the base where no joint is between. Those of a chain, but
+        for a positioner, whose joints it passes the other way round.
+        """
+        if not self.floor:
+            return self.chain.placements
+        ids = [self.model.getJointId(name) for name in self.joint_names]
+        return np.array([self.model.jointPlacements[i].homogeneous for i in ids])
 
     @property
     def joint_range(self) -> FloatArray:
@@ -395,7 +447,7 @@ class Robot:
         Each branch is given once, each joint in that full turn which lies inside the limits and
         nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
         branch is given at steps of its redundant joint, and the postures nearest to ``near``. What
-        slides carry is solved for at steps of them, and where ``near`` has them.
+        external axes move is solved for at steps of them, and where ``near`` has them.
         Of arms that nothing else is known for (six axes that are neither parallel nor meet, eight
         and more) what iteration falls to is given, from ``near`` and from a dozen other starts.
 
@@ -423,11 +475,11 @@ class Robot:
             raise InputError(
                 f"the margin to the limits is {margin}", hint="give it in radians", name="margin"
             )
-        bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin, self.slides)
+        bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin, self.external)
         return self._inverse.solve(poses, bounds, reference, every_turn)
 
     @cached_property
-    def _inverse(self) -> InverseKinematics | OnSlides:
+    def _inverse(self) -> InverseKinematics | OnExternalAxes:
         """The solver that gives most of the postures of the chain."""
         arm = self.chain.arm
         solver = (
@@ -436,7 +488,7 @@ class Robot:
             or RedundantArm.of(arm)
             or DampedIteration(arm)
         )
-        return OnSlides(self.chain, solver) if self.slides else solver
+        return OnExternalAxes(self.chain, solver) if self.n_external else solver
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
@@ -496,11 +548,46 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
             f"{robot.name} has {robot.n} joints, the placements have shape {placed.shape}",
             name="placements",
         )
-    model = robot.model
+    up, before = robot.floor, robot.chain.placements
+    if up and not np.allclose(placed[0], before[0], rtol=0.0, atol=1e-12):
+        raise RobotModelError(
+            f"{robot.name}: {robot.joint_names[0]} would sit elsewhere in {robot.base_frame}, "
+            "which it moves",
+            hint="leave its frame as it is: where targets are on it says the same",
+            name=robot.joint_names[0],
+        )
+    model, found = robot.model, robot
     if model is not None:
         model = pin.Model(model)
-        T_root_base = model.frames[frame_id(model, robot.base_frame)].placement
-        for j, name in enumerate(robot.joint_names):
-            T = pin.SE3(placed[j, :3, :3], placed[j, :3, 3])
-            model.jointPlacements[model.getJointId(name)] = T_root_base * T if j == 0 else T
-    return replace(robot, chain=replace(robot.chain, placements=placed), model=model)
+        steps = [pin.SE3(T[:3, :3], T[:3, 3]) for T in placed]
+        ids = [model.getJointId(name) for name in robot.joint_names]
+        if up:  # the arm stands where it stood, and the foot of the positioner elsewhere
+            steps[up] = model.jointPlacements[ids[up]] * steps[up].inverse()
+            for j in range(up):
+                own = steps[j + 1]
+                model.jointPlacements[ids[j]] = own if j + 1 == up else own.inverse()
+            floor = model.jointPlacements[ids[up - 1]].inverse()
+            found = replace(
+                found,
+                T_floor_world=floor.homogeneous,
+                gravity=gravity_at(floor),
+                bodies=tuple(
+                    _moved_along(body, up, robot.model, model, ids) for body in found.bodies
+                ),
+            )
+        else:
+            base = model.frames[frame_id(model, robot.base_frame)].placement
+            model.jointPlacements[ids[0]] = base * steps[0]
+        for j in range(up + 1 if up else 1, robot.n):
+            model.jointPlacements[ids[j]] = steps[j]
+    chain = replace(robot.chain, placements=placed)
+    return replace(found, chain=chain, model=model)
+
+
+def _moved_along(body: Body, up: int, old: pin.Model, new: pin.Model, ids: Sequence[int]) -> Body:
+    """A solid of a positioner, or of the floor, where it keeps its place in its own link."""
+    if not 1 <= body.link <= up:
+        return body
+    joint = ids[body.link - 1]
+    moved = new.jointPlacements[joint].inverse() * old.jointPlacements[joint]
+    return replace(body, T_link_body=moved.homogeneous @ body.T_link_body)

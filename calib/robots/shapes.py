@@ -70,6 +70,8 @@ class Body:
         :class:`~calib.robots.chain.ChainState` has it.
     of_other_branch : bool
         Stands still with the base, but on no link next to the first joint: another arm, a lift.
+    beside_positioner : bool
+        Stands on the floor as a positioner does, but is not what its first joint hangs on.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Body:
     T_link_body: FloatArray
     solid: Solid
     of_other_branch: bool = False
+    beside_positioner: bool = False
 
 
 @dataclass(frozen=True, eq=False)

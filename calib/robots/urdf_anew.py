@@ -110,9 +110,10 @@ def _add_joint(root: Element, robot: Robot, index: int, links: dict[int, str]) -
     model, name = robot.model, robot.model.names[index]
     j = robot.joint_names.index(name)
     parent = links[model.parents[index]]
-    kind = "prismatic" if j < robot.slides else "revolute"
+    kind = "prismatic" if robot.sliding[j] else "revolute"
     element = _add_between(root, name, kind, parent, links[index], model.jointPlacements[index])
-    SubElement(element, "axis", xyz=spread(robot.chain.axes[j].tolist()))
+    axis = robot.chain.axes[j] * (-1.0 if j < robot.floor else 1.0)
+    SubElement(element, "axis", xyz=spread(axis.tolist()))
     speed = robot.speed[j] if np.isfinite(robot.speed[j]) else 0.0
     limits = {"lower": robot.lower[j], "upper": robot.upper[j], "velocity": speed, "effort": 0.0}
     SubElement(element, "limit", {key: repr(float(value)) for key, value in limits.items()})

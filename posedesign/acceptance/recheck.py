@@ -81,7 +81,8 @@ class Watch:
                 hint="identify again",
                 name="covariance",
             )
-        joints = cell.robot.turning
+        # of a positioner all but that which moves the base: it moves the targets, too
+        joints = (*cell.robot.joint_names[1 : cell.robot.floor], *cell.robot.arm_joints)
         wanted = [f"zero_offset.{joint}" for joint in joints]
         wanted += [f"{_tool(label)}.{axis}" for label in known.model.tools for axis in _SHIFTS]
         given = known.model.names

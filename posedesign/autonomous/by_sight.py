@@ -355,6 +355,12 @@ def _check_kind(cell: Cell) -> None:
             name="measurement.kind",
         )
     check_plain(cell, "a calibration by sight")
+    if cell.robot.floor:
+        raise InputError(
+            f"a positioner carries {cell.robot.base_frame}, and by sight only the arm is driven",
+            hint="hold the positioner (robot.held_deg), or plan, program and identify",
+            name="robot.base",
+        )
 
 
 def _check_results(out: Path) -> None:

@@ -110,7 +110,7 @@ class FolderRobot(RobotAdapter):
     ) -> None:
         chosen = chosen_dialect(cell, _one_pose("base", cell.base_posture), dialect)
         self._cell = cell
-        self._dialect = find_dialect(chosen).reading(cell.config.program.pulses_per_deg)
+        self._dialect = find_dialect(chosen).reading(*cell.config.program.pulses)
         self._arm = arm_of(cell)
         self._seen = self._dialect.seen(self._arm)
         self._exchange = ExchangeFolder(Path(folder), timeout_s, poll_s)

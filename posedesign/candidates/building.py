@@ -247,9 +247,10 @@ def joint_candidates(
             bound=0.0,
         )
     robot, base, camera = cell.robot, cell.base_posture, cell.config.camera
-    lower, upper, turning = robot.lower.copy(), robot.upper.copy(), slice(robot.slides, None)
-    lower[turning] = np.maximum(robot.lower + cell.margin, base - largest_turn)[turning]
-    upper[turning] = np.minimum(robot.upper - cell.margin, base + largest_turn)[turning]
+    kept, arm = np.where(robot.sliding, 0.0, cell.margin), slice(robot.n_external, None)
+    lower, upper = robot.lower + kept, robot.upper - kept  # external axes go all the way
+    lower[arm] = np.maximum(lower, base - largest_turn)[arm]
+    upper[arm] = np.minimum(upper, base + largest_turn)[arm]
     joints_at_once = views_at_once = int(np.clip(count, _FEWEST, _MOST))
     each = 64
     if robot.n > 6:  # a redundant arm takes each view in many ways, and long to find them

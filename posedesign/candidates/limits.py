@@ -61,7 +61,7 @@ def _counted(cell: Cell, pool: CandidatePoses, section: LimitSection) -> BoolArr
                 )
             counted &= np.array([label == wanted for label in known])[pool.of]
     if section.side is not None:
-        first = cell.robot.slides
+        first = cell.robot.n_external
         front = in_front(pool.postures[:, first], float(cell.base_posture[first]))
         counted &= front == (section.side == "front")
     if section.lowest_mm is not None and section.highest_mm is not None:

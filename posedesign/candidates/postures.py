@@ -129,12 +129,12 @@ def asked_for(solutions: InverseSolutions, configurations: Configurations) -> Bo
     """Whether each posture ``(S,)`` is of the configurations asked for."""
     if configurations != "front":
         return np.ones(len(solutions.pose), dtype=bool)
-    first = solutions.chain.slides
+    first = solutions.chain.external.count
     return in_front(solutions.postures[:, first], float(solutions.near[first]))
 
 
 def in_front(first: FloatArray, base: float) -> BoolArray:
-    """Whether the first joint that turns ``(S,)`` [rad] is on the side of the base posture."""
+    """Whether the first joint of the arm ``(S,)`` [rad] is on the side of the base posture."""
     turn = first - base
     return np.asarray(np.abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) <= FRONT_RAD)
 
@@ -186,7 +186,7 @@ def local_poses(
     if place.shape != (len(q), 3):
         raise InputError(f"{len(q)} postures touch places ({len(q)}, 3)", name="touched_m")
     bounds = Bounds.within(
-        robot.lower, robot.upper, robot.coupled_limits, cell.margin, robot.slides
+        robot.lower, robot.upper, robot.coupled_limits, cell.margin, robot.external
     )
     steps = max(1, math.ceil(np.linalg.norm(by, axis=1).max(initial=0.0) / _STEP_RAD))
     found = q

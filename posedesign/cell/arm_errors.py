@@ -49,7 +49,7 @@ def payloads_of(cell: CellData) -> list[Payload]:
 def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     """Blocks of the arm that words free; all joints unless the cell lists offsets."""
     robot, section = cell.robot, cell.config.parameters
-    joints, payloads = robot.turning, payloads_of(cell)
+    joints, payloads = robot.arm_joints, payloads_of(cell)
     blocks: list[ParameterBlock] = []
     held, degree = PRIORS in words, np.pi / 180.0
     offset = section.prior_offset_deg * degree if held else None
@@ -94,7 +94,7 @@ def _give(robot: Robot, payloads: Sequence[Payload], prior: float) -> FloatArray
         axis=0,
     )
     sigma = np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior))
-    return np.asarray(sigma[robot.slides :])
+    return np.asarray(sigma[robot.n_external :])
 
 
 def _across_axes(robot: Robot) -> list[str]:

@@ -54,6 +54,7 @@ from posedesign.cell.surroundings import (
     check_board,
     check_cell,
     check_observations,
+    in_base,
     meeting_pairs,
     naming,
     nearest_body,
@@ -66,6 +67,10 @@ from posedesign.cell.surroundings import (
 from posedesign.constraints import Checker, Collision, MotionChecker, Retreat
 from posedesign.constraints.mark_sight import MarkSight
 from posedesign.files.measurements import TOOL
+
+SAME_LINE_M = 0.01
+"""Joints whose axes are parallel and nearer to each other turn about one line: the zero of one
+would be told by ten micrometres for a milliradian."""
 
 _MOST_METRES = 5.0
 """A slide that stands at fewer millimetres than this, with a fraction, was written in metres."""
@@ -385,7 +390,7 @@ class Cell(CellData):
         return MotionChecker(
             self.solid_passing if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
-            self.robot.slides,
+            self.robot.external,
         )
 
     @cached_property
@@ -396,7 +401,9 @@ class Cell(CellData):
             self.config.target.name,
             target_m := self.target_m if self.is_hand_eye else place_of(self, self.config.target),
             self.robot.state(self.base_posture).point(self.tool_m),
-            nearest_body(self.robot, self.obstacles, target_m),
+            nearest_body(
+                self.robot, in_base(self.robot, self.obstacles, self.base_posture), target_m
+            ),
             tuple((other.name, place_of(self, other)) for other in self.config.other_targets),
         )
 
@@ -453,16 +460,16 @@ def _with_controller(robot: Robot, section: RobotSection, path: Path) -> Robot:
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:
     limits = [*robot.coupled_limits] if section.keep_coupled_limits else []
     for given in section.coupled_limit:
-        if len(given.coefficients) != len(robot.turning):
+        if len(given.coefficients) != len(robot.arm_joints):
             raise FileFormatError(
                 f"{given.name}: {len(given.coefficients)} coefficients for "
-                f"{len(robot.turning)} joints that turn",
+                f"{len(robot.arm_joints)} joints of the arm",
                 path=path,
                 key="robot.coupled_limit",
                 hint="give one for each joint, 0 for those that have no part in it",
             )
         lower, upper = np.deg2rad([given.lower_deg, given.upper_deg]).tolist()
-        coefficients = np.concatenate([np.zeros(robot.slides), given.coefficients])
+        coefficients = np.concatenate([np.zeros(robot.n_external), given.coefficients])
         limits.append(CoupledLimit(given.name, coefficients, lower, upper))
     return replace(robot, coupled_limits=tuple(limits))
 
@@ -498,9 +505,9 @@ def _with_posture_of_state(
 
 def _with_slide_margin(robot: Robot, margin_mm: float, path: Path) -> Robot:
     """The robot with the ends of its slides left out, as far as plans keep away from them."""
-    if not robot.slides:
+    if not robot.external.slides:
         return robot
-    kept = np.where(np.arange(robot.n) < robot.slides, margin_mm / 1e3, 0.0)
+    kept = np.where(robot.sliding, margin_mm / 1e3, 0.0)
     narrow = np.flatnonzero(robot.joint_range <= 4.0 * kept)
     if narrow.size and margin_mm:
         raise FileFormatError(
@@ -517,30 +524,57 @@ def usual_offset_joints(robot: Robot) -> tuple[str, ...]:
 
     Target and tool point take up those of the first and the last joint (section 3.2 of
     Watanabe et al. 2006); not of the first one of an arm that slides across its axis, for a rail
-    has a direction.
+    has a direction, nor of one beside a positioner, which stands somewhere.
     """
-    return tuple(name for name in robot.turning[:-1] if name not in moved_as_base(robot))
+    turning = [n for n, slides in zip(robot.joint_names, robot.sliding, strict=True) if not slides]
+    return tuple(name for name in turning[:-1] if name not in moved_as_base(robot))
 
 
 def moved_as_base(robot: Robot) -> tuple[str, ...]:
     """Joints whose zero offsets move the arm as a base does that stands elsewhere.
 
-    What slides, and the first joint that turns, unless something slides across its axis.
+    Those whose axes stand still in the base, whatever the joints before them do: slides on slides,
+    the joint of a positioner that turns the base, and the first joint of the arm, unless something
+    slides across its axis or turns about another one.
     """
-    axes, slides = robot.chain.forward(np.zeros(robot.n)).axes, robot.slides
-    across = np.linalg.norm(np.cross(axes[:slides], axes[slides]), axis=1) > np.sin(PARALLEL_RAD)
-    return robot.joint_names[: slides + (not across.any())]
+    at_zero, slides = robot.chain.forward(np.zeros(robot.n)), robot.sliding
+
+    def stands(axis: int, moved_by: int) -> bool:
+        one, two = at_zero.axes[moved_by], at_zero.axes[axis]
+        across = np.linalg.norm(np.cross(one, two)) > np.sin(PARALLEL_RAD)
+        if slides[moved_by]:
+            return bool(slides[axis] or not across)
+        apart = at_zero.origins[axis] - at_zero.origins[moved_by]
+        aside = not slides[axis] and np.linalg.norm(np.cross(apart, one)) > SAME_LINE_M
+        return not (across or aside)
+
+    return tuple(
+        name
+        for j, name in enumerate(robot.joint_names)
+        if all(stands(j, before) for before in range(j))
+    )
 
 
 def posture_section(robot: Robot, q: FloatArray) -> BasePoseSection:
     """The section of a cell that has a posture ``(n,)`` [rad, m] for its base pose."""
     shown = robot.shown(q).tolist()
-    return BasePoseSection(slides_mm=shown[: robot.slides], posture_deg=shown[robot.slides :])
+    turns, first = robot.floor, robot.n_external
+    return BasePoseSection(
+        positioner_deg=shown[:turns][::-1],
+        slides_mm=shown[turns:first],
+        posture_deg=shown[first:],
+    )
 
 
 def posture_of_section(robot: Robot, section: BasePoseSection) -> FloatArray:
     """Posture ``(n,)`` [rad, m] of the base pose."""
-    return np.concatenate([np.array(section.slides_mm) / 1e3, np.deg2rad(section.posture_deg)])
+    return np.concatenate(
+        [
+            np.deg2rad(section.positioner_deg[::-1]),
+            np.array(section.slides_mm) / 1e3,
+            np.deg2rad(section.posture_deg),
+        ]
+    )
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
@@ -554,16 +588,21 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             key="base_pose.slides_mm",
             hint="give millimetres, and whole ones where it really stands so near its zero",
         )
-    if len(slides) != robot.slides:
-        names = ", ".join(robot.joint_names[: robot.slides]) or "none"
-        raise FileFormatError(
-            f"{len(slides)} values for the slides of {robot.name}: {names}",
-            path=path,
-            key="base_pose.slides_mm",
-            hint="give one for each joint that slides, where it stands at the base pose"
-            if robot.slides
-            else "leave it out",
-        )
+    turning, sliding = robot.joint_names[: robot.floor], robot.joint_names[robot.external.sliding]
+    for what, values, joints in (
+        ("slides", slides, sliding),
+        ("positioner", config.base_pose.positioner_deg, turning[::-1]),
+    ):
+        if len(values) != len(joints):
+            raise FileFormatError(
+                f"{len(values)} values for the {what} of {robot.name}: "
+                + (", ".join(joints) or "none"),
+                path=path,
+                key=f"base_pose.{what}_{'mm' if what == 'slides' else 'deg'}",
+                hint="give one for each of these joints, where it stands at the base pose"
+                if joints
+                else "leave it out",
+            )
     with naming(path, key):
         posture = robot.check_posture(posture_of_section(robot, config.base_pose))
     fractions = np.count_nonzero(degrees % 1.0)

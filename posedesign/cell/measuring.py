@@ -108,10 +108,14 @@ def truth_of(
     """
     truth = cell.config.truth
     given = truth.zero_offsets_deg
-    turning = cell.robot.turning  # slides are where they show; their frames may be off
+    turning = cell.robot.arm_joints  # slides are where they show; their frames may be off
     offsets = usual_offsets(len(turning)) if given is None else np.deg2rad(given)
-    blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, turning)]
-    values = [offsets]
+    carrying = cell.robot.joint_names[: cell.robot.floor]
+    theirs = np.append(0.0, np.full(len(carrying), OF_POSITIONER_RAD))[: len(carrying)]
+    if truth.positioner_offsets_deg is not None:
+        theirs = np.deg2rad(truth.positioner_offsets_deg)[::-1]
+    blocks: list[ParameterBlock] = [ZeroOffsets(cell.robot, [*carrying, *turning])]
+    values = [theirs, offsets]
     if cell.deflects:
         loads = payloads_of(cell)
         blocks.append(JointCompliance(cell.robot, turning, loads))
@@ -122,6 +126,11 @@ def truth_of(
         values.append(_link_errors(links, truth.link_error_mm, truth.link_error_deg, truth.seed))
     model = CalibrationModel(cell.robot, [*blocks, *set_up], measurements)
     return model, np.concatenate([*values, *placed])
+
+
+OF_POSITIONER_RAD = np.deg2rad(0.07)
+"""Zero offset of the joints of a positioner, but for that which moves the base: nothing measured
+tells it from targets that sit elsewhere."""
 
 
 def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> FloatArray:

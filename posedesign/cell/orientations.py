@@ -136,9 +136,11 @@ def suggest_base_posture(
         The arm cannot point its tool so anywhere in front of it.
     """
     still = np.round((robot.lower + robot.upper) / 2.0, 2)  # slides in the middle of their way
-    still[robot.slides :] = 0.0
+    first = robot.n_external
+    still[~robot.sliding] = np.clip(0.0, robot.lower, robot.upper)[~robot.sliding]
+    still[first:] = 0.0
     at_zero = robot.state(still)
-    foot, *others = at_zero.origins[robot.slides :]
+    foot, *others = at_zero.origins[first:]
     size, height = robot.chain.reach_m, float((others or [foot])[0][2])
     front = _front(robot)
     places = list(product(_ROLLS, _FRACTIONS, _HEIGHTS))
@@ -149,16 +151,16 @@ def suggest_base_posture(
         R = np.column_stack([across, [0.0, 0.0, -1.0], -front]) @ R
     targets = np.array([part * size * front + [0, 0, height + up * size] for _, part, up in places])
     near = None
-    if robot.slides:  # where they stand
+    if first:  # where they stand
         targets[:, :2] += foot[:2]
-        near = np.concatenate(
-            [still[: robot.slides], ((robot.lower + robot.upper) / 2)[robot.slides :]]
-        )
+        near = np.concatenate([still[:first], ((robot.lower + robot.upper) / 2)[first:]])
+    if robot.floor:
+        R, targets = _above_plate(robot, still, foot, ahead)
     solutions = robot.inverse(touching_poses(R, tool_m, targets), near)
     tried: list[tuple[tuple[float, float], FloatArray]] = []
-    for place in range(len(places)):
+    for place in range(len(R)):
         found = robot.of_shown(np.round(robot.shown(solutions.of(place))))
-        aside = np.abs(found - still)[:, : robot.slides].max(axis=1, initial=0.0)
+        aside = np.abs(found - still)[:, :first].max(axis=1, initial=0.0)
         found = found[aside < 1e-3]
         rooms = [_room(robot, q) for q in found]
         for k in np.argsort(rooms, kind="stable")[::-1][:_TRIED_PER_PLACE]:
@@ -180,6 +182,32 @@ def suggest_base_posture(
     return best
 
 
+_ASIDE = (0.06, 0.12)
+_ABOVE = (0.06, 0.12, 0.25)
+"""Where it is tried above what a positioner carries, towards the arm: as parts of its reach."""
+
+
+def _above_plate(
+    robot: Robot, still: FloatArray, foot: FloatArray, ahead: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Orientations ``(K, 3, 3)`` of the tip and points ``(K, 3)`` [m], in the base that turns.
+
+    Off the axis of the table, or turning it would tell nothing.
+    """
+    W = (robot.T_base_floor(still) @ robot.T_floor_world)[:3, :3]  # upright, as the floor is
+    front = (W.T @ -foot) * [1.0, 1.0, 0.0]
+    front /= max(float(np.linalg.norm(front)), 1e-9)
+    places = list(product(_ROLLS, _ASIDE, _ABOVE))
+    R = rotation_from_wpr([[0.0, 0.0, roll] for roll, _, _ in places])
+    R = R @ rotation_from_wpr([np.pi, 0.0, 0.0])
+    if ahead:
+        across = np.array([-front[1], front[0], 0.0])
+        R = np.column_stack([across, [0.0, 0.0, -1.0], -front]) @ R
+    up = np.array([0.0, 0.0, 1.0])
+    points = np.array([above * up - aside * front for _, aside, above in places])
+    return W @ R, robot.chain.reach_m * points @ W.T
+
+
 def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
     """How many poses of the trial grid around a posture can be taken."""
     state = robot.state(q)
@@ -191,14 +219,14 @@ def _trial_poses(robot: Robot, tool_m: FloatArray, q: FloatArray) -> int:
 def _room(robot: Robot, q: FloatArray) -> float:
     """How far a posture is from its limits and from a singularity, about 0 to 0.5."""
     inside = np.minimum(q - robot.lower, robot.upper - q) / robot.joint_range
-    limits = inside[robot.slides :].min()
+    limits = inside[robot.n_external :].min()
     dexterity = robot.chain.smallest_singular_values(robot.state(q))
     return float(min(limits, dexterity))
 
 
 def _front(robot: Robot) -> FloatArray:
     """Horizontal unit vector to where the arm reaches with its first joint in mid-range."""
-    q, first = (robot.lower + robot.upper) / 2.0, robot.slides
+    q, first = (robot.lower + robot.upper) / 2.0, robot.n_external
     q[first + 1 :] = np.clip(0.0, robot.lower, robot.upper)[first + 1 :]
     state = robot.state(q)
     forward = state.p_base_tip * [1.0, 1.0, 0.0]

@@ -104,7 +104,8 @@ class RobotSection(Section):
     urdf: Line | None = None
     """Path of a URDF or xacro file, from the folder of the cell; or ``preset``."""
     base: Line | None = None
-    """Link that positions are given in; the root by default."""
+    """Link that positions are given in; the root by default. On another branch than the tip it is
+    carried by a positioner, whose joints come first."""
     tip: Line | None = None
     """Link at the end of the chain, which carries the tool; the last one by default."""
     srdf: Line | None = None
@@ -161,7 +162,8 @@ class SolidSection(Section):
     """Its shape. A half-space is everything below ``at_mm``, and a scene all objects of a MoveIt
     scene: both for obstacles only."""
     at_mm: Vector = (0.0, 0.0, 0.0)
-    """Its centre: in the axes of the tip for the tool, in the base frame for an obstacle."""
+    """Its centre: in the axes of the tip for the tool, in the base frame for an obstacle; behind a
+    positioner as ``stands_on`` says."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """Its orientation: W, P, R about fixed x, y and z."""
     size_mm: tuple[Size, Size, Size] | None = None
@@ -177,6 +179,10 @@ class SolidSection(Section):
     link of the description."""
     scale: Size = 1.0
     """Factor that turns the unit of the mesh into mm."""
+    stands_on: Literal["floor", "positioner"] | None = None
+    """For obstacles where a positioner carries the base: ``floor``, and its place is in the root
+    link of the description; ``positioner``, and it turns with the base, in the frame of which its
+    place is."""
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> SolidSection:
@@ -214,6 +220,8 @@ class ToolSection(Section):
         if not any(self.axis):
             raise ValueError("axis has no length: the tool comes to the target along it")
         for body in self.body:
+            if body.stands_on is not None:
+                raise ValueError(f"{body.name}: stands_on is for obstacles")
             if body.kind in ("half-space", "scene"):
                 raise ValueError(f"{body.name}: a tool cannot be a {body.kind}")
         return self
@@ -274,6 +282,8 @@ class BasePoseSection(Section):
     """Joint values of the base pose, from the base on, in the signs of the description."""
     slides_mm: tuple[Finite, ...] = ()
     """The same of the slides that carry the arm."""
+    positioner_deg: tuple[Finite, ...] = ()
+    """The same of a positioner that carries the base, from its foot on: tilt, turn."""
     state: Line | None = None
     """In its place the name of a group state in ``robot.srdf``."""
 
@@ -384,7 +394,8 @@ class ConstraintSection(Section):
     largest_travel_deg: Annotated[float, Field(strict=True, ge=1, le=1e4)] | None = None
     """Largest travel of any joint from one pose to the next."""
     workspace_lowest_mm: Vector | None = None
-    """Lowest corner, in the base frame, of a box that arm and tool stay in."""
+    """Lowest corner, in the base frame, of a box that arm and tool stay in; behind a positioner it
+    stands on the floor, in the frame of the root link."""
     workspace_highest_mm: Vector | None = None
     """Highest corner of this box."""
 
@@ -461,7 +472,10 @@ class TruthSection(Section):
     seed: Seed = 1
     """Seed of all that is drawn at random."""
     zero_offsets_deg: tuple[Finite, ...] | None = None
-    """Zero offsets, one for each joint; up to 0.1 deg by default."""
+    """Zero offsets, one for each joint of the arm; up to 0.1 deg by default."""
+    positioner_offsets_deg: tuple[Finite, ...] | None = None
+    """The same of a positioner, from its foot on; 0.07 deg each by default, and none of the joint
+    that moves the base."""
     tool_error_mm: Vector = (2.0, -1.0, 3.0)
     """True tool point less that of ``tool.point_mm``."""
     target_error_mm: Vector = (5.0, -4.0, 2.0)
@@ -538,6 +552,13 @@ class ProgramSection(Section):
     """The first of these registers."""
     pulses_per_deg: tuple[Finite, ...] = ()
     """Encoder pulses, one number for each joint: for Yaskawa's pulse jobs."""
+    pulses_per_mm: tuple[Finite, ...] = ()
+    """The same for each slide that carries the arm, a base axis of Yaskawa's jobs."""
+
+    @property
+    def pulses(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Pulses in a degree and in a millimetre, as :meth:`Dialect.reading` takes them."""
+        return self.pulses_per_deg, self.pulses_per_mm
 
 
 class PoolSection(Section):

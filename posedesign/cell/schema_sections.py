@@ -360,6 +360,9 @@ class TargetSection(Section):
     position_mm: Vector | None = None
     """Where it is in the base frame; by default where the base pose puts the tool point. Of an
     instrument it has to be given: a decimetre is near enough."""
+    stands_on: Literal["floor", "positioner"] | None = None
+    """Of an instrument where a positioner carries the base: ``positioner``, and it turns with the
+    base, or reads in the frame of reflectors that do. One on the floor is not measured from."""
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """Axes of an instrument, in which it reads points and poses."""
     nearest_mm: NotNegative = 0.0

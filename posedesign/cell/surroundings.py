@@ -14,12 +14,13 @@ from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Scene, Solid, S
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.model.measurements import KINDS
 from calib.robots import Robot, preset_info
-from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
+from calib.robots.arm_shapes import bare_links, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
 from posedesign.cell.board_set_up import board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.schema import SolidSection
+from posedesign.cell.schema_sections import TargetSection
 from posedesign.constraints import (
     Checker,
     Collision,
@@ -65,22 +66,64 @@ def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) ->
 def obstacles(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
     """What stands around; places in the file are in the base frame, those of scenes in the root.
 
+    Where a positioner carries the base: in the root, or in the base what turns with it.
+
     Raises
     ------
     FileFormatError
         A file cannot be read, or two solids have one name.
+    InputError
+        It is not said what something stands on, or it cannot stand there.
     """
     around: list[Body] = []
     for section in sections:
+        _check_foot(section, robot)
+        floor = robot.floor if section.stands_on == "floor" else 0
+        T_link_frame = robot.T_floor_world if floor else np.eye(4)
         if section.scene is None:
-            around.append(Body(section.name, 0, _placement(section), _solid(section, folder)))
+            place = T_link_frame @ _placement(section)
+            around.append(Body(section.name, floor, place, _solid(section, folder)))
             continue
-        T_base_scene = robot.T_base_root @ _placement(section)
+        T_link_scene = (T_link_frame if floor else robot.T_base_root) @ _placement(section)
         from posedesign.cell.moveit_scene import read_scene  # not loaded for cells without
 
         for name, T_scene_solid, solid in read_scene(folder / section.scene):
-            around.append(Body(f"{section.name}/{name}", 0, T_base_scene @ T_scene_solid, solid))
+            place = T_link_scene @ T_scene_solid
+            around.append(Body(f"{section.name}/{name}", floor, place, solid))
     return around
+
+
+def _check_foot(section: SolidSection, robot: Robot) -> None:
+    """Refuse an obstacle of which it is not known whether it turns with a positioner."""
+    if not robot.floor and section.stands_on is not None:
+        raise InputError(
+            f"{section.name} stands on the {section.stands_on}, and no positioner carries "
+            f"{robot.base_frame}",
+            hint="leave stands_on out: places are in the base frame",
+            name=section.name,
+        )
+    if robot.floor and section.stands_on is None:
+        raise InputError(
+            f"{section.name}: a positioner carries {robot.base_frame}, and it is not said whether "
+            "this turns with it",
+            hint='set stands_on = "floor" (at_mm in the root link) or "positioner" (in the base)',
+            name=section.name,
+        )
+    if section.stands_on == "positioner" and section.kind in ("half-space", "scene"):
+        raise InputError(
+            f"{section.name}: a {section.kind} cannot stand on a positioner",
+            hint='set stands_on = "floor"',
+            name=section.name,
+        )
+
+
+def in_base(robot: Robot, bodies: Sequence[Body], q: FloatArray) -> list[Body]:
+    """Obstacles as they stand in the base at a posture ``(n,)``."""
+    T_base_floor = robot.T_base_floor(q)
+    return [
+        replace(body, link=0, T_link_body=T_base_floor @ body.T_link_body) if body.link else body
+        for body in bodies
+    ]
 
 
 def meeting_pairs(cell: CellData) -> tuple[tuple[str, str], ...]:
@@ -184,7 +227,7 @@ def build_retreat(
         contact_m=plan.contact_mm / 1e3,
         short_m=plan.stop_short_mm / 1e3,
         passing=passing,
-        others=MotionChecker(solid if ways else (), largest_travel, cell.robot.slides),
+        others=MotionChecker(solid if ways else (), largest_travel, cell.robot.external),
         meeting=MotionChecker((meeting,) if ways and met else (), np.inf),
     )
 
@@ -216,7 +259,7 @@ def nearest_body(
     Parameters
     ----------
     bodies : sequence of Body
-        All of them on the base, or all on the last link.
+        All of them on the base (see :func:`in_base`), or all on the last link.
     point_m : array (3,)
         In the frame that their placements are given in [m].
     """
@@ -414,8 +457,8 @@ def _unseen_collisions(cell: CellData, excluded: Sequence[tuple[str, str]]) -> l
         said.append(
             f"what sticks out of the capsules along the chain that stand for {fitted}: an estimate"
         )
-    if has_bare_base(robot):
-        said.append(f"collisions with {robot.link_names[0]}: it has no shape")
+    for link in bare_links(robot):
+        said.append(f"collisions with {link}: it has no shape")
     if not cell.tool_bodies:
         said.append("collisions of the tool: no [[tool.body]] is described")
     if not cell.obstacles:
@@ -518,6 +561,16 @@ def check_observations(cell: CellData, path: Path) -> None:
                 hint=near_names(name, loads) if loads else "list it as [[payload]]",
                 value=name,
             )
+    if cell.camera_stands and cell.robot.floor:
+        raise FileFormatError(
+            f"a camera that stands around the arm does not turn with {cell.robot.base_frame}, "
+            "which a positioner carries",
+            path=path,
+            key="camera.mount",
+            hint="name a link on the floor as robot.base, or put the camera on the flange",
+        )
+    for k, target in enumerate(config.targets):
+        _check_footing(cell, target, path, "target" + f".{k}" * bool(config.other_targets))
     if config.tool.mark and by_camera:
         raise FileFormatError(
             "marks are seen by an instrument or touch, and this cell looks through a camera",
@@ -565,6 +618,37 @@ def check_observations(cell: CellData, path: Path) -> None:
             )
 
 
+def _check_footing(cell: CellData, target: TargetSection, path: Path, key: str) -> None:
+    """Refuse a target that does not turn with the base, and an instrument that may not."""
+    robot, kind = cell.robot, target.kind or cell.config.measurement.kind
+    key = f"{key}.stands_on"
+    if not robot.floor and target.stands_on is not None:
+        raise FileFormatError(
+            f"no positioner carries {robot.base_frame}: all targets stand still in it",
+            hint="leave it out",
+            path=path,
+            key=key,
+        )
+    if robot.floor and target.stands_on == "floor":
+        raise FileFormatError(
+            f"{target.name} does not turn with {robot.base_frame}, which a positioner carries",
+            hint="what is measured from the floor tells nothing of the positioner: name a link on "
+            "the floor as robot.base",
+            path=path,
+            key=key,
+        )
+    reads = kind in KINDS and KINDS[kind].reads
+    if robot.floor and target.stands_on is None and reads:
+        raise FileFormatError(
+            f"it is not said whether {target.name} turns with {robot.base_frame}, which a "
+            "positioner carries",
+            hint='set it to "positioner" where the instrument is on it, or reads in the frame of '
+            "reflectors on it; from the floor, name a link there as robot.base",
+            path=path,
+            key=key,
+        )
+
+
 def check_board(cell: CellData, path: Path) -> None:
     """Refuse pictures of a board without camera or board, and a camera around the arm without them.
 
@@ -590,14 +674,16 @@ def check_board(cell: CellData, path: Path) -> None:
 
 
 def _check_truth(cell: CellData, path: Path) -> None:
-    truth, n = cell.config.truth, len(cell.robot.turning)
-    for key, values in (
-        ("zero_offsets_deg", truth.zero_offsets_deg),
-        ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad),
+    truth, n = cell.config.truth, len(cell.robot.arm_joints)
+    for key, values, count in (
+        ("zero_offsets_deg", truth.zero_offsets_deg, n),
+        ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad, n),
+        ("positioner_offsets_deg", truth.positioner_offsets_deg, cell.robot.floor),
     ):
-        if values is not None and len(values) != n:
+        if values is not None and len(values) != count:
             raise FileFormatError(
-                f"{len(values)} values for {n} joints that turn",
+                f"{len(values)} values for {count} joints of the "
+                + ("positioner" if key.startswith("positioner") else "arm"),
                 path=path,
                 key=f"truth.{key}",
                 hint="give one value for each joint",
@@ -662,7 +748,11 @@ def _check_contact(cell: CellData, path: Path) -> None:
     x, y, z = 1e3 * cell.target_m
     target = f"the target at ({x:.1f}, {y:.1f}, {z:.1f}) mm in {cell.robot.base_frame}"
     checks = (
-        (nearest_body(cell.robot, around, cell.target_m), target, "obstacle"),
+        (
+            nearest_body(cell.robot, in_base(cell.robot, around, cell.base_posture), cell.target_m),
+            target,
+            "obstacle",
+        ),
         (nearest_body(cell.robot, tool, point[:3]), "the tool point", "tool.body"),
         ((cell.target_offset_m, "the tool point of the base posture"), target, "base_pose"),
     )
@@ -682,8 +772,8 @@ def _check_contact(cell: CellData, path: Path) -> None:
 
 def _check_margins(cell: CellData, path: Path) -> None:
     plan = cell.config.plan
-    slides = cell.robot.slides
-    narrowest = slides + int(np.argmin(cell.robot.joint_range[slides:]))
+    ranges = np.where(cell.robot.sliding, np.inf, cell.robot.joint_range)
+    narrowest = int(np.argmin(ranges))
     room = float(np.rad2deg(cell.robot.joint_range[narrowest])) / 2.0
     for key in ("limit_margin_deg", "repair_margin_deg"):
         if getattr(plan, key) >= room:

@@ -72,7 +72,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 {tool_bodies}
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
-{pendant}{slides_mm}posture_deg = {posture_deg}
+{pendant}{positioner_deg}{slides_mm}posture_deg = {posture_deg}
 # state = "home"                  # in its place: a group state of robot.srdf
 
 [target]                          # of several, each begins with [[target]]
@@ -85,6 +85,7 @@ name = "T1"
 # plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
 # cross_mm = [12.0, 2.0]          # of the bars
 # dark = true                     # the circle is darker than the plate
+# stands_on = "positioner"        # of an instrument, where a positioner carries the base
 # wpr_deg = [0.0, 0.0, 0.0]       # of an instrument: the axes that it reads in,
 # nearest_mm = 500.0              # and its range; of a ball bar or a wire its lengths
 # farthest_mm = 10000.0
@@ -298,6 +299,7 @@ keep = "position"                 # where a touched-up position is kept; or "reg
 # tool = {{ at_mm = [0.0, 0.0, 100.0], wpr_deg = [0.0, 0.0, 0.0] }}  # in the axes of the tip
 # user = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}    # in the controller's world
 # pulses_per_deg = [..]           # six, for Yaskawa's pulse jobs
+# pulses_per_mm = [..]            # the same of the slides that carry the arm, its base axes
 
 # [task_box]                      # where the arm works: posedesign predict tells its accuracy there
 # lowest_mm = [1000.0, -500.0, 300.0]   # corners, in the base frame
@@ -410,6 +412,7 @@ _NO_SURROUNDINGS = """
 # name = "table"                  # (radius_mm, height_mm), sphere, mesh, scene
 # kind = "half-space"             # a half-space is everything below at_mm
 # at_mm = [0.0, 0.0, 0.0]
+# stands_on = "floor"             # or "positioner", where one carries the base: what it turns with
 """
 
 
@@ -793,7 +796,9 @@ def _printed(text: str) -> str:
 
 def _world_line(robot: Robot) -> str:
     """Where the controller counts positions from, if that is not the base frame."""
-    if robot.controller is None or np.allclose(robot.controller.T_base_world, np.eye(4)):
+    if robot.controller is None or robot.floor:  # it turns with a positioner
+        return ""
+    if np.allclose(robot.controller.T_base_world, np.eye(4)):
         return ""
     x, y, z = [_round(v, 1) for v in 1e3 * robot.controller.T_base_world[:3, 3]]
     turned = " and turned" * (not np.allclose(robot.controller.T_base_world[:3, :3], np.eye(3)))
@@ -827,7 +832,8 @@ def _fill(
 ) -> str:
     point = robot.state(robot.of_shown(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in usual_offset_joints(robot))
-    along = list(posture)[: robot.slides]
+    first, up = robot.n_external, robot.floor
+    turned, along = list(posture)[:up][::-1], list(posture)[up:first]
     return _TEMPLATE.format(
         decide=decide,
         shapes=shapes,
@@ -852,12 +858,16 @@ def _fill(
         marker=18.0 if setup.board_square_mm is None else _round(0.7 * setup.board_square_mm, 1),
         kind="touch-up" if setup.board_square_mm is None else "board",
         pendant=pendant,
-        slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[: robot.slides])}\n"
+        positioner_deg=f"positioner_deg = {turned}  # of "
+        f"{', '.join(robot.joint_names[:up][::-1])}\n"
+        if turned
+        else "",
+        slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[up:first])}\n"
         if along
         else "# slides_mm = [500.0]           # of a rail, a gantry, a lift that carries the arm\n",
-        posture_deg=list(posture)[robot.slides :],
+        posture_deg=list(posture)[first:],
         offsets=f"[{offsets}]",
         three_sigma=list(three_sigma),
-        truth=np.round(np.rad2deg(usual_offsets(len(robot.turning))), 6).tolist(),
+        truth=np.round(np.rad2deg(usual_offsets(len(robot.arm_joints))), 6).tolist(),
         deflection=str(deflection).lower(),
     )

@@ -147,13 +147,14 @@ def poses_of(
     cell: Cell | None, path: Path, *, trust_units: bool = False, of_any_robot: bool = False
 ) -> PoseList:
     """The poses of a list for the robot of a cell; says what is odd about it."""
+    from calib.robots import NO_EXTERNAL_AXES
     from posedesign.planning.poses_file import read_poses
 
     robot = cell.robot if cell else None
     listed = read_poses(
         path,
         robot.n if robot else None,
-        slides=robot.slides if robot else 0,
+        external=robot.external if robot else NO_EXTERNAL_AXES,
         controller=robot.controller if robot else None,
         trust_units=trust_units,
     )

@@ -245,7 +245,7 @@ def import_positions(
     kinds = [] if loaded.is_hand_eye else list(dict.fromkeys(o.kind for o in loaded.observations))
     several = kinds if len(kinds) > 1 else []
     path = write_measurements(
-        claimed, imported.touch_ups, several, payloads=loads, slides=loaded.robot.slides
+        claimed, imported.touch_ups, several, payloads=loads, external=loaded.robot.external
     )
     content = {
         "path": str(path),

@@ -19,6 +19,11 @@ ROUNDING = 1e-9
 """A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
 
 
+STAYS = 10.0
+"""Times as far as the arm's joints external axes count where the nearest of several postures is
+taken: a table stays, and the arm follows."""
+
+
 class Situation:
     """An arm at postures ``(S, n)`` [rad].
 
@@ -49,8 +54,8 @@ class Situation:
         state = self.__dict__.get("state")
         if state is not None:
             arrays = {f.name: getattr(state, f.name) for f in fields(state)}
-            slides = arrays.pop("slides")
-            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, slides=slides)
+            external = arrays.pop("external")
+            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, external=external)
         return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 
@@ -132,11 +137,15 @@ class JointLimits(_Limits):
     name = "joint limits"
 
     def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
-        robot, j = self._robot, which + self._robot.slides
+        robot, j = self._robot, int(self._turning[which])
         return robot.joint_labels[j], q[j], robot.lower[j], robot.upper[j]
 
     def _inside(self, q: FloatArray) -> FloatArray:
-        return _room(self._robot, q)[:, self._robot.slides :]
+        return _room(self._robot, q)[:, self._turning]
+
+    @cached_property
+    def _turning(self) -> IntArray:
+        return np.flatnonzero(~self._robot.sliding)
 
 
 class SlideLimits(Constraint):
@@ -151,15 +160,16 @@ class SlideLimits(Constraint):
         self._robot = robot
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        room = _room(self._robot, arm.q)[:, : self._robot.slides]
+        room = _room(self._robot, arm.q)[:, self._robot.external.sliding]
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        j = which + self._robot.external.sliding.start
         value, low, high = (
-            1e3 * float(v[which]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
+            1e3 * float(v[j]) for v in (arm.q[i], self._robot.lower, self._robot.upper)
         )
-        name = self._robot.joint_labels[which]
+        name = self._robot.joint_labels[j]
         if margin < -ROUNDING:
             return limit_reason(name, value, low, high, "mm")
         return f"{name} {value:.1f} mm, {1e3 * margin:.1f} mm inside its limits"
@@ -263,7 +273,7 @@ class Checker:
         self.robot = robot
         self.margin = margin
         coupled = [CoupledLimits(robot, margin)] if robot.coupled_limits else []
-        slides = [SlideLimits(robot)] if robot.slides else []
+        slides = [SlideLimits(robot)] if robot.external.slides else []
         self.constraints = (JointLimits(robot, margin), *slides, *coupled, *constraints)
 
     def check(self, q: FloatArray, *, every: bool = True) -> Verdicts:
@@ -375,7 +385,9 @@ def _nearest_first(solutions: InverseSolutions) -> Iterator[IntArray]:
     arm has hundreds, and looking at them one by one takes long.
     """
     inside = np.flatnonzero(solutions.inside)
-    distance = np.linalg.norm(solutions.postures[inside] - solutions.near, axis=1)
+    moved = solutions.postures[inside] - solutions.near
+    moved[:, : solutions.chain.external.count] *= STAYS
+    distance = np.linalg.norm(moved, axis=1)
     order = inside[np.lexsort((distance, solutions.pose[inside]))]
     pose = solutions.pose[order]
     rank = np.arange(len(pose)) - np.searchsorted(pose, pose)

@@ -18,7 +18,7 @@ from calib.errors import UnreachableError
 from calib.geometry import Body, HalfSpace, Scene, Sphere
 from calib.geometry.scene import CAP_M
 from calib.geometry.ways import TOUCH_M
-from calib.robots import Robot
+from calib.robots import NO_EXTERNAL_AXES, ExternalAxes, Robot
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_angle, transform
 from posedesign.constraints.checker import ROUNDING, Checker, Constraint, Situation
 
@@ -125,13 +125,16 @@ def workspace_scene(
     ``bodies``: of arm and tool. Those of the base and of the first link stay where they are, and
     are left out. Joints and tool point count too, so that an arm without bodies is checked as well.
     ``tool_m`` (3,): tool point in the tip frame [m]. ``lowest_m``, ``highest_m`` (3,): corners of
-    the box in the base frame [m].
+    the box in the base frame [m], behind a positioner in the root of the description.
     """
     point = Sphere(POINT_M)
     tip = robot.chain.T_link_tip
-    moving = [body for body in bodies if body.link >= 2]
+    floor = robot.floor
+    moving = [body for body in bodies if body.link >= floor + 2]
     moving += [
-        Body(name, j + 1, np.eye(4), point) for j, name in enumerate(robot.joint_names) if j >= 1
+        Body(name, j + 1, np.eye(4), point)
+        for j, name in enumerate(robot.joint_names)
+        if j >= floor + 1
     ]
     T_link_tool = tip @ transform(np.eye(3), tool_m)
     moving += [Body("tool point", robot.n, T_link_tool, point)]
@@ -139,7 +142,8 @@ def workspace_scene(
     for axis, letter in enumerate("xyz"):
         for bound, sign in ((lowest_m[axis], 1.0), (highest_m[axis], -1.0)):
             place = transform(_z_along(axis, sign), bound * np.eye(3)[axis])
-            sides.append(Body(f"{letter} = {bound * 1e3:.0f} mm", 0, place, HalfSpace()))
+            place = robot.T_floor_world @ place
+            sides.append(Body(f"{letter} = {bound * 1e3:.0f} mm", floor, place, HalfSpace()))
     scene = Scene(robot.chain, arm=moving, obstacles=sides)
     return scene.others
 
@@ -168,16 +172,12 @@ class MotionVerdicts:
 
 @dataclass(frozen=True, eq=False)
 class MotionChecker:
-    """Bounds on motions: distances that are kept all along, and how far a joint may travel.
-
-    ``collisions``: each with its bodies and the distance they keep; none: motions are not checked
-    for them. ``largest_travel``: of joints that turn [rad]; infinite for no bound. ``slides``: how
-    many of the joints, the first ones, slide.
-    """
+    """Bounds on motions: distances that are kept all along, and how far a joint may travel."""
 
     collisions: tuple[Collision, ...]
-    largest_travel: float
-    slides: int = 0
+    """Each with its bodies and the distance they keep; none: motions are not checked for them."""
+    largest_travel: float  # of joints that turn [rad]; infinite for no bound
+    external: ExternalAxes = NO_EXTERNAL_AXES  # what the first joints are
 
     @cached_property
     def _scenes(self) -> list[tuple[Scene, FloatArray, list[tuple[Collision, int]]]]:
@@ -195,7 +195,13 @@ class MotionChecker:
 
     def steps(self, start: FloatArray, end: FloatArray) -> int:
         """Number of moves that the way between two postures ``(n,)`` [rad] takes."""
-        return int(self.steps_of(np.abs(end - start)[self.slides :].max()))
+        return int(self.steps_of(self._turns(start[None], end[None]).max()))
+
+    def _turns(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """How far joints that turn travel ``(W, n)`` [rad]; none of those that slide."""
+        moves = np.abs(end - start)
+        moves[:, self.external.sliding] = 0.0
+        return np.asarray(moves)
 
     def steps_of(self, travel: FloatArray) -> FloatArray:
         """Whole number of moves of motions by their largest joint travel ``(...)`` [rad]."""
@@ -206,14 +212,15 @@ class MotionChecker:
 
         With ``far``, joints may travel as far as they like: there will be stops on the way.
         """
-        moves = np.abs(end - start)[:, self.slides :]
+        moves = self._turns(start, end)
+        labels = self.external.labels(moves.shape[1])
         travel = moves.max(axis=1, initial=0.0)
         clear = (travel <= self.largest_travel + ROUNDING) | far
         reasons, part = [""] * len(start), np.full(len(start), np.nan)
         for i in np.flatnonzero(~clear).tolist():
             degrees = np.rad2deg([travel[i], self.largest_travel])
             reasons[i] = (
-                f"J{int(np.argmax(moves[i])) + 1} travels {degrees[0]:.0f} deg, "
+                f"{labels[int(np.argmax(moves[i]))]} travels {degrees[0]:.0f} deg, "
                 f"{degrees[1]:g} deg allowed"
             )
         for scene, keep_m, whose in self._scenes:
@@ -229,25 +236,21 @@ class MotionChecker:
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """Moves along the axis of a tool, to poses that touch and away from them.
-
-    ``tool_m`` (3,): tool point in the tip frame [m]. ``axis`` (3,): unit vector in the tip frame
-    along which the tool comes to the target. ``length_m``, ``contact_m``, ``short_m``: how far the
-    tool backs off, within how much of the pose bodies may touch, and how far before the pose a
-    program stops. ``passing``: what a posture that is backed off must keep: all distances.
-    ``others``: what is kept all along the move: all distances but those of bodies that meet at the
-    target. ``meeting``: those not touching, until the last part of the move.
-    """
+    """Moves along the axis of a tool, to poses that touch and away from them."""
 
     robot: Robot
-    tool_m: FloatArray
-    axis: FloatArray
+    tool_m: FloatArray  # (3,): tool point in the tip frame [m]
+    axis: FloatArray  # (3,): unit vector in the tip frame along which the tool comes to the target
     length_m: float
     contact_m: float
     short_m: float
-    passing: Checker
+    """length_m, contact_m, short_m: how far the tool backs off, within how much of the pose bodies
+    may touch, and how far before the pose a program stops."""
+    passing: Checker  # what a posture that is backed off must keep: all distances
     others: MotionChecker
-    meeting: MotionChecker
+    """What is kept all along the move: all distances but those of bodies that meet at the
+    target."""
+    meeting: MotionChecker  # those not touching, until the last part of the move
 
     def back_off(self, q: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """Postures ``(N, n)`` [rad] with the tool backed off from others, and what is in the way.

@@ -101,9 +101,21 @@ def table_text(
 ) -> str:
     """The text of such a file."""
     lines = ["# " + comment_text(text) for text in comments]
+    columns = _as_counted(columns)
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
     return "\n".join([*lines, ""])
+
+
+def _as_counted(columns: Sequence[str]) -> list[str]:
+    """Columns with those of external axes in the order of their numbers, where these stand."""
+    out = list(columns)
+    for kind in ("", "pendant_"):
+        there = [k for k, c in enumerate(columns) if re.fullmatch(rf"{kind}e\d+_(mm|deg)", c)]
+        counted = sorted((columns[k] for k in there), key=lambda c: int(re.sub(r"\D", "", c)))
+        for k, column in zip(there, counted, strict=True):
+            out[k] = column
+    return out
 
 
 def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:
@@ -289,12 +301,12 @@ def check_columns(
             f"there is no column {column}", path=path, row=1, hint=near_names(column, found)
         )
     if joints:
-        extra = [c for c in found if re.fullmatch(r"j\d+_deg|e\d+_mm", c) and c not in needed]
+        extra = [c for c in found if re.fullmatch(r"j\d+_deg|e\d+_(mm|deg)", c) and c not in needed]
         if extra:
             turns = extra[0].startswith("j")
             count = sum(c[0] == extra[0][0] for c in needed)
             raise FileFormatError(
-                f"the robot has {count} {'joints' if turns else 'slides'} only",
+                f"the robot has {count} {'joints' if turns else 'external axes'} only",
                 path=path,
                 row=1,
                 column=extra[0],

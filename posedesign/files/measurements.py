@@ -33,7 +33,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError, near_names
 from calib.model import Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
-from calib.robots import Controller, shown_of
+from calib.robots import NO_EXTERNAL_AXES, Controller, ExternalAxes, shown_of
 from calib.se3 import (
     FloatArray,
     IntArray,
@@ -109,15 +109,15 @@ def write_measurements(
     payloads: Sequence[str] = (),
     *,
     extra: Mapping[str, Sequence[str]] | None = None,
-    slides: int = 0,
+    external: ExternalAxes = NO_EXTERNAL_AXES,
 ) -> Path:
     """Write measurements so that :func:`read_measurements` reads them as they are.
 
     ``data``: one set, postures ``(N, n)``. ``kinds``: names that ``data.setup.kind`` has indices
     into. Without them there is no such column, and all are of the kind of the cell that they are
     read for. ``payloads``: names of payloads besides the tool's own, which is the first. ``extra``:
-    cells of further columns, one for each measurement. ``slides``: how many of the joints, the
-    first ones, slide. Raises InputError: trials of a Monte Carlo
+    cells of further columns, one for each measurement. ``external``: what the first joints
+    are. Raises InputError: trials of a Monte Carlo
     run, or a kind or payload without a name.
     """
     setup = data.setup
@@ -131,7 +131,7 @@ def write_measurements(
         if index.max(initial=0) >= len(names):
             raise InputError(f"a {what} of the measurements has no name", name=what)
     n = data.postures.shape[1]
-    joints, columns, shown = joint_columns(n, slides), ["target"], shown_of(n, slides)
+    joints, columns, shown = joint_columns(n, external), ["target"], shown_of(n, external)
     columns += [*joints, "pose"]
     columns += ["kind"] if kinds else []
     columns += ["tool"] if data.tools != (TOOL,) else []
@@ -171,7 +171,7 @@ def read_measurements(
     path: Path,
     n: int,
     *,
-    slides: int = 0,
+    external: ExternalAxes = NO_EXTERNAL_AXES,
     kind: str = "touch-up",
     payloads: Sequence[str] = (),
     controller: Controller | None = None,
@@ -179,7 +179,7 @@ def read_measurements(
 ) -> MeasurementTable:
     """Read measurements of a robot with n joints; labels in the order of appearance.
 
-    ``slides``: how many of the joints, the first ones, slide. ``kind``: of rows that do not say
+    ``external``: what the first joints are. ``kind``: of rows that do not say
     theirs. ``payloads``: names of payloads besides the tool's own, which is the first.
     ``controller``: turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are
     refused. ``trust_units``: do not refuse values that look like radians. Raises FileFormatError:
@@ -207,15 +207,15 @@ def read_measurements(
     targets, target = _labels(rows, "target", "")
     tools, tool = _labels(rows, "tool", TOOL)
     payload = _payloads(path, rows, payloads)
-    postures = postures_of(path, columns, rows, n, controller, trust_units, slides)
+    postures = postures_of(path, columns, rows, n, controller, trust_units, external)
     setup = Setup.of(len(rows), kind=of_kind, tool=tool, target=target, payload=payload)
     observed = _readings(path, rows, [KINDS[name] for name in kinds], of_kind)
     names = tuple(row.cells.get("pose") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     data = Measurements(postures, setup, targets, tools, observed, names)
-    _check_poses(path, rows, data, slides)
+    _check_poses(path, rows, data, external)
     _check_planes(path, rows, kinds, data)
     lines = tuple(row.line for row in rows)
-    known = {*_LABELS, *_EVERY_READ, *joint_columns(n, slides), *pendant_columns(n, slides)}
+    known = {*_LABELS, *_EVERY_READ, *joint_columns(n, external), *pendant_columns(n, external)}
     extra = {c: tuple(row.cells[c] for row in rows) for c in columns if c not in known}
     notes = (*mistyped(columns, known), *_not_read(rows, kinds, of_kind))
     return MeasurementTable(data, kinds, lines, path, notes, extra)
@@ -379,16 +379,19 @@ def _check_planes(
             )
 
 
-def _check_poses(path: Path, rows: Sequence[Row], data: Measurements, slides: int) -> None:
+def _check_poses(
+    path: Path, rows: Sequence[Row], data: Measurements, external: ExternalAxes
+) -> None:
     """Rows that share the name of a pose must share its joints."""
     first: dict[str, int] = {}
-    shown = shown_of(data.postures.shape[-1], slides)
+    n = data.postures.shape[-1]
+    shown = shown_of(n, external)
     for i, name in enumerate(data.names):
         j = first.setdefault(name, i)
         off = shown * np.abs(data.postures[i] - data.postures[j])
         most = int(np.argmax(off))
         if off[most] > 1e-6:
-            unit = "mm" if most < slides else "deg"
+            unit = "mm" if external.slides_of(n)[most] else "deg"
             raise FileFormatError(
                 f"pose {name} has other joint values on line {rows[j].line} (by {off[most]:.3g} "
                 f"{unit})",

@@ -1,6 +1,6 @@
 """Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``.
 
-Slides that carry the arm stand before them, as ``e1_mm ..``: the external axes of controllers.
+External axes stand before them, as ``e1_mm ..`` of slides and ``e1_deg ..`` of positioners.
 
 Of a robot that is known, the columns may have other names, too: see :class:`JointForm`.
 """
@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import FileFormatError, InputError
-from calib.robots import Controller, Robot, shown_of
+from calib.robots import NO_EXTERNAL_AXES, Controller, ExternalAxes, Robot, shown_of
 from calib.se3 import FloatArray
 from posedesign.files.csv_tables import AsItIs, Row, check_columns, numbers_of
 
@@ -62,19 +63,19 @@ def columns_of(form: JointForm, robot: Robot) -> list[str]:
     if form is JointForm.ROS:
         return _named(robot, "m", "rad")
     if form is JointForm.ROBODK:
-        if robot.slides:
+        if robot.n_external:
             raise InputError(
                 "how RoboDK lists external axes is not known here",
                 hint="write the usual form",
                 name=robot.joint_names[0],
             )
         return [f"J{i + 1}" for i in range(robot.n)]
-    return joint_columns(robot.n, robot.slides)
+    return joint_columns(robot.n, robot.external)
 
 
 def _named(robot: Robot, sliding: str, turning: str) -> list[str]:
     """Joints of a description by their names, with the units of their values."""
-    units = [sliding] * robot.slides + [turning] * len(robot.turning)
+    units = [sliding if slides else turning for slides in robot.sliding]
     return [f"{name}_{unit}" for name, unit in zip(robot.joint_names, units, strict=True)]
 
 
@@ -92,13 +93,13 @@ def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str
 
     That with most of its columns there; where none is there, ROS if anything is in radians.
     """
-    n, slides = robot.n, robot.slides
+    n, external = robot.n, robot.external
     wanted = [
-        (JointForm.USUAL, joint_columns(n, slides)),
+        (JointForm.USUAL, joint_columns(n, external)),
         (JointForm.ROS, _named(robot, "m", "rad")),
         (JointForm.ROS, _named(robot, "mm", "deg")),
-        *([] if slides else [(JointForm.ROBODK, columns_of(JointForm.ROBODK, robot))]),
-        (JointForm.USUAL, pendant_columns(n, slides)),
+        *([] if external.count else [(JointForm.ROBODK, columns_of(JointForm.ROBODK, robot))]),
+        (JointForm.USUAL, pendant_columns(n, external)),
     ]
     counts = [len(set(needed) & set(columns)) for _, needed in wanted]
     if not any(counts):
@@ -113,7 +114,7 @@ def postures_in_any_form(
     form, needed = find_form(columns, robot)
     if form is JointForm.USUAL:
         return postures_of(
-            path, columns, rows, robot.n, robot.controller, trust_units, robot.slides
+            path, columns, rows, robot.n, robot.controller, trust_units, robot.external
         )
     check_columns(path, columns, needed)
     more = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in needed]
@@ -128,22 +129,32 @@ def postures_in_any_form(
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
     if form is JointForm.ROS and needed[-1].endswith("_rad"):
-        return _values(path, rows, needed, trust_units, robot.slides, "radians")
-    shown = _values(path, rows, needed, trust_units, robot.slides)
+        return _values(path, rows, needed, trust_units, robot.external, "radians")
+    shown = _values(path, rows, needed, trust_units, robot.external)
     if form is JointForm.ROBODK and robot.controller is not None:
         return robot.controller.posture(shown)
     return robot.of_shown(shown)
 
 
-def joint_columns(n: int, slides: int = 0) -> list[str]:
-    """``e1_mm ..`` of the first joints, that slide, then ``j1_deg ..``: n in all."""
-    sliding = [f"e{i + 1}_mm" for i in range(slides)]
-    return sliding + [f"j{i + 1}_deg" for i in range(n - slides)]
+def joint_columns(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> list[str]:
+    """``e1_mm ..`` and ``e1_deg ..`` of external axes, then ``j1_deg ..``: n in all.
+
+    In the order of the joints; external axes are counted as controllers do.
+    """
+    sliding = external.slides_of(external.count)
+    units = np.where(sliding, "mm", "deg").tolist()
+    first = [f"e{k}_{unit}" for k, unit in zip(external.numbers, units, strict=True)]
+    return first + [f"j{i + 1}_deg" for i in range(n - external.count)]
 
 
-def pendant_columns(n: int, slides: int = 0) -> list[str]:
-    """``pendant_j1_deg`` to ``pendant_jn_deg``, after those of slides."""
-    return [f"pendant_{column}" for column in joint_columns(n, slides)]
+def external_as_dict(external: ExternalAxes) -> dict[str, int]:
+    """How many of the first joints turn, and slide, for results; nothing where none is external."""
+    return {key: count for key, count in asdict(external).items() if count}
+
+
+def pendant_columns(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> list[str]:
+    """``pendant_j1_deg`` to ``pendant_jn_deg``, after those of external axes."""
+    return [f"pendant_{column}" for column in joint_columns(n, external)]
 
 
 def postures_of(
@@ -153,12 +164,12 @@ def postures_of(
     n: int,
     controller: Controller | None,
     trust_units: bool,
-    slides: int = 0,
+    external: ExternalAxes = NO_EXTERNAL_AXES,
 ) -> FloatArray:
     """Postures ``(rows, n)`` [rad, m] of the joint columns, or else of the pendant's."""
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
-    own, shown = joint_columns(n, slides), pendant_columns(n, slides)
+    own, shown = joint_columns(n, external), pendant_columns(n, external)
     if shown[0] in columns and own[0] not in columns:
         if controller is None:
             raise FileFormatError(
@@ -168,9 +179,9 @@ def postures_of(
                 hint="set robot.controller in the cell",
             )
         check_columns(path, columns, shown)
-        return controller.posture(_values(path, rows, shown, trust_units, slides))
+        return controller.posture(_values(path, rows, shown, trust_units, external))
     check_columns(path, columns, own, joints=True)
-    postures = _values(path, rows, own, trust_units, slides) / shown_of(n, slides)
+    postures = _values(path, rows, own, trust_units, external) / shown_of(n, external)
     there = [k for k, column in enumerate(shown) if column in columns]
     if controller is not None and there:
         shown = [shown[k] for k in there]
@@ -188,16 +199,21 @@ def postures_of(
     return postures
 
 
-def _check_millimetres(path: Path, columns: Sequence[str], values: FloatArray) -> None:
-    """Refuse slides ``(rows, slides)`` that go along by too little for millimetres."""
+def _check_external(path: Path, columns: Sequence[str], values: FloatArray) -> None:
+    """Refuse external axes ``(rows, count)`` that move too little for millimetres or degrees."""
     for column, own in zip(columns, values.T, strict=False):
         largest = float(np.abs(own).max())
-        if float(np.ptp(own)) > FLICKER_MM and largest < LONGEST_RAIL_M and (own % 1.0).any():
+        slides = column.endswith("_mm")
+        most = LONGEST_RAIL_M if slides else 2 * math.pi
+        if float(np.ptp(own)) > FLICKER_MM and largest < most and (own % 1.0).any():
+            other, wanted, factor = (
+                ("metres", "millimetres", "1000") if slides else ("radians", "degrees", "57.29578")
+            )
             raise FileFormatError(
-                f"looks like metres (the largest is {largest:.4g})",
+                f"looks like {other} (the largest is {largest:.4g})",
                 path=path,
                 column=column,
-                hint="multiply it by 1000, or pass `trust_units` if it really is millimetres",
+                hint=f"multiply it by {factor}, or pass `trust_units` if it really is {wanted}",
                 value=largest,
             )
 
@@ -207,18 +223,18 @@ def _values(
     rows: Sequence[Row],
     columns: Sequence[str],
     trust_units: bool,
-    slides: int,
+    external: ExternalAxes,
     unit: str = "degrees",
 ) -> FloatArray:
     """Joint values ``(rows, columns)``, refused where they look like those of another unit.
 
-    Those of slides stand first.
+    Those of external axes stand first.
     """
     values = numbers_of(path, rows, columns)
     if unit == "degrees" and not trust_units:
-        _check_millimetres(path, columns, values[:, :slides])
-    columns = columns[slides:]
-    largest = float(np.abs(values[:, slides:]).max())
+        _check_external(path, columns, values[:, : external.count])
+    columns = columns[external.count :]
+    largest = float(np.abs(values[:, external.count :]).max())
     small = len(rows) >= 3 and 0 < largest <= 2 * math.pi
     if trust_units or not (small if unit == "degrees" else largest > LARGEST_RAD):
         return values

@@ -26,7 +26,13 @@ from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
-from calib.robots import flange_robot, posture_of_pose, shown_of
+from calib.robots import (
+    NO_EXTERNAL_AXES,
+    ExternalAxes,
+    flange_robot,
+    posture_of_pose,
+    shown_of,
+)
 from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
@@ -35,6 +41,7 @@ from posedesign.cell.data import CameraFound
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.pictures import read_grey
+from posedesign.files.postures import external_as_dict
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pairs.certificate import Camera
@@ -102,22 +109,16 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """The result with what is to be said of its files.
-
-    ``reasons``: why a picture does not show the board; empty where it does. ``postures`` (N, n): of
-    each picture [rad]; NaN where it is not known. ``with_joints``: whether they are joint values,
-    and not poses of the flange. ``notes``: what is odd about the files. ``slides``: how many of the
-    joints, the first ones, slide [m].
-    """
+    """The result with what is to be said of its files."""
 
     result: HandEyeResult
     asked: Asked
     board: Board
-    reasons: tuple[str, ...]
-    postures: FloatArray
-    with_joints: bool
-    notes: tuple[str, ...] = ()
-    slides: int = 0
+    reasons: tuple[str, ...]  # why a picture does not show the board; empty where it does
+    postures: FloatArray  # (N, n): of each picture [rad]; NaN where it is not known
+    with_joints: bool  # whether they are joint values, and not poses of the flange
+    notes: tuple[str, ...] = ()  # what is odd about the files
+    external: ExternalAxes = NO_EXTERNAL_AXES  # what the first joints are
 
 
 def board_of(cell: Cell) -> Board:
@@ -149,7 +150,7 @@ def calibrate_camera(
     sets, reasons = [], list[str]()
     count = sum(len(one.paths) for one in pictures.values())
     for camera, shown in pictures.items():
-        _check_poses(shown, asked)
+        _check_poses(cell, shown, asked)
         part = _part(advance, len(reasons) / count, len(shown.paths) / count)
         found = find_boards(shown.paths, board, part)
         if not found.shown:
@@ -179,7 +180,7 @@ def calibrate_camera(
         np.concatenate([one.postures for one in sets]),
         all(shown.postures is not None for shown in pictures.values()),
         notes,
-        cell.robot.slides,
+        cell.robot.external,
     )
     _write(calibrated, sets, claims)
     return calibrated
@@ -224,7 +225,21 @@ def _part(advance: Advance, before: float, share: float) -> Advance:
     return lambda what, part: advance(what, _DETECTING * (before + share * part))
 
 
-def _check_poses(shown: PictureSet, asked: Asked) -> None:
+def _check_poses(cell: Cell, shown: PictureSet, asked: Asked) -> None:
+    if cell.robot.floor and asked.camera != "on-flange":
+        raise InputError(
+            f"a camera that stands around the arm does not turn with {cell.robot.base_frame}, "
+            "which a positioner carries",
+            hint="name a link on the floor as robot.base",
+            name="camera",
+        )
+    if cell.robot.floor and shown.postures is None:
+        raise InputError(
+            f"poses of the flange do not say how {cell.robot.base_frame} stands, which a "
+            "positioner carries",
+            hint="give the joints of each picture, those of the positioner among them",
+            name="joints",
+        )
     if shown.postures is None and shown.T_base_flange is None:
         raise InputError(
             "the pictures have no joints and no poses of the flange",
@@ -305,7 +320,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
     result = calibrated.result
     lenses = {name: lens_as_dict(result, name) for name in result.lenses}
     factor = np.array([DISPLAY[unit][1] for unit in result.estimate.units])
-    shown = shown_of(calibrated.postures.shape[1], calibrated.slides)
+    shown = shown_of(calibrated.postures.shape[1], calibrated.external)
     joints = {
         name: (shown * posture).tolist()
         for name, posture, used in zip(result.names, calibrated.postures, result.used, strict=True)
@@ -340,7 +355,7 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         },
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
-        **({"slides": calibrated.slides} if joints and calibrated.slides else {}),
+        **(external_as_dict(calibrated.external) if joints else {}),
     }
 
 

@@ -16,10 +16,12 @@ from calib.errors import FileFormatError, InputError, near_names
 from calib.identification import DISPLAY, IdentificationResult, Trial
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
+from calib.robots import ExternalAxes
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.files import LARGEST_NUMBER, load_json, plain, read_bytes_bounded
 from posedesign.files.csv_tables import as_read
+from posedesign.files.postures import external_as_dict
 from posedesign.identification.comparison import Identified, why_another
 from posedesign.identification.findings import as_dict
 from posedesign.identification.measurement_set_up import frames_of
@@ -113,7 +115,8 @@ class IdentificationFile(ReadFromFile):
 
     robot: Text | None = None
     joints: list[str] = []
-    slides: int = 0
+    positioner: Annotated[int, Field(ge=0)] = 0
+    slides: Annotated[int, Field(ge=0)] = 0
     arm: dict[str, Any] = {}
     models: list[FittedModel]
     recommended: Text | None = None
@@ -122,6 +125,11 @@ class IdentificationFile(ReadFromFile):
     warnings: list[str] = []
     findings: list[NamedFinding] = []
     data: Source = Source()
+
+    @property
+    def external(self) -> ExternalAxes:
+        """What the first joints are."""
+        return ExternalAxes(self.positioner, self.slides)
 
     @property
     def chosen(self) -> FittedModel | None:
@@ -323,7 +331,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
     content = {
         "robot": cell.robot.name,
         "joints": list(cell.robot.joint_names),
-        **({"slides": cell.robot.slides} if cell.robot.slides else {}),
+        **external_as_dict(cell.robot.external),
         "arm": arm_as_dict(cell),
         "measurements": data.count,
         "kinds": list(identified.table.kinds),

@@ -242,7 +242,7 @@ def find_approaches(
     must be clear by what is ``known``.
     """
     best: Approaches | None = None
-    sliding = np.arange(postures.shape[1]) < passing.robot.slides
+    sliding = passing.robot.sliding
     by = np.where(sliding, COMES_M, angle_rad)
     for direction, bound in islice(_directions(postures, by, passing), MOST_DIRECTIONS):
         if best is not None and bound <= len(postures) - len(best.lost):

@@ -152,7 +152,7 @@ class Router:
         self._led_to: set[bytes] = set()  # postures that a route has led to
         self.options = options or RouteOptions()
         # joints whose speed is not known are taken to be as fast as the others that turn
-        known, sliding = np.isfinite(robot.speed), np.arange(robot.n) < robot.slides
+        known, sliding = np.isfinite(robot.speed), robot.sliding
         self._timed = bool(known.any())
         like = robot.speed[known & ~sliding]
         usual = np.where(sliding, SLIDE_M_S, np.median(like) if len(like) else 1.0)

@@ -17,6 +17,7 @@ from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
 from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
+from posedesign.cell.cell import posture_section
 from posedesign.cell.orientations import GRID, cone_rotations
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
@@ -63,6 +64,10 @@ mistake: metres for millimetres, or another frame."""
 
 ASIDE_OF_REACH = 0.3
 """How far the grid has an arm go along its slides to either side, of its reach."""
+
+ASIDE_RAD = float(np.deg2rad(40.0))
+"""How far it turns the axes of a positioner to either side: an arm that comes from above still
+comes to a target from above, and an axis is told well by 80 deg of it."""
 
 BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
 """Turns in W, P and R by which another base posture is looked for where that of the cell is not
@@ -146,7 +151,7 @@ class Replacements:
         cell, base = self._cell, self._cell.base_posture
         poses = touching_poses(rotations, cell.tool_m, cell.target_m)
         solutions = cell.robot.inverse(poses, near=base, margin=margin)
-        first = cell.robot.slides
+        first = cell.robot.n_external
         near = np.abs(solutions.postures[:, first] - base[first]) <= swing
         rows = np.flatnonzero(solutions.inside & near)
         verdicts = cell.checker.check(solutions.postures[rows], every=False)
@@ -456,14 +461,19 @@ def _free_beside(cell: Cell) -> str:
     for angle in BESIDE_RAD:
         poses = touching_poses(wpr_rotations(wpr, np.full(3, angle)), cell.tool_m, cell.target_m)
         found = nearest_postures(cell.checker, poses, q)
-        robot, slides = cell.robot, cell.robot.slides
+        robot, first = cell.robot, cell.robot.n_external
         shown = np.round(robot.shown(found.q[found.feasible]), 2)  # as a person writes it
-        moved_deg = np.abs(shown - robot.shown(q))[:, slides:].max(axis=1)
+        moved_deg = np.abs(shown - robot.shown(q))[:, first:].max(axis=1)
         good = cell.checker.check(robot.of_shown(shown)).feasible & (moved_deg < FLIP_DEG)
         if good.any():
-            best = [f"{v:g}" for v in shown[np.where(good, moved_deg, np.inf).argmin()] + 0.0]
-            along = f"slides_mm = [{', '.join(best[:slides])}], " if slides else ""
-            return f"; free is {along}posture_deg = [{', '.join(best[slides:])}]"
+            best = shown[np.where(good, moved_deg, np.inf).argmin()] + 0.0
+            section = posture_section(robot, robot.of_shown(best))
+            parts = [
+                f"{key} = [{', '.join(f'{v:g}' for v in np.round(values, 6))}]"
+                for key in ("positioner_deg", "slides_mm", "posture_deg")
+                if (values := getattr(section, key))
+            ]
+            return f"; free is {', '.join(parts)}"
     return ""
 
 
@@ -487,16 +497,17 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
 
 
 def _stations(cell: Cell) -> FloatArray:
-    """Base posture, and the same with each slide of the arm to either side ``(K, n)`` [rad, m].
+    """Base posture, and the same with each external axis to either side ``(K, n)`` [rad, m].
 
     The grid takes them in turn: what measures from one place on a rail tells nothing of the rail,
-    nor how the arm stands on it.
+    nor how the arm stands on it; nor does one angle of a table tell anything of its axis.
     """
     robot, found = cell.robot, [cell.base_posture]
-    for j in range(robot.slides):
+    by = np.where(robot.sliding, ASIDE_OF_REACH * robot.chain.reach_m, ASIDE_RAD)
+    for j in range(robot.n_external):
         for way in (-1.0, 1.0):
             aside = cell.base_posture.copy()
-            aside[j] += way * ASIDE_OF_REACH * robot.chain.reach_m
+            aside[j] += way * by[j]
             found.append(np.clip(aside, robot.lower, robot.upper))
     return np.array(found)
 

@@ -188,7 +188,7 @@ class Planned(Shown):
     def rows(self) -> list[dict[str, object]]:
         """The stops in their order: name, whether passed through only, joints [deg, mm]."""
         robot = self.model.robot
-        columns = joint_columns(robot.n, robot.slides)
+        columns = joint_columns(robot.n, robot.external)
         return [
             {"name": name, "via": via} | dict(zip(columns, robot.shown(q).tolist(), strict=True))
             for name, q, via in self.stops

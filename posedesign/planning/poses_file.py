@@ -64,7 +64,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import FileFormatError, InputError, near_names, one_line
-from calib.robots import Controller, Robot
+from calib.robots import NO_EXTERNAL_AXES, Controller, ExternalAxes, Robot
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.constraints import (
     Checker,
@@ -464,7 +464,7 @@ def _write(
 ) -> Path:
     shown = robot.controller if robot.controller and robot.controller.differs else None
     joints, words = columns_of(form, robot), _configurations(robot, poses.postures)
-    pendant = pendant_columns(robot.n, robot.slides) if shown and form is JointForm.USUAL else []
+    pendant = pendant_columns(robot.n, robot.external) if shown and form is JointForm.USUAL else []
     known = {} if margins is None else margins.columns
     columns = [*_LABELS, *joints, *POSE_AXES, "configuration", *pendant, *known]
     if form is JointForm.ROBODK:
@@ -510,27 +510,26 @@ def read_poses(
     path: Path,
     n: int | None,
     *,
-    slides: int = 0,
+    external: ExternalAxes = NO_EXTERNAL_AXES,
     controller: Controller | None = None,
     trust_units: bool = False,
 ) -> PoseList:
     """Read the postures of a ``poses.csv``.
 
-    ``n``: number of joints of the robot; None takes what the file has. ``slides``: how many of
-    them, the first ones, slide. ``controller``: turns
-    ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
-    ``trust_units``: do not refuse values that look like radians.
+    ``n``: number of joints of the robot; None takes what the file has. ``external``: what the
+    first of them are. ``controller``: turns ``pendant_j1_deg ..`` into joint values; without it
+    such columns alone are refused. ``trust_units``: do not refuse values that look like radians.
     """
     table = read_table(path)
     columns = table.columns
     _refuse_other_form(path, columns)
     count = n if n is not None else _count_joints(columns, path)
-    joints = [*joint_columns(count, slides), *pendant_columns(count, slides)]
+    joints = [*joint_columns(count, external), *pendant_columns(count, external)]
     return _listed(
         path,
         table,
         joints,
-        lambda rows: postures_of(path, columns, rows, count, controller, trust_units, slides),
+        lambda rows: postures_of(path, columns, rows, count, controller, trust_units, external),
     )
 
 
@@ -538,7 +537,7 @@ def read_robot_poses(path: Path, robot: Robot, *, trust_units: bool = False) -> 
     """Read the postures of a table of a known robot, in any :class:`JointForm`."""
     table = read_table(path)
     columns = table.columns
-    joints = [*joint_columns(robot.n, robot.slides), *pendant_columns(robot.n, robot.slides)]
+    joints = [*joint_columns(robot.n, robot.external), *pendant_columns(robot.n, robot.external)]
     joints += find_form(columns, robot)[1]
     return _listed(
         path,

@@ -145,10 +145,11 @@ def correct_program(
     program without anything to correct, a model that says nothing of the arm. OutputError: the
     program itself, or another file that is not to be replaced, is in the way.
     """
-    if cell.robot.slides:
+    if cell.robot.external.positioner:
         raise InputError(
-            f"{cell.robot.joint_names[0]} slides: programs of arms on slides are not corrected",
-            hint="correct the description, or hold it where it is: robot.held_mm",
+            f"{cell.robot.joint_names[0]} turns what is measured: programs with such axes are "
+            "not corrected",
+            hint="correct the description, or hold it where it is: robot.held_deg",
             name=cell.robot.joint_names[0],
         )
     results = Results.of(out, "correct")
@@ -160,7 +161,7 @@ def correct_program(
         )
     claims = results.claim("computed", (path.name, "corrected program"), bare=True)
     identified = read_correcting(identification, cell, name)
-    chosen = dialect_of(path, dialect).reading(cell.config.program.pulses_per_deg)
+    chosen = dialect_of(path, dialect).reading(*cell.config.program.pulses)
     data = read_program_bytes(path)
     program = chosen.parse(data, path)
     notes = check_recorded_frames(cell, chosen, program.positions, path)
@@ -278,11 +279,12 @@ def correct_positions(
     if not done.ok:
         return done
     changes = [Change()] * len(positions)
-    turned = arm.shown(found.postures) - arm.shown(nominal)
+    turned = arm.shown(found.postures) - arm.shown(nominal)  # external axes stand last, and still
     turned[np.abs(turned).max(axis=1) < _NO_TURN_DEG] = 0.0
     for k, (i, q) in enumerate(zip(taken, found.postures, strict=True)):
         p = positions[i]
-        value = None if p.shown_deg is None else p.shown_deg + _as_listed(p, turned[k], arm)
+        own_turn = _as_listed(p, turned[k], arm)
+        value = None if p.shown_deg is None else p.shown_deg + own_turn[: len(p.shown_deg)]
         T = _user_pose(p, arm, q) if posed[i] else None
         words_now = _recounted(p, words[k])
         changes[i] = Change(value, T, words_now if words_now != p.configuration else None)
@@ -446,6 +448,8 @@ def _reason(
     if found.reasons[k]:
         return found.reasons[k]
     turned = np.abs(found.postures[k] - found.nominal[k])
+    if turned[: arm.n_external].any():
+        return f"{arm.joint_names[-1]} would have to move, and in a program it keeps its place"
     j = int(np.argmax(turned))
     if turned[j] > MOST_TURNED_RAD:
         return (

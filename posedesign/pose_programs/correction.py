@@ -184,7 +184,7 @@ def correct(
         listed = read_poses(
             poses,
             cell.robot.n,
-            slides=cell.robot.slides,
+            external=cell.robot.external,
             controller=cell.robot.controller,
             trust_units=trust_units,
         )
@@ -260,10 +260,22 @@ def _notes(
         notes.append(
             f"links were identified, too: mastering corrects the zeros of joints alone{took}"
         )
-    if robot.robot.slides and table.identified[0]:
+    if robot.robot.n_external and table.identified[0]:
         notes.append(
-            f"an arm that stands turned on {robot.robot.joint_names[0]} looks like a zero of "
-            f"{robot.robot.turning[0]} that is off: its correction has both"
+            f"an arm that stands turned {'beside' if robot.robot.floor else 'on'} "
+            f"{robot.robot.joint_names[robot.robot.n_external - 1]} looks like a zero of "
+            f"{robot.robot.arm_joints[0]} that is off: its correction has both"
+        )
+    carrying = [
+        name
+        for name in identified.model.names
+        if name.removeprefix(_STEM) in robot.robot.joint_names[: robot.robot.floor]
+    ]
+    if carrying:
+        joints = ", ".join(name.removeprefix(_STEM) for name in carrying)
+        notes.append(
+            f"mastering is of the arm: the zero of {joints} is in the corrected URDF and poses, "
+            "and in the identification's file"
         )
     if known.covariance is None:
         notes.append("the file has no correlations: expected errors take all as independent")
@@ -280,15 +292,15 @@ def _pose_rows(
     """Columns and rows of ``corrected_poses.csv``."""
     robot = cell.robot
     shown = robot.controller if robot.controller and robot.controller.differs else None
-    joints, pendant = joint_columns(robot.n, robot.slides), []
+    joints, pendant = joint_columns(robot.n, robot.external), []
     if shown:
-        pendant = pendant_columns(robot.n, robot.slides)
+        pendant = pendant_columns(robot.n, robot.external)
     kept = [
         status
         for row in read_rows(path)[1]
         if (status := row.cells.get("status", "").casefold()) != PoseStatus.DROPPED
     ]
-    turned = np.abs(np.rad2deg(found.change[:, robot.slides :])).max(axis=1)
+    turned = np.abs(np.rad2deg(found.change[:, robot.n_external :])).max(axis=1)
     rows: list[dict[str, object]] = []
     for i, name in enumerate(listed.names):
         row: dict[str, object] = {"name": name, "status": kept[i] or str(PoseStatus.GRID)}
@@ -411,7 +423,7 @@ class Mastering:
                 "meaning": self._meaning(j),
                 "shown_at_zero_deg": float(-np.rad2deg(self.correction[j])) + 0.0,
             }
-            for j, name in enumerate(self.robot.turning)
+            for j, name in enumerate(self.robot.arm_joints)
         ]
 
     def _is_corrected(self, j: int) -> bool:
@@ -424,7 +436,7 @@ class Mastering:
         others = [k for k in np.flatnonzero(matrix[j]) if k != j]
         shown = f"what the pendant shows as J{j + 1}"
         if self.robot.controller is None:
-            shown = f"the value of {self.robot.turning[j]}, in the signs of the description"
+            shown = f"the value of {self.robot.arm_joints[j]}, in the signs of the description"
         if not self._is_corrected(j):
             return f"J{j + 1} was not identified: its zero is taken as it is"
         degrees = float(np.rad2deg(self.correction[j]))
@@ -444,8 +456,8 @@ class Mastering:
 def pendant_from_joints(robot: Robot) -> FloatArray:
     """Values on the pendant ``(n, n)`` of joints that turn, as described; the same if not known."""
     if robot.controller is None:
-        return np.eye(len(robot.turning))
-    return robot.controller.pendant_from_joints[robot.slides :, robot.slides :]
+        return np.eye(len(robot.arm_joints))
+    return robot.controller.pendant_from_joints[robot.n_external :, robot.n_external :]
 
 
 def mastering(
@@ -460,7 +472,7 @@ def mastering(
     deviations [SI], where correlations are not known.
     """
     robot = model.robot
-    names = [f"{_STEM}{joint}" for joint in robot.turning]
+    names = [f"{_STEM}{joint}" for joint in robot.arm_joints]
     places = [model.names.index(name) if name in model.names else -1 for name in names]
     identified = np.array(places) >= 0
     at = np.array(places)[identified]

@@ -57,9 +57,10 @@ def zeroing_words(robot: Robot) -> str:
     """How the zeros of an arm are entered, in the words of its maker's pendant."""
     maker = "" if robot.controller is None else robot.controller.maker
     usual = f"{_ZEROED}; then make this the zero of all joints, as the maker has it"
-    words, slides = IN_THE_WORDS_OF.get(maker, usual), ", ".join(robot.joint_labels[: robot.slides])
-    keep = f". {slides} at 0 meanwhile, or left out: only the zeros of the arm are corrected"
-    return words + keep * bool(slides)
+    words = IN_THE_WORDS_OF.get(maker, usual)
+    external = ", ".join(sorted(robot.joint_labels[: robot.n_external]))
+    keep = f". {external} at 0 meanwhile, or left out: only the zeros of the arm are corrected"
+    return words + keep * bool(external)
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def ur_kinematics_text(robot: Robot, said: Sequence[str]) -> str:
     """
     controller = robot.controller
     about_z = np.abs(robot.chain.axes - [0.0, 0.0, 1.0]).max(initial=0.0) < 1e-12
-    if controller is None or controller.maker != "ur" or not about_z:
+    if controller is None or controller.maker != "ur" or not about_z or robot.n_external:
         raise InputError(
             f"{robot.name} is no arm of Universal Robots with joint frames that turn about z",
             hint="export a table of Denavit and Hartenberg",

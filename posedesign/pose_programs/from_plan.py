@@ -192,6 +192,7 @@ def program_options(cell: Cell | None, poses: PoseList, form: str | None = None)
         first_register=section.first_register,
         guided=touches(cell),
         pulses_per_deg=section.pulses_per_deg,
+        pulses_per_mm=section.pulses_per_mm,
         fingerprint=mark,
     )
 

@@ -63,7 +63,7 @@ class Recording:
 
         Raises FileFormatError: what is in the file cannot be read.
         """
-        columns = ["target", *joint_columns(cell.robot.n, cell.robot.slides), "pose"]
+        columns = ["target", *joint_columns(cell.robot.n, cell.robot.external), "pose"]
         if not cell.is_plain:
             columns += ["kind", "tool", "payload"]
         rows: list[dict[str, object]] = []
@@ -75,7 +75,7 @@ class Recording:
         ):
             loads = [load.name for load in cell.config.payload]
             read_measurements(
-                file.path, cell.robot.n, slides=cell.robot.slides, payloads=loads
+                file.path, cell.robot.n, external=cell.robot.external, payloads=loads
             )  # says what is wrong in it
             table = read_table(file.path)
             columns += [column for column in table.columns if column not in columns]

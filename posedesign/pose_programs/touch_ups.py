@@ -300,7 +300,7 @@ def _positions(
     chosen = _dialect(cell, path, dialect)
     if chosen is None:
         listed = read_poses(
-            path, cell.robot.n, slides=cell.robot.slides, controller=cell.robot.controller
+            path, cell.robot.n, external=cell.robot.external, controller=cell.robot.controller
         )
         _check_plan(path, listed.fingerprint_written, plan, warnings)
         measured = listed.measured
@@ -345,7 +345,7 @@ def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
             )
         if b"_deg" in head or b"_rad" in head:
             return None
-    return dialect_of(path, name).reading(cell.config.program.pulses_per_deg)
+    return dialect_of(path, name).reading(*cell.config.program.pulses)
 
 
 def _check_plan(path: Path, written: str, plan: PoseList | None, warnings: list[str]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, UnreachableError, near_names
 from calib.robots import POSITIVE_AXES, Controller, Robot
-from calib.se3 import FloatArray, inverse
+from calib.se3 import FloatArray, IntArray, inverse
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.configurations import configuration_of
 
@@ -83,7 +83,7 @@ class Arm:
     ) -> Arm:
         """The arm of a robot's description, with its controller where that is known."""
         return cls(
-            robot.controller or Controller("", np.eye(robot.n), np.eye(4), robot.slides),
+            robot.controller or Controller("", np.eye(robot.n), np.eye(4), robot.external),
             robot,
             np.eye(4) if T_world_user is None else T_world_user,
             np.eye(4) if T_tip_tool is None else T_tip_tool,
@@ -101,28 +101,38 @@ class Arm:
         return self.controller.maker or None
 
     @property
-    def slides(self) -> int:
-        """How many joints slide and carry the arm: external axes, which stand behind the others."""
-        return self.controller.slides
+    def n_external(self) -> int:
+        """How many joints are external axes, which stand behind the others."""
+        return self.controller.external.count
+
+    @property
+    def order(self) -> IntArray:
+        """Indices ``(n,)`` of the description's joints in the order of programs."""
+        return self.controller.external.behind_arm(self.n)
+
+    @property
+    def external_units(self) -> tuple[str, ...]:
+        """Units of the external axes, E1 first: mm or deg."""
+        slides = self.controller.external.slides_of(self.n)[self.order]
+        return tuple(np.where(slides, "mm", "deg").tolist()[self.n - self.n_external :])
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Of the description; joint_1, joint_2, ... without one. Those that slide come last."""
+        """Of the description; joint_1, joint_2, ... without one. External axes come last."""
         if self.robot is not None:
-            names = self.robot.joint_names
-            return (*names[self.slides :], *names[: self.slides])
+            return tuple(self.robot.joint_names[j] for j in self.order)
         return tuple(f"joint_{j + 1}" for j in range(self.n))
 
     def shown(self, postures: ArrayLike) -> FloatArray:
         """Values ``(..., n)`` [deg] as the controller shows postures ``(..., n)`` [rad, m].
 
-        Behind those of the joints that turn stand those of external axes [mm].
+        Behind those of the arm's joints stand those of external axes [mm, deg].
         """
-        return np.roll(self.controller.pendant(postures), -self.slides, axis=-1)
+        return self.controller.pendant(postures)[..., self.order]
 
     def postures(self, shown_deg: ArrayLike) -> FloatArray:
         """Postures ``(..., n)`` [rad, m] of values ``(..., n)`` [deg, mm] as shown."""
-        return self.controller.posture(np.roll(np.asarray(shown_deg), self.slides, axis=-1))
+        return self.controller.posture(np.asarray(shown_deg)[..., np.argsort(self.order)])
 
     def tool_poses(self, postures: ArrayLike) -> FloatArray:
         """The tool frame in the user frame ``(..., 4, 4)`` at postures ``(..., n)`` [rad]."""

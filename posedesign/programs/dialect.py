@@ -49,6 +49,10 @@ class Dialect:
         Whether a program is a folder of files, and not files of one name.
     forms : tuple of {"joint", "cartesian"}
         How it can write positions.
+    external_axes : int
+        How many external axes its joint positions can have.
+    turning_axes : bool
+        Whether these may turn: those of a positioner.
     names : NameRule
         What it takes for the name of a program.
     newline, encoding : str
@@ -75,6 +79,7 @@ class Dialect:
     in_folder: ClassVar[bool] = False
     forms: ClassVar[tuple[Form, ...]] = get_args(Form)
     external_axes: ClassVar[int] = 0
+    turning_axes: ClassVar[bool] = False
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
@@ -118,7 +123,9 @@ class Dialect:
         """Most poses of one file of such a program; None: any number."""
         return None
 
-    def reading(self, pulses_per_deg: Sequence[float]) -> Dialect:
+    def reading(
+        self, pulses_per_deg: Sequence[float], pulses_per_mm: Sequence[float] = ()
+    ) -> Dialect:
         """The dialect that reads with what is known of the arm; most need nothing."""
         return self
 
@@ -155,24 +162,27 @@ class Dialect:
             )
         self.names.check(program.name)
         arm = self._arm_of(program)
-        if arm.slides > self.external_axes:
+        turns = arm.controller.external.positioner > 0
+        if arm.n_external > self.external_axes or (turns and not self.turning_axes):
+            key = {"mm": "held_mm", "deg": "held_deg"}[arm.external_units[-1]]
             raise InputError(
-                f"{arm.joint_names[-1]} slides, and the external axes of {self.title} are not "
-                "written",
-                hint="hold it where it is: robot.held_mm",
+                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
+                "not written",
+                hint=f"hold it where it is: robot.{key}",
                 name="format",
                 value=self.name,
             )
-        if arm.slides and program.options.form != "joint":
+        if arm.n_external and program.options.form != "joint":
             raise InputError(
-                f"{arm.joint_names[-1]} slides: where its controller has the world is not known",
+                f"{arm.joint_names[-1]} {_does(arm)}: where its controller has the world is not "
+                "known",
                 hint="write joint positions",
                 name="form",
             )
-        if arm.slides and self.maker is not None:
+        if arm.n_external and self.maker is not None:
             unknown = tuple(
                 f"zero and direction of E{k}, taken to be those of {name} in the description"
-                for k, name in enumerate(arm.joint_names[-arm.slides :], start=1)
+                for k, name in enumerate(arm.joint_names[-arm.n_external :], start=1)
             )
             program = replace(program, not_checked=(*unknown, *program.not_checked))
         parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
@@ -286,6 +296,11 @@ class Dialect:
                 name="poses",
             )
         return self.seen(arm)
+
+
+def _does(arm: Arm) -> str:
+    """Of its last external axis."""
+    return "slides" if arm.external_units[-1] == "mm" else "turns what is measured"
 
 
 @contextmanager

@@ -118,6 +118,8 @@ class ProgramOptions:
         its measurements. Empty for none.
     pulses_per_deg : tuple of float
         Encoder pulses of each joint in one degree, signed: for controllers that store pulses.
+    pulses_per_mm : tuple of float
+        The same of each external axis that slides, in one millimetre.
     written : datetime
         Date in the program's header.
 
@@ -142,6 +144,7 @@ class ProgramOptions:
     comment: str = ""
     fingerprint: str = ""
     pulses_per_deg: tuple[float, ...] = ()
+    pulses_per_mm: tuple[float, ...] = ()
     written: datetime = FIXED_DATE
 
     @property

@@ -66,7 +66,9 @@ class RecordedPosition:
     joint_names : tuple of str
         Joints of ``shown_deg`` in their order, where the file names them.
     external_mm : tuple of float
-        Values of linear external axes beside the joints, E1 first [mm].
+        Values of external axes beside the joints, E1 first [mm]; of those that turn [deg].
+    external_units : tuple of str
+        Units of these, where the file gives them.
     carried : FileFormatError or None
         What says that an external axis stands elsewhere than in the first position. Raised for an
         arm that has no such axes in its description.
@@ -84,6 +86,7 @@ class RecordedPosition:
     T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
     external_mm: tuple[float, ...] = ()
+    external_units: tuple[str, ...] = ()
     carried: FileFormatError | None = None
 
     @property
@@ -166,9 +169,9 @@ def postures_of(
         No posture takes a stored pose.
     """
     carried = next((p.carried for p in positions if p.carried), None)
-    if carried is not None and not arm.slides:
+    if carried is not None and not arm.n_external:
         raise carried
-    if arm.slides:
+    if arm.n_external:
         positions = tuple(_with_external(position, arm) for position in positions)
     out = np.empty((len(positions), arm.n))
     at_joints = [i for i, p in enumerate(positions) if p.shown_deg is not None]
@@ -196,8 +199,8 @@ def postures_of(
 
 
 def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
-    """A position with the values of the slides that carry the arm behind those of its joints."""
-    shown, slides = position.shown_deg, arm.slides
+    """A position with the values of external axes behind those of the arm's joints."""
+    shown, units = position.shown_deg, arm.external_units
     if shown is None:
         raise InputError(
             f"{position.label} is a pose, and where an external axis has the arm is not in it",
@@ -205,16 +208,27 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
             name=position.label,
         )
     if position.joint_names:  # a file that names its joints has them all, in SI
-        slide = np.isin(position.joint_names, arm.joint_names[-slides:])
+        own = zip(arm.joint_names[-len(units) :], units, strict=True)
+        slide = np.isin(position.joint_names, [name for name, unit in own if unit == "mm"])
         return replace(position, shown_deg=np.where(slide, 1e3 * np.deg2rad(shown), shown))
-    if len(position.external_mm) < slides:
+    missing = len(position.external_mm)
+    if missing < len(units):
         raise InputError(
-            f"{position.label} has no value [mm] of E{len(position.external_mm) + 1}, which "
-            "carries the arm",
-            hint="record it with its external axes",
+            f"{position.label} has no value [{units[missing]}] of E{missing + 1}, which "
+            + ("carries the arm" if units[missing] == "mm" else "turns what is measured"),
+            hint="record it with its external axes; of encoder pulses, give pulses_per_mm",
             name=position.label,
         )
-    return replace(position, shown_deg=np.append(shown, position.external_mm[:slides]))
+    for k, (unit, wanted) in enumerate(zip(position.external_units, units, strict=False)):
+        if unit != wanted:
+            raise InputError(
+                f"{position.label}: E{k + 1} is in {unit or 'no unit'}, and the description's "
+                f"{arm.joint_names[k - len(units)]} in {wanted}",
+                hint="are the external axes of the controller those of the description?",
+                name=position.label,
+            )
+    joints = shown[: arm.n - len(units)]  # formats for any arm cannot say where its joints end
+    return replace(position, shown_deg=np.append(joints, position.external_mm[: len(units)]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

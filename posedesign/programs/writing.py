@@ -275,7 +275,7 @@ def check_call(
 def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     """Joint values ``(N, n)`` [deg] of poses as the controller shows them, each within +-720.
 
-    Those of external axes [mm] stand behind them.
+    Those of external axes [mm, deg] stand behind them.
 
     Raises InputError: a joint value is beyond, with its pose and joint, or the arm has other
     joints.
@@ -283,26 +283,26 @@ def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
     listed = list(poses)
     postures = np.stack([pose.posture_rad for pose in listed])
     # The description's values first: far larger ones would overflow when they become degrees.
-    sliding = np.arange(postures.shape[1]) < arm.slides
+    sliding = arm.controller.external.slides_of(postures.shape[1])
     most = np.where(sliding, MOST_POSITION_MM, MOST_JOINT_DEG)
     too_far = np.abs(postures) > np.where(sliding, most / 1e3, np.radians(most))
     if not too_far.any():
         shown = arm.shown(postures)
-        too_far = np.roll(np.abs(shown), arm.slides, axis=1) > most
+        too_far = np.abs(shown)[:, np.argsort(arm.order)] > most
         if not too_far.any():
             return shown
     i, j = (int(k) for k in np.argwhere(too_far)[0])
+    label = arm.controller.external.labels(postures.shape[1])[j]
     if sliding[j]:
         raise InputError(
-            f"pose {listed[i].name!r}: E{j + 1} is beyond +-{MOST_POSITION_MM:g} mm",
+            f"pose {listed[i].name!r}: {label} is beyond +-{MOST_POSITION_MM:g} mm",
             hint="postures have slides in metres, and no rail is as long",
             name=listed[i].name,
         )
-    j -= arm.slides
     raise InputError(
-        f"pose {listed[i].name!r}: J{j + 1} is beyond +-{MOST_JOINT_DEG:g} deg",
+        f"pose {listed[i].name!r}: {label} is beyond +-{MOST_JOINT_DEG:g} deg",
         hint="postures are in radians, and no arm turns so far",
         name=listed[i].name,
-        value=float(postures[i, j + arm.slides]),
+        value=float(postures[i, j]),
         bound=float(np.radians(MOST_JOINT_DEG)),
     )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import CalibError
+from calib.robots import NO_EXTERNAL_AXES, ExternalAxes
 from calib.se3 import BoolArray, FloatArray
 from posedesign.files import Claim, Results, write_bytes_atomic
 from posedesign.report.drawing import COLOURS, GREY, MARKS, log_y
@@ -198,7 +199,8 @@ def residuals_by_pose(
     panel.set_ylabel(f"residual [{unit}]")
     if all((values > 0).all() for values in residuals.values()):
         log_y(panel, panel.get_ylabel())
-    step = max(1, -(-len(names) // 40))
+    # each pose by its name as long as there is room, every so many of hundreds
+    step = max(1, -(-len(names) // (40 if len(names) <= 80 else 20)))
     panel.set_xticks(at[::step], list(names)[::step], rotation=90, fontsize=7, parse_math=False)
     panel.legend(fontsize=8, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
 
@@ -208,18 +210,18 @@ def residuals_by_joint(
     joints: Sequence[str],
     q_deg: FloatArray,
     residuals_mm: Mapping[str, FloatArray],
-    slides: int = 0,
+    external: ExternalAxes = NO_EXTERNAL_AXES,
 ) -> None:
     """Draw residuals against each joint's angle: a slope or a bow is what a model leaves out.
 
-    ``q_deg`` (N, n): of slides, the first ones, [mm]. ``residuals_mm`` (N,).
+    ``q_deg`` (N, n): of joints that slide [mm]. ``residuals_mm`` (N,).
     """
-    panels = panels_of(figure, len(joints))
+    panels, sliding = panels_of(figure, len(joints)), external.slides_of(len(joints))
     for k, (panel, joint) in enumerate(zip(panels, joints, strict=True)):
         for values, colour, mark in zip(residuals_mm.values(), _MODELS, MARKS, strict=False):
             panel.plot(q_deg[:, k], values, mark, ms=3, color=colour)
         log_y(panel)
-        unit = "mm" if k < slides else "deg"
+        unit = "mm" if sliding[k] else "deg"
         panel.set_xlabel(f"{joint} [{unit}]", fontsize=8, parse_math=False)
         panel.tick_params(labelsize=7)
         if k:

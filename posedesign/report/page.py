@@ -130,7 +130,7 @@ def _sections(folder: Path) -> Iterator[Section]:
             listed = read_poses(
                 folder / POSES,
                 cell.robot.n,
-                slides=cell.robot.slides,
+                external=cell.robot.external,
                 controller=cell.robot.controller,
             )
             yield from _sections_of_poses(cell, listed, folder)
@@ -326,8 +326,8 @@ def _measured_deg(folder: Path, content: IdentificationFile) -> FloatArray | Non
     if path.name not in MEASUREMENTS or not path.is_file():
         return None
     n = len(content.joints)
-    found = read_measurements(path, n, slides=content.slides).data.postures
-    return np.asarray(found * shown_of(n, content.slides))
+    found = read_measurements(path, n, external=content.external).data.postures
+    return np.asarray(found * shown_of(n, content.external))
 
 
 def _section_of_acceptance(folder: Path) -> Section:

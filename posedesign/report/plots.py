@@ -218,5 +218,5 @@ def figure_of_identification(
     outliers = np.array([row.outlier for row in chosen.residuals])
     figures.residuals_by_pose(top, names, left, outliers)
     if bottom is not None and q_deg is not None:
-        figures.residuals_by_joint(bottom, content.joints, q_deg, left, content.slides)
+        figures.residuals_by_joint(bottom, content.joints, q_deg, left, content.external)
     return figure

@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.geometry import Capsule, HalfSpace, Sphere
-from calib.se3 import FloatArray, quaternion_from_rotation
+from calib.se3 import FloatArray, apply, quaternion_from_rotation
 from posedesign.cell import Cell
 from posedesign.files import StrPath, write_text_atomic
 from posedesign.report.tour import (
@@ -87,18 +87,19 @@ class Stage:
         tool_rgb = SHADES[Shade.TOOL][1]
         scene.add_icosphere(f"{tip}/tool_point", 0.3 * size, tool_rgb, position=cell.tool_m)
         name, radius = cell.config.target.name, max(cell.config.target.radius_mm / 1e3, 0.3 * size)
-        scene.add_icosphere("/target", radius, TARGET[1], position=cell.target_m)
-        scene.add_label("/target/name", name)
+        scene.add_icosphere("/link_0/target", radius, TARGET[1], position=cell.target_m)
+        scene.add_label("/link_0/target/name", name)
         tips = cell.robot.fk(self.tour.frames[self.tour.stops])
-        for group, T in (("/poses", tips), ("/pairs", self.tour.seen.reshape(-1, 4, 4))):
+        for group, T in (("poses", tips), ("pairs", self.tour.seen.reshape(-1, 4, 4))):
             if len(T):
                 wxyz = quaternion_from_rotation(T[:, :3, :3])
-                scene.add_batched_axes(group, wxyz, T[:, :3, 3], **axes)
-        middle = (cell.target_m + self._frames[0, :, :3, 3].mean(axis=0)) / 2.0
-        along = cell.target_m * [1.0, 1.0, 0.0]
+                scene.add_batched_axes(f"/link_0/{group}", wxyz, T[:, :3, 3], **axes)
+        target_m = apply(self._frames[0, 0], cell.target_m)
+        middle = (target_m + self._frames[0, :, :3, 3].mean(axis=0)) / 2.0
+        along = target_m * [1.0, 1.0, 0.0]
         along /= np.linalg.norm(along) or 1.0
         across = np.array([along[1], -along[0], 0.0]) if along.any() else np.array([1.0, 0, 0])
-        apart = max(reach_m, float(np.linalg.norm(cell.target_m)))
+        apart = max(reach_m, float(np.linalg.norm(target_m)))
         camera = self.server.initial_camera
         camera.look_at = middle
         camera.position = middle + apart * (
@@ -108,7 +109,7 @@ class Stage:
 
     def show(self, frame: int) -> None:
         """Bring the arm to a posture of the tour, its bodies in their colours."""
-        for node, T in zip(self.links[1:], self._frames[frame, 1:], strict=True):
+        for node, T in zip(self.links, self._frames[frame], strict=True):
             placed = _placed(T)
             node.wxyz, node.position = placed["wxyz"], placed["position"]
         for body, shade in zip(self.bodies, self.tour.shades[frame].tolist(), strict=True):

@@ -15,7 +15,7 @@ import trimesh
 from calib.geometry import Box, Capsule, Cylinder, HalfSpace, Mesh, Solid
 from calib.geometry.ways import TOUCH_M
 from calib.robot_world import solve
-from calib.se3 import BoolArray, FloatArray, IntArray, inverse, transform
+from calib.se3 import BoolArray, FloatArray, IntArray, apply, inverse, transform
 from posedesign.cell import Cell
 from posedesign.constraints import Collision
 from posedesign.constraints.checker import ROUNDING
@@ -144,7 +144,11 @@ def link_frames(cell: Cell, q: FloatArray) -> FloatArray:
     """``T_base_link`` of base and links ``(F, n + 1, 4, 4)`` at postures ``(F, n)`` [rad]."""
     state = cell.robot.state(q)
     moved = transform(state.rotations, state.origins)
-    return np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), moved], axis=1)
+    found = np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), moved], axis=1)
+    robot = cell.robot
+    if robot.floor:
+        found = inverse(robot.T_base_floor(q) @ robot.T_floor_world)[:, None] @ found
+    return found
 
 
 def shades(cell: Cell, q: FloatArray, measured: BoolArray) -> IntArray:
@@ -229,7 +233,9 @@ def lines(cell: Cell, tour: Tour) -> tuple[Lines, ...]:
     chain, section = cell.robot.chain, cell.config
     shaped = {body.link for body in cell.robot.bodies}
     ends = enumerate([*chain.placements[:, :3, 3], chain.T_link_tip[:3, 3]])
-    bare = [(j, np.array([[np.zeros(3), end]])) for j, end in ends if j not in shaped and end.any()]
+    # what a positioner moves, and what it stands on, is not along the lines between its axes
+    known = {*shaped, *range(cell.robot.floor + bool(cell.robot.floor))}
+    bare = [(j, np.array([[np.zeros(3), end]])) for j, end in ends if j not in known and end.any()]
     unseen = SHADES[Shade.UNCHECKED][1]
     found = [Lines(f"link_{j}_without_shape", j, line, unseen) for j, line in bare]
     normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
@@ -251,7 +257,8 @@ def lines(cell: Cell, tour: Tour) -> tuple[Lines, ...]:
         found.append(Lines("task_box", 0, _edges(box.lowest_mm, box.highest_mm), BOX[1]))
     low, high = limits.workspace_lowest_mm, limits.workspace_highest_mm
     if low is not None and high is not None:
-        found.append(Lines("workspace", 0, _edges(low, high), WORKSPACE[1]))
+        edges = apply(cell.robot.T_floor_world, _edges(low, high))
+        found.append(Lines("workspace", cell.robot.floor, edges, WORKSPACE[1]))
     return tuple(found)
 
 

@@ -64,7 +64,7 @@ def simulate_pictures(
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "PNG")
         write_bytes_atomic(claim, data.getvalue())
-    columns = ["picture", *joint_columns(cell.robot.n, cell.robot.slides)]
+    columns = ["picture", *joint_columns(cell.robot.n, cell.robot.external)]
     rows = [
         dict(zip(columns, [name, *values], strict=True))
         for name, values in zip(names, cell.robot.shown(q).tolist(), strict=True)

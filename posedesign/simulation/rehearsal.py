@@ -187,9 +187,10 @@ class SimulatedRobot:
         Nothing measured tells a zero offset of the first joint from a turned base, or one of the
         last joint from a turned tip (section 3.2 of Watanabe et al. 2006). What identification
         and AX=ZB can find is target and tool in the frames so turned. Deflection counts as an
-        offset with its value at the base pose.
+        offset with its value at the base pose. Of a positioner it is the joint that moves the base.
         """
-        return inverse(self._turned_by(self.cell.robot.slides))
+        robot = self.cell.robot
+        return inverse(self._turned_by(0 if robot.floor else robot.n_external))
 
     @property
     def T_shown_tip(self) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from calib.identification import covariance_of, identify_batch
 from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell, cell_template
-from posedesign.planning import Round, plan
+from posedesign.planning import plan
 from posedesign.report.drawing import (
     CONDITION,
     STYLES,
@@ -40,26 +39,9 @@ OFFSET = "offset_deg"
 TOOL = "tool_mm"
 
 
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """The loop of one arm, run to the widest angles: what it would return for any threshold."""
-
-    cell: Cell
-    rounds: list[tuple[Round, FloatArray]]
-
-    def thresholds(self, count: int) -> list[float]:
-        """In equal ratios, from just above the first C_G to just above the least."""
-        first, least = self.rounds[0][0].c_g, self.rounds[-1][0].c_g
-        return (1.001 * np.geomspace(first, least, count)).tolist()
-
-    def returned(self, threshold: float) -> tuple[Round, FloatArray]:
-        """The first round below a threshold, and its postures ``(N, n)`` [rad]."""
-        return next(found for found in self.rounds if found[0].c_g < threshold)
-
-
 @lru_cache(maxsize=16)
-def loop_of(preset: str, start_deg: float, step_deg: float, largest_deg: float) -> Loop:
-    """The loop of a preset with joint limits as its only constraints, on a rigid arm."""
+def cell_of(preset: str, start_deg: float, step_deg: float, largest_deg: float) -> Cell:
+    """The cell of a preset with joint limits as its only constraints, on a rigid arm."""
     text = cell_template(preset, surroundings=False)
     for key, value in (
         ("start_deg", start_deg),
@@ -68,30 +50,35 @@ def loop_of(preset: str, start_deg: float, step_deg: float, largest_deg: float) 
     ):
         before, _, after = text.partition(f"{key} = [")
         text = f"{before}{key} = [{value}, {value}, {value}]{after[after.index(']') + 1 :]}"
-    cell = Cell.from_text(text.replace("deflection = true", "deflection = false"))
-    return Loop(cell, improving_rounds(plan(to_the_widest(cell))))
+    return Cell.from_text(text.replace("deflection = true", "deflection = false"))
 
 
-def _loop(given: Mapping[str, Any], preset: str) -> Loop:
-    return loop_of(preset, given["start_deg"], given["step_deg"], given["largest_deg"])
+def _cell(given: Mapping[str, Any], preset: str) -> Cell:
+    return cell_of(preset, given["start_deg"], given["step_deg"], given["largest_deg"])
 
 
 def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """One for each preset and threshold."""
+    """One for each preset and threshold, with the poses that the loop returns for it.
+
+    It is run once, to the widest angles. Thresholds lie in equal ratios, from just above the first
+    C_G to just above the least.
+    """
     found = []
     for preset in settings["presets"]:
-        loop = _loop(settings, preset)
-        for threshold in loop.thresholds(settings["thresholds"]):
-            found.append({**settings, "preset": preset, "threshold": threshold})
+        rounds = improving_rounds(plan(to_the_widest(_cell(settings, preset))))
+        first, least = rounds[0][0].c_g, rounds[-1][0].c_g
+        for threshold in (1.001 * np.geomspace(first, least, settings["thresholds"])).tolist():
+            turn, postures = next(each for each in rounds if each[0].c_g < threshold)
+            own = {"preset": preset, "threshold": threshold, "postures": postures.tolist()}
+            found.append({**settings, **own, "c_g": turn.c_g, "d_deg": turn.variation_deg[0]})
     return found
 
 
 def simulate(task: Task) -> dict[str, Any]:
     """Errors of the trials of a task, a column for each estimator and quantity."""
     given, rng = task.condition, task.rng()
-    loop = _loop(given, given["preset"])
-    turn, postures = loop.returned(given["threshold"])
-    cell, model = loop.cell, loop.cell.model()
+    cell, postures = _cell(given, given["preset"]), np.array(given["postures"])
+    model = cell.model()
     robot = SimulatedRobot.of(cell)
     touched = robot.touch_up(postures, rng, trials=task.trials)
     values = identify_batch(model, touched)
@@ -104,8 +91,8 @@ def simulate(task: Task) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "preset": [given["preset"]] * task.trials,
         "threshold": np.full(task.trials, given["threshold"]),
-        "c_g": np.full(task.trials, turn.c_g),
-        "d_deg": np.full(task.trials, turn.variation_deg[0]),
+        "c_g": np.full(task.trials, given["c_g"]),
+        "d_deg": np.full(task.trials, given["d_deg"]),
         "poses": np.full(task.trials, len(postures)),
         "trial": np.arange(task.first, task.first + task.trials),
         f"predicted_{OFFSET}": np.full(task.trials, np.rad2deg(sigma[0])),

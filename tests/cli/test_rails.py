@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from calib import Robot
 from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
-from calib.robots import Controller
+from calib.robots import ExternalAxes
 from calib.se3 import inverse
 from posedesign.candidates import joint_candidates
 from posedesign.candidates.limits import limits_of
@@ -29,25 +29,30 @@ from posedesign.planning.loop import Replacements
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
-from posedesign.programs import PoseProgram, ProgramPose, find_dialect
-from posedesign.programs.arm import Arm
 from posedesign.report.page import _measured_deg
 from posedesign.report.plots import figure_of_identification
 from posedesign.simulation import SimulatedRobot
 from posedesign.simulation.pictures import simulate_pictures
+from tests.arms import PULSES
 from tests.board_pictures import Camera as BoardCamera
 from tests.board_pictures import take_pictures
 from tests.cli.test_camera import BOARD, LENS, NEAR, X, Z, write_rows
 from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
 
+RAIL = ExternalAxes(slides=1)
 POSTURE = {
     "r2000ic165f": [6.0, 12.0, -40.0, -2.0, -40.0, -73.0],
     "irb120": [0.0, 10.0, 20.0, 0.0, 50.0, 0.0],
     "kr6r900sixx": [0.0, -70.0, 100.0, 0.0, 60.0, 0.0],
     "gp7": [0.0, 10.0, -20.0, 0.0, -60.0, 0.0],
 }
-FORMATS = {"fanuc-ls": "r2000ic165f", "abb-rapid": "irb120", "kuka-krl": "kr6r900sixx"}
+FORMATS = {
+    "fanuc-ls": "r2000ic165f",
+    "abb-rapid": "irb120",
+    "kuka-krl": "kr6r900sixx",
+    "yaskawa-jbi": "gp7",
+}
 MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "gp7": "yaskawa"}
 
 
@@ -82,7 +87,7 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
     assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
     poses = tmp_path / "plan" / "poses.csv"
-    found = read_poses(poses, 7, slides=1)
+    found = read_poses(poses, 7, external=RAIL)
     assert found.postures.shape[1] == 7
     cli("program", poses, "--cell", cell, "--format", "fanuc-ls", "--out", tmp_path / "ls")
     (written,) = (tmp_path / "ls").glob("*.LS")
@@ -114,9 +119,13 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     assert "e1_mm" in (tmp_path / "corrected" / "corrected_poses.csv").read_text()
     corrected = Robot.from_urdf(tmp_path / "corrected" / "corrected.urdf")
     assert (corrected.lower[0], corrected.upper[0]) == (-1.5, 2.5)
-    refuse("correct", cell, found, written, "--out", tmp_path / "prog").says(
-        "programs of arms on slides are not corrected"
-    )
+    said = cli("correct", cell, found, written, "--joints", "--out", tmp_path / "prog")
+    assert said.code == 0
+    places = [
+        re.findall(r"E1=.*", path.read_text())
+        for path in (written, tmp_path / "prog" / written.name)
+    ]
+    assert places[0] == places[1]
     cell.write_text(cell.read_text().replace("slides_mm = [500.0]", "slides_mm = [0.0, 1.0]"))
     refuse("plan", cell, "--out", tmp_path / "plan2").says(
         "2 values for the slides of", "slides_mm"
@@ -127,7 +136,8 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
 
 @pytest.mark.parametrize("dialect", [*FORMATS, "ros-trajectory"])
 def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
-    cell = railed(tmp_path, FORMATS.get(dialect, "irb120"))
+    pulses = f"[program]\npulses_per_deg = {[*PULSES]}\npulses_per_mm = [1310.72]\n"
+    cell = railed(tmp_path, FORMATS.get(dialect, "irb120"), pulses)
     poses = listed(cell)
     made = write_program(
         poses, tmp_path / "out", dialect, program_options(cell, poses), "CALIB01", cell
@@ -137,19 +147,6 @@ def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
     off = np.abs(back.postures - poses.measured.postures[order])
     assert off.max(axis=0)[0] <= 1e-6  # micrometres of the rail
     assert off.max() <= np.deg2rad(1.1e-3)
-
-
-def test_a_kawasaki_has_its_rail_behind_its_joints(tmp_path):
-    arm = Arm(Controller("kawasaki", np.eye(7), np.eye(4), slides=1))
-    postures = np.random.default_rng(0).uniform(-2.5, 2.5, (5, 7))
-    poses = tuple(ProgramPose(f"P{k}", q) for k, q in enumerate(postures, start=1))
-    dialect = find_dialect("kawasaki-as")
-    (path,) = dialect.write(PoseProgram("CALIB", poses, arm=arm), tmp_path)
-    assert dialect.validate(path) == []
-    found = dialect.read(path)
-    np.testing.assert_allclose(found.postures(arm), postures, atol=2e-8)
-    with pytest.raises(FileFormatError, match="axis 7 differs"):
-        found.postures()
 
 
 def test_the_ends_of_a_rail_are_left_out_and_its_unit_is_looked_at(tmp_path):
@@ -173,23 +170,25 @@ def test_a_rail_in_metres_is_not_read_as_millimetres(tmp_path):
     rows = [f"T1,{e},10.5,20.5,-30.5,5.5,40.5,60.5" for e in (0.4, 1.2, 2.05)]
     path.write_text("\n".join([f"target,e1_mm,{joints}", *rows, ""]))
     with pytest.raises(FileFormatError, match=r"looks like metres \(the largest is 2.05\)"):
-        read_measurements(path, 7, slides=1)
-    assert read_measurements(path, 7, slides=1, trust_units=True).data.count == 3
+        read_measurements(path, 7, external=RAIL)
+    assert read_measurements(path, 7, external=RAIL, trust_units=True).data.count == 3
     parked = [
         row.replace(f",{e},", ",0.35,") for row, e in zip(rows, (0.4, 1.2, 2.05), strict=True)
     ]
     path.write_text("\n".join([f"target,e1_mm,{joints}", *parked, ""]))
-    assert read_measurements(path, 7, slides=1).data.postures[0, 0] == pytest.approx(0.35e-3)
+    assert read_measurements(path, 7, external=RAIL).data.postures[0, 0] == pytest.approx(0.35e-3)
 
 
 def test_what_cannot_be_said_of_a_rail_is_refused(tmp_path):
     cell = railed(tmp_path, "gp7")
     poses = listed(cell, 12)
     options = program_options(cell, poses)
-    with pytest.raises(
-        InputError, match=r"rail slides, and the external axes of .* are not written"
+    for dialect, message in (
+        ("robodk-csv", r"rail slides, and the external axes of .* are not written"),
+        ("yaskawa-jbi", "pulses_per_deg has 0 values"),
     ):
-        write_program(poses, tmp_path / "out", "yaskawa-jbi", options, "A", cell)
+        with pytest.raises(InputError, match=message):
+            write_program(poses, tmp_path / "out", dialect, options, "A", cell)
     fanuc = railed(tmp_path, "r2000ic165f", '[program]\nform = "cartesian"\n')
     poses = listed(fanuc, 12)
     with pytest.raises(InputError, match="where its controller has the world is not known"):
@@ -251,7 +250,7 @@ def test_rows_of_one_pose_differ_in_millimetres(tmp_path):
         f"target,e1_mm,{joints},pose\nT1,400,1,2,3,4,5,6,P1\nT1,401.5,1,2,3,4,5,6,P1\n"
     )
     with pytest.raises(FileFormatError, match=r"P1 has other joint values .* \(by 1.5 mm\)"):
-        read_measurements(table, 7, slides=1)
+        read_measurements(table, 7, external=RAIL)
 
 
 def test_on_a_lift_along_the_first_axis_its_zero_is_still_the_target_s(cli, tmp_path):
@@ -284,7 +283,11 @@ def test_a_camera_s_file_has_the_joints_of_its_pictures_as_they_were(cli, tmp_pa
         tmp_path / "pictures", cell.robot, camera, X, T_floor_arm @ Z, 12, rng, near=at
     )
     assert np.ptp(q[:, 0]) > 1.0
-    write_rows(tmp_path / "joints.csv", ["picture", *joint_columns(7, 1)], cell.robot.shown(q))
+    write_rows(
+        tmp_path / "joints.csv",
+        ["picture", *joint_columns(7, RAIL)],
+        cell.robot.shown(q),
+    )
     told = ("--joints", tmp_path / "joints.csv", "--out", tmp_path)
     assert cli("camera", path, tmp_path / "pictures", *told).code == 0
     tree = json.loads((tmp_path / "camera.json").read_text())

@@ -81,7 +81,7 @@ class PinocchioAlone:
         self.model, self.geometry = pin.Model(), pin.GeometryModel()
         joint = 0
         for j in range(chain.n):
-            slides = j < chain.slides
+            slides = chain.external.slides_of(chain.n)[j]
             kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
             axis = chain.axes[j]
             joint = self.model.addJoint(joint, kind(axis), pin.SE3(chain.placements[j]), f"j{j}")

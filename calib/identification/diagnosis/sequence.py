@@ -261,7 +261,7 @@ def incomplete(held: Held) -> Iterator[Finding]:
     bare = held_at(model.with_prior(prior), held.data, held.x)
     view, n = bare.linear.view, model.robot.n
     tried = float(np.log(n * len(WAVES) + 1))
-    for joint in range(model.robot.slides, n):
+    for joint in range(model.robot.n_external, n):
         turn = np.zeros((6, view.q.shape[1]))
         view.turn_about(view.axis(joint), view.walk.origins[joint], turn)
         for wave in WAVES:

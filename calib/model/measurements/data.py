@@ -201,18 +201,22 @@ def same_posture(postures: FloatArray) -> IntArray:
     All of a group are that close to one of them. They are not chained: an arm that is measured
     while it moves slowly would otherwise be in one posture all along.
     """
-    from scipy.spatial import KDTree
-
     distinct, back = np.unique(postures, axis=0, return_inverse=True)
-    first = np.arange(len(distinct))
-    if len(distinct) > 1:
+    first, bound = np.arange(len(distinct)), SAME_POSTURE_RAD
+    # whoever has another near it has one near it in each joint: mostly nobody
+    order = np.argsort(distinct, axis=0)
+    gap = np.diff(np.take_along_axis(distinct, order, axis=0), axis=0) <= bound
+    near = np.zeros(distinct.shape, dtype=bool)
+    none = np.zeros((1, distinct.shape[1]), dtype=bool)
+    np.put_along_axis(near, order, np.vstack([gap, none]) | np.vstack([none, gap]), axis=0)
+    free = np.asarray(near.all(axis=1))
+    if free.any():
+        from scipy.spatial import KDTree  # takes as long to import as the rest of a small command
+
         tree = KDTree(distinct)
-        bound = SAME_POSTURE_RAD
-        gap = tree.query(distinct, k=[2], p=np.inf, distance_upper_bound=bound)[0]
-        free = np.isfinite(np.reshape(gap, -1))
         for i in np.flatnonzero(free).tolist():
             if free[i]:
-                near = np.array(tree.query_ball_point(distinct[i], bound, p=np.inf))
-                near = near[free[near]]
-                first[near], free[near] = i, False
+                same = np.array(tree.query_ball_point(distinct[i], bound, p=np.inf))
+                same = same[free[same]]
+                first[same], free[same] = i, False
     return np.asarray(first[back.ravel()])

@@ -101,8 +101,14 @@ class ParameterBlock(ABC):
         return np.zeros(self.size)
 
 
-def joint_indices(robot: Robot, joints: Sequence[str], *, turning: bool = False) -> list[int]:
-    """Indices of joints by name; with ``turning`` a joint that slides is refused."""
+def joint_indices(
+    robot: Robot, joints: Sequence[str], *, turning: bool = False, of_arm: bool = False
+) -> list[int]:
+    """Indices of joints by name.
+
+    With ``turning`` a joint that slides is refused, with ``of_arm`` one of a positioner: what it
+    carries weighs, and is not described.
+    """
     for joint in joints:
         if joint not in robot.joint_names:
             raise InputError(
@@ -110,7 +116,15 @@ def joint_indices(robot: Robot, joints: Sequence[str], *, turning: bool = False)
                 hint=near_names(joint, robot.joint_names),
                 name=joint,
             )
-    sliding = [j for j in robot.joint_names[: robot.slides] if turning and j in joints]
+    carriers = [j for j in robot.joint_names[: robot.floor] if of_arm and j in joints]
+    if carriers:
+        raise InputError(
+            f"joint {carriers[0]!r} is a positioner's, and what it carries is not described",
+            hint="leave it out: only joints of the arm give way under a torque that is known",
+            name=carriers[0],
+        )
+    external = robot.joint_names[robot.external.sliding]
+    sliding = [j for j in external if turning and j in joints]
     if sliding:
         raise InputError(
             f"joint {sliding[0]!r} slides, and has no such error",

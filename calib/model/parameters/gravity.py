@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.batch_last import turn
+from calib.batch_last import cross, turn
 from calib.errors import InputError
 from calib.model.context import Setup
 from calib.robots import Robot
@@ -53,7 +53,6 @@ class GravityLoad:
         given = [payload] if isinstance(payload, Payload) else list(payload or [])
         self.payloads = tuple(given) or (NOTHING,)
         self._mass = np.array([p.mass_kg for p in self.payloads], dtype=float)
-        self._down = -skew(robot.gravity)
         self._links = robot.link_mass[:, None, None]
         self._carried = np.cumsum(robot.link_mass[::-1])[::-1, None]
         self._com = np.stack([p.com_m for p in self.payloads], axis=-1)
@@ -82,21 +81,26 @@ class GravityLoad:
         for j in reversed(range(self.robot.n - 1)):
             moment[j] += moment[j + 1]
         moment -= (self._carried + mass)[:, None] * walk.origins
-        return np.asarray(self._down @ moment), walk
+        floor, down = self.robot.floor, self.robot.gravity
+        if not floor:
+            return np.asarray(-skew(down) @ moment), walk
+        turned = turn(chain.link_columns(walk, floor - 1), down[:, None])
+        return np.stack([cross(each, turned) for each in moment]), walk
 
     def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`.
 
-        Zero of joints that slide: nothing here gives way along them.
+        Zero of external axes: nothing here gives way along slides, and what a positioner carries is
+        not described.
         """
         torque, walk = self.torques(q, setup)
         along = np.asarray((self.robot.chain.all_axes(walk) * torque).sum(axis=1))
-        along[: self.robot.slides] = 0.0
+        along[: self.robot.n_external] = 0.0
         return along
 
 
 def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
-    """Torque that gravity puts on each joint that turns, ``(..., n)`` [Nm]; zero for slides.
+    """Torque that gravity puts on each joint of the arm, ``(..., n)`` [Nm]; zero of external axes.
 
     Positive where gravity turns the joint in its positive sense: the opposite of what the motors
     hold against it (``pinocchio.computeGeneralizedGravity``). Links without mass weigh nothing.

@@ -85,7 +85,7 @@ class ZeroOffsets(JointErrors):
         prior_m: float | None = None,
     ) -> None:
         indices = joint_indices(robot, joints)
-        units: list[Unit] = ["m" if j < robot.slides else "rad" for j in indices]
+        units: list[Unit] = ["m" if robot.sliding[j] else "rad" for j in indices]
         prior = priors_of_units(units, prior_m, prior_rad)
         super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], units, prior)
 
@@ -173,7 +173,7 @@ class JointScale(JointErrors):
     def __init__(self, robot: Robot, joints: Sequence[str], prior: float | None = None) -> None:
         self._indices = joint_indices(robot, joints)
         names = [f"scale.{joint}" for joint in joints]
-        units: list[Unit] = ["m/m" if j < robot.slides else "rad/rad" for j in self._indices]
+        units: list[Unit] = ["m/m" if robot.sliding[j] else "rad/rad" for j in self._indices]
         super().__init__(self._indices, names, units, prior)
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
@@ -253,7 +253,7 @@ class JointCompliance(JointErrors):
     ) -> None:
         self._load = GravityLoad(robot, payload)
         names = [f"compliance.{joint}" for joint in joints]
-        indices = joint_indices(robot, joints, turning=True)
+        indices = joint_indices(robot, joints, turning=True, of_arm=True)
         super().__init__(indices, names, "rad/Nm", prior)
         self._nominal = np.zeros(len(joints)) if nominal is None else np.asarray(nominal, float)
         if self._nominal.shape != (len(joints),):
@@ -310,7 +310,8 @@ class LostMotion(JointErrors):
         self._load = GravityLoad(robot, payload)
         self._torque_nm = np.broadcast_to(torque, (len(joints),))[:, None]
         names = [f"lost_motion.{joint}" for joint in joints]
-        super().__init__(joint_indices(robot, joints, turning=True), names, "rad", prior_rad)
+        indices = joint_indices(robot, joints, turning=True, of_arm=True)
+        super().__init__(indices, names, "rad", prior_rad)
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Side that gravity pushes the joint to, from -1 to 1."""

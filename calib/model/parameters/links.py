@@ -32,7 +32,8 @@ class LinkGeometry(ParameterBlock):
     Parameters
     ----------
     freed : sequence of str, optional
-        Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
+        Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default,
+        but for the joint of a positioner that moves the base: targets are on that.
     """
 
     beyond_chain = ""
@@ -45,7 +46,10 @@ class LinkGeometry(ParameterBlock):
         prior_rad: float | None = None,
     ) -> None:
         self._robot, self._prior_m, self._prior_rad = robot, prior_m, prior_rad
-        known = [f"link.{joint}.{axis}" for joint in robot.joint_names for axis in AXES]
+        # where the first joint of a positioner sits in the base is where targets sit on it
+        own = robot.joint_names[1:] if robot.floor else robot.joint_names
+        every = [f"link.{joint}.{axis}" for joint in robot.joint_names for axis in AXES]
+        known = [f"link.{joint}.{axis}" for joint in own for axis in AXES]
         wanted = known if freed is None else list(freed)
         strange = next((name for name in wanted if name not in known), None)
         if strange is not None:
@@ -57,7 +61,7 @@ class LinkGeometry(ParameterBlock):
                 name=strange,
             )
         self.names = tuple(name for name in known if name in set(wanted))  # from base to tip
-        places = [divmod(known.index(name), len(AXES)) for name in self.names]
+        places = [divmod(every.index(name), len(AXES)) for name in self.names]
         self._placements = robot.chain.placements
         self._joints = sorted({joint for joint, _ in places})
         self._rows = {
@@ -133,7 +137,7 @@ class BearingCompliance(ParameterBlock):
         prior: float | None = None,
     ) -> None:
         self._load = GravityLoad(robot, payload)
-        self._joints = joint_indices(robot, joints, turning=True)
+        self._joints = joint_indices(robot, joints, turning=True, of_arm=True)
         self._axes = robot.chain.axes[self._joints]
         found = [_across(axis) for axis in self._axes]
         self._directions = [directions for _, directions in found]  # (2, 3) each

@@ -103,6 +103,13 @@ def fit_map(
     return found, inside
 
 
+def spacing(points: FloatArray) -> float:
+    """Median distance of points ``(K, 2)`` from the nearest other one, in their unit."""
+    from scipy.spatial import cKDTree
+
+    return float(np.median(np.asarray(cKDTree(points).query(points, k=[2])[0])))
+
+
 def _fit(xy: FloatArray, px: FloatArray) -> BoardMap | None:
     solved, _ = cv2.findHomography(xy, px, 0)
     if solved is None or not np.isfinite(solved).all():

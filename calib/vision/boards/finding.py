@@ -14,7 +14,6 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from calib.se3 import FloatArray
 from calib.vision.boards.board import (
@@ -27,7 +26,7 @@ from calib.vision.boards.board import (
     KalibrAprilGrid,
     MarkerBoard,
 )
-from calib.vision.boards.board_map import BoardMap, fit_map
+from calib.vision.boards.board_map import BoardMap, fit_map, spacing
 from calib.vision.camera.rendering import GreyImage
 
 SMALLEST_MARKER_PX = 10.0
@@ -173,6 +172,8 @@ def _scales(picture: GreyImage) -> tuple[int, ...]:
 
 def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
     """The whole grid of circles."""
+    from scipy.spatial import cKDTree
+
     for ellipses in dark_ellipses(picture):
         blobs = ellipses[:, :2]
         if len(blobs):  # both sides of a ring are one
@@ -207,6 +208,8 @@ Cells = dict[tuple[int, int], int]
 
 def _lattices(blobs: FloatArray) -> Iterator[Cells]:
     """Lattices that blobs ``(B, 2)`` lie on, each grown from a blob and two of its neighbours."""
+    from scipy.spatial import cKDTree
+
     tree, places = cKDTree(blobs), _Places(blobs)
     far = np.linalg.norm(blobs - np.median(blobs, axis=0), axis=1)
     middle = [int(k) for k in np.argsort(far, kind="stable")]
@@ -340,8 +343,7 @@ def is_face_up(board: Board, board_map: BoardMap, xy: FloatArray) -> bool:
 def _fitted(board: Board, which: NDArray[np.intp], at: FloatArray) -> BoardMap | None:
     """The map that points of a board lie on, seen from its face."""
     xy = board.points[which, :2]
-    near = float(np.median(np.asarray(cKDTree(at).query(at, k=[2])[0])))
-    fitted = fit_map(xy, at, near)
+    fitted = fit_map(xy, at, spacing(at))
     if fitted is None or not is_face_up(board, fitted[0], board.points[:, :2]):
         return None
     return fitted[0] if np.count_nonzero(fitted[1]) >= 0.8 * len(xy) else None

@@ -13,12 +13,11 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from calib.se3 import FloatArray, rotation_angle, transform
+from calib.se3 import FloatArray, rotation_angle
 from calib.vision.boards import Board, detect_board
-from calib.vision.boards.board_map import fit_map
-from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
+from calib.vision.boards.board_map import fit_map, spacing
+from calib.vision.boards.picture import BoardPlate
 from calib.vision.camera import Camera, pose_from_points
 from calib.vision.camera.conic import disc_image, ellipse_of_slope
 from calib.vision.camera.rendering import GreyImage
@@ -46,11 +45,6 @@ class BoardTarget:
         """Middle of what is printed ``(2,)`` [m] in the frame of the board."""
         return np.asarray(self.board.outline[:, :2].mean(axis=0))
 
-    @property
-    def T_board_target(self) -> FloatArray:
-        """The frame of the target in that of the board, OpenCV's, whose z goes into the board."""
-        return transform(T_BOARD_PLATE[:3, :3], [*self.middle_m, 0.0])
-
     def measure(
         self, image: GreyImage, near_px: FloatArray | None = None
     ) -> tuple[FloatArray, str]:
@@ -60,8 +54,7 @@ class BoardTarget:
         if not found.is_ok:
             return nothing, f"{found.status}: {found.message}"
         xy, px = self.board.points[found.seen, :2], found.pixels[found.seen]
-        apart = float(np.median(np.asarray(cKDTree(px).query(px, k=2)[0])[:, 1]))
-        fitted = fit_map(xy, px, apart, refined=True)
+        fitted = fit_map(xy, px, spacing(px), refined=True)
         if fitted is None:
             return nothing, "too few points: those that are seen lie on no plane"
         slope = fitted[0].slope(self.middle_m, _STEP_OF_CELL * self.board.cell_m)

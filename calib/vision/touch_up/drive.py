@@ -44,18 +44,17 @@ def follow(
     carries it stays. And which were found ``(S,)``: not where joint limits or a singularity are in
     the way.
     """
-    slides, arm = robot.slides, robot.chain.arm
-    if len(q) == 1 and not slides:
+    first, arm = robot.n_external, robot.chain.arm
+    if len(q) == 1 and not first:
         one = OnePosture(robot) if one is None else one
         posture, off = one.close_in(q[0], T_wanted[0], _CLOSED, _ITERATIONS)
         out, error = posture[None], np.array([off])
     else:
-        T = T_wanted.copy()  # an arm that has gone along sees a pose come back by as much
-        T[:, :3, 3] -= q[:, :slides] @ robot.chain.slide_directions
-        lower, upper = robot.lower[slides:], robot.upper[slides:]
-        out = close_in(arm, q[:, slides:], T, lower, upper, _ITERATIONS)
+        T = robot.chain.at_rest(T_wanted, q[:, :first]) if first else T_wanted
+        lower, upper = robot.lower[first:], robot.upper[first:]
+        out = close_in(arm, q[:, first:], T, lower, upper, _ITERATIONS)
         error = np.abs(pose_error(arm, out, T)).max(axis=-1)
-        out = np.hstack([q[:, :slides], out])
+        out = np.hstack([q[:, :first], out])
     found = error < CLOSURE_TOLERANCE
     for limit in robot.coupled_limits:
         found &= limit.margin(out) >= 0.0
@@ -112,9 +111,10 @@ class Drive:
     """Where each arm was left by an earlier drive ``(S, n)`` [rad]; NaN where that is not known."""
 
     def __post_init__(self) -> None:
-        if self.robot.slides:
+        if self.robot.n_external:
             raise InputError(
-                f"{self.robot.joint_names[0]} slides, and by sight only turning joints are driven",
+                f"{self.robot.joint_names[0]} is an external axis, and by sight only the "
+                "joints of the arm are driven",
                 hint="hold it where it is: robot.held_mm",
                 name=self.robot.joint_names[0],
             )

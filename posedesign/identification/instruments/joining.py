@@ -218,6 +218,7 @@ def with_joints(
     postures, start, end = rows.postures, rows.times, rows.times
     names, record = rows.names, np.zeros(0)
     if rows.times is not None and is_record(rows.times, section.still_s):
+        # of what slides the same number: the way of a point a metre from a joint
         still = stops_of(rows.times, postures, section.still_s, np.deg2rad(section.still_deg))
         if still.creeping:
             lines = [int(rows.lines[i]) for i in still.creeping]

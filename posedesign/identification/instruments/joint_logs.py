@@ -4,14 +4,17 @@
 RTDE           columns ``actual_q_0 ..`` [rad] and ``timestamp`` [s], with commas or spaces: the
                recorders of ur_rtde and of Universal Robots' RTDE client
 EGM            ``R_FB_POS_RJ1 ..`` [deg] and ``TIMESTAMP`` [ms]: ``EGMLogger`` of ABB's
-               abb_libegm, units as in its ``egm_wrapper.proto``
+               abb_libegm, units as in its ``egm_wrapper.proto``; of axes that slide and carry the
+               arm ``R_FB_POS_EJ1 ..`` [mm], as in ABB's ``egm.proto``
 RSI            ``<AIPos A1="..">`` [deg] and ``<IPOC>`` [ms] of telegrams of a KUKA, or columns of
-               these names: ``AIPos.A1 ..`` or ``A1 ..``, and ``IPOC``
+               these names: ``AIPos.A1 ..`` or ``A1 ..``, and ``IPOC``; of such axes
+               ``<EIPos E1="..">`` [mm], ``EIPos.E1 ..`` or ``E1 ..``
 rostopic       ``field.name0 ..``, ``field.position0 ..`` [rad] and ``%time`` [ns]:
                ``rostopic echo -p`` of a ``sensor_msgs/JointState``
 ros2 topic     ``ros2 topic echo --csv``, without names of columns: seconds, nanoseconds, frame,
                names, positions [rad], then the rest
-PlotJuggler    ``/topic/<joint>/position`` [rad] and ``__time`` [s]
+PlotJuggler    ``/topic/<joint>/position`` [rad] and ``__time`` [s]; what slides is in [m] in all
+               three, as ``sensor_msgs/JointState`` has it
 =============  ====================================================================================
 
 The first three are in the signs of their controllers. Other tables have the columns of
@@ -70,7 +73,10 @@ class JointRows:
 
 @dataclass(frozen=True)
 class Log:
-    """Columns of a controller's log; ``{}`` is the number of the joint."""
+    """Columns of a controller's log; ``{}`` is the number of the joint.
+
+    ``external``: of axes that slide and carry the arm [mm]; empty where it has none.
+    """
 
     name: str
     joint: str
@@ -79,18 +85,19 @@ class Log:
     time: str
     time_unit: str
     maker: str = ""
+    external: str = ""
 
 
 _LOGS = (
     Log("RTDE", "actual_q_{}", 0, "rad", "timestamp", "s", "ur"),
-    Log("EGM", "R_FB_POS_RJ{}", 1, "deg", "TIMESTAMP", "ms", "abb"),
-    Log("RSI", "AIPos.A{}", 1, "deg", "IPOC", "ms", "kuka"),
-    Log("RSI", "A{}", 1, "deg", "IPOC", "ms", "kuka"),
+    Log("EGM", "R_FB_POS_RJ{}", 1, "deg", "TIMESTAMP", "ms", "abb", "R_FB_POS_EJ{}"),
+    Log("RSI", "AIPos.A{}", 1, "deg", "IPOC", "ms", "kuka", "EIPos.E{}"),
+    Log("RSI", "A{}", 1, "deg", "IPOC", "ms", "kuka", "E{}"),
     Log("rostopic", "field.position{}", 0, "rad", "%time", "ns"),
 )
 
-_TELEGRAM = re.compile(r"<AIPos\b([^<>]{0,2000})>|<IPOC>\s*(\d{1,15})\s*</IPOC>")
-_AXIS = re.compile(r"\bA(\d)\s*=\s*[\"']([^\"'<>]{0,40})[\"']")
+_TELEGRAM = re.compile(r"<([AE]IPos)\b([^<>]{0,2000})>|<IPOC>\s*(\d{1,15})\s*</IPOC>")
+_AXIS = re.compile(r"\b([AE]\d)\s*=\s*[\"']([^\"'<>]{0,40})[\"']")
 
 
 def read_joint_rows(
@@ -107,12 +114,12 @@ def read_joint_rows(
     rows = _rows_of(path, text, robot, section, trust_units)
     if rows.times is not None:
         rows = _in_order(rows, rows.times)
-    largest = float(np.abs(np.rad2deg(rows.postures)).max())
-    if largest > LARGEST_DEG:
+    turned = np.rad2deg(np.abs(rows.postures[:, robot.n_external :]).max(axis=1))
+    if turned.max() > LARGEST_DEG:
         raise FileFormatError(
-            f"a joint value is {largest:.4g} deg",
+            f"a joint value is {turned.max():.4g} deg",
             path=path,
-            row=int(rows.lines[np.abs(rows.postures).max(axis=1).argmax()]),
+            row=int(rows.lines[turned.argmax()]),
             hint="are the joints in another unit?",
         )
     return rows
@@ -175,11 +182,16 @@ def _with_times(
 
 
 def _log_of(columns: Sequence[str], robot: Robot) -> tuple[Log | None, list[str]]:
-    """The log that most columns of the joints are of, and all that it should have."""
+    """The log that most columns of the joints are of, and all that it should have.
+
+    Those of external axes come first, as in a posture; where they have names, all are joints.
+    """
     for log in _LOGS:
-        needed = [log.joint.format(k + log.first) for k in range(robot.n)]
-        if 2 * len({*needed} & {*columns}) >= robot.n:
-            return log, needed
+        turning = robot.n - robot.n_external if log.maker else robot.n
+        needed = [log.joint.format(k + log.first) for k in range(turning)]
+        if 2 * len({*needed} & {*columns}) >= turning:
+            external = [log.external.format(k + 1) for k in range(robot.n - turning)]
+            return log, [*filter(None, external), *needed]
     return None, []
 
 
@@ -200,24 +212,24 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
 
 
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
-    """Postures [rad] of what a controller logs."""
-    if robot.slides:
+    """Postures [rad, m] of what a controller logs, external axes first [mm]."""
+    if values.shape[1] < robot.n or robot.external.positioner:
         raise FileFormatError(
-            f"is a log of {log.name}: how it has external axes is not known here",
+            f"is a log of {log.name}, which has no external axes",
             path=path,
             hint="give a table with e1_mm, j1_deg ..",
         )
     if log.unit == "rad":
-        largest = float(np.abs(values).max())
+        largest = float(np.abs(values[:, robot.n_external :]).max())
         if largest > 4.0 * np.pi:
             raise FileFormatError(
                 f"a log of {log.name} is in radians, and its largest value is {largest:.4g}",
                 path=path,
                 hint="was it converted to degrees? Give it as it was recorded, or as j1_deg ..",
             )
+        if not log.maker:
+            return values
         values = np.rad2deg(values)
-    if not log.maker:
-        return np.deg2rad(values)
     if robot.controller is None or robot.controller.maker != log.maker:
         here = "is not known" if robot.controller is None else f"is of {robot.controller.maker}"
         raise FileFormatError(
@@ -290,24 +302,21 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
     values: list[list[float]] = []
     times: list[float] = []
     lines: list[int] = []
+    external: list[list[float]] = []
     line = at = 0
     for found in _TELEGRAM.finditer(text):
         line, at = line + text.count("\n", at, found.start()), found.start()
-        if found[2] is not None:
+        if found[3] is not None:
             if times and np.isnan(times[-1]):
-                times[-1] = float(found[2]) * SECONDS["ms"]
+                times[-1] = float(found[3]) * SECONDS["ms"]
             continue
-        axes = dict(_AXIS.findall(found[1]))
-        texts = [axes.get(str(k + 1), "") for k in range(robot.n)]
-        if not all(map(is_number, texts)):
-            bad = next(k for k, cell in enumerate(texts) if not is_number(cell))
-            raise FileFormatError(
-                f"A{bad + 1} of AIPos is {texts[bad][:LONGEST_SHOWN]!r}, not a number",
-                path=path,
-                row=line + 1,
-                hint=f"log AIPos with A1 to A{robot.n}",
-            )
-        values.append([float(cell.replace(",", ".")) for cell in texts])
+        carriers = found[1] == "EIPos"
+        count = robot.n_external if carriers else robot.n - robot.n_external
+        row = _axes_in(found, count, path, line + 1)
+        if carriers:
+            external.append(row)
+            continue
+        values.append(row)
         times.append(np.nan)
         lines.append(line + 1)
     if not values:
@@ -320,8 +329,30 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
             row=lines[int(timed.argmin())],
             hint="log both, or no IPOC",
         )
-    shown = _of_controller(path, np.array(values), _LOGS[2], robot)
-    return JointRows(path, np.array(lines), shown, np.array(times) if timed.all() else None)
+    if robot.n_external and len(external) != len(values):
+        raise FileFormatError(
+            f"has {len(external)} EIPos for {len(values)} AIPos, and axes carry the arm",
+            path=path,
+            hint="log EIPos in every telegram: DEF_EIPos",
+        )
+    shown = np.hstack([external, values]) if robot.n_external else np.array(values)
+    postures = _of_controller(path, shown, _LOGS[2], robot)
+    return JointRows(path, np.array(lines), postures, np.array(times) if timed.all() else None)
+
+
+def _axes_in(found: re.Match[str], count: int, path: Path, row: int) -> list[float]:
+    """The first so many values of an AIPos or EIPos."""
+    axes, letter = dict(_AXIS.findall(found[2])), found[1][0]
+    texts = [axes.get(f"{letter}{k + 1}", "") for k in range(count)]
+    if not all(map(is_number, texts)):
+        bad = next(k for k, cell in enumerate(texts) if not is_number(cell))
+        raise FileFormatError(
+            f"{letter}{bad + 1} of {found[1]} is {texts[bad][:LONGEST_SHOWN]!r}, not a number",
+            path=path,
+            row=row,
+            hint=f"log {found[1]} with {letter}1 to {letter}{count}",
+        )
+    return [float(cell.replace(",", ".")) for cell in texts]
 
 
 def _of_columns(path: Path, table: Table, section: InstrumentSection, robot: Robot) -> JointRows:
@@ -353,7 +384,7 @@ def joints_of(
             path=path,
             hint="name them from the base on in instrument.columns.joints",
         )
-    if robot.slides:
+    if robot.n_external:
         raise FileFormatError(
             "has joints by columns of its own, and the arm stands on a slide",
             path=path,

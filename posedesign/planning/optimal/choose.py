@@ -59,18 +59,9 @@ from posedesign.selection.select import STARTS
 ATTEMPTS = 6
 """How often poses are chosen while no clear way leads to some of them."""
 
-FROM_BASE = 3
-"""Attempts after which only such candidates are left as :meth:`.Router.reached` knows a way to:
-most straight from the base posture, over which there is a way from each to each."""
-
 TURNED_BACK = 3
 """How often those of the refined poses that no clear way leads to are turned back to what they
 were, before all are."""
-
-ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
-"""Postures of which no joint differs by more from one that no clear way leads to are left out with
-it: none at first, then more and more of them, for a pool may have hundreds of such."""
-
 
 MOST_ALONE = 4
 """Targets of which it is said what each is worth by itself."""
@@ -124,25 +115,13 @@ def without_unreached(
 ) -> CandidatePoses:
     """The pool without postures that no clear way leads to, and those that may share their fate.
 
-    At first those like them, in the end all that no way is known to lead to.
+    At first those alone; then all but such as :meth:`.Router.reached` knows a way to: most straight
+    from the base posture, over which there is a way from each to each.
 
     ``lost``: rows of the pool. ``attempt``: how often others have been left out before. ``kept``:
     how many of the first postures stay in any case, if they are not lost.
     """
-    if attempt + 1 < FROM_BASE:
-        return without_alike(pool, lost, attempt, kept)
-    keep = router.reached(pool.postures)
-    keep[:kept] = True
-    keep[lost] = False
-    return pool.take(keep)
-
-
-def without_alike(
-    pool: CandidatePoses, lost: IntArray, attempt: int, kept: int = 0
-) -> CandidatePoses:
-    """The pool without some postures and those like them; see :func:`without_unreached`."""
-    apart = np.abs(pool.postures[:, None] - pool.postures[lost]).max(axis=2).min(axis=1)
-    keep = apart > ALIKE_RAD[min(attempt, len(ALIKE_RAD) - 1)]
+    keep = router.reached(pool.postures) if attempt else np.ones(len(pool), dtype=bool)
     keep[:kept] = True
     keep[lost] = False
     return pool.take(keep)

@@ -86,15 +86,11 @@ def blocks_of_robots(
     Where such a robot cannot touch the target from a posture, its block is zero: it tells nothing.
     """
     setup = pool.setup(model)
-    blocks = []
-    for x in parameters:
-        q, miss = pool.postures, np.zeros(len(pool))
-        if setup.together == 1:  # several at once are read, at the postures as they are
-            q, miss = touch(model, q, x, setup)
-        found = objective.blocks(model.linearise(q, x, setup))
-        found[~(miss < TOUCHED_M)] = 0.0
-        blocks.append(found)
-    return np.array(blocks)
+    q, miss = pool.postures, np.zeros(len(pool))
+    if setup.together == 1:  # several at once are read, at the postures as they are
+        q, miss = touch(model, q, parameters, setup)
+    blocks = objective.blocks(model.linearise(q, parameters, setup))
+    return np.where((miss < TOUCHED_M)[..., None, None], blocks, 0.0)
 
 
 def robustness(

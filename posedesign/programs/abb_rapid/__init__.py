@@ -21,6 +21,7 @@ class AbbRapid(Dialect):
     maker = "abb"
     suffixes = (".mod", ".modx", ".prg")
     external_axes = 6
+    turning_axes = True
     names = NAMES
     newline = "\r\n"
     notation = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)

@@ -180,7 +180,7 @@ def _load(load: Load | None) -> str:
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
     if program.options.form == "joint":
-        head, n = "jointtarget jp", rows.shape[1] - arm.slides
+        head, n = "jointtarget jp", rows.shape[1] - arm.n_external
         values = [f"[{','.join(plain_all(row[:n], JOINT_DECIMALS))}]" for row in rows]
         external = [_connected(row[n:]) for row in rows]
     else:
@@ -198,9 +198,9 @@ def _positions(program: PoseProgram, arm: Arm) -> list[str]:
     return lines
 
 
-def _connected(values_mm: FloatArray) -> str:
-    """External axes with values [mm], eax_a first; the others are not connected."""
-    there = plain_all(values_mm, PLACE_DECIMALS)
+def _connected(values: FloatArray) -> str:
+    """External axes with values [mm, deg], eax_a first; the others are not connected."""
+    there = plain_all(values, PLACE_DECIMALS)
     return f"[{','.join([*there, *['9E9'] * (6 - len(there))])}]"
 
 

@@ -31,6 +31,7 @@ class FanucLs(Dialect):
     maker = "fanuc"
     suffixes = (".ls", REGISTERS)
     external_axes = 3
+    turning_axes = True
     names = writer.NAMES
     newline = "\r\n"
     numbered_frames = True

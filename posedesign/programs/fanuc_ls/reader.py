@@ -187,21 +187,24 @@ def _with_other_axes(
     ]
     at_rest((value for number, value in values if number != 1), path)
     carried = carried_off((value for number, value in values if number == 1), path)
-    return tuple(
-        replace(position, carried=carried.get(label), external_mm=_millimetres(of_position[1]))
-        for position, (label, of_position) in zip(positions, groups.items(), strict=True)
-    )
+    found = []
+    for position, (label, of_position) in zip(positions, groups.items(), strict=True):
+        extended, units = _extended(of_position[1])
+        own = replace(position, external_mm=extended, external_units=units)
+        found.append(replace(own, carried=carried.get(label)))
+    return tuple(found)
 
 
-def _millimetres(group: Group) -> tuple[float, ...]:
-    """Values of the extended axes that slide, up to the first that does not or has none."""
-    values = []
+def _extended(group: Group) -> tuple[tuple[float, ...], tuple[str, ...]]:
+    """Values and units of the extended axes, up to the first that has none."""
+    values, units = [], []
     for axis in EXTENDED:
         text, unit = group.fields.get(axis, ("*", ""))
-        if text.startswith("*") or unit != "mm":
+        if text.startswith("*"):
             break
         values.append(float(text))
-    return tuple(values)
+        units.append(unit)
+    return tuple(values), tuple(units)
 
 
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:

@@ -151,7 +151,7 @@ def _label(number: int, pose: ProgramPose) -> str:
 
 
 def _joint_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
-    options = program.options
+    options, units = program.options, arm.external_units
     # + 0.0 turns the -0.0 of a rounded small number into 0.0, which is written without a sign.
     values = np.round(shown_deg(arm, program.poses), 3) + 0.0
     frames = f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t"
@@ -160,7 +160,10 @@ def _joint_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
             frames,
             *_in_rows(
                 [f"J{j + 1}={v:10.3f} deg" for j, v in enumerate(q[:JOINTS])]
-                + [f"E{j + 1}={v:10.3f}  mm" for j, v in enumerate(q[JOINTS:])]
+                + [
+                    f"E{k}={v:10.3f} {unit:>3}"
+                    for k, (v, unit) in enumerate(zip(q[JOINTS:], units, strict=True), start=1)
+                ]
             ),
         ]
         for q in values

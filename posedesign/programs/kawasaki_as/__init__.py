@@ -246,6 +246,7 @@ class KawasakiAs(JointDialect):
     )
     head = ("  SPEED {percent} ALWAYS",)
     external_axes = 6
+    turning_axes = True
     most_output = 999  # inputs are numbered from 1001
     reader = parse_kawasaki_as
     rules = judged(LANGUAGE, ("program", "position"), _check)

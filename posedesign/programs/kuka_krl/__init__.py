@@ -22,6 +22,7 @@ class KukaKrl(Dialect):
     suffixes = (".dat", ".src")
     companions = (".src",)
     external_axes = 6
+    turning_axes = True
     names = NAMES
     newline = "\r\n"
     notation = Notation(joint=5, place=4, turned=5, turn=ABC, counts_at=7)

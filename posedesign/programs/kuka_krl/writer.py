@@ -187,7 +187,7 @@ def _source(program: PoseProgram, arm: Arm) -> str:
 
 def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)
-    names = (*AXES, *EXTERNAL[: arm.slides])
+    names = (*AXES, *EXTERNAL[: arm.n_external])
     return ["{" + _fields(names, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
 
 

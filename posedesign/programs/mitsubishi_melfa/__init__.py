@@ -4,6 +4,10 @@ A file ``NAME.mb5`` of numbered steps, with the positions J1, J2, ... in a list 
 ToolBox saves them. Touched-up positions are taught into J1, J2, ... themselves. Nothing was loaded
 on a controller, and poses are not written: structure flags are not known well enough.
 
+Additional axes, which carry the arm or a part, are J7 and J8 behind the six joints of a joint
+position, in mm or deg as a parameter of the controller says (CR1D, 4.3.13): those of a rail are
+written and read in mm.
+
 Read is the list behind the steps: joints in degrees, poses in mm and degrees. ``J3`` of a program
 that carries the mark of a plan is the pose of number 3; other positions are numbered behind, in
 their order. Poses are taken without their structure flags, of which public sources do not say the
@@ -33,7 +37,7 @@ from lark import Token, Tree
 from calib.errors import InputError
 from posedesign.programs import rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JOINTS, JointDialect
+from posedesign.programs.joint_programs import JOINTS, Found, JointDialect, carried_in
 from posedesign.programs.language import (
     Language,
     Statement,
@@ -46,7 +50,7 @@ from posedesign.programs.language import (
 from posedesign.programs.notation import Notation
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
+from posedesign.programs.reading import joint_deg, millimetres, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import (
     Level,
@@ -94,6 +98,8 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
     mark = next((mark for note in notes if (mark := PlanMark.found_in(note))), None)
     names = {int(pose[1]): pose[2] or "" for note in notes if (pose := _POSE.fullmatch(note))}
     found: dict[str, RecordedPosition] = {}
+    stored: list[Found] = []
+    joints_of_seven = False
     for statement in LANGUAGE.statements(text):
         if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
             refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
@@ -105,28 +111,44 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
         if not all(value.data == "number" for value in values):
             refuse(f"{name} is no list of numbers", path, statement.row)
         at = RecordedPosition(0, name, statement.row)
-        found[name.upper()] = _with_values(at, name, [text_of(value) for value in values], path)
+        texts = [text_of(value) for value in values]
+        found[name.upper()] = _with_values(at, name, texts, path)
+        stored.append((name, statement.row, texts))
+        joints_of_seven |= name[0] in "Jj" and len(texts) == JOINTS + 1
     if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
     numbering = Numbering(_PLANNED if mark else _NEVER, _NEVER, mark, names if mark else {})
     numbered = numbering.of([Named(at.name, at.line) for at in found.values()], path)
     pairs = zip(found.values(), numbered, strict=True)
-    positions = [replace(at, number=n, name=own.name) for at, (n, own) in pairs]
+    carried = {} if joints_of_seven else carried_in(stored, path)
+    external = {name: tuple(map(float, texts[JOINTS:])) for name, _, texts in stored}
+    positions = [
+        replace(
+            *(at,),
+            number=n,
+            name=own.name,
+            external_mm=external[at.name],
+            carried=carried.get(at.name),
+        )
+        for at, (n, own) in pairs
+    ]
     positions.sort(key=lambda position: position.number)
     return RecordedProgram(path.stem, "", mark or PlanMark(), tuple(positions), None)
 
 
 def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) -> RecordedPosition:
-    """A position with its values; those behind six are of axes that carry the arm, or a part."""
+    """A position with its values; those behind six are of axes that carry the arm, or a part.
+
+    Seven joint values are all kept: they are an arm's with seven joints, or of one on a rail.
+    """
     joints = name[0] in "Jj"
-    if len(texts) > JOINTS + joints:
-        if any(number(text, name, path, at.line, 1e6) for text in texts[JOINTS:]):
-            refuse(f"{name} moves additional axes", path, at.line, "measure with them at rest")
-        texts = texts[:JOINTS]
+    texts = texts[:JOINTS] if len(texts) > JOINTS + joints else texts
     if len(texts) < (1 if joints else JOINTS):
         refuse(f"{name} has {len(texts)} values", path, at.line)
     if joints:
-        return replace(at, shown_deg=np.array([joint_deg(t, name, path, at.line) for t in texts]))
+        shown = [joint_deg(t, name, path, at.line) for t in texts[:JOINTS]]
+        shown += [millimetres(t, name, path, at.line) for t in texts[JOINTS:]]
+        return replace(at, shown_deg=np.array(shown))
     return replace(at, T_user_tool=poses_of(pose_values(texts, "XYZABC", name, path, at.line))[0])
 
 
@@ -188,11 +210,12 @@ def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:
     plain = bool(values) and all(value.data == "number" for value in values)
     if twice or not plain or not (1 if joints else JOINTS) <= len(values) <= 8:
         yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
-    elif joints and not all(abs(float(text_of(value))) <= 720 for value in values):
+    elif joints and not all(abs(float(text_of(value))) <= 720 for value in values[:JOINTS]):
         yield Problem(s.row, "range", f"{name[:40]} has a joint beyond +-720 deg")
 
 
 SIGNS = "signs of the joints, which are those of the robot's description"
+EXTERNAL = "zero, direction and unit of J{}, taken to be those of {} in the description, in mm"
 
 
 class MitsubishiMelfa(JointDialect):
@@ -214,6 +237,7 @@ class MitsubishiMelfa(JointDialect):
     )
     head = ("Servo On", "Cnt 0", "JOvrd {percent}")
     notation = Notation(joint=5)
+    external_axes = 2
     reader = parse_mitsubishi_melfa
     rules = check_mitsubishi_melfa
 
@@ -224,7 +248,19 @@ class MitsubishiMelfa(JointDialect):
         """The file. It says that nobody has compared the signs of the joints."""
         if arm.n > 8:
             raise InputError("a joint position has at most 8 values", name="poses", value=arm.n)
-        return super().render(replace(program, not_checked=(*program.not_checked, SIGNS)), arm)
+        if arm.n_external and arm.n - arm.n_external != JOINTS:
+            raise InputError(
+                f"additional axes stand behind six joints, the arm has {arm.n - arm.n_external}",
+                hint="hold the slide where it is: robot.held_mm",
+                name="poses",
+            )
+        external = [
+            EXTERNAL.format(k, name)
+            for k, name in enumerate(arm.joint_names[JOINTS:], start=JOINTS + 1)
+            if arm.n_external
+        ]
+        said = (*program.not_checked, SIGNS, *external)
+        return super().render(replace(program, not_checked=said), arm)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """Numbered steps, and the positions behind them."""

@@ -32,6 +32,7 @@ class _RosList(Dialect):
     maker = None
     suffixes = (".yaml", ".yml")
     external_axes = 6
+    turning_axes = True
     forms = ("joint",)
     names = NameRule("a name for a list", 64, small=True)
     encoding = "utf-8"

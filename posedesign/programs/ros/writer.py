@@ -73,7 +73,7 @@ def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
             hint="poses that are only passed through are left out of this format",
             name=program.name,
         )
-    in_si = shown_deg(arm, program.poses) / np.roll(shown_of(arm.n, arm.slides), -arm.slides)
+    in_si = shown_deg(arm, program.poses) / shown_of(arm.n, arm.controller.external)[arm.order]
     postures = np.asarray(np.round(in_si, DECIMALS) + 0.0)
     names = [f"- {n if _BARE.fullmatch(n) else json.dumps(n)}" for n in arm.joint_names]
     lines = _heading(program, layout.title) + (_STAMP if layout.timed else [])
@@ -140,17 +140,17 @@ def _time(milliseconds: int) -> str:
 
 
 def joint_speeds(arm: Arm, percent: float) -> FloatArray:
-    """Speeds ``(n,)`` [rad/s, m/s] at so many percent of the description's, slides last.
+    """Speeds ``(n,)`` [rad/s, m/s] at so many percent of the description's, in their order.
 
     Joints without one are as fast as the median of the others, or as :data:`UNKNOWN_SPEED`; slides
     without one go at :data:`UNKNOWN_SLIDE`.
     """
     speeds = np.full(arm.n, np.nan) if arm.robot is None else arm.robot.speed
-    known, sliding = np.isfinite(speeds), np.arange(arm.n) < arm.slides
+    known, sliding = np.isfinite(speeds), arm.controller.external.slides_of(arm.n)
     turning = known & ~sliding
     usual = float(np.median(speeds[turning])) if turning.any() else UNKNOWN_SPEED
     each = np.where(known, speeds, np.where(sliding, UNKNOWN_SLIDE, usual))
-    return np.roll(each, -arm.slides) * percent / 100.0
+    return each[arm.order] * percent / 100.0
 
 
 def point_times_ms(
@@ -166,7 +166,7 @@ def point_times_ms(
     """
     speeds, farthest = joint_speeds(arm, percent), np.full(arm.n, np.pi)
     if arm.robot is not None:
-        upper, lower = (np.roll(b, -arm.slides) for b in (arm.robot.upper, arm.robot.lower))
+        upper, lower = (b[arm.order] for b in (arm.robot.upper, arm.robot.lower))
         farthest = np.maximum(np.abs(upper - path[0]), np.abs(path[0] - lower))
     moves = np.vstack([farthest, np.abs(np.diff(path, axis=0))])
     cubic = CUBIC_PEAK * (moves / speeds).max(axis=1)

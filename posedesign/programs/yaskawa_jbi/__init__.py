@@ -15,7 +15,7 @@ from posedesign.programs.recorded import RecordedProgram
 from posedesign.programs.yaskawa_jbi import writer
 from posedesign.programs.yaskawa_jbi.reader import parse_yaskawa_jbi
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
-from posedesign.programs.yaskawa_jbi.spec import AXES, NAMES, checked, found_in
+from posedesign.programs.yaskawa_jbi.spec import AXES, EXTERNAL, NAMES, checked, found_in
 
 __all__ = ["YaskawaJbi"]
 
@@ -29,6 +29,8 @@ class YaskawaJbi(Dialect):
         Encoder pulses in one degree of S, L, U, R, B, T, signed. They are needed to read jobs that
         do not carry them in comments, and to write joint positions where the options of the
         program have none. InputError where they are not six numbers of a size that arms have.
+    pulses_per_mm : sequence of float, optional
+        The same in one millimetre of each base axis that carries the arm, signed.
     """
 
     name = "yaskawa-jbi"
@@ -42,19 +44,36 @@ class YaskawaJbi(Dialect):
     """About a pulse: arms have some hundreds to thousands in a degree."""
     rules = check_yaskawa_jbi
 
-    def __init__(self, pulses_per_deg: Sequence[float] = ()) -> None:
+    external_axes = len(EXTERNAL)
+
+    def __init__(
+        self, pulses_per_deg: Sequence[float] = (), pulses_per_mm: Sequence[float] = ()
+    ) -> None:
         self.pulses_per_deg = checked(pulses_per_deg) if len(pulses_per_deg) else ()
+        axes = EXTERNAL[: max(len(pulses_per_mm), 1)]
+        self.pulses_per_mm = (
+            checked(pulses_per_mm, "pulses_per_mm", axes) if len(pulses_per_mm) else ()
+        )
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        pulses = program.options.pulses_per_deg or self.pulses_per_deg
-        return {f"{program.name}.JBI": writer.render_yaskawa_jbi(program, arm, pulses)}
+        options = program.options
+        text = writer.render_yaskawa_jbi(
+            program,
+            arm,
+            options.pulses_per_deg or self.pulses_per_deg,
+            options.pulses_per_mm or self.pulses_per_mm,
+        )
+        return {f"{program.name}.JBI": text}
 
     def most_poses(self, program: PoseProgram) -> int | None:
         besides, each = writer.lines_besides(program)
         return (writer.MOST_LINES - besides) // each
 
-    def reading(self, pulses_per_deg: Sequence[float]) -> YaskawaJbi:
-        return YaskawaJbi(pulses_per_deg) if len(pulses_per_deg) else self
+    def reading(
+        self, pulses_per_deg: Sequence[float], pulses_per_mm: Sequence[float] = ()
+    ) -> YaskawaJbi:
+        known = len(pulses_per_deg) or len(pulses_per_mm)
+        return YaskawaJbi(pulses_per_deg, pulses_per_mm) if known else self
 
     def notation_of(self, text: str) -> Notation:
         """In the pulses of a degree that the job says, or that are known."""
@@ -63,4 +82,4 @@ class YaskawaJbi(Dialect):
         return Notation(0, 3, 4, np.array(pulses) if len(pulses) == len(AXES) else 1.0)
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        return parse_yaskawa_jbi(data, path, self.pulses_per_deg)
+        return parse_yaskawa_jbi(data, path, self.pulses_per_deg, self.pulses_per_mm)

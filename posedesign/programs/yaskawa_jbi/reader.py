@@ -10,17 +10,19 @@ there are left out; where it holds none, the planned positions are read, and mar
 The numbers of ``///USER`` and ``///TOOL`` go with the positions; frame 0 is the base frame.
 
 Pulses become degrees with the ratios in the comments ``'PULSES S 1638.4``, or with those that the
-dialect was made with. Steps of a second robot (``+MOVJ``) are left out. What would be read wrong in
-silence is refused with its line: base or station axes that stand elsewhere at some of the poses,
-positions in a frame that moves, lost lines, steps that are no INFORM and name a position.
+dialect was made with. So do those of base axes (BC, BP), in millimetres; without their ratios they
+are only compared, and in a frame they are distances from its origin, which is not known. Steps of a
+second robot (``+MOVJ``) are left out. What would be read wrong in silence is refused with its line:
+station axes that stand elsewhere at some of the poses, base axes where the arm's description has
+none, positions in a frame that moves, lost lines, steps that are no INFORM and name a position.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -29,7 +31,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from lark import Token, Tree
 
-from calib.errors import InputError
+from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
 from posedesign.programs.language import Language, Line, Statement, subtrees
@@ -39,6 +41,7 @@ from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProg
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi.spec import (
     AXES,
+    EXTERNAL,
     HEADINGS,
     INSTRUCTIONS,
     KINDS,
@@ -58,6 +61,9 @@ _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
 _POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
+_BASES = ("BC", "BP")
+"""Kinds of positions of base axes."""
+
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
 are then in BC variables."""
@@ -210,11 +216,15 @@ INFORM = Language(__package__, joined=_without_argument_names, signed=True, lett
 
 
 def parse_yaskawa_jbi(
-    data: bytes, path: Path | str, pulses_per_deg: tuple[float, ...] = ()
+    data: bytes,
+    path: Path | str,
+    pulses_per_deg: tuple[float, ...] = (),
+    pulses_per_mm: tuple[float, ...] = (),
 ) -> RecordedProgram:
     """Job in the content of a file; see the module.
 
-    ``pulses_per_deg`` are for jobs that do not say them; refused where the job says otherwise.
+    ``pulses_per_deg``, ``pulses_per_mm`` are for jobs that do not say them; refused where the job
+    says otherwise.
 
     Raises FileFormatError: the file is no job, is cut off, or holds no position that can be read.
     """
@@ -224,7 +234,7 @@ def parse_yaskawa_jbi(
     for problem in faults_of(job):
         if problem.level == "error":
             refuse(problem.message, path, problem.line, hint)
-    reader = _Reader(job, path, pulses_per_deg)
+    reader = _Reader(job, path, pulses_per_deg, pulses_per_mm)
     name = next((s.word("TEXT") for s in job.head if s.kind == "name"), "")
     if not name:
         refuse("has no name behind //NAME", path, job.marks[0].row)
@@ -242,9 +252,11 @@ def parse_yaskawa_jbi(
 class _Reader:
     """Collects what the steps say of the positions, and then reads those."""
 
-    def __init__(self, job: Job, path: Path | str, given: tuple[float, ...]) -> None:
+    def __init__(
+        self, job: Job, path: Path | str, per_deg: tuple[float, ...], per_mm: tuple[float, ...]
+    ) -> None:
         self.stored = {stored.name: stored for stored in job.stored}
-        self.path, self.given = path, given
+        self.path, self.per_deg, self.per_mm = path, per_deg, per_mm
         self.announced = Announced(path)
         self.ratios: dict[str, float] = {}  # pulses/deg of the axes
         self.used: set[Name] = set()
@@ -253,6 +265,7 @@ class _Reader:
         self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
         self._at: Name | None = None
         self._ratios: tuple[float, ...] = ()
+        self._base_ratios: tuple[float, ...] | None = None
 
     @property
     def untouched(self) -> bool:
@@ -316,8 +329,9 @@ class _Reader:
             if source[name] in self.stored
             and (name in self.used or (name.kind == "C" and name not in self.other_robot))
         ]
-        self._check_carriers(wanted)
         taken = [self.stored[source[name]] for name in wanted]
+        bases = [self._base_of(name, source[name]) for name in wanted]
+        carried = self._carried(wanted, bases)
         values = [
             pose_values(self._six(stored), _POSE, stored.label, self.path, stored.row)
             for stored in taken
@@ -328,8 +342,12 @@ class _Reader:
         usual = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
         numbers = self.announced.numbered([(name, "") for name in wanted], usual)
         return tuple(
-            self._position(*number, stored, None if stored.form == "PULSE" else next(poses))
-            for number, stored in zip(numbers, taken, strict=True)
+            replace(
+                self._position(*number, stored, None if stored.form == "PULSE" else next(poses)),
+                external_mm=self._millimetres(source[name] == name, base),
+                carried=carried.get(name),
+            )
+            for number, name, stored, base in zip(numbers, wanted, taken, bases, strict=True)
         )
 
     def _position(
@@ -374,21 +392,24 @@ class _Reader:
         values = []
         self._ratios = self._ratios or self._all_ratios(stored.row)
         for axis, text, ratio in zip(AXES, self._six(stored), self._ratios, strict=True):
-            if not _WHOLE.fullmatch(text):
-                reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
-                self.refuse(reason, stored.row)
-            values.append(int(text) / ratio)
+            values.append(self._whole(stored, axis, text) / ratio)
             if abs(values[-1]) > MOST_JOINT_DEG:
                 reason = f"{stored.label}: {axis} is {text} pulses, {values[-1]:.0f} deg"
                 self.refuse(reason, stored.row, "are the pulses/deg those of this arm?")
         return np.array(values)
 
+    def _whole(self, stored: Stored, axis: str, text: str) -> int:
+        if not _WHOLE.fullmatch(text):
+            reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
+            self.refuse(reason, stored.row)
+        return int(text)
+
     def _all_ratios(self, row: int) -> tuple[float, ...]:
         """Pulses/deg of the job, or those given; they must not contradict each other."""
         missing = [axis for axis in AXES if axis not in self.ratios]
-        if missing and self.ratios:
+        if missing and len(missing) < len(AXES):
             self.refuse(f"the comment 'PULSES {missing[0]} is lost", row, "put it back")
-        if missing and not self.given:
+        if missing and not self.per_deg:
             self.refuse(
                 "positions are in encoder pulses, and the job does not say how many are a degree",
                 row,
@@ -397,30 +418,72 @@ class _Reader:
                 "controller's parameter file",
             )
         if missing:
-            return self.given
+            return self.per_deg
+        return self._agreed("pulses_per_deg", AXES, self.per_deg, row)
+
+    def _agreed(
+        self, name: str, axes: Sequence[str], given: tuple[float, ...], row: int
+    ) -> tuple[float, ...]:
+        """Ratios that the comments of the job say, which must not contradict those given."""
         try:
-            ratios = checked([self.ratios[axis] for axis in AXES])
+            ratios = checked([self.ratios[axis] for axis in axes], name, axes)
         except InputError as error:
             self.refuse(error.message, row, error.hint)
-        if self.given and not np.allclose(ratios, self.given, rtol=1e-6, atol=0.0):
-            self.refuse(
-                "the pulses/deg of its comments are not those given", row, "which are right?"
-            )
+        if given and not (
+            len(given) == len(ratios) and np.allclose(ratios, given, rtol=1e-6, atol=0.0)
+        ):
+            unit = name.removeprefix("pulses_per_")
+            reason = f"the pulses/{unit} of its comments are not those given"
+            self.refuse(reason, row, "which are right?")
         return ratios
 
-    def _check_carriers(self, wanted: list[Name]) -> None:
-        """Refuse poses between which a base axis or a station moves: it carries arm or target."""
+    def _base_of(self, name: Name, source: Name) -> Name | None:
+        """Where base axes stand at a position: GETS stores them beside the arm's joints."""
+        beside = Name("BP", source.number)
+        if source != name and beside in self.stored:
+            return beside
+        _, axes = self.axes.get(name, (0, []))
+        return next((axis for axis in axes if axis.kind in _BASES), None)
+
+    def _millimetres(self, planned: bool, base: Name | None) -> tuple[float, ...]:
+        """Values of base axes; none where nothing says what a pulse is, or where they stood."""
+        stored = None if base is None else self.stored.get(base)
+        if stored is None or stored.form != "PULSE" or not (planned or stored.name.kind == "BP"):
+            return ()
+        if self._base_ratios is None:
+            said = [axis for axis in EXTERNAL if axis in self.ratios]
+            self._base_ratios = (
+                self._agreed("pulses_per_mm", said, self.per_mm, stored.row)
+                if said
+                else self.per_mm
+            )
+        named = zip(EXTERNAL, stored.values, self._base_ratios, strict=False)
+        return tuple(self._whole(stored, axis, text) / ratio for axis, text, ratio in named)
+
+    def _carried(self, wanted: list[Name], bases: list[Name | None]) -> dict[Name, FileFormatError]:
+        """Positions that a base axis has left its place in, as it may carry the arm's base.
+
+        Refused are those between which a station moves: it carries the target.
+        """
         announced = self.announced.found
-        first: list[tuple[str, object]] | None = None
-        for name in wanted:
+        found: dict[Name, FileFormatError] = {}
+        first: list[tuple[object, ...]] = []
+        for name, base in zip(wanted, bases, strict=True):
             if name not in self.axes or (announced and name not in announced):
                 continue
             row, axes = self.axes[name]
-            values: list[tuple[str, object]] = [
-                (axis.kind, self.stored[axis].values if axis in self.stored else axis)
-                for axis in axes
+            stations = [axis for axis in axes if axis.kind not in _BASES]
+            values: list[tuple[object, ...]] = [
+                tuple(self.stored[axis].values if axis in self.stored else axis for axis in some)
+                for some in ([base] if base else [], stations)
             ]
-            first = values if first is None else first
-            if values != first:
-                reason = "base or station axes stand elsewhere than at the poses before"
-                self.refuse(reason, row, "measure with these axes at rest")
+            first = first or values
+            hint = "measure with these axes at rest"
+            if values[1] != first[1]:
+                reason = "station axes stand elsewhere than at the poses before"
+                self.refuse(reason, row, hint)
+            if values[0] != first[0]:
+                reason = "base axes stand elsewhere than at the poses before"
+                hint += ", or describe the slide in the URDF"
+                found[name] = FileFormatError(reason, path=self.path, row=row, hint=hint)
+        return found

@@ -12,10 +12,12 @@ rule                   what it asks (m: of programs that measure; n: only noted)
 ``sections``           /JOB, //POS, //INST in this order; the steps from NOP to END
 ``job-name``           //NAME: letters, digits, _ and -, 32 in all (DX100 on; NX100 takes 8)
 ``header``             ///DATE and ///ATTR with SC and one of RW, RO, WO; ///GROUP1 where something
-                       moves; each once; ///COMM of at most 32 characters; n: unknown headings
+                       moves, with BS where a base axis does; each once; ///COMM of at most 32
+                       characters; n: unknown headings
 ``npos``               ///NPOS: the number of positions of each kind
 ``position-format``    each position with tool, ///POSTYPE and ///PULSE or ///RECTAN above; if it
-                       is an arm's six to eight values, as all others; frames 0 to 63
+                       is an arm's six to eight values, as all others, if a base axis's one to
+                       three; frames 0 to 63
 ``number``             pulses whole, of 32 bits; m: at most 3 decimals of a mm and 4 of a degree,
                        no ``-0.000``, degrees in [-180, 180]
 ``rconf``              poses have ///RCONF of 6 (the manual of NX100), 8 or 24 values, the first six
@@ -24,7 +26,8 @@ rule                   what it asks (m: of programs that measure; n: only noted)
                        that is theirs
 ``instruction``        no step begins with what is nearly an instruction, or no word of any; n: with
                        another unknown word, which an option may know
-``move``               one position of each kind; options that moves have, once each; m: a speed
+``move``               one position of each kind; options that moves have, once each; m: a speed,
+                       and a position of the base axes where other moves have one
 ``block``              what IFTHEN, WHILE, FOR and SWITCH open is closed
 ``position-unique``    each position is there once
 ``position-defined``   each position that is moved to is there
@@ -58,8 +61,8 @@ from posedesign.programs.yaskawa_jbi.reader import Job, Name, Stored
 from posedesign.programs.yaskawa_jbi.spec import INSTRUCTIONS, MOST_COMMENT, MOST_FRAME
 
 _MOST_STEPS = 9999
-_WIDTHS = (6, 7, 8)
-"""Values of a position of an arm: those of seven axes have more than six."""
+_WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
+"""Values of a position of an arm, those of seven axes having more than six; of base axes."""
 
 _OF_INST = ("date", "comm", "attr", "frame", "group", "heading")
 _NOT_OF_INST = {"npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "name"}
@@ -142,6 +145,10 @@ def _check_header(job: Job) -> Iterator[Problem]:
     if groups != [str(k + 1) for k in range(len(groups))] or (moves and not groups):
         row = of["group"][0].row if groups else 1
         yield Problem(row, "header", "///GROUP1 is due, and then 2 and 3 for further ones")
+    controls = {word[:2] for s in of["group"] for word in s.words("CONTROL")}
+    based = next((s for s in of["move"] if _has_base(s)), None)
+    if based and groups and "BS" not in controls:
+        yield Problem(based.row, "header", "a base axis moves, and no ///GROUP has BS1")
     for statement in of["date"]:
         try:
             datetime.strptime(" ".join(statement.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
@@ -159,19 +166,21 @@ def _check_header(job: Job) -> Iterator[Problem]:
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
-    width = next((len(s.values) for s in job.stored if s.name.kind in "CP"), 0)
+    widths: dict[str, int] = {}
     relative = any("RJ" in s.words("ATTRIBUTE") for s in job.kinds["attr"])
     frame = " ".join(str(word) for s in job.kinds["frame"] for word in s.tree.children)
     for stored in job.stored:
         for fault in _frame_faults(stored.frame, stored.tool, stored.user):
             yield Problem(stored.row, "position-format", f"{stored.label} {fault}")
         yield from _number_faults(stored)
-        if stored.name.kind not in "CP":
+        carrier, count = stored.name.kind.rstrip("CPX"), len(stored.values)
+        if carrier not in _WIDTHS:
             continue
-        if len(stored.values) not in _WIDTHS or len(stored.values) != width:
-            reason = f"{stored.label} has {len(stored.values)} values, not six"
+        if count not in _WIDTHS[carrier] or count != widths.setdefault(carrier, count):
+            due = "one to three, as all others" if carrier else "six"
+            reason = f"{stored.label} has {count} values, not {due}"
             yield Problem(stored.row, "position-format", reason)
-        if stored.form != "RECTAN":
+        if stored.form != "RECTAN" or carrier:
             continue
         fault, level = _rconf_fault(stored.rconf)
         if fault:
@@ -249,6 +258,7 @@ def _check_use(job: Job) -> Iterator[Problem]:
 
 def _check_steps(job: Job) -> Iterator[Problem]:
     stands = has_speed = False
+    carried = any(map(_has_base, job.kinds["move"]))
     for statement in job.inst:
         row, kind = statement.row, statement.kind
         found: list[Found] = []
@@ -260,6 +270,9 @@ def _check_steps(job: Job) -> Iterator[Problem]:
                 stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
                 if not has_speed and not any(p.data.endswith("speed") for p in parts):
                     found.append(("move", "no speed, and no SPEED above", "measuring"))
+                if carried and not _has_base(statement) and reader.names_in(statement.tree):
+                    reason = "no position of the base axes, which other moves have"
+                    found.append(("move", reason, "measuring"))
             for move in statement.all("move", "also"):
                 found += _move_faults(move)
         elif kind == "call" and not stands:
@@ -273,6 +286,11 @@ def _check_steps(job: Job) -> Iterator[Problem]:
         found += [("argument", fault, "error")] if fault else []
         for rule, reason, level in found:
             yield Problem(row, rule, reason, level)
+
+
+def _has_base(statement: Statement) -> bool:
+    """Whether a move has a position of base axes."""
+    return any(name.kind in ("BC", "BP") for name in reader.names_in(statement.tree))
 
 
 def _move_faults(move: Tree[Token]) -> Iterator[Found]:

@@ -3,6 +3,7 @@
 Jobs store joint values as encoder pulses, without the ratio: it belongs to the model of the arm and
 stands in the controller's parameter file (ALL.PRM), with its sign. For arms whose motors turn
 several joints at once the controller has further parameters; six numbers do not state those arms.
+Base axes (BC, BP), which carry the arm, are in pulses, too.
 """
 
 from __future__ import annotations
@@ -51,48 +52,58 @@ MOST_FRAME = 63
 AXES = ("S", "L", "U", "R", "B", "T")
 """Yaskawa's names of the six axes, from the base on."""
 
+EXTERNAL = ("E1", "E2", "E3")
+"""Our names of the base axes, in the order of a BC position, which has up to three values."""
+
 DECIMALS = 9
 """Decimals of a ratio that are kept: 1e-9 pulses in 720 deg are none."""
 
 _LEAST, _MOST = 1.0, 1e6
-"""Arms have some hundreds to thousands of pulses a degree."""
+"""Arms have some hundreds to thousands of pulses a degree, base axes of pulses a millimetre."""
 
-_COMMENT = re.compile(r"PULSES\s+([SLURBT])\s+([-+]?\d{1,7}(?:\.\d{0,12})?)\s*", re.ASCII)
+_COMMENT = re.compile(r"PULSES\s+([SLURBT]|E[1-3])\s+([-+]?\d{1,7}(?:\.\d{0,12})?)\s*", re.ASCII)
 
-_HINT = (
-    "give six signed numbers, S L U R B T in pulses/deg: of the controller's parameter file "
-    "(ALL.PRM), or a pulse count that the pendant shows divided by its angle"
-)
+_HINTS = {
+    "pulses_per_deg": "give six signed numbers, S L U R B T in pulses/deg: of the controller's "
+    "parameter file (ALL.PRM), or a pulse count that the pendant shows divided by its angle",
+    "pulses_per_mm": "give a signed number for each base axis in pulses/mm: a pulse count that the "
+    "pendant shows divided by the way from the axis's zero",
+}
 
 
-def checked(pulses_per_deg: Sequence[float]) -> tuple[float, ...]:
-    """The six ratios, rounded as they are written; InputError where they are none of an arm."""
-    values = tuple(pulses_per_deg)
-    if len(values) != len(AXES):
+def checked(
+    pulses: Sequence[float], name: str = "pulses_per_deg", axes: Sequence[str] = AXES
+) -> tuple[float, ...]:
+    """The ratios of axes, rounded as they are written; InputError where they are none of an arm."""
+    values = tuple(pulses)
+    if len(values) != len(axes):
         raise InputError(
-            f"pulses_per_deg has {len(values)} values: joints are written in encoder pulses, "
-            "which need one for each of S, L, U, R, B, T",
-            hint=_HINT,
-            name="pulses_per_deg",
+            f"{name} has {len(values)} values: joints are written in encoder pulses, "
+            f"which need one for each of {', '.join(axes)}",
+            hint=_HINTS[name],
+            name=name,
             value=values,
-            bound=len(AXES),
+            bound=len(axes),
         )
-    for axis, value in zip(AXES, values, strict=True):
+    for axis, value in zip(axes, values, strict=True):
         if not (math.isfinite(value) and _LEAST <= abs(value) <= _MOST):
             raise InputError(
-                f"pulses_per_deg of {axis} is {value}, not {_LEAST:g} to {_MOST:g} either way",
-                hint=_HINT,
-                name="pulses_per_deg",
+                f"{name} of {axis} is {value}, not {_LEAST:g} to {_MOST:g} either way",
+                hint=_HINTS[name],
+                name=name,
                 value=value,
                 bound=(_LEAST, _MOST),
             )
     return tuple(round(float(value), DECIMALS) for value in values)
 
 
-def comments(pulses_per_deg: Sequence[float]) -> list[str]:
-    """Texts of the comments, one an axis, that carry the ratios in a job: ``PULSES S 1638.4``."""
-    texts = (f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".") for value in pulses_per_deg)
-    return [f"PULSES {axis} {text}" for axis, text in zip(AXES, texts, strict=True)]
+def comments(pulses: Sequence[float]) -> list[str]:
+    """Texts of the comments, one an axis, that carry the ratios in a job: ``PULSES S 1638.4``.
+
+    ``pulses``: of S, L, U, R, B, T in a degree, then of the base axes in a millimetre.
+    """
+    texts = (f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".") for value in pulses)
+    return [f"PULSES {axis} {text}" for axis, text in zip((*AXES, *EXTERNAL), texts, strict=False)]
 
 
 def found_in(text: str) -> tuple[str, float] | None:

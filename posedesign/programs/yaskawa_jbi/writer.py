@@ -13,6 +13,10 @@ has six values, jobs of its time eight and two decimals: poses are not written f
 
 The layout is that of these manuals and of exports. Nothing was loaded on a controller.
 
+* A base axis that carries the arm stands in positions of its own beside the arm's: ``BC00007=..``
+  with ``C00007``, one value an axis, in pulses; moves have both (``MOVJ C00007 BC00007``), and the
+  job is of the group ``RB1,BS1``. So in the manuals (``<BC>: <BCxxxxx>``), on the maker's page on
+  INFORM headers, and in public writers of jobs that run on tracks.
 * Before each move stands ``'POSE n name``: a controller numbers C variables anew when steps are
   inserted or deleted, so their numbers alone would not say which pose is which.
 * The measuring job is called with its argument in I000 (``SET I000 n``): not every controller knows
@@ -44,6 +48,8 @@ from posedesign.programs.writing import (
     warning_lines,
 )
 from posedesign.programs.yaskawa_jbi.spec import (
+    AXES,
+    EXTERNAL,
     MOST_COMMENT,
     MOST_FRAME,
     NAMES,
@@ -70,7 +76,7 @@ LIMITS = Limits(
 _PHRASES = Phrases(
     note="'{}",
     # PL=0: the step is over when the arm has arrived, not when it is near
-    move=("MOVJ C{k:05d} VJ={percent:.2f} PL=0",),
+    move=("MOVJ {at} VJ={percent:.2f} PL=0",),
     wait="TIMER T={time:.2f}",
     pulse=("PULSE OT#({output}) T={time:.2f}",),
     call=("SET I000 {argument}", "CALL JOB:{call}"),
@@ -80,16 +86,22 @@ _PHRASES = Phrases(
 )
 
 
-def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[float]) -> str:
+def render_yaskawa_jbi(
+    program: PoseProgram,
+    arm: Arm,
+    pulses_per_deg: Sequence[float],
+    pulses_per_mm: Sequence[float] = (),
+) -> str:
     r"""Text of the job, its lines ended by ``\n``.
 
     Pulses are whole: joint values are rounded by at most half a pulse. Poses are rounded by at
     most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
     comment.
 
-    ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool.
+    ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool;
+    ``pulses_per_mm`` are of the base axes that carry the arm.
 
-    Raises InputError: the pulses/deg are missing, a text that the pendant cannot show, a number out
+    Raises InputError: pulses are missing, a text that the pendant cannot show, a number out
     of its range, a user frame that is not that of the job, or a joint beyond +-720 deg.
     """
     options = program.options
@@ -99,6 +111,9 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
         argument = options.argument(program.measured_count)
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
     pulses = checked(pulses_per_deg) if options.form == "joint" else ()
+    carrying = EXTERNAL[: arm.n_external]
+    base = checked(pulses_per_mm, "pulses_per_mm", carrying) if carrying else ()
+    pulses += base
     positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
     frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
     relative = ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
@@ -107,16 +122,16 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
             "/JOB",
             f"//NAME {program.name}",
             "//POS",
-            f"///NPOS {len(program.poses)},0,0,0,0,0",
+            f"///NPOS {len(program.poses)},{len(program.poses) * bool(base)},0,0,0,0",
             *positions,
             "//INST",
             f"///DATE {options.written:%Y/%m/%d %H:%M}",
             *([f"///COMM {options.comment}"] if options.comment else []),
             *(["///ATTR SC,RW"] if pulses else relative),
-            "///GROUP1 RB1",
+            "///GROUP1 RB1,BS1" if base else "///GROUP1 RB1",
             *_head(program, pulses),
             *chain.from_iterable(
-                _at_pose(options, pose, k, number)
+                _at_pose(options, pose, f"C{k:05d}" + f" BC{k:05d}" * bool(base), number)
                 for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True))
             ),
             "END",
@@ -128,14 +143,23 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
-    return len(_head(program, (1.0,) * 6)) + 1, len([*_at_pose(program.options, pose, 0, 1)])
+    pulses = (1.0,) * (len(AXES) + (program.arm.n_external if program.arm else 0))
+    return len(_head(program, pulses)) + 1, len([*_at_pose(program.options, pose, "", 1)])
 
 
-def _pulses(program: PoseProgram, arm: Arm, pulses_per_deg: tuple[float, ...]) -> Iterator[str]:
-    counts = np.rint(shown_deg(arm, program.poses) * pulses_per_deg).astype(np.int64)
+def _pulses(program: PoseProgram, arm: Arm, pulses: tuple[float, ...]) -> Iterator[str]:
+    counts = np.rint(shown_deg(arm, program.poses) * pulses).astype(np.int64)
+    if np.abs(counts).max() >= 2**31:
+        raise InputError(
+            "a base axis stands at more pulses than 32 bits have",
+            hint="is pulses_per_mm that of a millimetre?",
+            name="pulses_per_mm",
+            value=pulses[len(AXES) :],
+        )
     yield from (f"///TOOL {program.options.tool_frame}", "///POSTYPE PULSE", "///PULSE")
-    for k, row in enumerate(counts.tolist()):
-        yield f"C{k:05d}=" + ",".join(map(str, row))
+    for kind, rows in (("C", counts[:, : len(AXES)]), ("BC", counts[:, len(AXES) :])):
+        for k, row in enumerate(rows.tolist() if rows.size else ()):
+            yield f"{kind}{k:05d}=" + ",".join(map(str, row))
 
 
 def _rectangular(program: PoseProgram, arm: Arm) -> Iterator[str]:
@@ -167,15 +191,15 @@ def _millimetres(poses: FloatArray) -> Iterator[str]:
         yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
 
 
-def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
+def _head(program: PoseProgram, pulses: tuple[float, ...]) -> list[str]:
     notes = [program.mark] if program.mark else []
-    notes += comments(pulses_per_deg) if pulses_per_deg else []
+    notes += comments(pulses)
     notes += warning_lines(program, MOST_COMMENT)
     return ["NOP", *(f"'{note}" for note in notes)]
 
 
-def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> Iterator[str]:
-    """Instructions of one pose, with position C ``k``."""
+def _at_pose(options: ProgramOptions, pose: ProgramPose, at: str, number: int) -> Iterator[str]:
+    """Instructions of one pose, with its positions as a move names them."""
     name = pose.name if LIMITS.fits(f"POSE {number} {pose.name}".rstrip()) else ""
-    given = {"k": k, "percent": options.speed_percent}
+    given = {"at": at, "percent": options.speed_percent}
     return _PHRASES.at_pose(options, pose, number, name, **given)

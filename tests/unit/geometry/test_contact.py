@@ -8,6 +8,7 @@ import pytest
 from calib.geometry import Body, Box, Mesh, Scene, Solid, Sphere
 from calib.geometry import engine as engine_module
 from calib.geometry.ways import TOUCH_M
+from calib.robots import NO_EXTERNAL_AXES
 from calib.se3 import rotation_exp, transform
 from posedesign.constraints import Checker, Collision, MotionChecker, SelfCollision
 
@@ -74,7 +75,8 @@ def test_no_safety_distance_is_no_leave_to_touch(straight_arm, body, tool, part)
     class Free:
         """A robot without limits."""
 
-        chain, n, slides, coupled_limits = straight_arm, 4, 0, ()
+        chain, n, coupled_limits = straight_arm, 4, ()
+        external, sliding = NO_EXTERNAL_AXES, np.zeros(4, dtype=bool)
         lower, upper = np.full(4, -9.0), np.full(4, 9.0)
         joint_names = ("j1", "j2", "j3", "j4")
 

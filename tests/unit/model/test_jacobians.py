@@ -25,6 +25,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import rotation_exp, transform
+from tests.positioners import beside_positioner
 
 STEP = {"rad": 1e-5, "m": 1e-5, "rad/Nm": 1e-8, "rad/rad": 1e-5, "m/m": 1e-5}
 """Of the central differences: each moves the arm by some 10 µm."""
@@ -40,7 +41,7 @@ SIX = ("x", "y", "z", "rx", "ry", "rz")
 
 def turning(robot: Robot) -> tuple[str, ...]:
     """Names of the joints that turn."""
-    return robot.joint_names[robot.slides :]
+    return robot.joint_names[robot.n_external :]
 
 
 OF_THE_ARM = {
@@ -98,18 +99,27 @@ def kinds(measurement: str) -> list:
 @pytest.mark.parametrize("measurement", [*KINDS, "mixed"])
 @pytest.mark.parametrize(
     ("arm", "freed"),
-    [*(("oblique", freed) for freed in ALL), ("reference", "all"), ("on slides", "all")],
+    [
+        *(("oblique", freed) for freed in ALL),
+        ("reference", "all"),
+        ("on slides", "all"),
+        ("beside a table", "all"),
+    ],
 )
 def test_jacobian_is_the_derivative_of_the_rows(
-    reference_robot, random_urdf, arm, setting, measurement, freed
+    reference_robot, random_urdf, arm, setting, measurement, freed, tmp_path
 ):
     """Of the residuals, and of these over their noise, whose axes may turn with the arm."""
     rng = np.random.default_rng(0)
     slides = 2 if arm == "on slides" else 0
     robot = reference_robot
-    if arm != "reference":
+    if arm == "beside a table":
+        path = tmp_path / "robot.urdf"
+        path.write_text(beside_positioner("r2000ic165f"))
+        robot = Robot.from_urdf(path, tip="tool0", base="plate")
+    elif arm != "reference":
         robot = Robot.from_urdf(random_urdf(rng, 5 + slides, slides))
-    assert robot.slides == slides
+    assert robot.n_external == (2 if arm == "beside a table" else slides)
     model = CalibrationModel(robot, blocks(robot, freed, setting, rng), kinds(measurement))
     assert model.p
     setup = Setup.of(
@@ -136,10 +146,9 @@ def test_jacobian_is_the_derivative_of_the_rows(
             (ahead.rows, behind.rows, linear.jacobian, 1.0),
             (ahead.white_rows, behind.white_rows, linear.white_jacobian, 1.0 / finest),
         ):
-            for k in range(model.p):
-                numeric = (a[k] - b[k]) / (2 * step[k])
-                size = max(np.abs(numeric).max(), least)
-                np.testing.assert_allclose(J[..., k] / size, numeric / size, atol=RELATIVE)
+            numeric = np.moveaxis(a - b, 0, -1) / (2 * step)
+            size = np.abs(numeric).reshape(-1, model.p).max(axis=0).clip(min=least)
+            np.testing.assert_allclose(J / size, numeric / size, atol=RELATIVE)
 
 
 @pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.turns])

@@ -21,7 +21,7 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
-from posedesign.planning.optimal.choose import without_alike
+from posedesign.planning.optimal.choose import without_unreached
 from posedesign.planning.optimal.outlook import advice_for, outlook_of
 from posedesign.planning.optimal.refinement import (
     TRIALS,
@@ -353,16 +353,16 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
     assert found.dropped == ("a wall",)
 
 
-def test_postures_like_those_go_with_them_in_the_end(make_cell):
-    pool = candidates_of(make_cell(pool={"candidates": 1000}))
-    lost = np.array([5, 700])
-    assert len(without_alike(pool, lost, 0)) == len(pool) - 2
-    q = pool.postures
-    alike = [any(max(abs(q[i] - q[k])) <= 0.6 for k in lost) for i in range(len(pool))]
-    left = without_alike(pool, lost, 9, kept=5)
-    assert sum(alike) > 10
-    assert len(left) == len(pool) - sum(alike) + sum(alike[:5])
-    np.testing.assert_array_equal(left.postures[:5], q[:5])
+def test_what_no_way_leads_to_goes_after_those_that_were_lost(make_cell):
+    cell = make_cell(pool={"candidates": 40})
+    pool, lost = candidates_of(cell), np.array([5, 7])
+    router = Router.of_cell(cell)
+    assert len(without_unreached(router, pool, lost, 0)) == len(pool) - 2
+    reached = router.reached(pool.postures)
+    reached[lost] = False
+    left = without_unreached(router, pool, lost, 1, kept=7)
+    reached[:7] = [True] * 5 + [False, True]
+    np.testing.assert_array_equal(left.postures, pool.postures[reached])
 
 
 TILT = np.deg2rad(40.0)

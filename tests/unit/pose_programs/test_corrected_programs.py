@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -38,8 +39,10 @@ from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
 from tests import arms
 from tests.arms import PULSES
 from tests.marks import by_stage
+from tests.rails import on_slides
 from tests.unit.correction.test_compensation import clear_postures
 from tests.unit.programs.dialects import (
+    CARRIED,
     EXPORTS,
     HOW,
     POSED,
@@ -59,7 +62,7 @@ REACH_M = 4.0
 
 BAR_M = 1e-6
 EXACT = 1e-10
-counts = pytest.mark.parametrize("count", by_stage(30, 300, 1000))
+counts = pytest.mark.parametrize("count", by_stage(30, 100, 1000))
 
 
 @cache
@@ -172,6 +175,41 @@ def test_only_numbers_of_positions_change(name, form, tmp_path):
     assert dialect.validate(path) == []
     path.write_bytes(after)
     assert dialect.validate(path) == []
+
+
+@cache
+def on_a_rail(name: str) -> Robot:
+    """Its arm on a rail, with the controller of its maker."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(on_slides(robot_of(name)).replace('rpy="0 0 1.2"', 'rpy="0 0 0"'))
+        robot = Robot.from_urdf(path)
+    maker = DIALECTS[name].maker
+    return robot.controlled_by(maker) if maker else robot
+
+
+@pytest.mark.parametrize("name", CARRIED)
+def test_on_a_rail_the_arm_alone_is_corrected(name, tmp_path):
+    robot, dialect = on_a_rail(name), dialect_of(name)
+    model, x = errors_of(robot)
+    q, arm = clear_postures(robot, 8), dialect.seen(Arm.of(robot, USER, TOOL))
+    poses = tuple(ProgramPose(f"T{i}", row) for i, row in enumerate(q))
+    path = dialect.write(PoseProgram("CALPOSE", poses, options_of(name), arm), tmp_path)[0]
+    data, how = path.read_bytes(), {"tool_m": TOOL_M, "joints": True}
+    same = correct_positions(dialect, data, path, arm, model, model.nominal, **how)
+    assert same.data == data
+    done = correct_positions(dialect, data, path, arm, model, x, **how)
+    assert done.ok, done.reasons
+    assert done.error_m.max() < BAR_M / 1e6
+    meant, now = (dialect.parse(content, path) for content in (data, done.data))
+    before, after = (program.postures(arm) for program in (meant, now))
+    np.testing.assert_array_equal(before[:, 0], after[:, 0])  # as the file has it, to the digit
+    real = corrected_robot(model, x).robot
+    real_tool = np.array([x[model.names.index(f"tool.{axis}")] for axis in "xyz"])
+    off = real.state(after).point(real_tool) - robot.state(before).point(TOOL_M)
+    spin = np.deg2rad(HOW[name].joint_deg) * robot.n * REACH_M
+    assert np.linalg.norm(off, axis=1).max() < 2 * spin + EXACT
+    assert done.moved_m.max() > 1e-3
 
 
 PEOPLE = sorted(p.name for p in EXPORTS.iterdir() if p.suffix != ".log")

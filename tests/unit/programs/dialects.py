@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from calib.robots import Robot
+from calib.robots import Controller, ExternalAxes, Robot
 from calib.se3 import transform
 from posedesign.programs import (
     DIALECTS,
@@ -202,6 +202,7 @@ SIX = "mitsubishi-melfa"
 
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
 POSED = [name for name, form in CASES if form == "cartesian"]
+CARRIED = [name for name, dialect in DIALECTS.items() if dialect.external_axes]
 each_case = pytest.mark.parametrize(("name", "form"), CASES)
 each_dialect = pytest.mark.parametrize("name", DIALECTS)
 
@@ -217,13 +218,25 @@ def arm_of(name: str, *, frames: bool = True) -> Arm:
     return Arm.of(robot_of(name), USER, TOOL) if frames else Arm.of(robot_of(name))
 
 
+def arm_on_slides(name: str, slides: int = 1) -> Arm:
+    """Joint values of its maker's arms, which axes carry that slide."""
+    n = slides + robot_of(name).n
+    shares, maker = np.eye(n), DIALECTS[name].maker
+    shares[slides:, slides:] = Arm.usual(maker, n - slides).controller.pendant_from_joints
+    return Arm(Controller(maker or "", shares, np.eye(4), ExternalAxes(slides=slides)))
+
+
+PULSES_PER_MM = (1310.72, -2000.0, 1000.0)
+
+
 def dialect_of(name: str) -> Dialect:
     return DIALECTS[name].reading(PULSES)
 
 
 def options_of(name: str, **changes: Any) -> ProgramOptions:
     """Options that everything about a program can be said with, one of the register kept apart."""
-    usual: dict[str, Any] = {"fingerprint": "abcdef12", "pulses_per_deg": PULSES, "user_frame": 2}
+    usual: dict[str, Any] = {"fingerprint": "abcdef12", "user_frame": 2}
+    usual |= {"pulses_per_deg": PULSES, "pulses_per_mm": PULSES_PER_MM[:1]}
     return ProgramOptions(**{**usual, **changes})
 
 

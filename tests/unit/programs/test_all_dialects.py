@@ -24,10 +24,12 @@ from posedesign.programs.registry import dialect_of as dialect_of_file
 from posedesign.programs.ur_script.reader import LANGUAGE as UR_SCRIPT
 from tests.marks import by_stage
 from tests.unit.programs.dialects import (
+    CARRIED,
     CASES,
     EXPORTS,
     HOW,
     PULSES,
+    arm_on_slides,
     dialect_of,
     each_case,
     each_dialect,
@@ -126,7 +128,7 @@ def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]
 
 
 @each_case
-@pytest.mark.parametrize("count", by_stage(40, 500, 5000))
+@pytest.mark.parametrize("count", by_stage(40, 200, 5000))
 def test_damaged_programs(name: str, form: str, count: int) -> None:
     file, text = written(name, form)
     assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
@@ -143,7 +145,7 @@ def dialect_of_export(file: str) -> Dialect:
 
 
 @each_export
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
 def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file, count):
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
@@ -265,14 +267,14 @@ def mutant(line: str, start: int, end: int, how: int, rng: np.random.Generator) 
     return ""
 
 
-def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]:
+def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) -> list[str]:
     """Lines of the mutants that a validator takes for good programs."""
     dialect, robot = DIALECTS[name], robot_of(name)
-    postures = (robot.lower + robot.upper) / 2.0 + np.array([[0.1], [0.2], [-0.3]])
+    turning = (robot.lower + robot.upper) / 2.0
+    middle = np.concatenate([np.full(arm.n_external, 0.4), turning])
+    postures = middle + np.array([[0.1], [0.2], [-0.3]])
     poses = [ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures)]
-    program = replace(
-        program_of(name, poses, "MUTATED", form=form, user_frame=0), arm=Arm.of(robot)
-    )
+    program = replace(program_of(name, poses, "MUTATED", form=form, user_frame=0), arm=arm)
     paths = dialect.write(program, folder)
     passing = []
     for path in paths:
@@ -286,10 +288,16 @@ def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]
     return passing
 
 
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
 @pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
 def test_light_mutants_are_refused(name: str, form: str, count: int, tmp_path: Path) -> None:
-    assert passing_mutants(name, form, count, tmp_path) == []
+    assert passing_mutants(name, form, Arm.of(robot_of(name)), count, tmp_path) == []
+
+
+@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("name", [name for name in CARRIED if name in FREE])
+def test_light_mutants_of_programs_on_slides_are_refused(name, count, tmp_path):
+    assert passing_mutants(name, "joint", arm_on_slides(name), count, tmp_path) == []
 
 
 BOMBS = [b"\n" * 18_000_000, b"," * 3_000_000, b",\n" * 1_500_000, b"X1=" + b"9" * 400 + b"\n"]

@@ -148,8 +148,7 @@ def test_poses_of_melfa_are_read() -> None:
         ("mitsubishi-melfa", "+1.50", "+721", "beyond"),
         ("mitsubishi-melfa", "J1=", "ppick=", "is there twice"),
         ("mitsubishi-melfa", "-283.90,", "-283-.90,", "no list of numbers"),
-        ("mitsubishi-melfa", "+0.00,+0.00)\n", "+0.00,+3.00)\n", "additional axes"),
-        ("mitsubishi-melfa", ",+156.09)(4", ",+156.09,+5.00)(4", "additional axes"),
+        ("mitsubishi-melfa", ",+156.09)(4", ",+156.09,+5.00)(4", "axis 7 differs"),
         ("mitsubishi-melfa", ",+90.00,+0.00,+156.09)(4", ")(4", "has 3 values"),
     ],
 )

@@ -180,14 +180,14 @@ def test_a_job_without_positions() -> None:
 
 def test_axes_that_carry_the_arm_stand_still() -> None:
     moved = EXPORT.replace("C00003 BC00000", "C00003 BC00001")
-    with pytest.raises(FileFormatError, match="axes stand elsewhere") as caught:
-        parse(moved)
+    with pytest.raises(FileFormatError, match="base axes stand elsewhere") as caught:
+        parse(moved).postures()
     # the poses are compared in the order of their positions, C00000 first
     assert moved.splitlines()[(caught.value.row or 0) - 1].startswith("MOVL C00003")
-    with pytest.raises(FileFormatError, match="axes stand elsewhere"):
+    with pytest.raises(FileFormatError, match="station axes stand elsewhere"):
         parse(EXPORT.replace("EC00001=15505", "EC00001=15506"))
-    with pytest.raises(FileFormatError, match="axes stand elsewhere"):
-        parse(EXPORT.replace("C00003 BC00000 EC00000", "C00003 EC00000"))
+    with pytest.raises(FileFormatError, match="base axes stand elsewhere"):
+        parse(EXPORT.replace("C00003 BC00000 EC00000", "C00003 EC00000")).postures()
 
 
 def test_positions_are_counted_without_comments() -> None:

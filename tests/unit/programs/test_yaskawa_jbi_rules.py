@@ -101,7 +101,17 @@ def test_what_an_option_may_know_is_noted(step: str) -> None:
 
 
 TIMED = "TIMER T=1.00"
+ON_A_RAIL = GOOD.replace("NPOS 2,0", "NPOS 2,2").replace("RB1\n", "RB1,BS1\n")
+ON_A_RAIL = ON_A_RAIL.replace("//INST", "BC00000=5\nBC00001=-7\n//INST")
+ON_A_RAIL = ON_A_RAIL.replace("C00000 VJ", "C00000 BC00000 VJ").replace("1 VJ", "1 BC00001 VJ")
+ONE_PLACE = ON_A_RAIL.replace("BC00001=-7\n", "").replace("BC00001", "BC00000")
+ONE_PLACE = ONE_PLACE.replace("NPOS 2,2", "NPOS 2,1")
 ONE_RULE = [
+    ("header", ON_A_RAIL, "RB1,BS1", "RB1", "a base axis moves, and no ///GROUP has BS1"),
+    ("position-format", ON_A_RAIL, "=-7\n", "=-7,1\n", "BC00001 has 2 values, not one to three"),
+    ("position-format", ON_A_RAIL, "=5\n", "=5,0,0,0\n", "BC00000 has 4 values, not one to"),
+    ("position-used", ON_A_RAIL, "C00000 BC00000", "C00000 BC00001", "BC00000 is never"),
+    ("move", ONE_PLACE, "C00000 BC00000 VJ", "C00000 VJ", "no position of the base axes"),
     ("syntax", GOOD, TIMED, "TIMER 1.00", "cannot stand behind 'TIMER"),
     ("syntax", GOOD, "SET I000 1", "SET I000", "is not complete"),
     ("syntax", GOOD, "PULSE OT#(3)", "PULSE (3)", "cannot stand"),

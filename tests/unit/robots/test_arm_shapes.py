@@ -11,8 +11,8 @@ from calib.geometry import Capsule
 from calib.geometry.enclosure import outer_points
 from calib.robots import Robot, preset_names
 from calib.robots.arm_shapes import (
+    bare_links,
     centre_lines,
-    has_bare_base,
     makers_like,
     presets_like,
     unshaped_links,
@@ -33,14 +33,14 @@ def without_shapes(preset: str, folder: Path) -> Robot:
 def test_every_preset_knows_all_of_its_links(name):
     robot = Robot.preset(name)
     assert unshaped_links(robot) == ()
-    assert not has_bare_base(robot)
+    assert not bare_links(robot)
 
 
 def test_links_without_length_need_no_shape(tmp_path):
     robot = without_shapes("ur10e", tmp_path)
     # shoulder and last wrist: the next joint, or the flange, sits where theirs does
     assert unshaped_links(robot) == tuple(robot.link_names[j] for j in (2, 3, 4, 5))
-    assert has_bare_base(robot)
+    assert bare_links(robot) == (robot.link_names[0],)
 
 
 def test_a_calibrated_wrist_is_still_one_without_length(tmp_path):

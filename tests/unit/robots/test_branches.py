@@ -95,7 +95,7 @@ def test_a_joint_between_base_and_tip_can_be_held(urdf):
     both = Robot.from_urdf(urdf, tip="left_tool0", base="column", held_rad={"waist": 0.0})
     assert both.n == 6
     whole = Robot.from_urdf(urdf, tip="left_tool0")
-    assert (whole.joint_names[:2], whole.slides) == (("lift", "waist"), 1)
+    assert (whole.joint_names[:2], whole.n_external) == (("lift", "waist"), 1)
     with_waist = Robot.from_urdf(urdf, tip="left_tool0", lock=["lift"])
     assert with_waist.joint_names[0] == "waist"
     assert with_waist.n == 7

@@ -49,20 +49,20 @@ def test_every_answer_of_the_inverse_takes_the_pose(robot):
     assert found.all()
     np.testing.assert_allclose(nearest[0], q[0], atol=1e-7)
     # other stations of the slides are used
-    assert len(np.unique(good[:, : robot.slides].round(6), axis=0)) > 3
+    assert len(np.unique(good[:, : robot.n_external].round(6), axis=0)) > 3
 
 
 def test_a_pose_that_only_a_station_far_off_reaches_is_reached(robot):
     q = postures(robot, 1)[0]
-    q[: robot.slides] = robot.upper[: robot.slides]
+    q[: robot.n_external] = robot.upper[: robot.n_external]
     near = q.copy()
-    near[: robot.slides] = robot.lower[: robot.slides]
+    near[: robot.n_external] = robot.lower[: robot.n_external]
     assert robot.inverse(robot.fk(q)[None], near=near).inside.any()
 
 
 def test_values_are_shown_in_millimetres_and_degrees(robot):
     q = postures(robot, 3)
-    k = robot.slides
+    k = robot.n_external
     np.testing.assert_allclose(robot.shown(q)[:, :k], 1e3 * q[:, :k])
     np.testing.assert_allclose(robot.shown(q)[:, k:], np.rad2deg(q[:, k:]))
     np.testing.assert_allclose(robot.of_shown(robot.shown(q)), q)
@@ -86,7 +86,7 @@ def test_what_turns_feels_the_gravity_that_pinocchio_says(robot):
         whole = pin.neutral(robot.model)
         whole[columns] = posture
         expected[i] = -pin.computeGeneralizedGravity(robot.model, data, whole)[columns]
-    k = robot.slides
+    k = robot.n_external
     level = robot.model.gravity.linear[2] / -9.80665  # Pinocchio's own constant is 9.81
     np.testing.assert_allclose(torque[:, k:] * level, expected[:, k:], rtol=1e-9, atol=1e-7)
     assert not torque[:, :k].any()
@@ -97,14 +97,14 @@ def test_written_anew_it_is_the_same_robot(robot, tmp_path):
     path.write_bytes(urdf_of(robot, ""))
     again = Robot.from_urdf(path, tip=robot.tip_frame)
     np.testing.assert_allclose(again.fk(postures(robot)), robot.fk(postures(robot)), atol=1e-12)
-    assert again.slides == robot.slides
+    assert again.n_external == robot.n_external
     np.testing.assert_allclose(again.upper, robot.upper)
 
 
 def test_what_only_turning_joints_have_is_refused_of_slides(robot):
     with pytest.raises(InputError, match=f"'{robot.joint_names[0]}' slides, and has no such error"):
         JointHarmonics(robot, robot.joint_names)
-    with pytest.raises(RobotModelError, match="slides, and the table is of joints that turn"):
+    with pytest.raises(RobotModelError, match="is an external axis, and the table"):
         dh_table(robot)
 
 
@@ -128,7 +128,7 @@ def test_slides_behind_turning_joints_and_robots_that_only_slide_are_refused(tmp
     with pytest.raises(RobotModelError, match="no joint between base and tip turns"):
         Robot.from_urdf(path, tip="rail_carriage")
     held = Robot.from_urdf(path, held_m={"rail": 0.7})
-    assert (held.n, held.slides) == (6, 0)
+    assert (held.n, held.n_external) == (6, 0)
     moving = Robot.from_urdf(path)
     np.testing.assert_allclose(
         moving.fk(np.concatenate([[0.7], np.full(6, 0.3)])), held.fk(np.full(6, 0.3)), atol=1e-12
@@ -149,6 +149,6 @@ def test_slides_stay_where_the_arm_follows_a_tool(robot):
     T[:, :3, 3] += [0.01, -0.02, 0.015]
     found, there = follow(robot, q, T)
     assert there.mean() > 0.5
-    np.testing.assert_array_equal(found[:, : robot.slides], q[:, : robot.slides])
+    np.testing.assert_array_equal(found[:, : robot.n_external], q[:, : robot.n_external])
     np.testing.assert_allclose(robot.fk(found[there]), T[there], atol=1e-8)
     np.testing.assert_allclose(follow(robot, q[:1], T[:1])[0], found[:1], atol=1e-12)

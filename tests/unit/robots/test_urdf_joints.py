@@ -141,5 +141,7 @@ def test_one_of_two_arms(read):
     assert (left.joint_names, right.joint_names) == (("lj1", "lj2"), ("rj1", "rj2"))
     assert left.notices == ("locked at zero, not between base and tip: rj1, rj2",)
     np.testing.assert_allclose(left.fk([0.1, 0.2]), right.fk([0.1, 0.2]), atol=1e-15)
-    with pytest.raises(RobotModelError, match="r2 does not hang on l1"):
-        read(TWO_ARMS, "r2", base="l1")
+    carried = read(TWO_ARMS, "r2", base="l1")  # by a positioner of one joint
+    assert (carried.joint_names, carried.floor) == (("lj1", "rj1", "rj2"), 1)
+    with pytest.raises(RobotModelError, match="l1 does not hang on l2, nor on what carries it"):
+        read(TWO_ARMS, "l1", base="l2")

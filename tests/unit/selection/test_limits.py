@@ -144,6 +144,42 @@ def test_repeats_are_at_least_as_good():
     assert often.value <= often.bound
 
 
+def detmax(blocks: np.ndarray, n: int, rng: np.random.Generator) -> float:
+    """D by Mitchell 1974: the best taken in, repeats and all, the worst put back, over again."""
+    each = blocks.transpose(0, 2, 1) @ blocks
+    rows, best = rng.choice(len(blocks), n, replace=False), -np.inf
+    while True:
+        M = each[rows].sum(axis=0)
+        rows = np.append(rows, np.argmax(np.linalg.slogdet(M + each)[1]))
+        M = each[rows].sum(axis=0)
+        left = np.linalg.slogdet(M - each[rows])[1]
+        rows = np.delete(rows, np.argmax(left))
+        if left.max() <= best + 1e-12:
+            return float(np.exp(best / blocks.shape[2]))
+        best = left.max()
+
+
+@pytest.mark.parametrize(
+    ("N", "m", "p", "n", "seed"),
+    [
+        (100, 1, 6, 14, 3),
+        *(pytest.param(500, 1, 10, 30, k, marks=pytest.mark.slow) for k in (3, 6)),
+    ],
+)
+def test_repeats_are_as_good_as_the_best_of_many_starts_of_detmax(N, m, p, n, seed):
+    blocks = np.random.default_rng(seed).standard_normal((N, m, p))
+    rng = np.random.default_rng(0)
+    theirs = max(detmax(blocks, n, rng) for _ in range(20))
+    assert select(blocks, n, repeats=n).value >= (1.0 - 1e-9) * theirs
+
+
+def test_the_bound_is_sharp_where_fractions_begin_with_a_part_of_the_pool():
+    """Prices of the limits are zero for the very candidate that has to come in."""
+    blocks = np.random.default_rng(3).standard_normal((500, 1, 10))
+    found = select(blocks, 30, repeats=30, starts=1)
+    assert found.relaxation.bound > (1.0 - 2e-3) * found.relaxation.cost
+
+
 def test_a_budget_in_place_of_a_number():
     """As many as the budget pays for, and no pose more fits into what is left of it."""
     costs = np.random.default_rng(1).uniform(1.0, 3.0, 60)

@@ -1,13 +1,21 @@
 """Files of instruments give the measurements that were written into them, whatever their layout."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calib import Robot
+from calib.errors import FileFormatError
 from calib.se3 import rotation_exp
 from posedesign.cell import Cell
+from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.identification.instruments import read_measured
+from posedesign.identification.instruments.joint_logs import read_joint_rows
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
+from tests.rails import on_slides
 
 ALL = f"reflectors = {list(files.REFLECTORS)}".replace("'", '"')
 
@@ -113,6 +121,80 @@ def test_logs_of_joints_give_what_the_arm_was_at(request, tmp_path, name, match)
     np.testing.assert_allclose(found.table.data.postures, expected.postures, atol=1e-8)
     read = found.table.data.observed
     np.testing.assert_allclose(read[:, :3], expected.observed[:, :3], atol=2e-9)
+
+
+ON_A_RAIL = np.array([[1.25, *np.linspace(-0.9, 0.9, 6)], [24.5, *np.linspace(0.4, -0.5, 6)]])
+"""Postures [m, rad], the second farther along than joints can turn in degrees."""
+
+
+def on_a_rail(folder: Path, preset: str, maker: str) -> Robot:
+    path = folder / "arm.urdf"
+    path.write_text(on_slides(preset, (("rail", "0 1 0", "0", "30"),)))
+    return Robot.from_urdf(path).controlled_by(maker)
+
+
+def railed_log(name: str, robot: Robot) -> list[str]:
+    """Two rows of a log: what its controller shows, or joints by name in metres and radians."""
+    assert robot.controller is not None
+    shown, names = robot.controller.pendant(ON_A_RAIL), robot.joint_names
+    if name == "rsi telegrams":
+        return [
+            "<Rob><AIPos "
+            + " ".join(f'A{k + 1}="{v}"' for k, v in enumerate(row[1:]))
+            + f'/><EIPos E1="{row[0]}" E2="7.0"/><IPOC>{1000 + 4 * i}</IPOC></Rob>'
+            for i, row in enumerate(shown.tolist())
+        ]
+    if name == "rsi table":
+        head, rows = ["E1", *(f"A{k}" for k in range(1, 7)), "IPOC"], shown
+    elif name == "egm":
+        head = ["R_FB_POS_EJ1", *(f"R_FB_POS_RJ{k}" for k in range(1, 7)), "TIMESTAMP"]
+        rows = shown
+    elif name == "plotjuggler":
+        head, rows = [*(f"/joint_states/{n}/position" for n in names), "__time"], ON_A_RAIL
+    else:
+        last = [*range(1, 7), 0]  # by the alphabet, the rail stands last
+        texts = [[f"{v:.12f}" for v in row] for row in ON_A_RAIL[:, last].tolist()]
+        order = [names[k] for k in last]
+        if name == "ros2 topic":
+            return [
+                ",".join([f"160000000{i}", "0", "base", *order, *row, *["0"] * 14])
+                for i, row in enumerate(texts)
+            ]
+        head = [f"field.{what}{k}" for what in ("name", "position") for k in range(7)]
+        lines = [",".join([*order, *row, str(i)]) for i, row in enumerate(texts)]
+        return [",".join([*head, "%time"]), *lines]
+    return [",".join(head), *(",".join(map(str, [*row, i])) for i, row in enumerate(rows.tolist()))]
+
+
+@pytest.mark.parametrize(
+    ("name", "preset", "maker"),
+    [
+        ("rsi telegrams", "kr6r900sixx", "kuka"),
+        ("rsi table", "kr6r900sixx", "kuka"),
+        ("egm", "irb120", "abb"),
+        ("rostopic", "ur10e", "ur"),
+        ("ros2 topic", "ur10e", "ur"),
+        ("plotjuggler", "ur10e", "ur"),
+    ],
+)
+def test_logs_have_the_rail_that_carries_the_arm(tmp_path, name, preset, maker):
+    robot = on_a_rail(tmp_path, preset, maker)
+    lines, section = railed_log(name, robot), InstrumentSection()
+    path = files.save(tmp_path / "log.csv", lines)
+    found = read_joint_rows(path, robot, section)
+    np.testing.assert_allclose(found.postures, ON_A_RAIL, atol=1e-9)
+    without = [re.sub(r"E(?=[1J])|rail|<EIPos[^>]*>", "X", line) for line in lines]
+    files.save(path, without)
+    with pytest.raises(FileFormatError, match=r"EIPos for|without the column|no joint|has no"):
+        read_joint_rows(path, robot, section)
+
+
+def test_a_log_without_external_axes_is_none_of_an_arm_on_a_rail(tmp_path):
+    head = [*(f"actual_q_{k}" for k in range(6)), "timestamp"]
+    path = files.save(tmp_path / "log.csv", [",".join(head), "0,0,0,0,0,0,0"])
+    robot = on_a_rail(tmp_path, "ur10e", "ur")
+    with pytest.raises(FileFormatError, match="a log of RTDE, which has no external axes"):
+        read_joint_rows(path, robot, InstrumentSection())
 
 
 def test_two_recordings_go_together_by_time(kuka, tmp_path):

@@ -103,7 +103,8 @@ def test_its_pose(kind):
     """In OpenCV's frame of the board; the right way round where it is rolled by 120 deg."""
     target, rng = target_of_kind(kind), np.random.default_rng(2)
     T = seen_at(30.0, 120.0)
-    T_camera_board = T @ inverse(target.T_board_target)
+    T_board_target = transform(np.diag([1.0, -1.0, -1.0]), [*target.middle_m, 0.0])
+    T_camera_board = T @ inverse(T_board_target)
     image = ImageObserver(CAMERA, target, Imaging()).grab(T, rng)
     found = target.pose(CAMERA, image, T_camera_board[None])
     assert np.linalg.norm(found[:3, 3] - T_camera_board[:3, 3]) < 3e-4

@@ -66,14 +66,11 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """What a set of poses tells: rows of unit variance while nothing has changed.
-
-    ``effects``: by cause, columns ``(M', k)``. ``y`` (M',): None before measuring.
-    """
+    """What a set of poses tells: rows of unit variance while nothing has changed."""
 
     freedom: int
-    effects: Mapping[str, FloatArray]
-    y: FloatArray | None = None
+    effects: Mapping[str, FloatArray]  # by cause, columns ``(M', k)``
+    y: FloatArray | None = None  # (M',): None before measuring
 
     def smallest(self, cause: str, power: float = POWER) -> float:
         """Smallest change [rad, m] that is found with this chance, in the worst direction.
@@ -219,14 +216,12 @@ def judge_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates for a recheck: blocks ``(N, m, P)`` over the noise, and what is known.
-
-    ``watched``: single-number causes ``(P, w)`` whose smallest change is to be as small as can be.
-    """
+    """Candidates for a recheck: blocks ``(N, m, P)`` over the noise, and what is known."""
 
     blocks: FloatArray
     covariance: FloatArray
     watched: FloatArray
+    """Single-number causes ``(P, w)`` whose smallest change is to be as small as can be."""
     anew: FloatArray
 
     def information(self, sets: IntArray) -> FloatArray:

@@ -133,20 +133,16 @@ def read_file(path: Path) -> IdentificationFile:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """One model of an identification, with the calibration model that it is of.
-
-    ``x`` (p,): identified parameters [SI]. ``sigma`` (p,): standard deviations [SI]; NaN where the
-    file has none. ``covariance`` (p, p): [SI]; None where the file has none. ``held``: parameters
-    of which the measurements say nothing: what is known beforehand holds them.
-    """
+    """One model of an identification, with the calibration model that it is of."""
 
     name: str
     robot: str
     model: CalibrationModel
-    x: FloatArray
-    sigma: FloatArray
-    covariance: FloatArray | None
+    x: FloatArray  # (p,): identified parameters [SI]
+    sigma: FloatArray  # (p,): standard deviations [SI]; NaN where the file has none
+    covariance: FloatArray | None  # (p, p) [SI]; None where the file has none
     held: tuple[str, ...] = ()
+    """Parameters of which the measurements say nothing: what is known beforehand holds them."""
 
 
 def read_identification(

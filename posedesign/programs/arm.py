@@ -27,42 +27,24 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What the flange carries.
-
-    Attributes
-    ----------
-    mass_kg : float
-    com_m : array (3,)
-        Its centre in the tip frame [m].
-    """
+    """What the flange carries."""
 
     mass_kg: float
-    com_m: FloatArray
+    com_m: FloatArray  # (3,): its centre in the tip frame [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm as its controller shows it.
+    """An arm as its controller shows it."""
 
-    Attributes
-    ----------
-    controller : Controller
-        Turns postures into joint values as they are shown, and back.
-    robot : Robot or None
-        None where only joint values are known: then nothing is said of poses.
-    T_world_user : array (4, 4)
-        The user frame in the controller's world [m].
-    T_tip_tool : array (4, 4)
-        The controller's tool frame in the tip frame of the robot, its faceplate [m].
-    load : Load or None
-        None where it is not known.
-    """
-
-    controller: Controller
+    controller: Controller  # turns postures into joint values as they are shown, and back
     robot: Robot | None = None
+    """None where only joint values are known: then nothing is said of poses."""
     T_world_user: FloatArray = field(default_factory=lambda: np.eye(4))
+    """(4, 4): the user frame in the controller's world [m]."""
     T_tip_tool: FloatArray = field(default_factory=lambda: np.eye(4))
-    load: Load | None = None
+    """(4, 4): the controller's tool frame in the tip frame of the robot, its faceplate [m]."""
+    load: Load | None = None  # None where it is not known
 
     @classmethod
     def usual(cls, maker: str | None, n: int | None = None) -> Arm:

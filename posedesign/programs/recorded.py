@@ -34,19 +34,12 @@ def corrected_by(data: bytes) -> str:
 
 @dataclass(frozen=True)
 class PlanMark:
-    """What a program says of the plan that it was written from, in a comment.
+    """What a program says of the plan that it was written from, in a comment."""
 
-    Attributes
-    ----------
-    fingerprint : str
-        Of the plan; empty for none.
-    measured : int or None
-        Number of poses that are measured, in the whole plan. Positions with higher numbers are
-        passed through.
-    """
-
-    fingerprint: str = ""
+    fingerprint: str = ""  # of the plan; empty for none
     measured: int | None = None
+    """Number of poses that are measured, in the whole plan. Positions with higher numbers are
+    passed through."""
 
     @property
     def words(self) -> str:

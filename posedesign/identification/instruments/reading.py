@@ -60,17 +60,13 @@ and their scatter is no noise of their mean."""
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What was measured, for the cell that it is to be identified with.
+    """What was measured, for the cell that it is to be identified with."""
 
-    ``cell``: with the noise of repeated readings, where they were to give it. ``notes``: what is
-    odd: what belongs to no pose, what drifts, noise that is another. ``facts``: what there is, in
-    words by what it is about.
-    """
-
-    cell: Cell
+    cell: Cell  # with the noise of repeated readings, where they were to give it
     table: MeasurementTable
     notes: tuple[str, ...]
-    facts: dict[str, str]
+    """What is odd: what belongs to no pose, what drifts, noise that is another."""
+    facts: dict[str, str]  # what there is, in words by what it is about
 
 
 def is_of_instrument(cell: Cell, path: Path) -> bool:
@@ -249,21 +245,16 @@ def _names_of(
 
 @dataclass(frozen=True, eq=False)
 class _Averaged:
-    """Means of the readings of one reflector at one stop, in the order of the readings.
+    """Means of the readings of one reflector at one stop, in the order of the readings."""
 
-    ``values`` (G, 3) or (G, 6): places [m], rotation vectors [rad]. ``count`` (G,): readings of
-    each. ``line`` (G,): line of the first of each. ``times``, ``temperatures`` (G,): of the first,
-    and the mean.
-    """
-
-    values: FloatArray
-    count: IntArray
+    values: FloatArray  # (G, 3) or (G, 6): places [m], rotation vectors [rad]
+    count: IntArray  # (G,): readings of each
     scatter: Scatter | None
     stop: IntArray
     tool: IntArray
-    line: IntArray
+    line: IntArray  # (G,): line of the first of each
     times: FloatArray | None
-    temperatures: FloatArray | None
+    temperatures: FloatArray | None  # times, temperatures (G,): of the first, and the mean
 
     def table(
         self, path: Path, labels: tuple[str, ...], section: InstrumentSection, stops: Joined

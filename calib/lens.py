@@ -61,20 +61,12 @@ class Projection(NamedTuple):
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens with its values.
-
-    Attributes
-    ----------
-    width_px, height_px : int
-        Size of the image.
-    values : tuple of float
-        fx, fy, cx, cy [px], then the distortion in OpenCV's order.
-    """
+    """A lens with its values."""
 
     name: LensName
     width_px: int
-    height_px: int
-    values: tuple[float, ...]
+    height_px: int  # width_px, height_px: size of the image
+    values: tuple[float, ...]  # fx, fy, cx, cy [px], then the distortion in OpenCV's order
 
     def __post_init__(self) -> None:
         if self.name not in DISTORTION:

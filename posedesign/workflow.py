@@ -27,7 +27,7 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
 from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from posedesign.hand_eye import Asked, Calibrated
     from posedesign.hand_eye.pictures import PictureSet
     from posedesign.identification import Identified
+    from posedesign.identification.instruments import Measured
     from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
 POSES = ("poses.csv", "measuring poses")
@@ -73,6 +74,7 @@ ACCEPTANCE_POSES = ("poses.csv", "acceptance poses")
 ACCEPTANCE_RULE = ("acceptance_test.json", "acceptance test")
 ACCEPTANCE = ("acceptance.json", "acceptance verdict")
 RECHECK_POSES = ("poses.csv", "recheck poses")
+RECHECK = ("recheck.json", "recheck")
 PLANNED, IDENTIFIED, CAMERA_DRAWN, ACCEPTANCE_DRAWN = (
     ((f"{stem}.png", purpose), (f"{stem}.svg", purpose))
     for stem, purpose in (
@@ -90,8 +92,15 @@ STUDY = (
 )
 """Names of the files of the steps, and what they say that they are."""
 
+Warn = Callable[[str], None]
+"""Is told what is odd, line by line."""
+
 _FINGERPRINT = re.compile(rb"# fingerprint: ([0-9a-f]{4,16})")
 _MOST_NAMED = 3
+
+
+def _silent(text: str) -> None:
+    """Tell nobody."""
 
 
 def claim_plan(out: Results, *files: tuple[str, str], inputs: Sequence[Path] = ()) -> list[Claim]:
@@ -191,23 +200,27 @@ def plan_next_poses(
     criterion: str,
     least_gain: float,
     accuracy_m: float | None,
+    joints: Path | None = None,
     trust_units: bool = False,
+    warn: Warn = _silent,
 ) -> NextPoses:
-    """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``.
+    """Choose what to measure next, after what :func:`identify_file` takes; write ``poses.csv``.
 
     Of a cell that takes pictures of a board, where to take the next, after those of a list of
     poses, or of a ``camera.json``: with camera, board, lens and noise as they were found then.
     """
     if not cell.sees_board:  # the file of another kind would be found wrong in other words
         check_touch_up_cell(cell)
-    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
+    inputs = [path for path in (measurements, joints) if path is not None]
+    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=inputs)
     if cell.sees_board:
         cell, postures = _pictured(cell, measurements, trust_units)
         result = plan_next_views(
             cell, postures, count, criterion=criterion, least_gain=least_gain, accuracy_m=accuracy_m
         )
     else:
-        table = _measured(cell, measurements, trust_units)
+        found = _checked(cell, measurements, joints, warn=warn, trust_units=trust_units)
+        cell, table = found.cell, found.table
         result = plan_next(
             cell,
             table.data,
@@ -315,7 +328,7 @@ def identify_file(
     *,
     joints: Path | None = None,
     trust_units: bool = False,
-    warn: Callable[[str], None] = lambda text: None,
+    warn: Warn = _silent,
 ) -> Identified:
     """Identify from a ``touchups.csv`` or ``measurements.csv``; write ``identification.json``.
 
@@ -340,16 +353,12 @@ def identify_file(
     foreign = joints is not None or is_of_instrument(cell, measurements)
     own = (IDENTIFICATION, *IDENTIFIED, *((JOINED, RESIDUALS) if foreign else ()))
     file, png, svg, *more = results.claim("computed", *own, inputs=inputs)
-    facts = {}
+    found = read_measured(cell, measurements, joints, trust_units=trust_units)
+    cell, table = found.cell, replace(found.table, notes=found.notes)
     if foreign:
-        found = read_measured(cell, measurements, joints, trust_units=trust_units)
-        cell, facts = found.cell, found.facts
-        table = replace(found.table, notes=found.notes)
         write_measurements(
             more[0], table.data, table.kinds, extra=table.extra, external=cell.robot.external
         )
-    else:
-        table = _measured(cell, measurements, trust_units)
     if not trust_units:
         check_readings(cell, table)
     lines = [f"line {line}" for line in table.lines]
@@ -361,7 +370,7 @@ def identify_file(
     table, repeated = without_repeats(table)
     for line in repeated:
         warn(f"{measurements}: {line}")
-    identified = replace(identify_models(cell, table), measured=facts)
+    identified = replace(identify_models(cell, table), measured=found.facts)
     warmed = goes_with_temperature(table, identified.best.residuals)
     identified = replace(identified, warnings=(*identified.warnings, *([warmed] if warmed else [])))
     if foreign:
@@ -451,12 +460,14 @@ def judge_acceptance_test(
     model: str | None = None,
     rule: Path | None = None,
     *,
+    joints: Path | None = None,
     given_frame: bool = False,
     trust_units: bool = False,
 ) -> AcceptanceFile:
     """Judge an arm by what was measured at the poses of a test; write ``acceptance.json``.
 
-    ``rule``: of the test; by default the one beside the measurements.
+    ``rule``: of the test; by default the one beside the measurements. ``joints``: of the poses,
+    where an instrument measured them.
     """
     from posedesign.acceptance import judge
     from posedesign.acceptance.file import (
@@ -467,18 +478,21 @@ def judge_acceptance_test(
     )
     from posedesign.identification.file import read_file as read_identification_file
     from posedesign.identification.file import read_identification
-    from posedesign.identification.instruments import is_of_instrument
+    from posedesign.identification.instruments import is_of_instrument, read_measured
     from posedesign.identification.models import FRAMES_ONLY
     from posedesign.report.acceptance import figure_of_acceptance
 
     planned = measurements.with_name(ACCEPTANCE_RULE[0]) if rule is None else rule
-    read = [path for path in (measurements, planned, identification) if path is not None]
+    given = (measurements, planned, identification, joints)
+    read = [path for path in given if path is not None]
     file, *drawn = Results.of(out, "prove").claim(
         "computed", ACCEPTANCE, *ACCEPTANCE_DRAWN, inputs=read
     )
-    asked, table = read_rule(planned), _checked(cell, measurements, trust_units)
-    used = before = None
+    asked, used, before = read_rule(planned), None, None
     notes: list[str] = []
+    table = _checked(
+        cell, measurements, joints, warn=notes.append, each_visit=True, trust_units=trust_units
+    ).table
     if identification is not None:
         used = read_identification(identification, cell, model)
         content = read_identification_file(identification)
@@ -486,11 +500,11 @@ def judge_acceptance_test(
         if fitted.is_file() and is_of_instrument(cell, fitted):
             fitted = identification.with_name(JOINED[0])
         there = fitted.is_file() and bool(content.data.file)
-        notes = check_not_fitted(
+        notes += check_not_fitted(
             measurements,
             table,
             identification,
-            _measured(cell, fitted, trust_units) if there else None,
+            read_measured(cell, fitted, trust_units=trust_units).table if there else None,
         )
         if any(each.name == FRAMES_ONLY and each.parameters for each in content.models):
             before = read_identification(identification, cell, FRAMES_ONLY)
@@ -503,38 +517,32 @@ def judge_acceptance_test(
         before=before,
         given_frame=given_frame,
     )
-    content_of = verdict_as_dict(asked, replace(verdict, notes=tuple(notes)))
+    content_of = verdict_as_dict(asked, replace(verdict, notes=(*notes, *verdict.notes)))
     write_json_atomic(file, content_of)
     found = AcceptanceFile.model_validate(content_of)
     draw(Results.of(out, "prove"), drawn, lambda: figure_of_acceptance(found))
     return found
 
 
-def _measured(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
-    """Measurements of a table, or of an instrument's that has the joints, too."""
-    from posedesign.identification.instruments import is_of_instrument, read_measured
-
-    if is_of_instrument(cell, path):
-        return read_measured(cell, path, None, trust_units=trust_units).table
-    return read_measurements(
-        path,
-        cell.robot.n,
-        external=cell.robot.external,
-        kind=cell.config.measurement.kind,
-        payloads=[payload.name for payload in cell.config.payload],
-        controller=cell.robot.controller,
-        trust_units=trust_units,
-    )
-
-
-def _checked(cell: Cell, path: Path, trust_units: bool) -> MeasurementTable:
-    """The same, refused where readings cannot be in the unit of their columns."""
+def _checked(
+    cell: Cell,
+    path: Path,
+    joints: Path | None,
+    *,
+    warn: Warn,
+    each_visit: bool = False,
+    trust_units: bool,
+) -> Measured:
+    """What was measured, refused where readings cannot be in the unit of their columns."""
+    from posedesign.identification.instruments import read_measured
     from posedesign.identification.measurement_set_up import check_readings
 
-    table = _measured(cell, path, trust_units)
+    found = read_measured(cell, path, joints, each_visit=each_visit, trust_units=trust_units)
+    for line in found.notes:
+        warn(line)
     if not trust_units:
-        check_readings(cell, table)
-    return table
+        check_readings(found.cell, found.table)
+    return found
 
 
 def plan_recheck_poses(
@@ -554,16 +562,23 @@ def recheck_file(
     cell: Cell,
     measurements: Path,
     identification: Path,
+    out: Path | Results,
     *,
+    joints: Path | None = None,
     set_up_anew: bool = False,
     trust_units: bool = False,
+    warn: Warn = _silent,
 ) -> Recheck:
-    """Test by what was measured whether the arm is still the one that was identified."""
-    from posedesign.acceptance.file import check_not_fitted
+    """Test by what was measured whether the arm is still the one identified: ``recheck.json``."""
+    from posedesign.acceptance.file import check_not_fitted, recheck_as_dict
 
-    table = _checked(cell, measurements, trust_units)
+    read = [path for path in (measurements, identification, joints) if path is not None]
+    (file,) = Results.of(out, "recheck").claim("computed", RECHECK, inputs=read)
+    table = _checked(cell, measurements, joints, warn=warn, trust_units=trust_units).table
     check_not_fitted(measurements, table, identification, None)
-    return _watch(cell, identification, table.kinds, set_up_anew).test(table)
+    found = _watch(cell, identification, table.kinds, set_up_anew).test(table)
+    write_json_atomic(file, recheck_as_dict(found))
+    return found
 
 
 def _watch(cell: Cell, identification: Path, kinds: Sequence[str], set_up_anew: bool) -> Watch:

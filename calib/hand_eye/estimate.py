@@ -38,7 +38,7 @@ from calib.hand_eye.noise import (
 )
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
-from calib.hand_eye.problem import Prepared, Problem
+from calib.hand_eye.problem import Prepared, Problem, explained
 from calib.hand_eye.result import HandEyeResult, PictureStatus
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
@@ -126,7 +126,10 @@ def calibrate(
     try:
         fit = _fitted(problem, good, sigma_px, arm_sigma)
     except (InputError, ConvergenceError) as error:
-        raise prepared[0].explained(error) from error
+        one = prepared[0]
+        raise explained(
+            one.pictures, one.lens, one.usable, one.pixels, one.poses, one.found, error
+        ) from error
     return _result(problem, fit)
 
 
@@ -297,6 +300,10 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     X, Z = (poses[label] for label in first.labels)
     pixel = np.array([fit.sigma_px[camera] for camera in problem.cameras])
     distance = _distance(first, problem.prepared[0].postures, X, Z)
+    lens = lenses[first.camera]
+    middle = np.array([lens.width_px, lens.height_px]) / 2.0
+    point = distance * np.append(lens.rays(middle), 1.0)
+    (gain,) = seen_point_motion(fit.model, x, first.camera, lens, point[None], first.camera)
     board, suspicions = _suspicions(problem, fit)
     names, status, at = _listed(problem, fit.good)
     off = _at_boards(problem, fit.parts.off[stops], poses)
@@ -313,7 +320,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         Z=Z,
         labels=first.labels,
         poses=poses,
-        lens=lenses[first.camera],
+        lens=lens,
         lenses=lenses,
         lens_estimated=problem.prepared[0].free_lens,
         estimate=estimate,
@@ -330,9 +337,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         off=listed(off),
         left_out_px=listed(left),
         distance_m=distance,
-        point_sigma_m=_point_sigma(
-            fit.model, estimate, first.camera, lenses[first.camera], distance
-        ),
+        point_sigma_m=float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T))),
         scale=_scale(estimate, board),
         start=problem.prepared[0].start,
         warnings=(*_outliers_in_words(problem, data.names, fit.good), *suspicions),
@@ -470,17 +475,3 @@ def _distance(pictures: Pictures, postures: FloatArray, X: FloatArray, Z: FloatA
     else:
         seen = (se3.inverse(Z) @ flange @ X) @ middle
     return float(np.median(np.linalg.norm(seen[:, :3], axis=1)))
-
-
-def _point_sigma(
-    model: CalibrationModel,
-    estimate: IdentificationResult,
-    camera: str,
-    lens: Lens,
-    distance: float,
-) -> float:
-    """Standard deviation [m] of a point in the middle of the picture: see `HandEyeResult`."""
-    middle = np.array([lens.width_px, lens.height_px]) / 2.0
-    point = distance * np.append(lens.rays(middle), 1.0)
-    (gain,) = seen_point_motion(model, estimate.values, camera, lens, point[None], camera)
-    return float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T)))

@@ -65,46 +65,26 @@ def motion_at(
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """What pictures of one board show, and where the arm was.
+    """What pictures of one board show, and where the arm was."""
 
-    Attributes
-    ----------
-    robot : Robot
-        :func:`calib.robots.flange_robot` where nothing but poses of the flange is known.
-    postures : array (N, n)
-        [rad]; NaN for pictures without one, which serve the lens only.
-    pixels : array (N, K, 2)
-        From the upper left corner of the image; NaN for points that were not seen.
-    board : array (K, 3)
-        Points in the frame of the board [m].
-    size_px : tuple of int
-        Width and height of the pictures.
-    carried : {"camera", "board"}
-        What is on the flange.
-    names : tuple of str
-        Of the pictures. Those that several cameras took at one stop of the arm share a name.
-    half_turn : bool
-        Whether the board looks the same after half a turn, so that pictures show it either way
-        round: its points then stand in the opposite order.
-    camera, board_name : str
-        Names of both, where there are several.
-    motion : array (N, 2, n), optional
-        Velocity [rad/s] and acceleration [rad/s²] of the joints where the arm moved, as
-        :func:`motion_at` gives them: how much later than the joints were read each picture was
-        taken is estimated then.
-    """
-
-    robot: Robot
-    postures: FloatArray
+    robot: Robot  # :func:`calib.robots.flange_robot` where nothing but poses of the flange is known
+    postures: FloatArray  # (N, n) [rad]; NaN for pictures without one, which serve the lens only
     pixels: FloatArray
-    board: FloatArray
-    size_px: tuple[int, int]
-    carried: Carried = "camera"
+    """(N, K, 2): from the upper left corner of the image; NaN for points that were not seen."""
+    board: FloatArray  # (K, 3): points in the frame of the board [m]
+    size_px: tuple[int, int]  # width and height of the pictures
+    carried: Carried = "camera"  # what is on the flange
     names: tuple[str, ...] = ()
+    """Of the pictures. Those that several cameras took at one stop of the arm share a name."""
     half_turn: bool = False
+    """Whether the board looks the same after half a turn, so that pictures show it either way
+    round: its points then stand in the opposite order."""
     camera: str = "camera"
-    board_name: str = "board"
+    board_name: str = "board"  # camera, board_name: names of both, where there are several
     motion: FloatArray | None = None
+    """(N, 2, n): velocity [rad/s] and acceleration [rad/s²] of the joints where the arm moved, as
+    :func:`motion_at` gives them: how much later than the joints were read each picture was taken is
+    estimated then."""
 
     def __post_init__(self) -> None:
         postures, pixels = (

@@ -69,9 +69,7 @@ class Prepared:
             B = se3.inverse(poses) if pictures.carried == "camera" else poses
             start = solve_robot_world(A[found], B[found], "ml-robust")
         except (InputError, ConvergenceError) as error:
-            raise explained(
-                pictures, first, pixels[found], A[found], poses[found], error
-            ) from error
+            raise explained(pictures, first, usable, pixels, poses, found, error) from error
         return cls(pictures, first, is_free, usable, pixels, poses, found, start)
 
     @property
@@ -90,12 +88,6 @@ class Prepared:
         good = self.found.copy()
         good[self.found] = self.start.used
         return good
-
-    def explained(self, error: InputError | ConvergenceError) -> InputError | ConvergenceError:
-        """An error of the estimate, with what may be the reason."""
-        A = self.pictures.robot.fk(self.postures[self.found])
-        pixels, poses = self.pixels[self.found], self.poses[self.found]
-        return explained(self.pictures, self.lens, pixels, A, poses, error)
 
 
 def _check_enough(pictures: Pictures, count: int) -> None:
@@ -136,16 +128,20 @@ def _the_same_way_round(
 def explained(
     pictures: Pictures,
     lens: Lens,
+    usable: IntArray,
     pixels: FloatArray,
-    A: FloatArray,
     poses: FloatArray,
+    found: BoolArray,
     error: InputError | ConvergenceError,
 ) -> InputError | ConvergenceError:
-    """An error of pictures that do not fit together, by what would fit far better."""
-    usable = np.flatnonzero(pictures.usable)
-    names = [pictures.names[i] for i in usable.tolist()][: len(A)]
-    mirrored = unmirrored_poses(lens, pictures.board, pixels)
-    why = explain_misfit(A, poses, pictures.carried, names, mirrored)
+    """An error of pictures that do not fit together, by what would fit far better.
+
+    As :class:`Prepared` has them.
+    """
+    some = usable[found]
+    A, names = pictures.robot.fk(pictures.postures[some]), [pictures.names[i] for i in some]
+    mirrored = unmirrored_poses(lens, pictures.board, pixels[found])
+    why = explain_misfit(A, poses[found], pictures.carried, names, mirrored)
     if why:
         return InputError(f"the pictures do not fit together: {why}", name="pictures")
     error.hint = error.hint or _LETTERS

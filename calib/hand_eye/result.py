@@ -46,92 +46,53 @@ class PlacedFrame:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HandEyeResult(Shown):
-    """Camera and board, lens and robot, from pictures.
+    """Camera and board, lens and robot, from pictures."""
 
-    Attributes
-    ----------
-    carried : {"camera", "board"}
-        What is on the flange.
-    X, Z : array (4, 4)
-        ``T_flange_camera`` and ``T_base_board``, or ``T_flange_board`` and ``T_base_camera`` [m].
-    labels : tuple of two str
-        What X and Z place.
-    poses : dict of array (4, 4)
-        Of all cameras and boards by name [m]: on the flange, or in the base.
-    lens : Lens
-    lenses : dict of Lens
-        Of all cameras by name.
-    lens_estimated : bool
-    estimate : IdentificationResult
-        All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
-        ``board.*``, and those of the robot. cx and cy count from the corner of the image.
-    sigma_px : float
-        Noise of a coordinate of a point, of the first camera.
-    sigmas_px : dict of float
-        The same of all cameras by name.
-    arm_sigma : tuple of two floats
-        How far the arm stops from where it says: along each axis [m], about each axis [rad].
-    names : tuple of str
-        Of all N pictures.
-    status : tuple of str
-        Of each: used, or why not.
-    rms_px : array (N,)
-        Rms of a coordinate of the points of each picture; NaN without board or posture.
-    scatter_px : array (N,)
-        The same about the best pose of the board in that picture alone.
-    pixels : array (N, K, 2)
-        Where the points were seen, in the order of the board; NaN where they were not.
-    residuals_px : array (N, K, 2)
-        Of each point, what is shown by the result less what was seen; NaN where it was not.
-    within_px : array (N, K, 2)
-        The same about the best pose of the board at that stop alone: of the lens and of the board,
-        without what the arm stopped off.
-    off : array (N, 6)
-        By how much the flange seems to have been off in each picture [m, rad]: its place where the
-        board is, for a shift alone hardly differs from a turn; base axes.
-    left_out_px : array (N,)
-        As ``rms_px``, with the picture left out of the estimate.
-    distance_m : float
-        Of the board from the camera, median.
-    point_sigma_m : float
-        Standard deviation, root of the sum over three axes, of where the camera says that a point
-        in the middle of its picture at this distance is, seen from the flange (eye-in-hand) or
-        from the base: what X, or Z, and the lens leave unknown.
-    scale : tuple of two floats
-        By how much larger the board seems to be than described, as a share, and its standard
-        deviation.
-    start : RobotWorldResult
-        The solution of A X = Z B that it started from.
-    warnings : tuple of str
-        What looks wrong, the worst first.
-    """
-
-    carried: Carried
+    carried: Carried  # what is on the flange
     X: FloatArray
     Z: FloatArray
-    labels: tuple[str, str]
+    """X, Z (4, 4): ``T_flange_camera`` and ``T_base_board``, or ``T_flange_board`` and
+    ``T_base_camera`` [m]."""
+    labels: tuple[str, str]  # what X and Z place
     poses: dict[str, FloatArray]
+    """(4, 4): of all cameras and boards by name [m]: on the flange, or in the base."""
     lens: Lens
-    lenses: dict[str, Lens]
+    lenses: dict[str, Lens]  # of all cameras by name
     lens_estimated: bool
     estimate: IdentificationResult
-    sigma_px: float
-    sigmas_px: dict[str, float]
+    """All parameters with their covariance: ``tool.*`` of X, ``target.*`` of Z, ``lens.*``,
+    ``board.*``, and those of the robot. cx and cy count from the corner of the image."""
+    sigma_px: float  # noise of a coordinate of a point, of the first camera
+    sigmas_px: dict[str, float]  # the same of all cameras by name
     arm_sigma: tuple[float, float]
-    names: tuple[str, ...]
-    status: tuple[PictureStatus, ...]
+    """How far the arm stops from where it says: along each axis [m], about each axis [rad]."""
+    names: tuple[str, ...]  # of all N pictures
+    status: tuple[PictureStatus, ...]  # of each: used, or why not
     rms_px: FloatArray
-    scatter_px: FloatArray
+    """(N,): rms of a coordinate of the points of each picture; NaN without board or posture."""
+    scatter_px: FloatArray  # (N,): the same about the best pose of the board in that picture alone
     pixels: FloatArray
+    """(N, K, 2): where the points were seen, in the order of the board; NaN where they were not."""
     residuals_px: FloatArray
+    """(N, K, 2): of each point, what is shown by the result less what was seen; NaN where it was
+    not."""
     within_px: FloatArray
+    """(N, K, 2): the same about the best pose of the board at that stop alone: of the lens and of
+    the board, without what the arm stopped off."""
     off: FloatArray
-    left_out_px: FloatArray
-    distance_m: float
+    """(N, 6): by how much the flange seems to have been off in each picture [m, rad]: its place
+    where the board is, for a shift alone hardly differs from a turn; base axes."""
+    left_out_px: FloatArray  # (N,): as ``rms_px``, with the picture left out of the estimate
+    distance_m: float  # of the board from the camera, median
     point_sigma_m: float
+    """Standard deviation, root of the sum over three axes, of where the camera says that a point in
+    the middle of its picture at this distance is, seen from the flange (eye-in-hand) or from the
+    base: what X, or Z, and the lens leave unknown."""
     scale: tuple[float, float]
-    start: RobotWorldResult
-    warnings: tuple[str, ...]
+    """By how much larger the board seems to be than described, as a share, and its standard
+    deviation."""
+    start: RobotWorldResult  # the solution of A X = Z B that it started from
+    warnings: tuple[str, ...]  # what looks wrong, the worst first
 
     @property
     def used(self) -> BoolArray:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from calib.identification.result import DISPLAY as DISPLAY
     from calib.identification.result import IdentificationResult as IdentificationResult
     from calib.identification.result import KindNoise as KindNoise
-    from calib.identification.solver import finite_difference_jacobian as finite_difference_jacobian
     from calib.identification.solver import identify as identify
     from calib.identification.solver import identify_batch as identify_batch
 else:

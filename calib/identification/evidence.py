@@ -26,6 +26,7 @@ from calib.identification.noise import WEIGHTS, Loss, costs_of, distances2, log_
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
+from calib.one_thread import one_blas_thread
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 LOSSES: tuple[Loss, ...] = ("least-squares", "student-t")
@@ -104,6 +105,7 @@ class TunedPriors:
     notes: tuple[str, ...]  # groups whose standard deviation stands at a bound
 
 
+@one_blas_thread
 def tune_priors(
     model: CalibrationModel,
     data: Measurements,

@@ -27,7 +27,7 @@ from calib.identification.report import make_result
 from calib.identification.result import SIZES, IdentificationResult
 from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
-from calib.model import CalibrationModel, Setup
+from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 
@@ -141,16 +141,6 @@ def _newton_raphson(
         if not np.isfinite(x).all():
             break
     raise not_converged(change)
-
-
-def finite_difference_jacobian(
-    model: CalibrationModel, q: FloatArray, x: FloatArray, setup: Setup | None = None
-) -> FloatArray:
-    """Eq. 5 of [Watanabe2006]_ as printed: forward differences, ``(N, m, p)``."""
-    step = np.array([SIZES[unit].difference for unit in model.units])
-    here = model.predict(q, x, setup)
-    moved = model.linearise(q[None], x + np.diag(step), setup, here)  # residuals: what has moved
-    return np.moveaxis(moved.rows / step[:, None, None], 0, -1)
 
 
 def _least_squares(J: FloatArray, rows: FloatArray) -> FloatArray:

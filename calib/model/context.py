@@ -30,39 +30,24 @@ NO_TURN = np.eye(3)[:, :, None]
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What N measurements are of, as indices into the lists of a model.
+    """What N measurements are of, as indices into the lists of a model."""
 
-    Attributes
-    ----------
-    kind : array (N,)
-        Into the model's measurements.
-    tool : array (N,)
-        Into its tool labels: the point or frame on the tool that was measured.
-    target : array (N,)
-        Into its target labels: what it was measured from.
-    payload : array (N,)
-        Into the payloads of its compliance.
-    seen : array (N, m) of bool or None
-        Which rows of each were read, where a reading may be a part of what its kind gives: the
-        points of a board in a picture. None: all.
-    stop : array (N,) or None
-        Which stop of the arm each was taken at, from 0 up, where several may be of one: pictures
-        of two cameras. None: each is of its own.
-    motion : array (N, 2, n) or None
-        Velocity [rad/s] and acceleration [rad/s²] of the joints at each. None: the arm stood still.
-    together : int
-        How many that follow each other are of one posture, which is then given once, and make one
-        block of it: the reflectors of a tool. Rows that are not seen are zero.
-    """
-
-    kind: IntArray
-    tool: IntArray
-    target: IntArray
-    payload: IntArray
+    kind: IntArray  # (N,): into the model's measurements
+    tool: IntArray  # (N,): into its tool labels: the point or frame on the tool that was measured
+    target: IntArray  # (N,): into its target labels: what it was measured from
+    payload: IntArray  # (N,): into the payloads of its compliance
     seen: BoolArray | None = None
+    """(N, m): which rows of each were read, where a reading may be a part of what its kind gives:
+    the points of a board in a picture. None: all."""
     stop: IntArray | None = None
+    """(N,): which stop of the arm each was taken at, from 0 up, where several may be of one:
+    pictures of two cameras. None: each is of its own."""
     motion: FloatArray | None = None
+    """(N, 2, n): velocity [rad/s] and acceleration [rad/s²] of the joints at each. None: the arm
+    stood still."""
     together: int = 1
+    """How many that follow each other are of one posture, which is then given once, and make one
+    block of it: the reflectors of a tool. Rows that are not seen are zero."""
 
     @classmethod
     def of(
@@ -112,47 +97,30 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """A frame, or only a point, that a measurement looks at: on the tool, or around the arm.
+    """A frame, or only a point, that a measurement looks at: on the tool, or around the arm."""
 
-    Attributes
-    ----------
-    position : array (3, S)
-        [m], in the tip or in the base frame.
-    columns : array (3, 3, S) or None
-        Columns of its rotation; None for a point, which has the axes of the frame it sits in.
-    """
-
-    position: FloatArray
+    position: FloatArray  # (3, S) [m], in the tip or in the base frame
     columns: FloatArray | None = None
+    """(3, 3, S): columns of its rotation; None for a point, which has the axes of the frame it sits
+    in."""
 
 
 @dataclass
 class ArmErrors:
-    """How arm and set-up differ from the description at given parameters.
+    """How arm and set-up differ from the description at given parameters."""
 
-    Attributes
-    ----------
-    joints : array (n, S)
-        Added to the joint values [rad].
-    displaced : dict of array (6, S) or (6, 1)
-        Frames of joints that are not in their places, by joint: shift [m] and rotation vector
-        [rad] in the axes of the description, summed over all that displaces them.
-    tools : list of Feature
-        What sits on the tip, in the order of the model's tool labels; in the tip frame.
-    targets : list of Feature
-        What is measured from, in the order of the model's target labels; in the base frame.
-    lengths : dict of array (S,)
-        What is shown more than the distance from a target, by its label [m].
-    readings : dict of array (k, S)
-        What an instrument reads by: the values of a lens, say, by its label.
-    """
-
-    joints: FloatArray
+    joints: FloatArray  # (n, S): added to the joint values [rad]
     displaced: dict[int, FloatArray] = field(default_factory=dict)
+    """(6, S) or (6, 1): frames of joints that are not in their places, by joint: shift [m] and
+    rotation vector [rad] in the axes of the description, summed over all that displaces them."""
     tools: list[Feature] = field(default_factory=list)
+    """What sits on the tip, in the order of the model's tool labels; in the tip frame."""
     targets: list[Feature] = field(default_factory=list)
+    """What is measured from, in the order of the model's target labels; in the base frame."""
     lengths: dict[str, FloatArray] = field(default_factory=dict)
+    """(S,): what is shown more than the distance from a target, by its label [m]."""
     readings: dict[str, FloatArray] = field(default_factory=dict)
+    """(k, S): what an instrument reads by: the values of a lens, say, by its label."""
 
     def displace(self, joint: int, six: FloatArray) -> None:
         """Displace the frame of a joint by ``(6, S)``, besides what others displace it by."""
@@ -169,53 +137,25 @@ class ArmErrors:
 
 @dataclass(frozen=True, eq=False)
 class MeasurementContext:
-    """Arm and set-up in given postures, with their errors: all that a block or a kind may need.
-
-    Attributes
-    ----------
-    q : array (n, S)
-        Joint values as the controller shows them [rad].
-    batch : tuple of int
-        Leading dimensions of the trials; empty for one set.
-    setup : Setup
-        How each of the N measurements was set up.
-    tools, targets : tuple of str
-        Labels that it has indices into.
-    is_distance : array (N,) of bool
-        Which of them are distances, to which alone an error of a reading's zero matters.
-    errors : ArmErrors
-        As applied.
-    displacements : dict of Displacement
-        Of the frames of joints.
-    walk : Walk
-        The arm with its errors.
-    point : array (3, S)
-        Tool point in the base frame [m].
-    tool : array (3, 3, S)
-        Columns of ``R_base_tool``.
-    origin : array (3, S)
-        Origin of the target in the base frame [m].
-    target : array (3, 3, S) or (3, 3, 1)
-        Columns of ``R_base_target``.
-    found : dict
-        What kinds of measurement have computed here, for themselves.
-    """
+    """Arm and set-up in given postures, with their errors: all that a block or a kind may need."""
 
     robot: Robot
-    q: FloatArray
-    batch: tuple[int, ...]
-    setup: Setup
+    q: FloatArray  # (n, S): joint values as the controller shows them [rad]
+    batch: tuple[int, ...]  # leading dimensions of the trials; empty for one set
+    setup: Setup  # how each of the N measurements was set up
     tools: tuple[str, ...]
-    targets: tuple[str, ...]
+    targets: tuple[str, ...]  # tools, targets: labels that it has indices into
     is_distance: BoolArray
-    errors: ArmErrors
-    displacements: dict[int, Displacement]
-    walk: Walk
-    point: FloatArray
-    tool: FloatArray
-    origin: FloatArray
-    target: FloatArray
+    """(N,): which of them are distances, to which alone an error of a reading's zero matters."""
+    errors: ArmErrors  # as applied
+    displacements: dict[int, Displacement]  # of the frames of joints
+    walk: Walk  # the arm with its errors
+    point: FloatArray  # (3, S): tool point in the base frame [m]
+    tool: FloatArray  # (3, 3, S): columns of ``R_base_tool``
+    origin: FloatArray  # (3, S): origin of the target in the base frame [m]
+    target: FloatArray  # (3, 3, S) or (3, 3, 1): columns of ``R_base_target``
     found: dict[Any, Any] = field(default_factory=dict)
+    """What kinds of measurement have computed here, for themselves."""
 
     @property
     def error(self) -> FloatArray:

@@ -35,7 +35,7 @@ from calib.robot_world.noise import (
     perturb,
 )
 from calib.robot_world.pairs import PairSets, own_order
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray
 
 NOISE_DOUBT = 1e-4
 """Probability of residuals as large as those found below which the noise does not explain them."""
@@ -457,7 +457,9 @@ def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | Non
     out = np.full((N, 6), np.nan)
     count = min(N, max(_FEWEST_GROUPS, min(_GROUPS, _PAIRS_IN_ALL // N)))
     # every so many: a stretch of the order has poses of one kind, without which the rest is poorer
-    for size, groups in _equal([order[k::count] for k in range(count)]):
+    every = [order[k::count] for k in range(count)]
+    for size in sorted({len(group) for group in every}):
+        groups = np.array([group for group in every if len(group) == size])
         inside = np.zeros((len(groups), N), dtype=bool)
         np.put_along_axis(inside, groups, True, axis=1)
         others = np.nonzero(~inside)[1].reshape(len(groups), N - size)
@@ -473,9 +475,3 @@ def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | Non
                 own = groups[rows][seen].reshape(-1, size)
                 out[own] = residuals(A[own], B[own], left.X, left.Z)
     return out
-
-
-def _equal(groups: list[IntArray]) -> list[tuple[int, IntArray]]:
-    """Groups of equal size together: ``(size, (count, size))``."""
-    sizes = {len(group) for group in groups}
-    return [(size, np.array([g for g in groups if len(g) == size])) for size in sorted(sizes)]

@@ -125,7 +125,8 @@ def explain(
     """
     if used.sum() < FEWEST_PAIRS:
         return None
-    plain = _isotropic(A, B, X, Z, used)
+    square = (difference(A @ X, Z @ B)[used] ** 2).sum(axis=0).reshape(2, 3).sum(axis=1)
+    plain = _criterion(square, np.full(2, 3.0 * used.sum()))
     others = [_shared(A, B, X, Z, used), *_seen(A, B, X, Z, used)]
     best = min(others, key=lambda one: one.criterion)
     return best if best.criterion < plain - SURELY else None
@@ -139,13 +140,6 @@ def _loose(count: int) -> float:
 def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0) -> float:
     """Akaike's criterion of normal numbers in groups, each with the variance that it shows."""
     return float((counts * np.log(squares / counts + _TINY)).sum()) + more + 2.0 * len(counts)
-
-
-def _isotropic(
-    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
-) -> float:
-    square = (difference(A @ X, Z @ B)[used] ** 2).sum(axis=0).reshape(2, 3).sum(axis=1)
-    return _criterion(square, np.full(2, 3.0 * used.sum()))
 
 
 def _shared(

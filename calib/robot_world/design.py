@@ -22,7 +22,6 @@ from calib.batch_last import columns_of, turn
 from calib.errors import InputError
 from calib.robot_world.algebra import triangle
 from calib.robot_world.errors_of_pairs import derivatives
-from calib.robot_world.identifiability import examine, not_identifiable
 from calib.robot_world.noise import Noise, check_noise_given
 from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
@@ -108,8 +107,7 @@ def information(blocks: FloatArray) -> FloatArray:
 def covariance(blocks: FloatArray) -> FloatArray:
     """Covariance ``(..., 12, 12)`` [rad, m] of X and Z, by the inverse of the information.
 
-    Infinite throughout where the poses do not determine X and Z: :func:`check_identifiable` says
-    what is missing.
+    Infinite throughout where the poses do not determine X and Z.
     """
     rows = _stacked(blocks)
     out = np.full((*rows.shape[:-2], 12, 12), np.inf)
@@ -122,22 +120,6 @@ def covariance(blocks: FloatArray) -> FloatArray:
     root = np.linalg.inv(R[good])
     out[good] = root @ np.swapaxes(root, -1, -2)
     return out
-
-
-def check_identifiable(A: FloatArray, X: FloatArray, Z: FloatArray) -> None:
-    """Refuse planned poses ``(N, 4, 4)`` that would leave part of X and Z unknown.
-
-    Raises
-    ------
-    NotIdentifiableError
-        Naming what stays free, and why.
-    """
-    B = planned_B(A, X, Z)
-    if B.ndim != 3 or not len(B):
-        raise InputError(f"A has shape {np.shape(A)}, not (N, 4, 4)", name="A")
-    motion = examine(PairSets(A[None], B[None]))
-    if motion.rank_deficient[0]:
-        raise not_identifiable(motion, A, B)
 
 
 def _stacked(blocks: FloatArray) -> FloatArray:

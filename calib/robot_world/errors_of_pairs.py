@@ -112,9 +112,10 @@ class _IsotropicErrors:
 class General:
     """Errors with any covariance."""
 
-    A: FloatArray | None  # (S, 6, 6) or (1, 6, 6)
+    A: FloatArray | None
     B: FloatArray | None
-    """Covariances of (a, α) and (b, β) [rad, m]; None where that side has no errors."""
+    """A, B (S, 6, 6) or (1, 6, 6): covariances of (a, α) and (b, β) [rad, m]; None where that side
+    has no errors."""
 
     @property
     def on_A(self) -> bool:

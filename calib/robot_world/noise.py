@@ -93,22 +93,17 @@ class PairNoise:
 
 @dataclass(frozen=True, eq=False)
 class PairCovariances:
-    """Independent noise of the measured transforms with any covariance.
-
-    Attributes
-    ----------
-    A, B : array_like (6, 6) or (N, 6, 6), or None
-        Covariance of the errors (w, v) [rad, m] of every A or B, or of each; None where that side
-        has none. What a camera sees is often far less certain along its axis than across it.
-    axes : {"to", "from"}
-        The axes that w and v are given in: those of the frame that the transform maps to (the base
-        for A = T_base_flange), or those that it maps from (the flange; the camera for
-        B = T_target_camera).
-    """
+    """Independent noise of the measured transforms with any covariance."""
 
     A: ArrayLike | None = None
     B: ArrayLike | None = None
+    """A, B (6, 6) or (N, 6, 6): covariance of the errors (w, v) [rad, m] of every A or B, or of
+    each; None where that side has none. What a camera sees is often far less certain along its axis
+    than across it."""
     axes: Axes = "to"
+    """The axes that w and v are given in: those of the frame that the transform maps to (the base
+    for A = T_base_flange), or those that it maps from (the flange; the camera for B =
+    T_target_camera)."""
 
     def __post_init__(self) -> None:
         if self.A is None and self.B is None:

@@ -62,27 +62,18 @@ _LEAST = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """By what the translations of B have to be multiplied, estimated together with X and Z.
-
-    Attributes
-    ----------
-    value, sigma : float
-        The factor and its standard deviation; infinite where the pairs do not tell it.
-    X, Z : ndarray (4, 4)
-        The likeliest ones with it [m], lengths of A being true.
-    covariance : ndarray (13, 13) or None
-        Of X and Z, as :attr:`RobotWorldResult.covariance`, and of the factor; None where the pairs
-        do not tell it.
-    freedom : int
-        Degrees of freedom of the residuals that it comes from.
-    """
+    """By what the translations of B have to be multiplied, estimated together with X and Z."""
 
     value: float
     sigma: float
+    """value, sigma: the factor and its standard deviation; infinite where the pairs do not tell
+    it."""
     X: FloatArray
-    Z: FloatArray
+    Z: FloatArray  # X, Z (4, 4): the likeliest ones with it [m], lengths of A being true
     covariance: FloatArray | None
-    freedom: int
+    """(13, 13): of X and Z, as :attr:`RobotWorldResult.covariance`, and of the factor; None where
+    the pairs do not tell it."""
+    freedom: int  # degrees of freedom of the residuals that it comes from
 
     @property
     def is_told(self) -> bool:

@@ -99,46 +99,32 @@ def solve_problem(
 
 @dataclass(frozen=True, eq=False)
 class RobotWorldBatch:
-    """Solutions of T problems A X = Z B by one method.
-
-    Attributes
-    ----------
-    X, Z : ndarray (T, 4, 4)
-        The transforms; NaN in the trials whose motion identifies no X at all (``rank_deficient``).
-    method : str
-        Name of the method.
-    iterations : ndarray of int (T,) or None
-        Cycles of an iterative method, 0 where it was not run; None for the others.
-    converged : ndarray of bool (T,)
-        False where an iteration did not arrive; True for the methods that do not iterate.
-    rank_deficient : ndarray of bool (T,)
-        The rotations between the poses do not identify X: all about one axis, or none, or half
-        turns.
-    degenerate : ndarray of bool (T,)
-        The same, or not to be told from it in the noise that the residuals show. X and Z are
-        numbers there, since statistics over random problems need them, but ``ok`` is False.
-    misfit : ndarray of bool (T,)
-        The residuals are several times those of the closed form: the method has failed.
-    doubtful : ndarray of bool (T,)
-        What is left is of the size of the motion itself: A and B do not belong together.
-    covariance : ndarray (T, 12, 12) or None
-        Of X and Z, by the methods of maximum likelihood; see
-        :attr:`RobotWorldResult.covariance`.
-    chi2 : ndarray (T,) or None
-        By these methods, where a noise was given; see :attr:`RobotWorldResult.chi2`.
-    """
+    """Solutions of T problems A X = Z B by one method."""
 
     X: FloatArray
     Z: FloatArray
-    method: str
+    """X, Z (T, 4, 4): the transforms; NaN in the trials whose motion identifies no X at all
+    (``rank_deficient``)."""
+    method: str  # name of the method
     iterations: IntArray | None
+    """(T,): cycles of an iterative method, 0 where it was not run; None for the others."""
     converged: BoolArray
+    """(T,): False where an iteration did not arrive; True for the methods that do not iterate."""
     rank_deficient: BoolArray
+    """(T,): the rotations between the poses do not identify X: all about one axis, or none, or half
+    turns."""
     degenerate: BoolArray
+    """(T,): the same, or not to be told from it in the noise that the residuals show. X and Z are
+    numbers there, since statistics over random problems need them, but ``ok`` is False."""
     misfit: BoolArray
+    """(T,): the residuals are several times those of the closed form: the method has failed."""
     doubtful: BoolArray
+    """(T,): what is left is of the size of the motion itself: A and B do not belong together."""
     covariance: FloatArray | None = None
+    """(T, 12, 12): of X and Z, by the methods of maximum likelihood; see
+    :attr:`RobotWorldResult.covariance`."""
     chi2: FloatArray | None = None
+    """(T,): by these methods, where a noise was given; see :attr:`RobotWorldResult.chi2`."""
 
     @classmethod
     def joined(cls, parts: Sequence[RobotWorldBatch]) -> RobotWorldBatch:

@@ -14,21 +14,12 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class CoupledLimit:
-    """A bound on a sum of joint values: ``lower <= coefficients @ q <= upper``.
+    """A bound on a sum of joint values: ``lower <= coefficients @ q <= upper``."""
 
-    Attributes
-    ----------
-    name : str
-        As reasons say it, e.g. ``J3 to the horizontal``.
-    coefficients : array (n,)
-    lower, upper : float
-        [rad]; infinite where there is none.
-    """
-
-    name: str
-    coefficients: FloatArray
+    name: str  # as reasons say it, e.g. ``J3 to the horizontal``.
+    coefficients: FloatArray  # (n,)
     lower: float
-    upper: float
+    upper: float  # lower, upper [rad]; infinite where there is none
 
     def margin(self, q: FloatArray) -> FloatArray:
         """Distance [rad] of postures ``(..., n)`` from the nearer bound; negative outside."""
@@ -48,21 +39,14 @@ of each; only limits of many turns make more than anybody can look at."""
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Limits of each joint, and those that joints have together, a margin taken off.
-
-    Attributes
-    ----------
-    lower, upper : array (n,)
-        [rad], of joints that slide [m]
-    margin : float
-        Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already,
-        but for slides.
-    """
+    """Limits of each joint, and those that joints have together, a margin taken off."""
 
     lower: FloatArray
-    upper: FloatArray
+    upper: FloatArray  # lower, upper (n,) [rad], of joints that slide [m]
     coupled: tuple[CoupledLimit, ...] = ()
     margin: float = 0.0
+    """Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already, but
+    for slides."""
 
     @classmethod
     def within(

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, RobotModelError, near_names
 from calib.robots.chain import NO_EXTERNAL_AXES, ExternalAxes, SerialChain
-from calib.se3 import FloatArray, inverse, transform
+from calib.se3 import FloatArray, apply, inverse, transform
 
 _X, _Y, _Z = np.eye(3)
 
@@ -147,6 +147,7 @@ def controller_of(
     T_base_world: FloatArray | None,
     couplings: Sequence[Coupling] = (),
     joint_names: Sequence[str] = (),
+    T_base_foot: FloatArray | None = None,
 ) -> Controller:
     """The view of a maker's controller on a chain.
 
@@ -158,6 +159,9 @@ def controller_of(
         Of the chain, which couplings name.
     T_base_world : array (4, 4) or None
         Where the description places the controller's world; None where it does not say.
+    T_base_foot : array (4, 4), optional
+        The link that the arm stands on, external axes at zero, which makers count from; the base
+        where it is not given.
 
     Raises
     ------
@@ -177,7 +181,10 @@ def controller_of(
             name=maker,
         )
     state = arm.forward(np.zeros(arm.n))
-    world = _usual_world(maker, state.origins) if T_base_world is None else T_base_world
+    foot = np.eye(4) if T_base_foot is None else T_base_foot
+    world = T_base_world
+    if world is None:
+        world = foot @ _usual_world(maker, apply(inverse(foot), state.origins))
     cosine = np.sum((state.axes @ world[:3, :3]) * wanted, axis=-1)
     if (np.abs(cosine) < _SAME_DIRECTION).any():
         joint = int(np.argmin(np.abs(cosine)))

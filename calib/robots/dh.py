@@ -57,15 +57,7 @@ _X, _Y, _Z = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class DHTable:
-    """A table of an arm of n joints.
-
-    Attributes
-    ----------
-    theta, d, a, alpha, beta : array (n,)
-        See the module [rad, m]; ``theta`` is the offset.
-    T_base_0, T_n_tip : array (4, 4)
-        Before the first row and behind the last one [m].
-    """
+    """A table of an arm of n joints."""
 
     form: Form
     theta: FloatArray
@@ -73,8 +65,10 @@ class DHTable:
     a: FloatArray
     alpha: FloatArray
     beta: FloatArray
+    """theta, d, a, alpha, beta (n,): see the module [rad, m]; ``theta`` is the offset."""
     T_base_0: FloatArray
     T_n_tip: FloatArray
+    """T_base_0, T_n_tip (4, 4): before the first row and behind the last one [m]."""
 
     def fk(self, q: ArrayLike) -> FloatArray:
         """Poses of the tip ``(..., 4, 4)`` [m] at postures ``(..., n)`` [rad]."""

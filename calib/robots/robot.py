@@ -313,14 +313,19 @@ class Robot:
             The maker is unknown, its arms have other axes or another zero posture, or there are
             no joints that couple so.
         """
-        world = None
-        if self.model.existFrame(_WORLD, pin.FrameType.BODY):
-            data = self.model.createData()
-            pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
-            base, there = (frame_id(self.model, name) for name in (self.base_frame, _WORLD))
-            world = (data.oMf[base].inverse() * data.oMf[there]).homogeneous
-        seen = controller_of(maker, self.chain, world, couplings, self.joint_names)
+        foot = self.link_names[self.n_external] if self.n_external else ""
+        world, stands = self._at_zero(_WORLD), self._at_zero(foot)
+        seen = controller_of(maker, self.chain, world, couplings, self.joint_names, stands)
         return replace(self, controller=seen)
+
+    def _at_zero(self, link: str) -> FloatArray | None:
+        """A link in the base frame ``(4, 4)`` with all joints at zero; None where there is none."""
+        if not self.model.existFrame(link, pin.FrameType.BODY):
+            return None
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
+        base, there = (frame_id(self.model, name) for name in (self.base_frame, link))
+        return np.asarray((data.oMf[base].inverse() * data.oMf[there]).homogeneous)
 
     def __getstate__(self) -> dict[str, object]:
         # the closed-form solver lives in C++ and cannot be sent to a worker, which makes its own

@@ -66,14 +66,11 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """What a set of poses tells: rows of unit variance while nothing has changed.
-
-    ``effects``: by cause, columns ``(M', k)``. ``y`` (M',): None before measuring.
-    """
+    """What a set of poses tells: rows of unit variance while nothing has changed."""
 
     freedom: int
-    effects: Mapping[str, FloatArray]
-    y: FloatArray | None = None
+    effects: Mapping[str, FloatArray]  # by cause, columns ``(M', k)``
+    y: FloatArray | None = None  # (M',): None before measuring
 
     def smallest(self, cause: str, power: float = POWER) -> float:
         """Smallest change [rad, m] that is found with this chance, in the worst direction.
@@ -152,7 +149,7 @@ class Explanation:
     """A single cause of what was measured.
 
     ``change`` (k,), ``sigma`` (k,): estimate and standard deviations [SI]. ``left``: sum of squares
-    that it leaves, ``p_left``: chance of as much. ``akaike``: criterion, smaller is likelier.
+    that it leaves, ``p_left``: chance of as much.
     """
 
     cause: str
@@ -161,7 +158,11 @@ class Explanation:
     sigma: FloatArray
     left: float
     p_left: float
-    akaike: float
+
+    @property
+    def akaike(self) -> float:
+        """Criterion, smaller is likelier."""
+        return self.left + 2.0 * len(self.change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +208,6 @@ def judge_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
                 np.sqrt(np.sum((Vt.T / s) ** 2, axis=1)),
                 left,
                 float(stats.chi2.sf(left, told.freedom - cause.k)),
-                left + 2.0 * cause.k,
             )
         )
     found.sort(key=lambda each: each.akaike)
@@ -216,14 +216,12 @@ def judge_change(told: Whitened, causes: Sequence[Cause]) -> Recheck:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates for a recheck: blocks ``(N, m, P)`` over the noise, and what is known.
-
-    ``watched``: single-number causes ``(P, w)`` whose smallest change is to be as small as can be.
-    """
+    """Candidates for a recheck: blocks ``(N, m, P)`` over the noise, and what is known."""
 
     blocks: FloatArray
     covariance: FloatArray
     watched: FloatArray
+    """Single-number causes ``(P, w)`` whose smallest change is to be as small as can be."""
     anew: FloatArray
 
     def information(self, sets: IntArray) -> FloatArray:

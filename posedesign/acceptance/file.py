@@ -1,6 +1,6 @@
-"""``acceptance_test.json`` and ``acceptance.json``: the rule of a test, and its verdict.
+"""``acceptance_test.json``, ``acceptance.json``, ``recheck.json``: a test, its verdict, a recheck.
 
-The rule is written before anything is measured: what is judged by it cannot choose it. Both are
+The rule is written before anything is measured: what is judged by it cannot choose it. All are
 hostile until read.
 """
 
@@ -14,16 +14,17 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.errors import InputError
+from posedesign.acceptance.drift import Explanation, Recheck
 from posedesign.acceptance.iso9283 import Figure
 from posedesign.acceptance.judge import Judged, Verdict
 from posedesign.acceptance.places import AcceptancePlan, AcceptanceRequest
 from posedesign.acceptance.sampling import MOST_PLACES
 from posedesign.files import origin_of, plain
+from posedesign.files.json_files import Number, ReadFromFile, Text, read_json
 from posedesign.files.measurements import MeasurementTable
 from posedesign.files.origin import checksum
-from posedesign.identification.file import Number, ReadFromFile, Text, read_json
 
-RULE, RESULT = "acceptance_test.json", "acceptance.json"
+RULE, RESULT, RECHECK = "acceptance_test.json", "acceptance.json", "recheck.json"
 
 _WRITTEN = "give the file that posedesign prove has written"
 
@@ -128,6 +129,68 @@ def read_rule(path: Path) -> Rule:
 def read_result(path: Path) -> AcceptanceFile:
     """Read an ``acceptance.json``."""
     return read_json(path, AcceptanceFile, _WRITTEN)
+
+
+class SingleCause(ReadFromFile):
+    """What a single cause would explain [SI]."""
+
+    cause: Text
+    unit: Text
+    change_si: list[Number]
+    sigma_si: list[Number]
+    sum_of_squares_left: Number
+    p_left: Number
+
+
+class RecheckFile(ReadFromFile):
+    """What is read of a ``recheck.json``."""
+
+    p_value: Number
+    sum_of_squares: Number
+    degrees_of_freedom: Annotated[int, Field(strict=True)]
+    causes: list[SingleCause]
+
+
+def read_recheck(path: Path) -> Recheck:
+    """Read a ``recheck.json``."""
+    found = read_json(path, RecheckFile, "give the file that posedesign recheck has written")
+    causes = tuple(
+        Explanation(
+            each.cause,
+            each.unit,
+            np.array(each.change_si),
+            np.array(each.sigma_si),
+            each.sum_of_squares_left,
+            each.p_left,
+        )
+        for each in found.causes
+    )
+    return Recheck(found.degrees_of_freedom, found.sum_of_squares, found.p_value, causes)
+
+
+def recheck_as_dict(found: Recheck) -> dict[str, Any]:
+    """The content of ``recheck.json``: the test, and what each single cause would explain."""
+    content: dict[str, Any] = plain(
+        {
+            "same": found.same,
+            "p_value": found.p_value,
+            "sum_of_squares": found.square,
+            "degrees_of_freedom": found.freedom,
+            "possible": [each.cause for each in found.possible],
+            "causes": [
+                {
+                    "cause": each.cause,
+                    "unit": each.unit,
+                    "change_si": each.change,
+                    "sigma_si": each.sigma,
+                    "sum_of_squares_left": each.left,
+                    "p_left": each.p_left,
+                }
+                for each in found.explanations
+            ],
+        }
+    )
+    return content
 
 
 def rule_as_dict(plan: AcceptancePlan) -> dict[str, Any]:

@@ -50,7 +50,7 @@ from posedesign.acceptance.places import ISO, AcceptanceRequest
 from posedesign.acceptance.sampling import content_proven
 from posedesign.cell import Cell
 from posedesign.cell.observations import instrument_frame, mark_named, place_of, target_named
-from posedesign.files.measurements import MeasurementTable
+from posedesign.files.measurements import REPEATS, MeasurementTable
 from posedesign.identification.file import IdentifiedModel
 
 BEFORE, AFTER = "as described", "as identified"
@@ -170,7 +170,17 @@ def judge(
         tuple(judged),
         missing,
         "given by the cell" if given_frame else "fitted to this test, before and after apart",
+        _without_repeatability(table, judged[-1]) if request.times > 1 else (),
     )
+
+
+def _without_repeatability(table: MeasurementTable, judged: Judged) -> tuple[str, ...]:
+    """Why there is no RP: it is of visits, and what an instrument reads at one is its own noise."""
+    if not judged.poses or any(found.cycles > 1 for found in judged.poses.values()):
+        return ()
+    read = max((int(n) for n in table.extra.get(REPEATS, ()) if n.isdecimal()), default=1)
+    own = f": its {read} readings scatter as the instrument does" * (read > 1)
+    return (f"RP needs several visits of a pose, each read by itself, and there is one{own}",)
 
 
 def _tool_frames(cell: Cell, table: MeasurementTable, arm: IdentifiedModel | None) -> FloatArray:

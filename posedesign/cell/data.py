@@ -37,35 +37,19 @@ class CameraFound:
 
 @dataclass(frozen=True, eq=False)
 class CellData:
-    """What a cell is, without what is made of it.
+    """What a cell is, without what is made of it."""
 
-    Attributes
-    ----------
-    config : CellConfig
-        As written, in mm and degrees.
-    base_posture : array (n,)
-        [rad]
-    tool_m : array (3,)
-        Tool point in the tip frame [m].
-    target_m : array (3,)
-        Target in the base frame [m].
-    offset_joints : tuple of str
-        Joints whose zero offset is identified.
-    tool_bodies, obstacles : tuple of Body
-        What the flange carries, and what stands around.
-    camera_found : CameraFound, optional
-        Camera, board and lens as they were calibrated before, in place of those described.
-    """
-
-    config: CellConfig
+    config: CellConfig  # as written, in mm and degrees
     robot: Robot
-    base_posture: FloatArray
-    tool_m: FloatArray
-    target_m: FloatArray
-    offset_joints: tuple[str, ...]
+    base_posture: FloatArray  # (n,) [rad]
+    tool_m: FloatArray  # (3,): tool point in the tip frame [m]
+    target_m: FloatArray  # (3,): target in the base frame [m]
+    offset_joints: tuple[str, ...]  # joints whose zero offset is identified
     tool_bodies: tuple[Body, ...]
     obstacles: tuple[Body, ...]
+    """tool_bodies, obstacles: what the flange carries, and what stands around."""
     camera_found: CameraFound | None = None
+    """Camera, board and lens as they were calibrated before, in place of those described."""
 
     @property
     def sees_board(self) -> bool:

@@ -282,26 +282,16 @@ def _place_words(place_m: FloatArray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Whereabouts:
-    """Where the target of a cell is, and where its tool points to.
-
-    Attributes
-    ----------
-    frame, target : str
-        The base frame, and the name of the target.
-    target_m, tool_m : array (3,)
-        The target, and the tool point at the base posture, in the base frame [m].
-    nearest : (float, str) or None
-        Distance [m] and name of the obstacle nearest to the target.
-    others : tuple of (str, array (3,))
-        Names and places [m] of further targets.
-    """
+    """Where the target of a cell is, and where its tool points to."""
 
     frame: str
-    target: str
+    target: str  # frame, target: the base frame, and the name of the target
     target_m: FloatArray
     tool_m: FloatArray
-    nearest: tuple[float, str] | None
-    others: tuple[tuple[str, FloatArray], ...] = ()
+    """target_m, tool_m (3,): the target, and the tool point at the base posture, in the base frame
+    [m]."""
+    nearest: tuple[float, str] | None  # distance [m] and name of the obstacle nearest to the target
+    others: tuple[tuple[str, FloatArray], ...] = ()  # names and places [m] of further targets
 
     @property
     def apart_m(self) -> float:

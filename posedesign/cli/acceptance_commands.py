@@ -13,12 +13,14 @@ from posedesign.cli.output import (
     NOT_REACHED,
     AsJson,
     CellFile,
+    JointsFile,
     OutFolder,
     Overwrite,
     TrustUnits,
     Verbose,
     command_line,
     knowing,
+    note,
     progress,
     rehearsed_words,
     results_in,
@@ -74,6 +76,7 @@ def prove(
         Literal["fit", "given"],
         typer.Option(help="Of the instrument: fit, or given as the cell has it."),
     ] = "fit",
+    joints: JointsFile = None,
     out: OutFolder = Path("proof"),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -106,11 +109,14 @@ def prove(
     given_frame = frame == "given"
     loaded = Cell.load(cell)
     results = results_in(
-        out, "prove", cell, measurements, identification, rule, overwrite=overwrite
+        out, "prove", cell, measurements, identification, rule, joints, overwrite=overwrite
     )
     if measurements is None:
-        only = "frame" if given_frame else "rule" if rule else None
-        _refuse(only, "is of measurements, and none are given")
+        only = {"frame": given_frame, "rule": rule, "joints": joints}
+        _refuse(
+            next((name for name, value in only.items() if value), None),
+            "is of measurements, and none are given",
+        )
         if limit is not None:
             given["limit_m"] = parse_length(str(given.pop("limit")))
         request = AcceptanceRequest(**given)  # type: ignore[arg-type]
@@ -135,6 +141,7 @@ def prove(
             identification,
             model,
             rule,
+            joints=joints,
             given_frame=given_frame,
             trust_units=trust_units,
         )
@@ -170,6 +177,7 @@ def recheck(
             "--set-up-anew", help="Target or instrument stand elsewhere than in the identification."
         ),
     ] = False,
+    joints: JointsFile = None,
     out: OutFolder = Path("recheck"),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -178,13 +186,16 @@ def recheck(
 ) -> int:
     """Is it still the robot that was identified? Plan a few poses, then test what was measured."""
     from posedesign import workflow
+    from posedesign.acceptance.file import recheck_as_dict
     from posedesign.cell import Cell
-    from posedesign.cli.json_forms import recheck_as_dict
     from posedesign.report.acceptance import answer_of_recheck, answer_of_recheck_plan
 
     loaded = Cell.load(cell)
+    results = results_in(
+        out, "recheck", cell, measurements, identification, joints, overwrite=overwrite
+    )
     if measurements is None:
-        results = results_in(out, "recheck", cell, identification, overwrite=overwrite)
+        _refuse("joints" if joints else None, "is of measurements, and none are given")
         with progress("choosing poses"), knowing(loaded):
             plan = workflow.plan_recheck_poses(
                 loaded, identification, results, poses, set_up_anew=set_up_anew
@@ -200,11 +211,19 @@ def recheck(
         )
         return DONE
     found = workflow.recheck_file(
-        loaded, measurements, identification, set_up_anew=set_up_anew, trust_units=trust_units
+        loaded,
+        measurements,
+        identification,
+        results,
+        joints=joints,
+        set_up_anew=set_up_anew,
+        trust_units=trust_units,
+        warn=lambda text: note(f"warning: {measurements}: {text}"),
     )
     tell(
-        answer_of_recheck(found),
+        answer_of_recheck(found, [str(out / workflow.RECHECK[0])]),
         verbose=verbose,
+        then=command_line("report", out),
         first=rehearsed_words(measurements, identification),
         content=recheck_as_dict(found),
         as_json=as_json,

@@ -17,6 +17,7 @@ from posedesign.cli.output import (
     NOT_REACHED,
     AsJson,
     CellFile,
+    JointsFile,
     OutFolder,
     Overwrite,
     PlannedPoses,
@@ -103,14 +104,7 @@ def identify(
             "an instrument, as [instrument] of the cell says"
         ),
     ],
-    joints: Annotated[
-        Path | None,
-        typer.Option(
-            "--joints",
-            help="Joints for the file of an instrument: a table (j1_deg ..), a log (RTDE, EGM, "
-            "RSI, ROS), a program.",
-        ),
-    ] = None,
+    joints: JointsFile = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -266,6 +260,9 @@ def correct(
     leave: Annotated[
         str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
     ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="Correct a program that is corrected already.")
+    ] = False,
     export: Annotated[
         list[str] | None,
         typer.Option(help="Another form, too: dh, dh-modified, dh-hayati, ur-kinematics."),
@@ -280,7 +277,7 @@ def correct(
 
     Each of them is enough by itself, with values that are best for it over the task box. A table
     says what error each leaves. Of a program its Cartesian targets keep their place on the real
-    arm; nothing else in it changes.
+    arm; nothing else in it changes, but for a comment that says so.
     """
     from posedesign.cell import Cell
     from posedesign.cli.json_forms import correction_as_dict, program_as_dict
@@ -295,7 +292,10 @@ def correct(
     if of_program:
         _check_for_nothing("a program", {"box": box, "export": export})
     else:
-        _check_for_nothing("anything but a program", {"joints": joints or None, "leave": leave})
+        _check_for_nothing(
+            "anything but a program",
+            {"joints": joints or None, "leave": leave, "again": again or None},
+        )
     if poses is not None and of_program:
         with progress("correcting"):
             program = correct_program(
@@ -308,6 +308,7 @@ def correct(
                 leave=numbers_of(leave),
                 name=model,
                 tool=tool,
+                again=again,
             )
         answer, content, ok = answer_of_program(program), program_as_dict(program), program.ok
     else:

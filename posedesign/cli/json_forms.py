@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from posedesign.acceptance.drift import Recheck
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
@@ -167,25 +166,4 @@ def program_as_dict(done: CorrectedProgram) -> dict[str, object]:
         ],
         "notes": list(done.notes),
         "files": [str(path) for path in done.files],
-    }
-
-
-def recheck_as_dict(found: Recheck) -> dict[str, object]:
-    """The test, and what each single cause would explain."""
-    return {
-        "same": found.same,
-        "p_value": found.p_value,
-        "sum_of_squares": found.square,
-        "degrees_of_freedom": found.freedom,
-        "possible": [each.cause for each in found.possible],
-        "causes": [
-            {
-                "cause": each.cause,
-                "unit": each.unit,
-                "change_si": each.change.tolist(),
-                "sigma_si": each.sigma.tolist(),
-                "p_left": each.p_left,
-            }
-            for each in found.explanations
-        ],
     }

@@ -54,6 +54,14 @@ Overwrite = Annotated[
 TrustUnits = Annotated[
     bool, typer.Option("--trust-units", help="Accept joint values that look like radians.")
 ]
+JointsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--joints",
+        help="Joints for the file of an instrument: a table (j1_deg ..), a log (RTDE, EGM, "
+        "RSI, ROS), a program.",
+    ),
+]
 FileFormat = Annotated[
     str | None, typer.Option("--format", help="Of the files; default: what they look like.")
 ]

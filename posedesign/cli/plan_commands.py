@@ -14,6 +14,7 @@ from posedesign.cli.output import (
     NOT_REACHED,
     AsJson,
     CellFile,
+    JointsFile,
     ListedPoses,
     OutFolder,
     Overwrite,
@@ -260,10 +261,11 @@ def next_poses(
     measurements: Annotated[
         Path,
         typer.Argument(
-            help="The touch-ups so far: touchups.csv; of pictures of a board camera.json, or the "
-            "poses: poses.csv"
+            help="What was measured so far, as identify takes it; of pictures of a board "
+            "camera.json, or the poses: poses.csv"
         ),
     ],
+    joints: JointsFile = None,
     out: OutFolder = Path(),
     poses: Annotated[int, typer.Option(min=1, max=100, help="How many poses.")] = 3,
     criterion: Annotated[str, typer.Option(help="As of plan --method exchange.")] = "tcp",
@@ -300,12 +302,15 @@ def next_poses(
             criterion=criterion,
             least_gain=least_gain,
             accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
+            joints=joints,
             trust_units=trust_units,
+            warn=lambda text: note(f"warning: {measurements}: {text}"),
         )
     files = [str(out / "poses.csv")]
     then = command_line("program", files[0], "--cell", cell)
     if not result.worth:
-        then = command_line("identify", cell, measurements)
+        of = ("--joints", joints) if joints else ()
+        then = command_line("identify", cell, measurements, *of)
     tell(
         answer_of_next(loaded, result, files),
         verbose=verbose,

@@ -59,6 +59,8 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 TOOL = "tool"
 OWN_PAYLOAD = ""
+REPEATS = "readings"
+"""Column with the number of readings that a measurement of an instrument is the mean of."""
 
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("w_deg", "p_deg", "r_deg")

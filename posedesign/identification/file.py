@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from calib.errors import FileFormatError, InputError, near_names
 from calib.identification import DISPLAY, IdentificationResult, Trial
@@ -19,16 +19,14 @@ from calib.model.measurements import Measurements
 from calib.robots import ExternalAxes
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
-from posedesign.files import LARGEST_NUMBER, load_json, plain, read_bytes_bounded
+from posedesign.files import plain
 from posedesign.files.csv_tables import as_read
+from posedesign.files.json_files import Number, ReadFromFile, Text, read_json
 from posedesign.files.postures import external_as_dict
 from posedesign.identification.comparison import Identified, why_another
 from posedesign.identification.findings import as_dict
 from posedesign.identification.measurement_set_up import frames_of
 from posedesign.identification.models import arm_as_dict, model_of
-
-LARGEST_JSON_BYTES = 20_000_000
-"""Ten models of a hundred parameters and a thousand measurements are three megabytes."""
 
 MOST_PARAMETERS = 1000
 _LONGEST_SHOWN = 60
@@ -38,15 +36,6 @@ zero. Files have every digit."""
 
 _IS_ONE = "is it an identification?"
 _WRITTEN = "give the identification.json that posedesign identify has written"
-
-Text = Annotated[str, Field(strict=True, min_length=1)]
-Number = Annotated[float, Field(strict=True, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
-
-
-class ReadFromFile(BaseModel):
-    """What is read of a file of others; keys that are not known do not matter."""
-
-    model_config = ConfigDict(frozen=True)
 
 
 class Residual(ReadFromFile):
@@ -87,13 +76,13 @@ class FittedModel(ReadFromFile):
 
     name: Text
     message: str = ""
-    parameters: Annotated[list[Parameter], Field(max_length=MOST_PARAMETERS)] = []
-    residuals: list[Residual] = []
+    parameters: Annotated[tuple[Parameter, ...], Field(max_length=MOST_PARAMETERS)] = ()
+    residuals: tuple[Residual, ...] = ()
     rms_mm: float | None = None
     leave_one_out_rms_mm: float | None = None
     expected_box_mm: float | None = None
     noise_scale: float | None = None
-    noise: list[Noise] = []
+    noise: tuple[Noise, ...] = ()
     held_by_prior: tuple[str, ...] = ()
     covariance_si: list[list[Number]] | None = None
 
@@ -114,16 +103,16 @@ class IdentificationFile(ReadFromFile):
     """What is read of an identification.json."""
 
     robot: Text | None = None
-    joints: list[str] = []
+    joints: tuple[str, ...] = ()
     positioner: Annotated[int, Field(ge=0)] = 0
     slides: Annotated[int, Field(ge=0)] = 0
-    arm: dict[str, Any] = {}
+    arm: dict[str, Any] = Field(default_factory=dict)
     models: list[FittedModel]
     recommended: Text | None = None
     reference: Text | None = None
     reason: str | None = None
-    warnings: list[str] = []
-    findings: list[NamedFinding] = []
+    warnings: tuple[str, ...] = ()
+    findings: tuple[NamedFinding, ...] = ()
     data: Source = Source()
 
     @property
@@ -137,71 +126,23 @@ class IdentificationFile(ReadFromFile):
         return next((model for model in self.models if model.name == self.recommended), None)
 
 
-M = TypeVar("M", bound=BaseModel)
-
-
 def read_file(path: Path) -> IdentificationFile:
     """Read an ``identification.json``."""
     return read_json(path, IdentificationFile, _WRITTEN)
 
 
-def read_json(path: Path, what: type[M], hint: str) -> M:
-    """Read a JSON file that holds what a pydantic model says; ``hint``: who writes such files."""
-    data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
-    try:
-        return what.model_validate(load_json(data))
-    except UnicodeDecodeError as error:
-        raise FileFormatError(
-            "is not UTF-8 text", path=path, hint="is it the right file?"
-        ) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        negative = first.get("ctx") == {"ge": 0.0}
-        raise FileFormatError(
-            "is below zero" if negative else _IN_WORDS.get(first["type"], first["msg"]),
-            path=path,
-            key=".".join(map(str, first["loc"])) or None,
-            hint=hint,
-        ) from error
-    except ValueError as error:
-        raise FileFormatError(
-            f"is no valid JSON: {str(error).splitlines()[0][:100]}", path=path, hint=hint
-        ) from error
-
-
-_IN_WORDS = {
-    "missing": "is missing",
-    "string_type": "is no text",
-    "string_too_short": "is no text",
-    "list_type": "is no list",
-    "tuple_type": "is no list",
-    "dict_type": "is no table of keys",
-    "model_type": "is no table of keys",
-    "too_long": "is too long a list",
-    **dict.fromkeys(
-        ("float_type", "greater_than_equal", "less_than_equal"),
-        f"is not a finite number within {LARGEST_NUMBER:g}",
-    ),
-}
-"""What is wrong with a key, by the names that pydantic has for it."""
-
-
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """One model of an identification, with the calibration model that it is of.
-
-    ``x`` (p,): identified parameters [SI]. ``sigma`` (p,): standard deviations [SI]; NaN where the
-    file has none. ``covariance`` (p, p): [SI]; None where the file has none. ``held``: parameters
-    of which the measurements say nothing: what is known beforehand holds them.
-    """
+    """One model of an identification, with the calibration model that it is of."""
 
     name: str
     robot: str
     model: CalibrationModel
-    x: FloatArray
-    sigma: FloatArray
-    covariance: FloatArray | None
+    x: FloatArray  # (p,): identified parameters [SI]
+    sigma: FloatArray  # (p,): standard deviations [SI]; NaN where the file has none
+    covariance: FloatArray | None  # (p, p) [SI]; None where the file has none
     held: tuple[str, ...] = ()
+    """Parameters of which the measurements say nothing: what is known beforehand holds them."""
 
 
 def read_identification(
@@ -219,7 +160,7 @@ def read_identification(
     if content.robot is None:
         raise FileFormatError("is no text", path=path, key="robot", hint=_IS_ONE)
     joints = content.joints if "joints" in content.model_fields_set else None
-    if content.robot != cell.robot.name or joints not in (None, list(cell.robot.joint_names)):
+    if content.robot != cell.robot.name or joints not in (None, cell.robot.joint_names):
         raise FileFormatError(
             f"is of the robot {_shown(content.robot)}, the cell has {cell.robot.name}"
             + (" with other joints" if content.robot == cell.robot.name else ""),

@@ -25,6 +25,7 @@ from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, inverse
 from posedesign.cell import Cell
 from posedesign.files import Results, identity_of, rehearsed, write_bytes_atomic
+from posedesign.files.origin import checksum
 from posedesign.pose_programs.correction_routes import (
     corrected_tool,
     read_correcting,
@@ -41,6 +42,7 @@ from posedesign.programs import (
 )
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.reading import read_program_bytes
+from posedesign.programs.recorded import CORRECTED, corrected_by
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.rewriting import Change, rewritten
 
@@ -133,17 +135,21 @@ def correct_program(
     leave: Collection[int] = (),
     name: str | None = None,
     tool: str | None = None,
+    again: bool = False,
 ) -> CorrectedProgram:
     """Write a program with corrected positions into another folder, under its own name.
+
+    A comment of it says by which identification they are corrected.
 
     ``identification``: an ``identification.json``. ``path``: the file with the positions. Others of
     the program go with the new one as they are. ``dialect``: of the program; by default its ending
     and its content tell. ``joints``: correct joint targets, too. ``leave``: numbers of positions
     that stay as they are. ``name``: of the model that is used; by default what the identification
     holds for the most likely. ``tool``: which tool point of the identification is that of the cell.
-    Raises FileFormatError: a file that cannot be used. InputError: a frame that is not known, a
-    program without anything to correct, a model that says nothing of the arm. OutputError: the
-    program itself, or another file that is not to be replaced, is in the way.
+    ``again``: correct what is corrected already. Raises FileFormatError: a file that cannot be
+    used. InputError: a frame that is not known, a program without anything to correct, a model that
+    says nothing of the arm. OutputError: the program itself, or another file that is not to be
+    replaced, is in the way.
     """
     if cell.robot.external.positioner:
         raise InputError(
@@ -163,6 +169,13 @@ def correct_program(
     identified = read_correcting(identification, cell, name)
     chosen = dialect_of(path, dialect).reading(*cell.config.program.pulses)
     data = read_program_bytes(path)
+    by = corrected_by(data)
+    if by and not again:
+        raise InputError(
+            f"{path}: its positions are {by} already",
+            hint="correct the program as it was before; or say that it is to be corrected `again`",
+            name="again",
+        )
     program = chosen.parse(data, path)
     notes = check_recorded_frames(cell, chosen, program.positions, path)
     _check_frames_said(cell, program, path)
@@ -180,7 +193,11 @@ def correct_program(
         joints=joints,
         leave=leave,
     )
-    files = [write_bytes_atomic(claims[0], done.data)] if done.ok else []
+    said = chosen.with_remark(
+        done.data.decode("latin-1"), CORRECTED.format(checksum(identification))
+    ).encode("latin-1")
+    files = [write_bytes_atomic(claims[0], said)] if done.ok else []
+    unsaid = "the file has no place to say that it is corrected: keep it apart"
     posed = any(p.T_user_tool is not None for p in done.positions)
     found_targets = any(block.targets and block.size for block in identified.model.parameters)
     return replace(
@@ -192,7 +209,9 @@ def correct_program(
             *([IN_FOUND_BASE] if found_targets else []),
             *notes,
             *done.notes,
+            *([unsaid] if done.ok and said == done.data else []),
         ),
+        data=said if done.ok else done.data,
         files=tuple(files),
         simulated=rehearsed([identification]),
     )

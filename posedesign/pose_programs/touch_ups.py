@@ -37,7 +37,8 @@ from posedesign.programs import (
     find_dialect,
     postures_of,
 )
-from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES
+from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES, read_program_bytes
+from posedesign.programs.recorded import corrected_by
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.sets import set_mark
 
@@ -334,6 +335,8 @@ def _positions(
             name=str(path),
         )
     _check_plan(path, program.fingerprint, plan, warnings)
+    if by := corrected_by(read_program_bytes(path)):
+        warnings.append(f"{path.name}: its positions are {by}")
     return _of_program(cell, chosen, program, path, plan, warnings)
 
 

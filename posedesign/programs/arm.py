@@ -28,46 +28,27 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What the flange carries.
-
-    Attributes
-    ----------
-    mass_kg : float
-    com_m : array (3,)
-        Its centre in the tip frame [m].
-    """
+    """What the flange carries."""
 
     mass_kg: float
-    com_m: FloatArray
+    com_m: FloatArray  # (3,): its centre in the tip frame [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """An arm as its controller shows it.
+    """An arm as its controller shows it."""
 
-    Attributes
-    ----------
-    controller : Controller
-        Turns postures into joint values as they are shown, and back.
-    robot : Robot or None
-        None where only joint values are known: then nothing is said of poses.
-    T_world_user : array (4, 4)
-        The user frame in the controller's world [m].
-    T_tip_tool : array (4, 4)
-        The controller's tool frame in the tip frame of the robot, its faceplate [m].
-    load : Load or None
-        None where it is not known.
-    world_stands : bool
-        Slides carry the arm, and the controller's world is known to stand still meanwhile, at its
-        ``T_base_world``: poses then have the places of the slides beside them.
-    """
-
-    controller: Controller
+    controller: Controller  # turns postures into joint values as they are shown, and back
     robot: Robot | None = None
+    """None where only joint values are known: then nothing is said of poses."""
     T_world_user: FloatArray = field(default_factory=lambda: np.eye(4))
+    """(4, 4): the user frame in the controller's world [m]."""
     T_tip_tool: FloatArray = field(default_factory=lambda: np.eye(4))
-    load: Load | None = None
+    """(4, 4): the controller's tool frame in the tip frame of the robot, its faceplate [m]."""
+    load: Load | None = None  # None where it is not known
     world_stands: bool = False
+    """Slides carry the arm, and the controller's world stands still meanwhile, at ``T_base_world``
+    of the controller: poses then have the places of the slides beside them."""
 
     @classmethod
     def usual(cls, maker: str | None, n: int | None = None) -> Arm:

@@ -18,7 +18,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import Level, Problem, RecordedProgram
+from posedesign.programs.recorded import Level, Problem, RecordedProgram, corrected_by
 from posedesign.programs.sets import (
     MOST_PARTS,
     claim_set,
@@ -63,6 +63,9 @@ class Dialect:
         Step that the controller stores joint values in [deg]; 0 where it does not matter.
     passes : bool
         Whether it has postures that the arm only passes through.
+    remark : (str, str)
+        Pattern of what one more comment is put behind, and its line, of ``words`` and, where lines
+        are numbered, of their ``number``. Empty for none.
     begins : pattern or None
         What stands in all of its programs, where other dialects have the same ending.
     notation : Notation
@@ -86,6 +89,7 @@ class Dialect:
     numbered_frames: ClassVar[bool] = False
     joint_step_deg: ClassVar[float] = 0.0
     passes: ClassVar[bool] = True
+    remark: ClassVar[tuple[str, str]] = ("", "")
     begins: ClassVar[re.Pattern[bytes] | None] = None
     notation: ClassVar[Notation] = Notation()
     writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
@@ -118,6 +122,17 @@ class Dialect:
     def notation_of(self, text: str) -> Notation:
         """How the numbers of positions are written in this file."""
         return self.notation
+
+    def with_remark(self, text: str, words: str) -> str:
+        """A program with one more comment; as it is where it can have none."""
+        after, line = self.remark
+        found = re.search(after, text, re.MULTILINE | re.IGNORECASE)
+        if not line or found is None:
+            return text
+        numbers = re.findall(r"^[ \t]*(\d+)", found[0], re.MULTILINE)
+        shown = line.format(words=words, number=int(numbers[-1]) + 1 if numbers else 1)
+        end = "\r\n" if "\r\n" in text else "\n"
+        return text[: found.end()] + shown + end + text[found.end() :]
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Most poses of one file of such a program; None: any number."""
@@ -250,6 +265,8 @@ class Dialect:
         with _uncollected():
             found = self.check(read_program_bytes(path), path)
         found += [Problem(1, "set", said) for said in self.strangers(path)]
+        if by := corrected_by(read_program_bytes(path)):
+            found.append(Problem(1, "corrected", f"positions are of the arm {by}", "note"))
         return sorted(
             (p for p in found if p.level in told), key=lambda p: (p.line, p.rule, p.message)
         )

@@ -21,21 +21,26 @@ _MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})(?: \d{1,3} [0-9a-f]{8})?")
 """What stands behind it is of the files of the program: :mod:`.sets`."""
 
 
+CORRECTED = "CORRECTED BY {}"
+"""What a program with corrected positions says: the checksum of the identification."""
+
+_CORRECTED = re.compile(rb"\bCORRECTED BY ([0-9a-f]{8})\b")
+
+
+def corrected_by(data: bytes) -> str:
+    """By which identification the positions of a program are corrected, in words; empty: none."""
+    found = [mark.decode() for mark in _CORRECTED.findall(data)]
+    return f"corrected by the identification {' and '.join(found)}" if found else ""
+
+
 @dataclass(frozen=True)
 class PlanMark:
-    """What a program says of the plan that it was written from, in a comment.
+    """What a program says of the plan that it was written from, in a comment."""
 
-    Attributes
-    ----------
-    fingerprint : str
-        Of the plan; empty for none.
-    measured : int or None
-        Number of poses that are measured, in the whole plan. Positions with higher numbers are
-        passed through.
-    """
-
-    fingerprint: str = ""
+    fingerprint: str = ""  # of the plan; empty for none
     measured: int | None = None
+    """Number of poses that are measured, in the whole plan. Positions with higher numbers are
+    passed through."""
 
     @property
     def words(self) -> str:

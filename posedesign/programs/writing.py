@@ -108,35 +108,21 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a controller takes of the options of a program.
-
-    Attributes
-    ----------
-    text, remark : int
-        Most characters of the title, and of a comment of a pose.
-    forbidden : str
-        Characters that neither can have.
-    begins : tuple of str
-        What no comment of a pose begins with: it means something when the program is read.
-    settle_s, pulse_s : float, (float, float)
-        Longest wait, and shortest and longest pulse of an output [s].
-    frames : (int, int), optional
-        Largest number of a user and a tool frame; None: numbers mean nothing.
-    outputs : (int, int)
-        First and last number of an output.
-    registers : (int, str), optional
-        Last register for a position that controllers have as delivered, and how it is said.
-    """
+    """What a controller takes of the options of a program."""
 
     text: int
-    remark: int
-    forbidden: str = ""
+    remark: int  # text, remark: most characters of the title, and of a comment of a pose
+    forbidden: str = ""  # characters that neither can have
     begins: tuple[str, ...] = ()
+    """What no comment of a pose begins with: it means something when the program is read."""
     settle_s: float = 3600.0
     pulse_s: tuple[float, float] = (0.0, 1e4)
+    """settle_s, pulse_s: longest wait, and shortest and longest pulse of an output [s]."""
     frames: tuple[int, int] | None = None
-    outputs: tuple[int, int] = (1, 4096)
+    """Largest number of a user and a tool frame; None: numbers mean nothing."""
+    outputs: tuple[int, int] = (1, 4096)  # first and last number of an output
     registers: tuple[int, str] | None = None
+    """Last register for a position that controllers have as delivered, and how it is said."""
 
     def check(self, program: PoseProgram) -> None:
         """Raise InputError where an option of a program is outside of them."""
@@ -186,40 +172,23 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Phrases:
-    """How a language says what is done at a pose: formats that are filled in.
-
-    Attributes
-    ----------
-    note, remark : str
-        Of what the program says of the pose, and of the pose's own comment; None: the same.
-    move : tuple of str
-        Steps of ``number``, and of what a writer gives besides.
-    wait, pulse : str, tuple of str
-        Steps of ``time`` [s] and ``ms``; of ``output`` as well.
-    call, bare : tuple of str
-        Steps of ``call``, ``argument``; and those of a call without an argument, where that does
-        not only leave a gap.
-    keep : str
-        A step of ``register``. Empty where a language keeps none.
-    least_s : float
-        Shortest time: none that is asked for must round to nothing [s].
-    always : bool
-        Waits where no time to settle is asked for, too.
-    still : str
-        A step where no time is asked for, and the arm has to stand. Empty for none.
-    """
+    """How a language says what is done at a pose: formats that are filled in."""
 
     note: str
     remark: str | None = None
-    move: tuple[str, ...]
+    """note, remark: of what the program says of the pose, and of the pose's own comment; None: the
+    same."""
+    move: tuple[str, ...]  # steps of ``number``, and of what a writer gives besides
     wait: str
-    pulse: tuple[str, ...]
+    pulse: tuple[str, ...]  # wait, pulse: steps of ``time`` [s] and ``ms``; of ``output`` as well
     call: tuple[str, ...]
     bare: tuple[str, ...] | None = None
-    keep: str = ""
-    least_s: float = 0.001
-    always: bool = False
-    still: str = ""
+    """call, bare: steps of ``call``, ``argument``; and those of a call without an argument, where
+    that does not only leave a gap."""
+    keep: str = ""  # A step of ``register``. Empty where a language keeps none.
+    least_s: float = 0.001  # shortest time: none that is asked for must round to nothing [s]
+    always: bool = False  # waits where no time to settle is asked for, too
+    still: str = ""  # A step where no time is asked for, and the arm has to stand. Empty for none.
 
     def at_pose(
         self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object

@@ -237,7 +237,7 @@ def _smallest_shown(unit: str, value: float) -> str:
     return f"{np.rad2deg(value):.3g} deg" if unit == "rad" else f"{1e3 * value:.3g} mm"
 
 
-def answer_of_recheck(found: Recheck) -> Answer:
+def answer_of_recheck(found: Recheck, files: Sequence[str] = ()) -> Answer:
     """The answer of a recheck: still the same or not, and what has moved."""
     square = f"sum of squares {found.square:.1f} with {found.freedom} degrees of freedom"
     chance = f"p = {found.p_value:.2g}" if found.p_value >= 1e-12 else "p < 1e-12"
@@ -245,6 +245,7 @@ def answer_of_recheck(found: Recheck) -> Answer:
         return Answer(
             f"still the same robot, as far as these poses tell ({chance})",
             {"test": square},
+            files=files,
         )
     moved, also = "no single cause explains it: identify again", ""
     if found.possible:
@@ -255,6 +256,7 @@ def answer_of_recheck(found: Recheck) -> Answer:
         f"NOT the same robot ({chance})",
         {"likeliest single cause": moved, "not told apart from it": also, "test": square},
         tables=[Table("What a single cause would explain", [_row(e) for e in found.explanations])],
+        files=files,
     )
 
 

@@ -18,7 +18,7 @@ from calib.errors import CalibError, FileFormatError, InputError
 from calib.identification import covariance_of
 from calib.robots import shown_of
 from calib.se3 import FloatArray
-from posedesign.acceptance.file import RESULT, read_result
+from posedesign.acceptance.file import RECHECK, RESULT, read_recheck, read_result
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.task_box import predict_box
@@ -31,15 +31,21 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files.csv_tables import read_table
+from posedesign.files.json_files import ReadFromFile
 from posedesign.files.measurements import read_measurements
 from posedesign.files.origin import checksum, read_whole
-from posedesign.identification.file import IdentificationFile, ReadFromFile, read_file
+from posedesign.identification.file import IdentificationFile, read_file
 from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
 from posedesign.planning.loop import told_by
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
-from posedesign.report.acceptance import answer_of_verdict, figure_of_acceptance, rule_lines
+from posedesign.report.acceptance import (
+    answer_of_recheck,
+    answer_of_verdict,
+    figure_of_acceptance,
+    rule_lines,
+)
 from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
@@ -137,6 +143,7 @@ def _sections(folder: Path) -> Iterator[Section]:
     for name, section_of in (
         (IDENTIFICATION, _section_of_identification),
         (RESULT, _section_of_acceptance),
+        (RECHECK, _section_of_recheck),
         (ROBOT_WORLD, _section_of_pairs),
         (CAMERA, _section_of_camera),
     ):
@@ -337,6 +344,10 @@ def _section_of_acceptance(folder: Path) -> Section:
     svg = figures.as_svg(figure_of_acceptance(found))
     section.figures.append(("Error at each place, before and after, with the limit", svg))
     return section
+
+
+def _section_of_recheck(folder: Path) -> Section:
+    return _section_of_answer("Recheck", answer_of_recheck(read_recheck(folder / RECHECK)))
 
 
 def _section_of_pairs(folder: Path) -> Section:

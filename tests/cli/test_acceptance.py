@@ -4,10 +4,12 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from posedesign.cli.main import run
+from posedesign.files.csv_tables import read_table
 from tests.cli.conftest import empty_pictures, strict_json
 from tests.unit.acceptance.conftest import TRACKER_CELL
 
@@ -116,6 +118,61 @@ def test_cycles_of_the_standard_are_rehearsed_and_judged(tracked, cli):
     assert "3 cycles were measured where the test has 30" in said.err
 
 
+def as_exported(rows: list[dict[str, str]], file: str) -> None:
+    """What a tracker exports: names of poses and places, one reading a row, without joints."""
+    lines = [",".join(row[c] for c in ("pose", "x_mm", "y_mm", "z_mm")) for row in rows]
+    Path(file).write_text("\n".join(["name,x_mm,y_mm,z_mm", *lines, ""]))
+
+
+EXPORT = """[instrument]
+kind = "point"
+unit = "mm"
+match = "pose"
+[instrument.columns]
+pose = "name"
+place = ["x_mm", "y_mm", "z_mm"]
+"""
+
+
+def test_the_next_poses_are_those_after_the_own_table(tracked, cli):
+    """After the export of an instrument and the list of its poses."""
+    Path("export.toml").write_text(CELL + EXPORT)
+    as_exported([row.cells for row in read_table(Path("run/measurements.csv")).rows], "export.csv")
+    own = cli("next", "cell.toml", "run/measurements.csv", "--out", "a", "--json")
+    joined = ("--joints", "run/poses.csv")
+    said = cli("next", "export.toml", "export.csv", *joined, "--out", "b", "--json")
+    assert said.code == own.code == 0, said.err
+    errors = [strict_json(each.out)["tcp_rms_mm"] for each in (said, own)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-4)
+
+
+def test_repeatability_is_of_visits_in_the_export_of_an_instrument(tracked, cli):
+    """Readings of each visit by themselves give RP as the own table does; of one visit none."""
+    cli("prove", "cell.toml", "--test", "iso", "--cycles", "5", "--out", "iso")
+    cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "5", "--out", "iso")
+    table = read_table(Path("iso/measurements.csv"))
+    rows = [row.cells for row in table.rows]
+    Path("export.toml").write_text(CELL + EXPORT)
+
+    def answer(file: str, *more: str) -> dict[str, Any]:
+        cell = "export.toml" if more else "cell.toml"
+        said = cli("prove", cell, file, *USED, *more, "--out", "iso", "--json")
+        assert said.out, said.err
+        return strict_json(said.out)
+
+    own = answer("iso/measurements.csv")["arms"][1]["poses"]
+    as_exported(rows, "iso/export.csv")
+    joined = ("--joints", "iso/poses.csv")
+    exported = answer("iso/export.csv", *joined)
+    for row, as_own in zip(exported["arms"][1]["poses"], own, strict=True):
+        assert row["rp_mm"] == pytest.approx(as_own["rp_mm"], rel=1e-6)
+    assert not exported["notes"]
+    as_exported(sorted(rows, key=lambda row: row["pose"]), "iso/export.csv")
+    one = answer("iso/export.csv", *joined)
+    assert {row["rp_mm"][0] for row in one["arms"][1]["poses"]} == {None}
+    assert "its 5 readings scatter as the instrument does" in one["notes"][-1]
+
+
 def test_a_test_that_is_not_passed_says_so_by_its_exit_code(tracked, cli):
     rule = json.loads((tracked / "proof/acceptance_test.json").read_text())
     rule["limit_mm"] = 0.001
@@ -217,9 +274,11 @@ def test_a_recheck_says_which_changes_it_will_find(tracked, cli):
     assert strict_json(moved.out)["blind"] == ["zero of joint_a1"]
 
 
-def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli):
+def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli, rendered):
     same = cli("recheck", "cell.toml", "again/measurements.csv", *USED)
     assert same.code == 0
+    assert cli("report", "recheck").code == 0
+    assert "Recheck: still the same robot" in Path("recheck/report.html").read_text()
     assert "still the same robot, as far as these poses tell (p = 0." in same.out
     hit = CELL.replace(
         "[truth]", "[truth]\nzero_offsets_deg = [0.03, 0.08, 0.04, 0.05, 0.1, -0.04]"
@@ -233,6 +292,10 @@ def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli):
     found = re.search(r"likeliest single cause: zero of joint_a3, by (\S+) \(", said.out)
     assert found is not None
     assert float(found[1]) == pytest.approx(0.1, abs=0.01)
+    assert cli("report", "recheck").code == 0
+    page = Path("recheck/report.html").read_text()
+    assert found[0] in page.replace("\n", " ")
+    assert "What a single cause would explain" in page
     as_json = cli("recheck", "cell.toml", "hit/measurements.csv", *USED, "--json")
     assert strict_json(as_json.out)["possible"][0] == "zero of joint_a3"
 

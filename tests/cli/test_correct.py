@@ -12,6 +12,7 @@ import pytest
 from calib import CalibrationModel, Robot, se3
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
+from posedesign.files.origin import checksum
 from posedesign.identification.models import model_of
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs.from_plan import arm_of
@@ -453,7 +454,7 @@ def test_bytes_and_folders_are_refused(refuse, work, identified):
 
 
 def test_a_file_too_large_is_refused(refuse, work, identified, monkeypatch):
-    monkeypatch.setattr("posedesign.identification.file.LARGEST_JSON_BYTES", 1000)
+    monkeypatch.setattr("posedesign.files.json_files.LARGEST_JSON_BYTES", 1000)
     refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("larger than")
 
 
@@ -631,9 +632,12 @@ def test_a_program_is_corrected_into_another_folder(cli, work, identified, progr
     assert [p.name for p in (work / "out").iterdir()] == ["WELD.LS"]
     assert path.read_bytes() == before
     texts = [p.read_text().split("\n") for p in (path, work / "out" / "WELD.LS")]
+    (comment,) = (line for line in texts[1] if "CORRECTED BY" in line)
+    assert comment == f"{int(comment[:4]):4d}:  !CORRECTED BY {checksum(identified)} ;"
+    texts[1].remove(comment)
     changed = [a for a, b in zip(*texts, strict=True) if a != b]
-    assert len(changed) == 2 * 28
-    assert all(re.match(r"\t[XW] =", line) for line in changed)
+    assert len(changed) == 2 * 28 + 1
+    assert all(re.match(r"\t[XW] =|LINE_COUNT", line) for line in changed)
     # the simulated arm, with the errors that it has, stands where it should, all else being equal
     cell = Cell.load(work / "cell.toml")
     truth = SimulatedRobot.of(cell)
@@ -644,6 +648,21 @@ def test_a_program_is_corrected_into_another_folder(cli, work, identified, progr
     assert np.linalg.norm(off - off.mean(axis=0), axis=1).max() < 1e-4
     # the same again is no other file
     assert cli(*typed, "--json").code == 0
+    valid = cli("validate", work / "out" / "WELD.LS")
+    assert (valid.code, "of the arm corrected by the identification" in valid.err) == (0, True)
+
+
+def test_a_corrected_program_is_not_corrected_again(cli, work, identified, program):
+    typed = ("correct", work / "cell.toml", identified)
+    assert cli(*typed, program("cartesian"), "--out", work / "out").code == 0
+    again = (*typed, work / "out" / "WELD.LS", "--out", work / "twice")
+    said = cli(*again)
+    assert said.code == 2
+    assert "are corrected by the identification" in said.err
+    assert "--again" in said.err
+    assert not (work / "twice").exists()
+    assert cli(*again, "--again").code == 0
+    assert (work / "twice" / "WELD.LS").read_text().count("CORRECTED BY") == 2
 
 
 def test_positions_of_a_program_in_numbers(cli, work, identified, program):

@@ -98,9 +98,9 @@ def test_four_configurations_tell_the_arm_from_one_whose_joint_is_off(kept, tmp_
     for first in (0, 4, 8):
         rows = kept.of(slice(first, first + 4))
         table = kept.table(tmp_path / "same.csv", rows)
-        outcomes.append(recheck_file(kept.cell, table, kept.identification))
+        outcomes.append(recheck_file(kept.cell, table, kept.identification, tmp_path))
         off = kept.table(tmp_path / "off.csv", rows, joint_3_deg=0.2)
-        hit = recheck_file(kept.cell, off, kept.identification)
+        hit = recheck_file(kept.cell, off, kept.identification, tmp_path)
         assert not hit.same
         best = hit.explanations[0]
         assert best.cause == f"zero of {kept.cell.robot.joint_names[2]}"

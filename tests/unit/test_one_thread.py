@@ -8,6 +8,7 @@ import pytest
 import threadpoolctl
 
 from calib import one_thread
+from calib.identification.evidence import tune_priors
 from posedesign import select
 
 
@@ -33,14 +34,22 @@ def libraries(monkeypatch) -> Libraries:
     return found
 
 
-def test_a_selection_runs_in_one_and_gives_the_others_back(libraries, monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "first", "run"),
+    [
+        ("posedesign.selection.select", "Candidates", lambda: select(np.ones((4, 1, 1)), 2)),
+        ("calib.identification.evidence", "_members", lambda: tune_priors(None, None, [])),
+    ],
+    ids=["selection", "priors"],
+)
+def test_it_runs_in_one_and_gives_the_others_back(libraries, monkeypatch, module, first, run):
     def seen(*_: object, **__: object) -> None:
         libraries.seen.append(libraries.threads)
         raise RuntimeError
 
-    monkeypatch.setattr(sys.modules["posedesign.selection.select"], "Candidates", seen)
+    monkeypatch.setattr(sys.modules[module], first, seen)
     with pytest.raises(RuntimeError):
-        select(np.ones((4, 1, 1)), 2)
+        run()
     assert (libraries.seen, libraries.threads) == ([1], 4)
 
 

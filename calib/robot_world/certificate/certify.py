@@ -31,7 +31,7 @@ from calib.robot_world.certificate.polynomial import (
     join,
     quadratic_form,
 )
-from calib.robot_world.noise import PairNoise, check_noise_given
+from calib.robot_world.noise import Noise, PairNoise, check_noise_given
 from calib.robot_world.pairs import checked_pairs
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -93,9 +93,7 @@ class Certificate:
     better: Certificate | None = None
 
 
-def certify(
-    A: ArrayLike, B: ArrayLike, X: ArrayLike, Z: ArrayLike, noise: PairNoise
-) -> Certificate:
+def certify(A: ArrayLike, B: ArrayLike, X: ArrayLike, Z: ArrayLike, noise: Noise) -> Certificate:
     """Descend from a candidate to an optimum of the likelihood, and try to prove it global.
 
     Parameters
@@ -132,7 +130,7 @@ def certify(
     if not isinstance(noise, PairNoise):
         raise InputError(
             "there is a certificate only for noise that is the same in all directions",
-            hint="give PairNoise, on A or on B",
+            hint='give PairNoise, on A or on B, or solve with noise="B"',
             name="noise",
         )
     weights = cost_weights(noise)

@@ -47,10 +47,12 @@ def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, rotations and translations together.
 
     Eq. 12 adds rows with and without a length, unweighted: the answer depends on the unit of
-    length. The signs of the quaternions are made consistent first, which the paper omits. Under
-    noise no point of the plane spanned by the last two singular vectors satisfies Eq. 14a-d; see
-    :func:`_unit_combination` for the choice. Where noise makes Eq. 14 unsolvable the method fails:
-    its residuals show it.
+    length. The signs of the quaternions are made consistent first, which the paper omits. Where
+    noise makes Eq. 14 unsolvable the method fails: its residuals show it.
+
+    Eq. 14a-d are four equations in two unknowns, the weights of the last two singular vectors, and
+    under noise nothing satisfies them all. The sum of 14b and 14d (right side 0 in both),
+    ``x·x' + z·z' = 0``, gives the ratio; the scale follows when x and z are normalised.
     """
     A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
     a, b = pairs.quaternions
@@ -63,20 +65,7 @@ def estimate(pairs: PairSets) -> Estimate:
     if poor.any():
         rows = np.tensordot(both[poor], _ROWS, 1).reshape(-1, 8 * N, 16)
         plane[poor] = np.linalg.svd(triangle(rows))[2][..., 14:, :]
-    solution = _unit_combination(plane).reshape(T, 4, 4)
-    return Estimate(
-        transforms(solution[:, 0], solution[:, 1]), transforms(solution[:, 2], solution[:, 3])
-    )
-
-
-def _unit_combination(plane: FloatArray) -> FloatArray:
-    """Solution ``(T, 16)`` in the planes ``(T, 2, 16)`` by Eq. 14, corrected.
-
-    Eq. 14a-d are four equations in two unknowns. The sum of 14b and 14d (right side 0 in both),
-    ``x·x' + z·z' = 0``, gives the ratio of the two unknowns; the scale follows when x and z are
-    normalised.
-    """
-    v = plane.reshape(-1, 2, 4, 4)  # vector, one of x x' z z', component
-    real, dual = v[:, :, 0::2].reshape(-1, 2, 8), v[:, :, 1::2].reshape(-1, 2, 8)
-    weights = transform_in_plane(real, dual)
-    return np.asarray((weights[:, None] @ plane)[:, 0])
+    v = plane.reshape(T, 2, 2, 2, 4)  # vector, X or Z, real or dual, component
+    weights = transform_in_plane(v[..., 0, :].reshape(T, 2, 8), v[..., 1, :].reshape(T, 2, 8))
+    x, z = np.moveaxis((weights[:, None] @ plane).reshape(T, 2, 2, 4), 1, 0)
+    return Estimate(transforms(x[:, 0], x[:, 1]), transforms(z[:, 0], z[:, 1]))

@@ -92,9 +92,14 @@ def _solve_rows(pairs: PairSets, length: FloatArray) -> tuple[FloatArray, FloatA
     poor = ~(values[:, 0] > LEAST_SQUARE * values[:, -1])
     along = (gram[:, None, 12, :12] @ vectors)[:, 0] / np.where(poor[:, None], 1.0, values)
     solution = apply_matrix(vectors, along)
-    if poor.any():
-        sets = PairSets(pairs.A[poor], pairs.B[poor])
-        solution[poor] = _by_factorisation(sets, K[poor], length[poor])
+    if poor.any():  # without sums of products, whatever the condition
+        sets, k = PairSets(pairs.A[poor], pairs.B[poor]), K[poor, None]
+        turns = np.zeros((sets.T, 9, 13))
+        deviation = kronecker(sets.A, sets.B) - k
+        turns[..., :9] = triangle(np.swapaxes(deviation, -1, -2).reshape(-1, 9 * N, 9))
+        shifts = np.tensordot(np.swapaxes(moved[poor], 1, 2), _ROWS, 1).reshape(-1, 3 * N, 13)
+        rows = np.concatenate([turns, shifts / length[poor, None, None]], axis=1)
+        solution[poor] = least_squares(rows[..., :12], rows[..., 12])
     vec_Z = solution[:, :9]
     return apply_matrix(np.swapaxes(K, -1, -2), vec_Z), vec_Z, solution[:, 9:]
 
@@ -113,24 +118,6 @@ def _rows() -> FloatArray:
     return rows
 
 
-_PRODUCTS = np.einsum("prc,qrd->pqcd", _rows(), _rows()).reshape(225, 169)
+_ROWS = _rows()
+_PRODUCTS = np.einsum("prc,qrd->pqcd", _ROWS, _ROWS).reshape(225, 169)
 """Sums of products of columns of these rows, by products of the numbers."""
-
-
-def _by_factorisation(pairs: PairSets, K: FloatArray, length: FloatArray) -> FloatArray:
-    """The unknowns ``(T, 12)`` of some sets, whatever their condition."""
-    A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
-    R_A, p_A, p_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
-    rows = np.zeros((T, 9 + 3 * N, 12))
-    deviation = kronecker(A, B) - K[:, None]
-    rows[:, :9, :9] = triangle(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9))
-    p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
-    translation = rows[:, 9:].reshape(T, N, 3, 12)
-    for axis in range(3):  # 1 ⊗ p_Bᵀ is block diagonal
-        translation[:, :, axis, 3 * axis : 3 * axis + 3] = p_B_centred
-    translation[..., 9:] = R_A.mean(axis=1, keepdims=True) - R_A
-    translation /= length[:, None, None, None]
-    right_side = np.zeros((T, 9 + 3 * N))
-    centred = p_A - p_A.mean(axis=1, keepdims=True)
-    right_side[:, 9:] = (centred / length[:, None, None]).reshape(T, 3 * N)
-    return least_squares(rows, right_side)

@@ -53,43 +53,25 @@ _ROTATIONS_FIRST = frozenset({"unit"}) | _TURNS | _SHIFTS
 
 @dataclass(frozen=True)
 class Method:
-    """One way to solve A X = Z B.
+    """One way to solve A X = Z B."""
 
-    Attributes
-    ----------
-    name : str
-        What :func:`calib.robot_world.solve` is asked for.
-    description : str
-        One line: what it minimises, and what is to be known before using it.
-    source : str
-        The publication.
-    estimate : callable
-        Makes an :class:`~calib.robot_world.estimate.Estimate` of
-        :class:`~calib.robot_world.pairs.PairSets` and, where it weighs by it, their noise.
-    equation : {"AX=ZB", "AX=XB"}
-        What it solves: the pairs as they are, for X and Z, or the motions between them, for X
-        alone, Z being the mean of what the pairs then say.
-    invariant_to : frozenset of str
-        The :data:`CHANGES` that leave its answer the same when the data are noisy. Of maximum
-        likelihood, with noise on B or not given: noise of A turns it about the origin of the
-        flange, which is then no choice either.
-    iterative : bool
-        Whether the estimate has iterations.
-    likelihood : bool
-        Whether it weighs the pairs by their noise: the estimate then takes that, too.
-    robust : bool
-        Whether it leaves out pairs that contradict the others.
-    """
-
-    name: str
-    description: str
-    source: str
+    name: str  # what :func:`calib.robot_world.solve` is asked for
+    description: str  # one line: what it minimises, and what is to be known before using it
+    source: str  # the publication
     estimate: Callable[..., Estimate]
+    """Makes an :class:`~calib.robot_world.estimate.Estimate` of
+    :class:`~calib.robot_world.pairs.PairSets` and, where it weighs by it, their noise."""
     equation: Literal["AX=ZB", "AX=XB"] = "AX=ZB"
+    """What it solves: the pairs as they are, for X and Z, or the motions between them, for X alone,
+    Z being the mean of what the pairs then say."""
     invariant_to: frozenset[str] = _ROTATIONS_FIRST
-    iterative: bool = False
+    """The :data:`CHANGES` that leave its answer the same when the data are noisy. Of maximum
+    likelihood, with noise on B or not given: noise of A turns it about the origin of the flange,
+    which is then no choice either."""
+    iterative: bool = False  # whether the estimate has iterations
     likelihood: bool = False
-    robust: bool = False
+    """Whether it weighs the pairs by their noise: the estimate then takes that, too."""
+    robust: bool = False  # whether it leaves out pairs that contradict the others
 
     def run(self, pairs: PairSets, noise: Noise | None) -> Estimate:
         """Estimate X and Z of T problems, by their noise where the method weighs by it."""

@@ -118,7 +118,9 @@ def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     X, Z = np.empty((2, T, 4, 4))
     for first in range(0, T, at_once):
         rows = slice(first, min(first + at_once, T))
-        A, B = _in_own_order(pairs.A[rows], pairs.B[rows])
+        # so that the same pairs are drawn in whatever order they come
+        order = own_order(pairs.A[rows])[..., None, None]
+        A, B = (np.take_along_axis(T[rows], order, axis=1) for T in (pairs.A, pairs.B))
         candidates = _solved(A, B, np.tile(draws, (len(A), 1, 1)))
         for kept in (_BEST, _BEST, 1):
             best = _best(A, B, *candidates, kept)
@@ -130,13 +132,6 @@ def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
                 candidates = _solved(A, B, _better_half(A, B, *candidates))
         X[rows], Z[rows] = candidates[0][:, 0], candidates[1][:, 0]
     return X, Z
-
-
-def _in_own_order(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pairs sorted by where A is, so that the same ones are drawn in whatever order they come."""
-    order = own_order(A)
-    trial = np.arange(len(A))[:, None]
-    return A[trial, order], B[trial, order]
 
 
 def _solved(A: FloatArray, B: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:

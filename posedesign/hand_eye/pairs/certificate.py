@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import InputError
-from calib.robot_world import METHODS, Certificate, PairNoise, RobotWorldResult, certify, difference
+from calib.robot_world import METHODS, Certificate, RobotWorldResult, certify, difference
 from calib.se3 import FloatArray
 
 Camera = Literal["on-flange", "fixed"]
@@ -142,12 +142,6 @@ def prove(A: FloatArray, B: FloatArray, result: RobotWorldResult) -> Proof | Non
     """Proof for an answer from pairs ``(N, 4, 4)``; None where it has no noise to weigh them by."""
     if result.noise is None:
         return None
-    if not isinstance(result.noise, PairNoise):
-        raise InputError(
-            "there is a certificate only for noise that is the same in all directions",
-            hint='solve with noise="B", or give it on A or on B',
-            name="noise",
-        )
     used = result.used
     return Proof.of(result, certify(A[used], B[used], result.X, result.Z, result.noise))
 

@@ -159,7 +159,8 @@ def _rows_of(
             hint="call them j1_deg .., or name them in instrument.columns.joints",
         )
     postures = postures_in_any_form(path, table.columns, rows, robot, trust_units)
-    return _with_times(path, table, rows, postures, "time_s", pose="pose")
+    pose = "pose" if "pose" in table.columns else "name"  # as lists of poses call it
+    return _with_times(path, table, rows, postures, "time_s", pose=pose)
 
 
 def _with_times(

@@ -24,7 +24,14 @@ from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
 from posedesign.files.csv_tables import LONGEST_SHOWN, MOST_LISTED, a_few, first_like, is_number
-from posedesign.files.measurements import MOST_MEASUREMENTS, TOOL, MeasurementTable, check_label
+from posedesign.files.measurements import (
+    MOST_MEASUREMENTS,
+    REPEATS,
+    TOOL,
+    MeasurementTable,
+    check_label,
+    read_measurements,
+)
 from posedesign.identification.instruments.joining import (
     Joined,
     in_ranges,
@@ -42,9 +49,9 @@ from posedesign.identification.instruments.scatter import (
     trend_with,
 )
 
-TEMPERATURE, TIME, REPEATS = "temperature_c", "time_s", "readings"
-"""Columns that are kept beside measurements: temperature, time of the first reading, their number.
-"""
+TEMPERATURE, TIME = "temperature_c", "time_s"
+"""Columns that are kept beside measurements, as :data:`REPEATS` is: temperature, and time of the
+first reading."""
 
 STREAM = 20
 """Readings of a reflector at a stop from which they are taken without end: neighbours are alike,
@@ -53,17 +60,13 @@ and their scatter is no noise of their mean."""
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What was measured, for the cell that it is to be identified with.
+    """What was measured, for the cell that it is to be identified with."""
 
-    ``cell``: with the noise of repeated readings, where they were to give it. ``notes``: what is
-    odd: what belongs to no pose, what drifts, noise that is another. ``facts``: what there is, in
-    words by what it is about.
-    """
-
-    cell: Cell
+    cell: Cell  # with the noise of repeated readings, where they were to give it
     table: MeasurementTable
     notes: tuple[str, ...]
-    facts: dict[str, str]
+    """What is odd: what belongs to no pose, what drifts, noise that is another."""
+    facts: dict[str, str]  # what there is, in words by what it is about
 
 
 def is_of_instrument(cell: Cell, path: Path) -> bool:
@@ -78,14 +81,31 @@ def is_of_instrument(cell: Cell, path: Path) -> bool:
 
 
 def read_measured(
-    cell: Cell, path: Path, joints: Path | None = None, *, trust_units: bool = False
+    cell: Cell,
+    path: Path,
+    joints: Path | None = None,
+    *,
+    each_visit: bool = False,
+    trust_units: bool = False,
 ) -> Measured:
-    """Read the file of an instrument with the joints of its poses.
+    """Read a table of measurements, or the file of an instrument with the joints of its poses.
 
-    ``joints``: file of the joints; without it they stand in columns of the same file. Raises
-    FileFormatError: naming file, line and column of what cannot be read, or is not known.
+    ``joints``: file of the joints; without it they stand in columns of the same file.
+    ``each_visit``: what was read of a pose is averaged visit by visit, and not over all of them.
+    Raises FileFormatError: naming file, line and column of what cannot be read, or is not known.
     InputError: there are no joints.
     """
+    if joints is None and not is_of_instrument(cell, path):
+        table = read_measurements(
+            path,
+            cell.robot.n,
+            external=cell.robot.external,
+            kind=cell.config.measurement.kind,
+            payloads=[payload.name for payload in cell.config.payload],
+            controller=cell.robot.controller,
+            trust_units=trust_units,
+        )
+        return Measured(cell, table, table.notes, {})
     section = _as_planned(cell)
     readings, notes = _once(read_readings(path, section))
     names, is_reference = _names_of(readings, section)
@@ -119,7 +139,9 @@ def read_measured(
         check_label(path if joints is None else joints, 1, name, "pose")
     lost = stops.match.unmatched(of_tool.lines.tolist())
     notes += tuple(f"{path}: {said}, left out" for said in lost[:MOST_LISTED])
-    grouped = _averaged(_some(of_tool, np.flatnonzero(found)), tool[found], stops, section)
+    grouped = _averaged(
+        _some(of_tool, np.flatnonzero(found)), tool[found], stops, section, each_visit=each_visit
+    )
     table, scatter = grouped.table(path, labels, section, stops)
     facts = {
         "measured": f"{len(of_tool.lines)} readings of {a_few(labels)} at "
@@ -223,21 +245,16 @@ def _names_of(
 
 @dataclass(frozen=True, eq=False)
 class _Averaged:
-    """Means of the readings of one reflector at one stop, in the order of the readings.
+    """Means of the readings of one reflector at one stop, in the order of the readings."""
 
-    ``values`` (G, 3) or (G, 6): places [m], rotation vectors [rad]. ``count`` (G,): readings of
-    each. ``line`` (G,): line of the first of each. ``times``, ``temperatures`` (G,): of the first,
-    and the mean.
-    """
-
-    values: FloatArray
-    count: IntArray
+    values: FloatArray  # (G, 3) or (G, 6): places [m], rotation vectors [rad]
+    count: IntArray  # (G,): readings of each
     scatter: Scatter | None
     stop: IntArray
     tool: IntArray
-    line: IntArray
+    line: IntArray  # (G,): line of the first of each
     times: FloatArray | None
-    temperatures: FloatArray | None
+    temperatures: FloatArray | None  # times, temperatures (G,): of the first, and the mean
 
     def table(
         self, path: Path, labels: tuple[str, ...], section: InstrumentSection, stops: Joined
@@ -269,12 +286,20 @@ class _Averaged:
 
 
 def _averaged(
-    readings: Readings, tool: IntArray, stops: Joined, section: InstrumentSection
+    readings: Readings,
+    tool: IntArray,
+    stops: Joined,
+    section: InstrumentSection,
+    *,
+    each_visit: bool,
 ) -> _Averaged:
     stop = stops.match.stop[stops.match.is_found]
-    pairs, index = np.unique(np.stack([stop, tool], axis=1), axis=0, return_inverse=True)
+    # what was read one after another at a pose is of one visit
+    visit = np.append(0, np.cumsum(np.diff(stop) != 0)) if each_visit else stop
+    _, first, index = np.unique(
+        np.stack([visit, tool], axis=1), axis=0, return_index=True, return_inverse=True
+    )
     index = index.ravel()
-    first = np.unique(index, return_index=True)[1]
     values = readings.values
     if section.kind == "pose":  # about the first of each group, whose turns differ by little
         R = rotation_exp(values[:, 3:])
@@ -294,8 +319,8 @@ def _averaged(
         mean,
         count,
         scatter,
-        pairs[:, 0],
-        pairs[:, 1],
+        stop[first],
+        tool[first],
         readings.lines[first],
         None if readings.times is None else readings.times[first],
         temperatures,

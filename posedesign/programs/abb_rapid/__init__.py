@@ -20,6 +20,7 @@ class AbbRapid(Dialect):
     title = "ABB RAPID module"
     maker = "abb"
     suffixes = (".mod", ".modx", ".prg")
+    remark = (r"^[ \t]*MODULE[ \t][^\n]*\n", "  ! {words}")
     external_axes = 6
     turning_axes = True
     names = NAMES

@@ -187,6 +187,7 @@ class DensoPac(JointDialect):
     title = "Denso PacScript program"
     maker = "denso"
     suffixes = (".pcs",)
+    remark = (r"^[ \t]*(?:Sub|Program)[ \t][^\n]*\n", "  ' {words}")
     names = NameRule("a PacScript name", 32, small=True)  # no limit of its length is known
     newline = "\r\n"
     phrases = Phrases(

@@ -251,6 +251,7 @@ class DoosanDrl(JointDialect):
     title = "Doosan DRL program"
     maker = "doosan"
     suffixes = (".drl",)
+    remark = (r"", "# {words}")
     names = NameRule("a DRL name", 32, small=True, reserved=_RESERVED)
     phrases = Phrases(
         note="# {}",

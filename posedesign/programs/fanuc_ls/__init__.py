@@ -23,6 +23,9 @@ REGISTERS = ".va"
 """Ending of a backup of the position registers."""
 
 
+_COUNTED = re.compile(r"^((?:LINE_COUNT|ZEILEN)[ \t]*=[ \t]*)(\d+)", re.MULTILINE)
+
+
 class FanucLs(Dialect):
     """FANUC teach pendant programs in ASCII."""
 
@@ -30,6 +33,7 @@ class FanucLs(Dialect):
     title = "FANUC teach pendant program in ASCII"
     maker = "fanuc"
     suffixes = (".ls", REGISTERS)
+    remark = (r"^/MN[^\n]*\n(?:(?!/)[^\n]*\n)*", "{number:4d}:  !{words} ;")
     external_axes = 3
     turning_axes = True
     names = writer.NAMES
@@ -38,6 +42,11 @@ class FanucLs(Dialect):
     joint_step_deg = 1e-3
     notation = Notation(joint=3, place=3, turned=3, counts_at=-3)
     writer = writer.render_fanuc_ls
+
+    def with_remark(self, text: str, words: str) -> str:
+        """The same, with one line more to count."""
+        new = super().with_remark(text, words)
+        return new if new == text else _COUNTED.sub(lambda f: f"{f[1]}{int(f[2]) + 1}", new, 1)
 
     def notation_of(self, text: str) -> Notation:
         """The usual one; a program that moves by increments is refused: they are no positions."""

@@ -230,6 +230,7 @@ class KawasakiAs(JointDialect):
     title = "Kawasaki AS program"
     maker = "kawasaki"
     suffixes = (".as", ".pg")
+    remark = (r"^\.PROGRAM[^\n]*\n", "  ; {words}")
     # names of variables have at most 15 characters, two of which are ".p"; case does not matter
     names = NameRule("a name of an AS program", 13, small=True)
     newline = "\r\n"

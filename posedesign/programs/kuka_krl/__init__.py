@@ -20,6 +20,7 @@ class KukaKrl(Dialect):
     title = "KUKA KRL program"
     maker = "kuka"
     suffixes = (".dat", ".src")
+    remark = (r"^[ \t]*(?:GLOBAL[ \t]+)?DEF(?:DAT)?[ \t][^\n]*\n", ";{words}")
     companions = (".src",)
     external_axes = 6
     turning_axes = True

@@ -225,6 +225,7 @@ class MitsubishiMelfa(JointDialect):
     title = "Mitsubishi MELFA-BASIC program"
     maker = None
     suffixes = (".mb5", ".mb6")
+    remark = (r"(?:^\d+ [^\n]*\n)+", "{number} '{words}")
     names = NameRule("a MELFA program name", 12)
     newline = "\r\n"
     phrases = Phrases(

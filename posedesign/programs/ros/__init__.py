@@ -31,6 +31,7 @@ class _RosList(Dialect):
 
     maker = None
     suffixes = (".yaml", ".yml")
+    remark = (r"", "# {words}")
     external_axes = 6
     turning_axes = True
     forms = ("joint",)

@@ -18,6 +18,7 @@ class StaubliVal3(Dialect):
     title = "Staubli VAL 3 project"
     maker = "staubli"
     suffixes = (".dtx", ".pjx", ".pgx")
+    remark = (r"\A(?:<\?xml[^\n]*\n)?", "<!-- {words} -->")
     companions = (".pjx", ".pgx")
     in_folder = True
     names = NAMES

@@ -26,6 +26,7 @@ class UrScript(Dialect):
     title = "Universal Robots URScript program"
     maker = "ur"
     suffixes = (".script", ".urscript", ".log", ".txt")
+    remark = (r"", "# {words}")
     names = NAMES
     notation = Notation(7, 7, 7, np.pi / 180, 1.0, VECTOR)
     writer = render_ur_script

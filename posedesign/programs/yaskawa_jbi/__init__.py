@@ -37,6 +37,7 @@ class YaskawaJbi(Dialect):
     title = "Yaskawa INFORM job"
     maker = "yaskawa"
     suffixes = (".jbi",)
+    remark = (r"^NOP[^\n]*\n", "'{words}")
     names = NAMES
     newline = "\r\n"
     numbered_frames = True

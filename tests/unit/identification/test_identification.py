@@ -10,7 +10,6 @@ from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import (
     check_identifiable,
     covariance_of,
-    finite_difference_jacobian,
     identify_batch,
 )
 from calib.identification.identifiability import check_believable
@@ -97,17 +96,6 @@ def test_weighting_matters(make_model, touching):
     weighted, plain = identify(model, data), identify(model, data, weighted=False)
     assert (np.abs(weighted.values - plain.values) > 0.05 * weighted.sigma).any()
     assert (plain.sigma > weighted.sigma).all()
-
-
-def test_finite_differences_agree_with_the_analytic_jacobian(make_model, touching):
-    model, q = make_model(targets=2), touching(6)
-    target = np.array([0, 1, 0, 1, 0, 1])
-    x = truth(model)
-    setup = Setup.of(6, target=target)
-    numeric = finite_difference_jacobian(model, q, x, setup)
-    assert numeric.shape == (6, 3, model.p)
-    # forward differences of 1e-6 rad on an arm of 3 m err by about 1.5e-6 m/rad
-    np.testing.assert_allclose(numeric, model.jacobian(q, x, setup), atol=3e-6)
 
 
 @pytest.mark.parametrize("weighted", [True, False])

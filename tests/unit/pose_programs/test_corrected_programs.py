@@ -34,8 +34,10 @@ from posedesign.programs import (
     RecordedPosition,
     RecordedProgram,
     registry,
+    rewriting,
 )
-from posedesign.programs.rewriting import MOST_NUMBERS, Change, rewritten
+from posedesign.programs.recorded import CORRECTED, corrected_by
+from posedesign.programs.rewriting import Change, rewritten
 from tests import arms
 from tests.arms import PULSES
 from tests.marks import by_stage
@@ -210,6 +212,30 @@ def test_on_a_rail_the_arm_alone_is_corrected(name, tmp_path):
     spin = np.deg2rad(HOW[name].joint_deg) * robot.n * REACH_M
     assert np.linalg.norm(off, axis=1).max() < 2 * spin + EXACT
     assert done.moved_m.max() > 1e-3
+
+
+@each_case
+def test_a_corrected_program_says_so_and_is_as_valid_as_before(name, form, tmp_path):
+    for path in files_of(name, clear_postures(robot_of(name), 3), form, tmp_path):
+        dialect, before = dialect_of(name), path.read_bytes()
+        meant = dialect.read(path)
+        text = dialect.with_remark(before.decode("latin-1"), CORRECTED.format("1a2b3c4d"))
+        path.write_bytes(text.encode("latin-1"))
+        assert dialect.validate(path) == []
+        said = [p.message for p in dialect.validate(path, ["note"]) if p.rule == "corrected"]
+        has_comments = name != "robodk-csv"
+        by = "corrected by the identification 1a2b3c4d"
+        assert said == [f"positions are of the arm {by}"] * has_comments
+        assert corrected_by(before) == ""
+        read = dialect.read(path)
+        assert (read.mark, read.name) == (meant.mark, meant.name)
+        for new, old in zip(read.positions, meant.positions, strict=True):
+            assert (new.number, new.name, new.configuration) == (
+                *(old.number, old.name),
+                old.configuration,
+            )
+            np.testing.assert_array_equal(new.shown_deg, old.shown_deg)
+            np.testing.assert_array_equal(new.T_user_tool, old.T_user_tool)
 
 
 PEOPLE = sorted(p.name for p in EXPORTS.iterdir() if p.suffix != ".log")
@@ -524,11 +550,13 @@ def test_all_that_are_out_of_reach_are_named(name, tmp_path):
     assert left.written_m.max() < 1e-6
 
 
-def test_files_of_more_numbers_than_any_program_has_are_refused(tmp_path):
+def test_files_of_more_numbers_than_any_program_has_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(rewriting, "MOST_NUMBERS", 2000)
     path = one("kuka-krl", [0, -60, 90, 20, 40, 30], tmp_path)
-    path.write_text(path.read_text() + ";" + "1 " * (MOST_NUMBERS + 1) + "\n")
     model, x = errors_of(robot_of("kuka-krl"))
-    with pytest.raises(FileFormatError, match="holds more than 1000000 numbers"):
+    assert corrected(path, "kuka-krl", model, x).ok
+    path.write_text(path.read_text() + ";" + "1 " * 2001 + "\n")
+    with pytest.raises(FileFormatError, match="holds more than 2000 numbers"):
         corrected(path, "kuka-krl", model, x)
 
 

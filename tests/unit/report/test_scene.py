@@ -267,7 +267,7 @@ def test_cameras_of_pairs_and_the_targets_that_they_saw(cell, tmp_path):
     pytest.importorskip("viser", reason="needs viser (posedesign[view])")
     page = drawing.write_scene(cell, tour, tmp_path / "scene.html")
     recorded = Recorded(page.read_text(encoding="utf-8"))
-    assert recorded.added("BatchedAxesMessage") == ["/poses", "/pairs"]
+    assert recorded.added("BatchedAxesMessage") == ["/link_0/poses", "/link_0/pairs"]
 
 
 class Recorded:
@@ -310,7 +310,7 @@ def test_the_file_has_every_body_pose_and_obstacle(page, cell, tour):
     base = sum(body.link == 0 for body in cell.robot.bodies)
     assert len(fixed) == base + len(cell.obstacles)
     (poses,) = (m for _, m in recorded.messages if m["type"] == "BatchedAxesMessage")
-    assert poses["name"] == "/poses"
+    assert poses["name"] == "/link_0/poses"
     over = text[text.index('id="over"') :]
     assert over.count('"at":') == len(tour.stops) == len(POSES.names) + 1
     assert len(text) < 10_000_000

@@ -62,7 +62,6 @@ CALLS = {
     "blocks": (design.blocks, {"A": A, "X": X, "Z": Z, "noise": NOISE}),
     "information": (design.information, {"blocks": design.blocks(A, X, Z, NOISE)}),
     "covariance": (design.covariance, {"blocks": design.blocks(A, X, Z, NOISE)}),
-    "check_identifiable": (design.check_identifiable, {"A": A, "X": X, "Z": Z}),
 }
 HARMLESS = {
     ("PairNoise", "on", "text"),

@@ -284,3 +284,19 @@ def test_a_positioner_that_is_held_is_none(tmp_path):
         for r, x in ((moving, q), (held, q[2:]))
     ]
     np.testing.assert_allclose(load[0][2:], load[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", ["r2000ic165f", "irb120"])
+def test_a_plate_that_faces_the_arm_turns_no_sign_of_it(preset, tmp_path):
+    """Makers count joints from where the arm stands, and not from the plate."""
+    path = tmp_path / "robot.urdf"
+    text = beside_positioner(preset).replace('"base"', '"elsewhere"')  # the controller's world
+    path.write_text(text.replace('rpy="0 0 0.3"', 'rpy="0 0 3.0"'))
+    tip = Robot.preset(preset).tip_frame
+    robot = Robot.from_urdf(path, tip=tip, base="plate")
+    assert not robot.model.existFrame("base")
+    maker = Robot.preset(preset).controller.maker
+    seen, alone = robot.controlled_by(maker).controller, Robot.preset(preset).controller
+    q = postures(robot, 5)
+    np.testing.assert_allclose(seen.pendant(q)[:, 2:], alone.pendant(q[:, 2:]), atol=1e-9)
+    np.testing.assert_allclose(seen.pendant(q)[:, :2], np.rad2deg(q[:, :2]))

@@ -588,6 +588,15 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             key="base_pose.slides_mm",
             hint="give millimetres, and whole ones where it really stands so near its zero",
         )
+    table = np.array(config.base_pose.positioner_deg)
+    finer = np.abs(table - table.round(1)) > 1e-3  # than people set a table to
+    if finer.any() and np.abs(table).max() <= MOST_RADIANS:
+        raise FileFormatError(
+            f"looks like radians (largest value {np.abs(table).max():g})",
+            path=path,
+            key="base_pose.positioner_deg",
+            hint="give degrees, and whole tenths where it really stands so near its zero",
+        )
     turning, sliding = robot.joint_names[: robot.floor], robot.joint_names[robot.external.sliding]
     for what, values, joints in (
         ("slides", slides, sliding),

@@ -218,6 +218,24 @@ def _check_external(path: Path, columns: Sequence[str], values: FloatArray) -> N
             )
 
 
+def _check_external_in_si(
+    path: Path, columns: Sequence[str], values: FloatArray, external: ExternalAxes
+) -> None:
+    """Refuse external axes ``(rows, count)`` that are too far for metres or radians."""
+    sliding = external.slides_of(external.count).tolist()
+    for column, own, slides in zip(columns, values.T, sliding, strict=False):
+        largest = float(np.abs(own).max())
+        if largest > (LONGEST_RAIL_M if slides else LARGEST_RAD):
+            raise FileFormatError(
+                f"looks like {'millimetres' if slides else 'degrees'} (the largest is "
+                f"{largest:.4g})",
+                path=path,
+                column=column,
+                hint="end the names of all joints' columns with _deg, of what slides with _mm",
+                value=largest,
+            )
+
+
 def _values(
     path: Path,
     rows: Sequence[Row],
@@ -233,6 +251,8 @@ def _values(
     values = numbers_of(path, rows, columns)
     if unit == "degrees" and not trust_units:
         _check_external(path, columns, values[:, : external.count])
+    elif not trust_units:
+        _check_external_in_si(path, columns, values[:, : external.count], external)
     columns = columns[external.count :]
     largest = float(np.abs(values[:, external.count :]).max())
     small = len(rows) >= 3 and 0 < largest <= 2 * math.pi

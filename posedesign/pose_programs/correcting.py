@@ -472,7 +472,7 @@ def _reason(
     j = int(np.argmax(turned))
     if turned[j] > MOST_TURNED_RAD:
         return (
-            f"next to a singularity: {arm.joint_names[j]} would turn by "
+            f"next to a singularity: {_robot(arm).joint_names[j]} would turn by "
             f"{np.rad2deg(turned[j]):.1f} deg"
         )
     if words is not None and p.configuration is not None and _recounted(p, words) is None:

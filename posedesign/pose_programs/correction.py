@@ -262,7 +262,7 @@ def _notes(
         )
     if robot.robot.n_external and table.identified[0]:
         notes.append(
-            f"an arm that stands turned {'beside' if robot.robot.floor else 'on'} "
+            f"an arm that stands turned {'on' if robot.robot.external.slides else 'beside'} "
             f"{robot.robot.joint_names[robot.robot.n_external - 1]} looks like a zero of "
             f"{robot.robot.arm_joints[0]} that is off: its correction has both"
         )

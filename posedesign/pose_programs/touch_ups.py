@@ -125,6 +125,8 @@ def rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
     lever = state.R_base_tip @ cell.tool_m  # shape (N, 3)
     place = tip[:, :3] + np.cross(tip[:, 3:], lever[:, :, None], axis=1)
     shown = place @ np.linalg.inv(controller.pendant_from_joints)
+    # of what slides the same number, of millimetres
+    shown[..., robot.sliding] *= np.rad2deg(1.0) / 1e3
     added_m = float(np.sqrt((shown**2).sum(axis=(1, 2)).mean() * step_rad**2 / 12.0))
     noise_m = float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))
     if added_m < WORTH_A_WORD * noise_m:

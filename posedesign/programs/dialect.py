@@ -177,8 +177,7 @@ class Dialect:
             )
         self.names.check(program.name)
         arm = self._arm_of(program)
-        turns = arm.controller.external.positioner > 0
-        if arm.n_external > self.external_axes or (turns and not self.turning_axes):
+        if arm.n_external > self.external_axes:
             key = {"mm": "held_mm", "deg": "held_deg"}[arm.external_units[-1]]
             raise InputError(
                 f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
@@ -283,8 +282,17 @@ class Dialect:
     def seen(self, arm: Arm) -> Arm:
         """An arm as the programs of this dialect show it.
 
-        Raises InputError: its controller is another maker's, or not known.
+        Raises InputError: its controller is another maker's, or not known; a positioner where
+        external axes of the dialect only slide.
         """
+        if arm.controller.external.positioner and self.external_axes and not self.turning_axes:
+            raise InputError(
+                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
+                "not written, nor read, but for those that slide",
+                hint="hold it where it is: robot.held_deg",
+                name="format",
+                value=self.name,
+            )
         if self.maker is None:
             # the description's joints, whatever a pendant shows
             return replace(

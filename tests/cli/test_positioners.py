@@ -14,9 +14,12 @@ from calib.se3 import apply, inverse
 from posedesign.candidates import joint_candidates
 from posedesign.cell import Cell
 from posedesign.cell.cell import posture_section
+from posedesign.cell.file import cell_text
 from posedesign.cell.orientations import suggest_base_posture
 from posedesign.constraints import Situation
+from posedesign.files.csv_tables import Row
 from posedesign.files.measurements import read_measurements
+from posedesign.files.postures import JointForm, columns_of, postures_in_any_form
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
@@ -161,6 +164,39 @@ def test_units_of_external_axes_are_those_of_the_description(tmp_path):
     table.write_text("\n".join([f"target,e1_deg,e2_deg,{joints}", *rows, ""]))
     q = read_measurements(table, 8, external=TABLE, trust_units=True).data.postures
     np.testing.assert_allclose(np.rad2deg(q[1, :2]), [0.6, 1.2])  # the turn comes first
+
+
+def test_tables_in_radians_and_metres_have_no_external_axis_in_degrees_or_millimetres(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(beside_positioner("ur10e", rail=True))
+    robot = Robot.from_urdf(path, tip=Robot.preset("ur10e").tip_frame, base="plate")
+    columns = columns_of(JointForm.ROS, robot)
+    row = dict(zip(columns, np.linspace(0.1, 0.9, robot.n), strict=True))
+    for column, value, message in (
+        ("tilt_rad", -35.0, "looks like degrees"),
+        ("rail_m", 900.0, "looks like millimetres"),
+    ):
+        rows = [Row(2, {c: str(v) for c, v in {**row, column: value}.items()})]
+        with pytest.raises(FileFormatError, match=message) as error:
+            postures_in_any_form(path, columns, rows, robot, trust_units=False)
+        assert error.value.column == column
+        q = postures_in_any_form(path, columns, rows, robot, trust_units=True)
+        assert q[0, columns.index(column)] == value
+
+
+def test_a_base_pose_in_radians_is_refused(tmp_path):
+    cell = cell_of(tmp_path, "ur10e", PIN)
+    text = cell_text(cell.config, tmp_path)
+    listed = re.search(r"positioner_deg = \[.*\]", text)
+    assert listed is not None
+    for values, refused in (("0.5236, -1.2566", True), ("1.5, -0.3", False), ("0.05, 30.0", False)):
+        changed = text.replace(listed[0], f"positioner_deg = [{values}]")
+        if refused:
+            with pytest.raises(FileFormatError, match="looks like radians") as error:
+                Cell.from_text(changed)
+            assert error.value.key == "base_pose.positioner_deg"
+        else:
+            Cell.from_text(changed)
 
 
 @pytest.mark.parametrize("arm", ["ur10e", "r2000ic165f"])

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.batch_last import along
+from calib.batch_last import turn as rotate
 from calib.identification.diagnosis.held import (
     Cause,
     Effect,
@@ -271,12 +273,19 @@ def incomplete(held: Held) -> Iterator[Finding]:
             name = (model.robot.joint_names[joint], f"{wave:g}")
             what: tuple[Cause, tuple[str, ...], str] = ("harmonic", name, "joint")
             yield _pattern(bare, Z, what, WAVE_RAD, "rad", tried).finding
+    # level and upright as the floor is, which a positioner turns in the base
+    robot = model.robot
+    upright = -robot.gravity[:, None] / np.linalg.norm(robot.gravity)
+    if robot.floor:
+        upright = rotate(robot.chain.link_columns(view.walk, robot.floor - 1), upright)
     out = view.point.copy()
-    out[2] = 0.0
+    if robot.n_external:
+        out -= view.walk.origins[robot.n_external]
+    out -= upright * along(upright, out)
     reach = np.linalg.norm(out, axis=0)
     grown = (reach / reach.max(initial=1e-9)) ** 2 * SAG_M
     motion = np.zeros((2, 6, view.q.shape[1]))
-    motion[0, 2] = grown
+    motion[0, :3] = upright * grown
     motion[1, :3] = out / np.maximum(reach, 1e-9) * grown
     yield _pattern(bare, _seen(bare, motion), ("reach", (), ""), SAG_M, "m", tried).finding
 

@@ -43,13 +43,17 @@ from posedesign.files.csv_tables import (
     numbers_of,
     parse_table,
 )
-from posedesign.files.postures import find_form, postures_in_any_form
+from posedesign.files.postures import find_form, joint_columns, postures_in_any_form
 from posedesign.identification.instruments.layouts import SECONDS, near, text_of
 from posedesign.identification.instruments.readings import seconds_of
+from posedesign.programs.reading import EXTERNAL_AT_REST
 from posedesign.programs.registry import read_joints
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".xml")
 """Endings of tables and logs; all others are of programs and lists."""
+
+MOST_EXTERNAL = 6
+"""External axes of a KUKA or an ABB."""
 
 LARGEST_DEG = 1e3
 """No joint turns so far: such a number is damage."""
@@ -75,7 +79,7 @@ class JointRows:
 class Log:
     """Columns of a controller's log; ``{}`` is the number of the joint.
 
-    ``external``: of axes that slide and carry the arm [mm]; empty where it has none.
+    ``external``: of external axes [mm, deg]; empty where it has none.
     """
 
     name: str
@@ -143,7 +147,12 @@ def _rows_of(
     log, needed = _log_of([c.strip() for c in columns], robot)
     if log is not None:
         kept = {*needed, log.time} | {c for c in columns if c.startswith("field.name")}
-        return _of_log(path, parse_table(path, text, loose=True, only=kept), log, needed, robot)
+        beyond = _not_described(log, robot)
+        table = parse_table(path, text, loose=True, only={*kept, *beyond})
+        for axis in (c for c in beyond if c in table.columns):
+            rows = [row for row in table.rows if is_number(row.cells[axis])]
+            _stands_still(path, axis, [(row.line, row.cells[axis]) for row in rows])
+        return _of_log(path, table, log, needed, robot)
     table = parse_table(path, text, loose=True)
     if section.columns.joints:
         return _of_columns(path, table, section, robot)
@@ -196,6 +205,28 @@ def _log_of(columns: Sequence[str], robot: Robot) -> tuple[Log | None, list[str]
     return None, []
 
 
+def _not_described(log: Log, robot: Robot) -> list[str]:
+    """Columns of external axes that the robot's description does not have."""
+    numbers = range(robot.n_external + 1, MOST_EXTERNAL + 1)
+    return [log.external.format(k) for k in numbers] if log.external else []
+
+
+def _stands_still(path: Path, axis: str, cells: Sequence[tuple[int, str]]) -> None:
+    """Refuse an external axis that moves, and that no joint of the description is.
+
+    It may carry the arm, or what is measured. ``cells``: lines, and its values [mm, deg] there.
+    """
+    values = np.array([float(cell.replace(",", ".")) for _, cell in cells])
+    moved = np.abs(values - values[:1]) > EXTERNAL_AT_REST
+    if moved.any():
+        raise FileFormatError(
+            f"{axis} moves, and the robot's description has no such axis",
+            path=path,
+            row=cells[int(moved.argmax())][0],
+            hint="measure with the external axes at rest, or describe them in the URDF",
+        )
+
+
 def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot) -> JointRows:
     for column in needed:
         if column not in table.columns:
@@ -215,10 +246,12 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
 def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> FloatArray:
     """Postures [rad, m] of what a controller logs, external axes first [mm]."""
     if values.shape[1] < robot.n or robot.external.positioner:
+        turns = bool(robot.external.positioner)
         raise FileFormatError(
-            f"is a log of {log.name}, which has no external axes",
+            f"is a log of {log.name}, which "
+            + ("is not read beside a positioner" if turns else "has no external axes"),
             path=path,
-            hint="give a table with e1_mm, j1_deg ..",
+            hint=f"give a table with {min(joint_columns(robot.n, robot.external))}, j1_deg ..",
         )
     if log.unit == "rad":
         largest = float(np.abs(values[:, robot.n_external :]).max())
@@ -304,6 +337,7 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
     times: list[float] = []
     lines: list[int] = []
     external: list[list[float]] = []
+    others: dict[str, list[tuple[int, str]]] = {}  # of axes that the description does not have
     line = at = 0
     for found in _TELEGRAM.finditer(text):
         line, at = line + text.count("\n", at, found.start()), found.start()
@@ -316,10 +350,15 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
         row = _axes_in(found, count, path, line + 1)
         if carriers:
             external.append(row)
+            for axis, cell in _AXIS.findall(found[2]):
+                if int(axis[1]) > count and is_number(cell):
+                    others.setdefault(axis, []).append((line + 1, cell))
             continue
         values.append(row)
         times.append(np.nan)
         lines.append(line + 1)
+    for axis, cells in others.items():
+        _stands_still(path, f"{axis} of EIPos", cells)
     if not values:
         raise FileFormatError("has no AIPos with values", path=path, hint="is it a log of RSI?")
     timed = np.isfinite(times)

@@ -8,23 +8,28 @@ import pytest
 from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
+from calib import Robot
 from calib.identification.diagnosis import diagnose
 from calib.identification.diagnosis.held import (
     Effect,
     Finding,
     Held,
     Tuned,
+    held_at,
     log_mean,
     log_odds,
     score_of,
     tuned,
 )
 from calib.identification.diagnosis.naming import CHANCE, likeliest
-from calib.identification.diagnosis.sequence import alike, changes, things_of
-from calib.model import CalibrationModel
+from calib.identification.diagnosis.sequence import alike, changes, incomplete, things_of
+from calib.model import CalibrationModel, Setup
+from calib.model.measurements import Measurements, Point
+from calib.model.parameters import TargetFrame, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray
 from posedesign.identification.findings import model_of_arm
 from tests.fault_trials import Arm, draw_arm, table_of
+from tests.positioners import beside_positioner
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +175,26 @@ def test_hypotheses_that_explain_as_well_count_together():
 def test_a_mean_of_odds_is_that_of_their_exponentials():
     odds = np.array([1.0, 2.0, 700.0])
     assert log_mean(odds) == pytest.approx(700.0 - np.log(3.0))
+
+
+def test_an_arm_beside_a_positioner_bends_towards_the_floor(tmp_path):
+    """Down is that of the floor, which turns in the base, and reach is from the arm's foot."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(beside_positioner("ur10e"))
+    robot = Robot.from_urdf(path, tip=Robot.preset("ur10e").tip_frame, base="plate")
+    offsets, fixed = ZeroOffsets(robot, robot.arm_joints[2:4]), TargetFrame(np.eye(4), free=())
+    tool = ToolPoint([0.04, 0.01, 0.12], "xyz")
+    model = CalibrationModel(robot, [fixed, offsets, tool], Point(1e-5))
+    q = np.random.default_rng(2).uniform(-1.5, 1.5, (40, robot.n))
+    state = robot.state(q)
+    points = state.point(model.nominal[-3:])
+    up = robot.T_base_floor(q)[:, :3, :3] @ (-robot.gravity / np.linalg.norm(robot.gravity))
+    out = points - state.origins[:, robot.n_external]
+    out -= up * (out * up).sum(axis=1, keepdims=True)
+    reach = np.linalg.norm(out, axis=1, keepdims=True)
+    read = points - 2e-3 * (reach / reach.max()) ** 2 * up
+    data = Measurements(q, Setup.of(len(q)), model.targets, observed=read)
+    *_, bent = incomplete(held_at(model, data, model.nominal))
+    assert bent.cause == "reach"
+    assert bent.size == pytest.approx(2e-3, rel=0.02)
+    assert bent.after_m < 0.02 * bent.before_m

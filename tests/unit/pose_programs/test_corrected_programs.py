@@ -214,6 +214,18 @@ def test_on_a_rail_the_arm_alone_is_corrected(name, tmp_path):
     assert done.moved_m.max() > 1e-3
 
 
+def test_on_a_rail_the_joint_that_would_turn_is_named(tmp_path):
+    robot, dialect = on_a_rail("abb-rapid"), dialect_of("abb-rapid")
+    model, x = errors_of(robot)
+    arm = dialect.seen(Arm.of(robot, USER, TOOL))
+    pose = ProgramPose("T0", np.append(0.5, np.deg2rad([10, 20, 10, 20, 1.0, 30])))
+    program = PoseProgram("CALPOSE", (pose,), options_of("abb-rapid"), arm)
+    path = dialect.write(program, tmp_path)[0]
+    how = {"tool_m": TOOL_M, "joints": True}
+    done = correct_positions(dialect, path.read_bytes(), path, arm, model, x, **how)
+    assert re.match(r"next to a singularity: joint_[46] would turn by \d+\.\d deg", done.reasons[0])
+
+
 @each_case
 def test_a_corrected_program_says_so_and_is_as_valid_as_before(name, form, tmp_path):
     for path in files_of(name, clear_postures(robot_of(name), 3), form, tmp_path):

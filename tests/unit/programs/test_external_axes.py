@@ -173,3 +173,12 @@ def test_a_melfa_has_additional_axes_behind_six_joints():
     assert "NOT CHECKED: zero, direction and unit of J7, taken to be those of joint_7" in text
     with pytest.raises(InputError, match=r"the external axes of .* are not written"):
         DIALECTS["mitsubishi-melfa"].files(moved_program("mitsubishi-melfa", 3))
+
+
+@pytest.mark.parametrize("name", ["yaskawa-jbi", "mitsubishi-melfa"])
+def test_axes_in_millimetres_are_not_read_as_a_table_in_degrees(name):
+    on_slide, dialect = arm_on_slides(name, 1), dialect_of(name)
+    beside = replace(on_slide.controller, external=ExternalAxes(positioner=1))
+    with pytest.raises(InputError, match=r"turns what is measured, .* not written, nor read"):
+        dialect.seen(replace(on_slide, controller=beside))
+    assert dialect.seen(on_slide).n_external == 1

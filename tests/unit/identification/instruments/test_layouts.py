@@ -189,6 +189,34 @@ def test_logs_have_the_rail_that_carries_the_arm(tmp_path, name, preset, maker):
         read_joint_rows(path, robot, section)
 
 
+@pytest.mark.parametrize(
+    ("name", "preset", "maker"),
+    [
+        ("rsi telegrams", "kr6r900sixx", "kuka"),
+        ("rsi table", "kr6r900sixx", "kuka"),
+        ("egm", "irb120", "abb"),
+    ],
+)
+def test_an_axis_of_a_log_that_moves_is_described_or_refused(tmp_path, name, preset, maker):
+    """E2 beside a rail, or the rail itself where the description has none."""
+    robot = on_a_rail(tmp_path, preset, maker)
+    alone = Robot.preset(preset).controlled_by(maker)
+    lines, section = railed_log(name, robot), InstrumentSection()
+    path = files.save(tmp_path / "log.csv", lines)
+    with pytest.raises(FileFormatError, match=r"E\w*1( of EIPos)? moves, and the robot's"):
+        read_joint_rows(path, alone, section)
+    if name == "rsi telegrams":
+        lines = [lines[0], lines[1].replace('E2="7.0"', 'E2="7.1"')]
+    else:
+        second = {"rsi table": "E2", "egm": "R_FB_POS_EJ2"}[name]
+        lines = [f"{second},{lines[0]}", f"7.0,{lines[1]}", f"7.1,{lines[2]}"]
+    files.save(path, lines)
+    with pytest.raises(FileFormatError, match=r"E\w*2( of EIPos)? moves, and the robot's"):
+        read_joint_rows(path, robot, section)
+    files.save(path, [line.replace("7.1", "7.005") for line in lines])
+    assert len(read_joint_rows(path, robot, section).postures) == 2
+
+
 def test_a_log_without_external_axes_is_none_of_an_arm_on_a_rail(tmp_path):
     head = [*(f"actual_q_{k}" for k in range(6)), "timestamp"]
     path = files.save(tmp_path / "log.csv", [",".join(head), "0,0,0,0,0,0,0"])

@@ -389,12 +389,12 @@ farthest_mm = {farthest}
 name = "floor"
 kind = "half-space"               # everything below this point
 at_mm = {floor_at}
-
+{on_floor}
 [[obstacle]]
 name = "{stand}"
 {stand_shape}
 at_mm = {stand_at}                # its centre
-"""
+{on_plate}"""
 
 _NO_BODIES = """
 # Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
@@ -643,6 +643,13 @@ def _camera_cell(robot: Robot, mount: Mount, **lines: Any) -> str:
     square = max(_round(_scale(robot) * _BOARD_OF_SCALE, 0), _SMALLEST_SQUARE_MM)
     away, carried = _AWAY * square, max(4.0 * square, _CLEAR_OF_WRIST_MM)
     fixed = mount == "fixed"
+    if fixed and robot.floor:
+        raise InputError(
+            f"a camera that stands around the arm does not turn with {robot.base_frame}, which a "
+            "positioner carries",
+            hint="name a link on the floor as base, or put the camera on the flange",
+            name="camera",
+        )
     point = [0.0, 0.0, carried] if fixed else [square, 0.0, carried + away]
 
     from posedesign.cell.cell import Cell
@@ -700,6 +707,9 @@ def _camera_and_board(
             camera_at=[square, 0.0, carried / 2.0],
         )
         top = z - 1.0
+        if robot.floor:  # on the plate, and below all of a board that need not be level with it
+            top -= 0.75 * width * float(np.hypot(*state.R_base_tip[:2, 2]))
+            floor = min(0.0, top - 1.0)
         stand, shape = "stand", f"size_mm = {[width, width, _round(top - floor, 1)]}"
         stand_at = [x, y, (top + floor) / 2.0]
     return {
@@ -718,7 +728,9 @@ def _camera_and_board(
                 farthest=2.0 * away,
                 lens_mm=[_round(v, 1) for v in (lens.tolist() if fixed else [*point[:2], carried])],
                 lens_note="in the base frame" if fixed else "in the axes of the tip",
-                floor_at=[0.0, 0.0, _round(floor, 1)],
+                floor_at=[0.0, 0.0, 0.0 if robot.floor else _round(floor, 1)],
+                on_floor='stands_on = "floor"               # in the root\n' * bool(robot.floor),
+                on_plate='stands_on = "positioner"\n' * bool(robot.floor),
                 stand=stand,
                 stand_shape=shape,
                 stand_at=[_round(v, 1) for v in stand_at],

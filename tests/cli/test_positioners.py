@@ -275,3 +275,16 @@ def test_who_measures_from_the_floor_is_told_so(tmp_path):
         with pytest.raises(FileFormatError, match=message):
             cell_of(tmp_path, "ur10e", more)
     assert cell_of(tmp_path, "ur10e", seen + 'stands_on = "positioner"\n' + noise)
+
+
+def test_new_has_a_camera_on_the_flange_and_its_board_on_the_plate(cli, refuse, tmp_path):
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(beside_positioner("ur10e", place=PLACE["ur10e"]))
+    named = ("--robot", urdf, "--base", "plate", "--tip", "tool0")
+    text = cli("new", *named, "--camera", "flange").out
+    cell = Cell.from_text(text + "\n[constraints]\ncollisions = false\n" * ("[constr" not in text))
+    floor, stand = cell.obstacles
+    assert (floor.link, stand.link) == (cell.robot.floor, 0)
+    low = stand.T_link_body[2, 3] - stand.solid.size_m[2] / 2.0
+    assert low == pytest.approx(0.0, abs=1e-4)  # on the plate
+    refuse("new", *named, "--camera", "fixed").says("does not turn with plate")

@@ -46,7 +46,7 @@ from posedesign.acceptance.iso9283 import (
     distance_characteristics,
     pose_characteristics,
 )
-from posedesign.acceptance.places import ISO, AcceptanceRequest
+from posedesign.acceptance.places import ISO, AcceptanceRequest, where_axes_stood
 from posedesign.acceptance.sampling import content_proven
 from posedesign.cell import Cell
 from posedesign.cell.observations import instrument_frame, mark_named, place_of, target_named
@@ -170,7 +170,10 @@ def judge(
         tuple(judged),
         missing,
         "given by the cell" if given_frame else "fitted to this test, before and after apart",
-        _without_repeatability(table, judged[-1]) if request.times > 1 else (),
+        (
+            *where_axes_stood(cell.robot, data.postures),
+            *(_without_repeatability(table, judged[-1]) if request.times > 1 else ()),
+        ),
     )
 
 

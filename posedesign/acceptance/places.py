@@ -21,6 +21,7 @@ import numpy as np
 from calib.errors import InputError, UnreachableError, near_names
 from calib.identification import tool_motion
 from calib.identification.prediction import rigid_motions
+from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, transform
 from posedesign.acceptance.sampling import chance_to_pass, places_needed, spread_points
 from posedesign.candidates import box_of_cell, candidates_of
@@ -257,12 +258,27 @@ def _iso(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePlan:
                 if turn:
                     notes.append("the tool is turned otherwise than at the base pose")
                 poses = _pose_set(cell, found.q, np.full(5, which))
+                notes += where_axes_stood(cell.robot, poses.postures)
                 return AcceptancePlan(request, poses, route, where, tuple(notes))
     raise UnreachableError(
         f"the five poses of ISO 9283 cannot all be taken: {why}",
         hint="give a smaller [task_box], in front of the arm",
         name="task_box",
     )
+
+
+NOT_MOVED = 0.25
+"""Part of its range that an external axis has to go for a test to be one of all its places."""
+
+
+def where_axes_stood(robot: Robot, q: FloatArray) -> list[str]:
+    """External axes that a test at postures ``(N, n)`` [rad, m] says nothing of, in words."""
+    first = robot.n_external
+    share = np.ptp(q, axis=0)[:first] / robot.joint_range[:first]
+    labels = sorted(np.array(robot.joint_labels[:first])[share < NOT_MOVED].tolist())
+    if not labels:
+        return []
+    return [f"{', '.join(labels)} hardly moved: of other places of the axes it proves nothing"]
 
 
 def _pose_set(cell: Cell, q: FloatArray, which: IntArray) -> PoseSet:
@@ -297,6 +313,7 @@ def _spread(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePla
                 )
             poses = _pose_set(cell, q[rows], np.full(len(rows), which))
             where = f"{len(rows)} places, one drawn in each of as many equal parts of {words}"
+            notes += where_axes_stood(cell.robot, poses.postures)
             return AcceptancePlan(request, poses, route, where, tuple(notes))
         if not len(rows):
             break

@@ -11,6 +11,7 @@ from calib.errors import FileFormatError, InputError
 from calib.identification import covariance_of, identify_batch
 from calib.robots import Controller, ExternalAxes
 from calib.se3 import apply, inverse
+from posedesign.acceptance.places import where_axes_stood
 from posedesign.candidates import joint_candidates
 from posedesign.cell import Cell
 from posedesign.cell.cell import posture_section
@@ -288,3 +289,15 @@ def test_new_has_a_camera_on_the_flange_and_its_board_on_the_plate(cli, refuse, 
     low = stand.T_link_body[2, 3] - stand.solid.size_m[2] / 2.0
     assert low == pytest.approx(0.0, abs=1e-4)  # on the plate
     refuse("new", *named, "--camera", "fixed").says("does not turn with plate")
+
+
+def test_a_test_of_the_arm_says_of_which_angles_of_the_table_it_is(tmp_path):
+    robot = cell_of(tmp_path, "ur10e").robot
+    q = np.zeros((5, robot.n))
+    (said,) = where_axes_stood(robot, q)
+    assert said.startswith("E1, E2 hardly moved: ")
+    q[0, 1] = 1.2  # the tilt, by a third of its range
+    assert where_axes_stood(robot, q)[0].startswith("E2 hardly moved: ")
+    q[0, 0] = 3.0
+    assert where_axes_stood(robot, q) == []
+    assert where_axes_stood(Robot.preset("ur10e"), q[:, 2:]) == []

@@ -262,6 +262,7 @@ inch_deg = 15.0                   # how far the arm turns about the target to fi
 # The robot that is simulated; planning and identification never look here.
 seed = 1
 zero_offsets_deg = {truth}
+# positioner_offsets_deg = [0.07, 0.0]  # of a table that carries the target
 tool_error_mm = [2.0, -1.0, 3.0]
 target_error_mm = [5.0, -4.0, 2.0]
 deflection = {deflection}         # reducers give way under gravity
@@ -874,7 +875,7 @@ def _fill(
         positioner_deg=f"positioner_deg = {turned}  # of "
         f"{', '.join(robot.joint_names[:up][::-1])}\n"
         if turned
-        else "",
+        else "# positioner_deg = [0.0, 0.0]    # of a table that carries the target, E1 first\n",
         slides_mm=f"slides_mm = {along}  # of {', '.join(robot.joint_names[up:first])}\n"
         if along
         else "# slides_mm = [500.0]           # of a rail, a gantry, a lift that carries the arm\n",

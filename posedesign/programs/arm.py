@@ -136,7 +136,10 @@ class Arm:
 
     def postures(self, shown_deg: ArrayLike) -> FloatArray:
         """Postures ``(..., n)`` [rad, m] of values ``(..., n)`` [deg, mm] as shown."""
-        return self.controller.posture(np.asarray(shown_deg)[..., np.argsort(self.order)])
+        shown = np.asarray(shown_deg, dtype=float)
+        if shown.shape[-1:] == (self.n,):  # any other number is refused by the controller
+            shown = shown[..., np.argsort(self.order)]
+        return self.controller.posture(shown)
 
     def tool_poses(self, postures: ArrayLike) -> FloatArray:
         """The tool frame in the user frame ``(..., 4, 4)`` at postures ``(..., n)`` [rad]."""

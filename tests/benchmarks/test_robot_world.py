@@ -175,7 +175,7 @@ def test_all_that_is_said_of_thousands_of_pairs(capsys, method):
 def test_the_command_on_thousands_of_pairs(tmp_path, capsys):
     """All methods that it takes by default, files and figure: seconds of the processor in all.
 
-    5,000 pairs to be below 10 s; 1,000 below 2 s, which they are not yet.
+    5,000 pairs to be below 10 s; 1,000 below 2 s.
     """
     seconds = []
     for N in (1_000, 5_000):

@@ -16,7 +16,7 @@ from calib.geometry.enclosure import enclose, motion_radii, outer_points, reach
 from calib.geometry.engine import CONTACT_M, MeshSurface, coal_solid
 from calib.geometry.rays import box_box_bound, crosses, segment_segment
 from calib.geometry.ways import WAY_TOLERANCE_M
-from calib.robots import SerialChain
+from calib.robots import ExternalAxes, SerialChain
 
 COAL_M = 2e-6
 """What the iterations of coal leave open: its tolerance is 1e-6, of a distance above a metre."""
@@ -35,7 +35,7 @@ def random_chain(rng: np.random.Generator, n: int) -> SerialChain:
     axes = rng.normal(size=(n, 3))
     slides = int(rng.integers(min(n, 3))) if rng.random() < 0.5 else 0
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    return SerialChain(placements, axes, pose(rng), slides)
+    return SerialChain(placements, axes, pose(rng), ExternalAxes(slides=slides))
 
 
 def random_mesh(rng: np.random.Generator, size_m: float) -> Mesh:

@@ -218,7 +218,14 @@ def answer_of_recheck_plan(cell: Cell, plan: RecheckPlan, files: Sequence[str] =
         f"{np.rad2deg(told[weakest]):.3g} deg ({weakest} is the hardest) with a chance of "
         f"{100 * POWER:.0f} %, at {100 * FALSE_ALARM:.0f} % of false alarms in all",
         {
-            "zeros": "; ".join(f"{name} {np.rad2deg(v):.2g} deg" for name, v in told.items()),
+            "zeros": "; ".join(
+                [f"{name} {np.rad2deg(v):.2g} deg" for name, v in told.items()]
+                + [
+                    f"{c.name} {_smallest_shown(c.unit, smallest[c.name])}"
+                    for c in plan.watch.causes
+                    if c.unit == "m" and c.name.startswith("zero of ")
+                ]
+            ),
             "tool": "" if first is None else f"a shift of {1e3 * smallest[first.name]:.2g} mm",
             "by number": others,
             "time": plan.route.timing.removeprefix("predicted cycle time "),

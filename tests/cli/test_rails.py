@@ -32,6 +32,7 @@ from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.from_plan import arm_of
+from posedesign.report.acceptance import answer_of_recheck_plan
 from posedesign.report.page import _measured_deg
 from posedesign.report.plots import figure_of_identification
 from posedesign.simulation import SimulatedRobot
@@ -259,6 +260,7 @@ def test_a_rail_that_lost_its_zero_is_found_by_a_recheck(tmp_path):
     watch = Watch.of(cell, found.identified, {}, ["touch-up"])
     plan = plan_recheck(cell, watch, 4)
     assert 0.0 < plan.smallest()["zero of rail"] < 2e-3
+    assert re.search(r"zero of rail [\d.]+ mm", answer_of_recheck_plan(cell, plan).figures["zeros"])
     data = found.robot.touch_up(plan.poses.kept, np.random.default_rng(2))
     rows = tuple(range(2, 6))
     assert watch.test(MeasurementTable(data, ("touch-up",), rows)).same

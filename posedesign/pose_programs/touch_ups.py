@@ -414,7 +414,7 @@ def _of_program(
 
 def _not_described(positions: Sequence[RecordedPosition], known: int, path: Path) -> list[str]:
     """Which external axes stand where in all positions, and are not in the description."""
-    values, units = positions[0].external_mm, positions[0].external_units or ("",) * 99
+    values, units = positions[0].external_shown, positions[0].external_units or ("",) * 99
     return [
         f"{path}: E{k + 1} stands at {values[k]:g} {units[k]}".rstrip()
         + " in all positions and is not in the robot's description: taken to have stood there in "

@@ -118,7 +118,7 @@ class Numbering:
             )
             if id(p) in resting:  # of others it may be anywhere
                 of["carried"] = carried.get(p.label, {})
-                of["external_mm"] = tuple(float(text) for _, _, text, _ in p.external)
+                of["external_shown"] = tuple(float(text) for _, _, text, _ in p.external)
             positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
         untouched = self.is_untouched(stored)
         mark = self.mark or PlanMark()

@@ -78,7 +78,7 @@ class RecordedPosition:
         These frames, where the file gives them by value [m].
     joint_names : tuple of str
         Joints of ``shown_deg`` in their order, where the file names them.
-    external_mm : tuple of float
+    external_shown : tuple of float
         Values of external axes beside the joints, E1 first [mm]; of those that turn [deg].
     external_units : tuple of str
         Units of these, where the file gives them.
@@ -98,7 +98,7 @@ class RecordedPosition:
     T_world_user: FloatArray | None = None
     T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
-    external_mm: tuple[float, ...] = ()
+    external_shown: tuple[float, ...] = ()
     external_units: tuple[str, ...] = ()
     carried: Mapping[int, FileFormatError] = field(default_factory=dict)
 
@@ -206,7 +206,7 @@ def postures_of(
             [positions[i].configuration for i in posed],
             None if near is None else near[posed],
             [positions[i].label for i in posed],
-            np.array([positions[i].external_mm[: arm.n_external] for i in posed]) / 1e3
+            np.array([positions[i].external_shown[: arm.n_external] for i in posed]) / 1e3
             if arm.n_external
             else None,
         )
@@ -227,7 +227,7 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
         own = zip(arm.joint_names[-len(units) :], units, strict=True)
         slide = np.isin(position.joint_names, [name for name, unit in own if unit == "mm"])
         return replace(position, shown_deg=np.where(slide, 1e3 * np.deg2rad(shown), shown))
-    missing = len(position.external_mm)
+    missing = len(position.external_shown)
     if missing < len(units):
         raise InputError(
             f"{position.label} has no value [{units[missing]}] of E{missing + 1}, which "
@@ -246,7 +246,7 @@ def _with_external(position: RecordedPosition, arm: Arm) -> RecordedPosition:
     if shown is None:
         return position
     joints = shown[: arm.n - len(units)]  # formats for any arm cannot say where its joints end
-    return replace(position, shown_deg=np.append(joints, position.external_mm[: len(units)]))
+    return replace(position, shown_deg=np.append(joints, position.external_shown[: len(units)]))
 
 
 def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:

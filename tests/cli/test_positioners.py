@@ -139,7 +139,7 @@ def test_e1_is_the_tilt_and_e2_the_turn_on_it(tmp_path):
     assert dialect.validate(path) == []
     found = dialect.read(path)
     np.testing.assert_allclose(found.postures(arm), postures, atol=2e-8)
-    shown = np.array([p.external_mm for p in found.positions])
+    shown = np.array([p.external_shown for p in found.positions])
     np.testing.assert_allclose(shown, np.rad2deg(postures[:, [1, 0]]), atol=1e-5)
 
 

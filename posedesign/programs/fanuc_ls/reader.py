@@ -190,7 +190,7 @@ def _with_other_axes(
     found = []
     for position, (label, of_position) in zip(positions, groups.items(), strict=True):
         extended, units = _extended(of_position[1])
-        own = replace(position, external_mm=extended, external_units=units)
+        own = replace(position, external_shown=extended, external_units=units)
         found.append(replace(own, carried=carried.get(label, {})))
     return tuple(found)
 

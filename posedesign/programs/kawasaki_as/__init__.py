@@ -155,7 +155,7 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
         external = tuple(float(text) for text in p.values[JOINTS:])
         positions.append(
             RecordedPosition(
-                n, own, p.line, shown, external_mm=external, carried=carried.get(p.label, {})
+                n, own, p.line, shown, external_shown=external, carried=carried.get(p.label, {})
             )
         )
     untouched = bool(notes.mark) and numbering.is_untouched(found)

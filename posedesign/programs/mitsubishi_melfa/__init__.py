@@ -127,7 +127,7 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
             *(at,),
             number=n,
             name=own.name,
-            external_mm=external[at.name],
+            external_shown=external[at.name],
             carried=carried.get(at.name, {}),
         )
         for at, (n, own) in pairs

@@ -344,7 +344,7 @@ class _Reader:
         return tuple(
             replace(
                 self._position(*number, stored, None if stored.form == "PULSE" else next(poses)),
-                external_mm=self._millimetres(source[name] == name, base),
+                external_shown=self._millimetres(source[name] == name, base),
                 carried=carried.get(name, {}),
             )
             for number, name, stored, base in zip(numbers, wanted, taken, bases, strict=True)

@@ -92,11 +92,11 @@ def test_poses_have_the_rail_beside_them_in_a_world_that_stands(name, tmp_path):
     back = dialect.read(paths[0])
     T = np.stack([p.T_user_tool for p in back.positions if p.T_user_tool is not None])
     np.testing.assert_allclose(T, wanted, atol=3e-7)
-    rail = np.array([p.external_mm for p in back.positions])[:, 0]
+    rail = np.array([p.external_shown for p in back.positions])[:, 0]
     np.testing.assert_allclose(rail, 1e3 * q[:, 0], atol=6e-5)
     np.testing.assert_allclose(back.postures(arm), q, atol=2e-5)
     with pytest.raises(InputError, match=r"has no value \[mm\] of E1"):
-        postures_of((replace(back.positions[1], external_mm=()),), arm)
+        postures_of((replace(back.positions[1], external_shown=()),), arm)
     with pytest.raises(InputError, match="where an external axis has the arm is not in it"):
         back.postures(replace(arm, world_stands=False))
     model, x = errors_of(robot)
@@ -106,7 +106,7 @@ def test_poses_have_the_rail_beside_them_in_a_world_that_stands(name, tmp_path):
     assert done.moved_m.max() > 1e-3
     assert done.written_m.max() < 1e-6
     again = dialect.parse(done.data, paths[0]).positions
-    assert [p.external_mm for p in again] == [p.external_mm for p in back.positions]
+    assert [p.external_shown for p in again] == [p.external_shown for p in back.positions]
 
 
 YASKAWA = moved_program("yaskawa-jbi", 1)
@@ -160,7 +160,7 @@ def test_a_touched_up_variable_has_the_base_axis_beside_it():
     with pytest.raises(InputError, match=r"has no value .* of E1"):
         parse(kept).postures(YASKAWA.arm)
     beside = changed(changed(kept, "5,5,0,1,0", "5,5,0,1,1"), "//INST", "BP00001=131072\n//INST")
-    assert parse(beside).positions[0].external_mm == pytest.approx((100.0,))
+    assert parse(beside).positions[0].external_shown == pytest.approx((100.0,))
 
 
 def test_a_melfa_has_additional_axes_behind_six_joints():

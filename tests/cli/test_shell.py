@@ -51,7 +51,9 @@ def test_help_does_not_wait_for_the_robot_libraries(statement):
 def test_small_commands_wait_for_no_library_that_they_do_not_use():
     """One process for all: what any of them needs, each of them may wait for."""
     commands = "import posedesign\nposedesign.plan\nfrom posedesign.cli.main import run\n"
-    commands += "run(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])"
+    commands += "run(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])\n"
+    commands += "from posedesign.cell import Cell, cell_template\n"
+    commands += "Cell.from_text(cell_template()).model()"
     unused = {"scipy", "pandas", "matplotlib", "cvxpy", "cv2", "joblib"}
     assert modules_after(commands).isdisjoint(unused)
 

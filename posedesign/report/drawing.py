@@ -102,7 +102,7 @@ def curve(
         )  # fmt: skip
 
 
-_WIDE = 1e3
+_WIDE = 1e2
 """Ratio of the ends of an axis beyond which powers of ten suffice: there are too many ticks between
 them to be told apart, and they take a third of the time that a figure takes."""
 

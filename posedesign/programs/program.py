@@ -298,6 +298,13 @@ class PoseProgram:
         return tuple(numbers)
 
     @property
+    def registers(self) -> range:
+        """Registers that its touched-up positions are kept in; none where they stay in place."""
+        first = self.options.first_register + self.first - 1
+        own = sum(not pose.via for pose in self.poses)
+        return range(first, first + own * (self.options.keep == "register"))
+
+    @property
     def mark(self) -> str:
         """What a comment of the program says of its plan; empty without a fingerprint."""
         fingerprint = self.options.fingerprint

@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,8 +188,31 @@ class Phrases:
     that does not only leave a gap."""
     keep: str = ""  # A step of ``register``. Empty where a language keeps none.
     least_s: float = 0.001  # shortest time: none that is asked for must round to nothing [s]
+    after: tuple[str, ...] = ()  # steps of ``number`` behind all that is done at a pose
+    named: str = "POSE "
+    """What a note of the pose begins with, in front of its number and name."""
     always: bool = False  # waits where no time to settle is asked for, too
     still: str = ""  # A step where no time is asked for, and the arm has to stand. Empty for none.
+
+    def visit(
+        self,
+        program: PoseProgram,
+        limits: Limits,
+        targets: Iterable[str] = (),
+        /,
+        **given: object,
+    ) -> Iterator[str]:
+        """Steps at all poses; where each move has a ``target`` of its own, with that."""
+        stops = zip(program.numbers, program.poses, targets or repeat(""), strict=False)
+        for number, pose, target in stops:
+            yield from self.note_of(number, pose, limits)
+            yield from self.steps(program.options, pose, number, target=target, **given)
+
+    def note_of(self, number: int, pose: ProgramPose, limits: Limits) -> list[str]:
+        """What a program says of a pose: that it is one, or its name alone."""
+        name = pose.name if limits.fits(pose.name) else ""
+        said = f"{self.named}{number} {name}".rstrip()
+        return [self.note.format(said)] if name or self.named == "POSE " else []
 
     def at_pose(
         self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object
@@ -220,6 +244,7 @@ class Phrases:
             yield from (line.format(**call) for line in steps)
         if options.keep == "register" and self.keep:
             yield self.keep.format(register=options.first_register + number - 1, **given)
+        yield from (line.format(number=number) for line in self.after)
 
     def _times(self, seconds: float) -> dict[str, float]:
         time = max(seconds, self.least_s)
@@ -238,6 +263,12 @@ def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> lis
         kept = "".join(c if c.isprintable() and c not in forbidden else " " for c in plain_text)
         lines += textwrap.wrap(textwrap.shorten(kept, LONGEST_WARNING), length - 2)
     return [f"* {line}" for line in lines]
+
+
+def title_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
+    """What the head of a program says: its title, the mark of its plan, and warnings."""
+    told = [text for text in (program.options.comment, program.mark) if text]
+    return told + warning_lines(program, length, forbidden)
 
 
 def check_call(

@@ -43,7 +43,9 @@ class Frames:
 
     def having(self, kind: str, frame: Frame) -> Frames:
         """These, with another ``TOOL`` or ``BASE``."""
-        return replace(self, **{kind.lower(): frame}) if kind in _KINDS else self
+        if kind == "TOOL":
+            return replace(self, tool=frame)
+        return replace(self, base=frame) if kind == "BASE" else self
 
     @classmethod
     def of_fdat(cls, fields: Mapping[str, str]) -> Frames:

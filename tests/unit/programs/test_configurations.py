@@ -11,13 +11,13 @@ import pytest
 from calib.errors import InputError
 from calib.robots import ChainState, Robot
 from calib.se3 import BoolArray, FloatArray
+from posedesign.programs.configuration import ROUNDING_DEG
 from posedesign.programs.configurations import (
     CONFIGURATIONS,
     FanucConfiguration,
     configuration_of,
     words,
 )
-from posedesign.programs.configurations.boundaries import ROUNDING_DEG
 from posedesign.programs.configurations.geometry import arm_positions, wrist_centre
 
 PRESETS = {

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.errors import FileFormatError, InputError
+from calib.errors import FileFormatError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
@@ -79,6 +79,7 @@ class JointDialect(Dialect, ABC):
     """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
+    keeps: ClassVar[bool] = False
     phrases: ClassVar[Phrases]
     head: ClassVar[tuple[str, ...]] = ()
     most_output: ClassVar[int] = 4096
@@ -89,10 +90,7 @@ class JointDialect(Dialect, ABC):
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """Text of the file; InputError for what cannot stand in it."""
-        options = program.options
-        if options.keep == "register" and not self.phrases.keep:
-            raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
-        check_call(self.names, options, program.name)
+        check_call(self.names, program.options, program.name)
         replace(LIMITS, outputs=(1, self.most_output)).check(program)
         lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}

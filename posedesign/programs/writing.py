@@ -22,6 +22,10 @@ LONGEST_WARNING = 300
 """Characters of one warning in the head of a program: ten lines of a FANUC remark."""
 
 
+LIST_LENGTH = 90
+"""Characters of a line of what the head of a list of joint values warns of."""
+
+
 def plain(value: float, decimals: int) -> str:
     """A number with so many decimals: no exponent, and no sign before a zero."""
     return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
@@ -105,6 +109,22 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
         value=text,
         bound=length,
     )
+
+
+def comment_text(what: str, text: str) -> str:
+    """A text in any letters that can stand in a comment of a list, and comes back as it is.
+
+    Raises InputError: it has line ends or other characters that cannot be seen, or spaces around
+    it.
+    """
+    if not text.isprintable() or text != text.strip():
+        raise InputError(
+            f"{what} {text!a} cannot stand in a comment",
+            hint="use one line of printable characters, without spaces around it",
+            name=what,
+            value=text,
+        )
+    return text
 
 
 @dataclass(frozen=True)

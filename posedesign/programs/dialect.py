@@ -42,7 +42,7 @@ class Dialect:
     """Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``; None: any robot."""
     suffixes: ClassVar[tuple[str, ...]]  # endings of its files in lower case, e.g. ``.ls``
     companions: ClassVar[tuple[str, ...]] = ()
-    """Endings of its files that hold no positions, where one with the first of ``suffixes`` does."""
+    """Endings of its files without positions, where one with the first of ``suffixes`` has them."""
     in_folder: ClassVar[bool] = False  # a program is a folder of files, and not files of one name
     forms: ClassVar[tuple[Form, ...]] = get_args(Form)  # how it can write positions
     keeps: ClassVar[bool] = True  # touched-up positions can be kept apart from the planned ones

@@ -367,7 +367,7 @@ class _Reader:
         poses = iter(self._transforms(posed))
         out = []
         for (n, name), (label, t) in zip(numbers, targets, strict=True):
-            joints = t.joints and self._values(t.joints, label, MOST_JOINT_RAD, t.row)
+            joints = self._values(t.joints, label, MOST_JOINT_RAD, t.row) if t.joints else None
             placed: dict[str, Any] = {}
             if t.pose is not None:
                 placed = {"T_user_tool": next(poses), "T_world_user": T_world_user}

@@ -176,6 +176,6 @@ def texts_of(program: PoseProgram, arm: Arm, notation: Notation, external: int) 
         placed = notation.pose_texts(arm.tool_poses(postures))
         if configuration_of(arm.controller.maker):
             words = [found.words for found in arm.configurations(postures)]
-    beside = [plain_all(row, external) for row in rows[:, n:]]
+    beside = [plain_all(row, external) if arm.n_external else [] for row in rows[:, n:]]
     listed = zip(program.numbers, program.poses, joints, beside, placed, words, strict=True)
     return [Texts(*each) for each in listed]

@@ -82,9 +82,9 @@ def fields_of(node: Node) -> list[tuple[str, str]]:
     """Names in capitals and values as text of what stands between braces; none of another node."""
     if not is_aggregate(node):
         return []
-    rest = [child for child in node.children if not is_a(child, "kind")]
-    pairs = zip(rest[::2], rest[1::2], strict=True)
-    return [(text_of(key).upper(), text_of(value)) for key, value in pairs]
+    first = int(is_a(node.children[0], "kind"))
+    pairs = zip(node.children[first::2], node.children[first + 1 :: 2], strict=True)
+    return [(str(key).upper(), text_of(value)) for key, value in pairs]
 
 
 def as_number(text: str) -> float:

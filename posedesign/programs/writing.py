@@ -185,6 +185,10 @@ class Limits:
                 bound=most,
             )
 
+    def name_of(self, pose: ProgramPose) -> str:
+        """Name of a pose where it can stand in a comment; else empty."""
+        return pose.name if self.fits(pose.name) else ""
+
     def fits(self, name: str, length: int | None = None) -> bool:
         """Whether a name of a pose can stand in a comment."""
         legal = re.fullmatch(r"[ -~]*", name) and not set(name) & set(self.forbidden)
@@ -209,37 +213,31 @@ class Phrases:
     keep: str = ""  # A step of ``register``. Empty where a language keeps none.
     least_s: float = 0.001  # shortest time: none that is asked for must round to nothing [s]
     after: tuple[str, ...] = ()  # steps of ``number`` behind all that is done at a pose
-    named: str = "POSE "
-    """What a note of the pose begins with, in front of its number and name."""
+    named: str = "POSE "  # what the note of a pose begins with, in front of its number and name
+    unnamed: bool = True  # poses without a name have such a note, too
     always: bool = False  # waits where no time to settle is asked for, too
     still: str = ""  # A step where no time is asked for, and the arm has to stand. Empty for none.
 
     def visit(
-        self,
-        program: PoseProgram,
-        limits: Limits,
-        targets: Iterable[str] = (),
-        /,
-        **given: object,
+        self, program: PoseProgram, limits: Limits, targets: Iterable[str] = (), /, **given: object
     ) -> Iterator[str]:
         """Steps at all poses; where each move has a ``target`` of its own, with that."""
         stops = zip(program.numbers, program.poses, targets or repeat(""), strict=False)
         for number, pose, target in stops:
-            yield from self.note_of(number, pose, limits)
-            yield from self.steps(program.options, pose, number, target=target, **given)
-
-    def note_of(self, number: int, pose: ProgramPose, limits: Limits) -> list[str]:
-        """What a program says of a pose: that it is one, or its name alone."""
-        name = pose.name if limits.fits(pose.name) else ""
-        said = f"{self.named}{number} {name}".rstrip()
-        return [self.note.format(said)] if name or self.named == "POSE " else []
+            own, name = {"target": target, **given}, limits.name_of(pose)
+            yield from self.at_pose(program.options, pose, number, name, **own)
 
     def at_pose(
         self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object
     ) -> Iterator[str]:
         """Steps at a pose; its name is given as it fits, empty for none."""
-        yield self.note.format(f"POSE {number} {name}".rstrip())
+        yield from self.note_of(number, name)
         yield from self.steps(options, pose, number, **given)
+
+    def note_of(self, number: int, name: str) -> list[str]:
+        """What the program says of a pose in front of its steps."""
+        said = f"{self.named}{number} {name}".rstrip()
+        return [self.note.format(said)] if name or self.unnamed else []
 
     def steps(
         self, options: ProgramOptions, pose: ProgramPose, number: int, /, **given: object

@@ -74,6 +74,7 @@ _TO_POSE = f"    MoveJ p{{number}},{SPEED},fine,{{tool}}\\WObj:={{frame}};"
 _PHRASES = Phrases(
     note="    ! {}",
     named="P",
+    unnamed=False,
     move=(f"    MoveAbsJ jp{{number}}\\NoEOffs,{SPEED},fine,{{tool}};",),
     wait="    WaitTime\\InPos,{time:.2f};",
     pulse=("    PulseDO\\PLength:={time:.3f},do{output};",),
@@ -185,7 +186,8 @@ def _positions(program: PoseProgram, arm: Arm) -> list[str]:
             kind, value = "jointtarget jp", f"[{','.join(texts.joints)}]"
         # external axes, eax_a first; the others are not connected
         axes = ",".join([*texts.external, *["9E9"] * (6 - len(texts.external))])
-        lines += [note[2:] for note in _PHRASES.note_of(texts.number, texts.pose, LIMITS)]
+        name = LIMITS.name_of(texts.pose)
+        lines += [note[2:] for note in _PHRASES.note_of(texts.number, name)]
         lines.append(f"  LOCAL CONST {kind}{texts.number}:=[{value},[{axes}]];")
     return lines
 

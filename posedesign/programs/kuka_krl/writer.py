@@ -62,6 +62,7 @@ _POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
 _PHRASES = Phrases(
     note=";{}",
     named="P",
+    unnamed=False,
     move=(
         ";FOLD PTP P{number} Vel={percent} % PDAT1 Tool[{tool}] Base[{base}]"
         ";%{{PE}}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P "
@@ -131,7 +132,7 @@ def _data(program: PoseProgram, arm: Arm) -> str:
     frames = f"TOOL_NO {options.tool_frame},BASE_NO {options.user_frame},IPO_FRAME #BASE"
     for texts in sorted(texts_of(program, arm, NOTATION, NOTATION.joint), key=lambda t: t.number):
         number = texts.number
-        lines += _PHRASES.note_of(number, texts.pose, LIMITS)
+        lines += _PHRASES.note_of(number, LIMITS.name_of(texts.pose))
         lines.append(f"DECL {'E6AXIS' if forms else 'E6POS'} XP{number}={_aggregate(texts)}")
         if forms:
             lines.append(f'DECL FDAT FP{number}={{{frames},POINT2[] " ",TQ_STATE FALSE}}')

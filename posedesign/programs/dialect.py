@@ -164,14 +164,7 @@ class Dialect:
         self.names.check(program.name)
         arm = self._arm_of(program)
         if arm.n_external > self.external_axes:
-            key = {"mm": "held_mm", "deg": "held_deg"}[arm.external_units[-1]]
-            raise InputError(
-                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
-                "not written",
-                hint=f"hold it where it is: robot.{key}",
-                name="format",
-                value=self.name,
-            )
+            raise self._cannot_move(arm, "are not written")
         if arm.n_external and program.options.form != "joint" and not arm.world_stands:
             raise InputError(
                 f"{arm.joint_names[-1]} {_does(arm)}: where its controller has the world is not "
@@ -251,13 +244,7 @@ class Dialect:
         external axes of the dialect only slide.
         """
         if arm.controller.external.positioner and self.external_axes and not self.turning_axes:
-            raise InputError(
-                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
-                "not written, nor read, but for those that slide",
-                hint="hold it where it is: robot.held_deg",
-                name="format",
-                value=self.name,
-            )
+            raise self._cannot_move(arm, "are not written, nor read, but for those that slide")
         if self.maker is None:
             # the description's joints, whatever a pendant shows
             return replace(
@@ -274,6 +261,14 @@ class Dialect:
                 value=self.name,
             )
         return arm
+
+    def _cannot_move(self, arm: Arm, why: str) -> InputError:
+        return InputError(
+            f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} {why}",
+            hint=f"hold it where it is: robot.held_{arm.external_units[-1]}",
+            name="format",
+            value=self.name,
+        )
 
     def _arm_of(self, program: PoseProgram) -> Arm:
         """The program's arm, or the maker's usual one, as this dialect shows it."""

@@ -340,20 +340,13 @@ class _Checker:
         self, row: int, word: str, given: list[module.Argument]
     ) -> Iterator[Problem]:
         """The arguments of an instruction whose signature is known."""
-        taken = [(value, dict(switches)) for value, switches in given[:1]]
-        for value, switches in given[1:]:
-            if value is None:  # a switch behind a comma is of the argument before it
-                taken[-1][1].update(switches)
-            else:
-                taken.append((value, dict(switches)))
-        wanted = [pair for pair in words.SIGNATURES[word] if pair[0]]
-        if taken and taken[0][0] is None:
-            wanted = [pair for pair in words.SIGNATURES[word][:1] if not pair[0]] + wanted
-        if len(taken) != len(wanted):
-            said = f"{word} has {len(taken)} arguments, not {len(wanted)}"
+        alone = given[:1] and given[0][0] is None  # switches in front of the first argument
+        wanted = [pair for pair in words.SIGNATURES[word] if pair[0] or alone]
+        if len(given) != len(wanted):
+            said = f"{word} has {len(given)} arguments, not {len(wanted)}"
             yield Problem(row, "argument", said)
             return
-        for (value, switches), (kind, known) in zip(taken, wanted, strict=True):
+        for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():
                 if switch not in known:
                     yield Problem(row, "argument", f"\\{switch[:30]} is no switch there")

@@ -131,6 +131,7 @@ def framed(code: str) -> RecordedProgram:
     "motion",
     [
         r"MoveJ p1,vmax,fine,tA\WObj:=wA;",
+        r"MoveJ p1,vmax,fine,tA,\WObj:=wA;",
         r"MoveL \Conc, P1 \ID:=3, v100 \T:=5, z10 \Inpos:=inpos50, ta \TLoad:=l1 \WObj := WA ;",
         "IF a THEN\nMoveJ p1,vmax,\nfine,tA\\WObj:=wA;\nENDIF\nMoveJ p1,v5,z1,tA\\WObj:=wA;",
     ],

@@ -379,8 +379,7 @@ def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]
     if of_type.startswith("DECL"):
         yield Problem(row, "word", "no blank behind DECL")
     for item in krl.items_of(statement):
-        size = next(filter(krl.is_index, item.children), None)
-        if is_data and of_type != "CHAR" and size is not None and text_of(size) == "[]":
+        if is_data and of_type != "CHAR" and krl.size_of(item) == "[]":
             yield Problem(row, "constant", "the size of the array is missing")
         for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
             fault = _form_fault(of_type, name, text)
@@ -456,12 +455,11 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
                 yield measuring(row, "position-used", f"{variable} is never used")
     known = {*src.names, *dat.names, *_GLOBALS}
     sizes = {
-        str(item.children[0]).upper(): int(text_of(size)[1:-1])
+        str(item.children[0]).upper(): int(size[1:-1])
         for declaring in (dat, src)
         for statement in declaring.of_kind("declaration")
         for item in krl.items_of(statement)
-        for size in filter(krl.is_index, item.children)
-        if re.fullmatch(r"\[[0-9]{1,7}\]", text_of(size))
+        if re.fullmatch(r"\[[0-9]{1,7}\]", size := krl.size_of(item))
     }
     for statement in module.of_kind("motion", "assignment", "call"):
         for node in statement.all("variable") if sizes else ():

@@ -68,11 +68,6 @@ def key_of(node: Node) -> str:
     return name_of(node).upper()
 
 
-def is_index(node: Node) -> TypeGuard[Tree[Token]]:
-    """Whether it is an index, or the size of an array."""
-    return is_a(node, "index")
-
-
 def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
     """Whether it stands between braces."""
     return is_a(node, "aggregate")
@@ -124,6 +119,11 @@ def items_of(declaration: Statement) -> list[Tree[Token]]:
     """What is declared: each has a name, and perhaps an index and a value."""
     children = declaration.tree.children
     return [c for c in children if isinstance(c, Tree) and c.data == "item"]
+
+
+def size_of(item: Tree[Token]) -> str:
+    """Size of an array that is declared: ``[8]``, ``[]``; empty for no array."""
+    return next((text_of(child) for child in item.children if is_a(child, "index")), "")
 
 
 def kind_of(node: Node) -> str:

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from operator import attrgetter
 from typing import ClassVar, Self
 
 import numpy as np
@@ -59,8 +60,15 @@ class Configuration(ABC):
     called: ClassVar[str]
     hint: ClassVar[str]
     counts: ClassVar[tuple[str, ...]] = ()
-    exact: ClassVar[tuple[str, ...]]
+    exact: ClassVar[tuple[str, ...]] = ()
     near: ClassVar[tuple[str, ...] | None] = None
+    _exactly: ClassVar[Callable[[Configuration], tuple[object, ...]]]
+    _nearly: ClassVar[Callable[[Configuration], tuple[int, ...]]]
+
+    def __init_subclass__(cls) -> None:
+        near = cls.counts if cls.near is None else cls.near
+        cls._exactly = attrgetter("maker", *cls.exact)
+        cls._nearly = attrgetter(*near) if near else lambda configuration: ()
 
     @property
     def beside(self) -> tuple[int, ...]:
@@ -100,27 +108,23 @@ class Configuration(ABC):
     @classmethod
     def _of_columns(cls, *columns: IntArray | BoolArray) -> list[Self]:
         """One of each row ``(N, ...)`` of the values of the fields."""
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        return [cls(*(tuple(v) if isinstance(v, list) else v for v in row)) for row in rows]
+        values = (map(tuple, c.tolist()) if c.ndim > 1 else c.tolist() for c in columns)
+        return [cls(*row) for row in zip(*values, strict=True)]
 
     @property
     def counted(self) -> tuple[int, ...]:
         """The numbers of the fields ``counts``."""
-        return self._numbers_of(self.counts)
+        values = [getattr(self, name) for name in self.counts]
+        return tuple(np.hstack(values).tolist()) if values else ()
 
     def allows(self, other: Configuration) -> bool:
         """Whether an arm position with ``other`` is one that is meant by this."""
         if type(self) is not type(other):
             return False
-        wanted, found = ([getattr(c, name) for name in self.exact] for c in (self, other))
-        a, b = (
-            c._numbers_of(self.counts if self.near is None else self.near) for c in (self, other)
-        )
+        said, found = type(self)._exactly(self), type(self)._exactly(other)
+        open_ = None in said and all(w in (None, f) for w, f in zip(said, found, strict=True))
+        if said != found and not open_:
+            return False
+        a, b = type(self)._nearly(self), type(self)._nearly(other)
         sides = zip(a, self.beside or a, b, other.beside or b, strict=True)
-        return all(w is None or w == f for w, f in zip(wanted, found, strict=True)) and all(
-            {w, x} & {y, z} for w, x, y, z in sides
-        )
-
-    def _numbers_of(self, names: Iterable[str]) -> tuple[int, ...]:
-        values = (getattr(self, name) for name in names)
-        return tuple(n for v in values for n in (v if isinstance(v, tuple) else (v,)))
+        return a == b or all({w, x} & {y, z} for w, x, y, z in sides)

@@ -139,8 +139,9 @@ class Notation:
 
     def pose_texts(self, T: FloatArray) -> list[list[str]]:
         """Coordinates and rotation of transforms ``(N, 4, 4)`` [m], as they are written."""
-        turned = np.round(self.turn.numbers(T[:, :3, :3]), self.turned)
+        turned = self.turn.numbers(T[:, :3, :3])
         if self.turn.in_deg:  # half a turn has one name
+            turned = np.round(turned, self.turned)
             turned = np.where(turned <= -180.0, 180.0, turned)
         places = T[:, :3, 3] * self.place_unit
         return [

@@ -47,15 +47,15 @@ class KukaConfiguration(Configuration):
         rf"S\s*{_NUMBER}\s*,\s*T\s*{_NUMBER}", re.IGNORECASE
     )
     counts: ClassVar[tuple[str, ...]] = ("turn",)
-    exact: ClassVar[tuple[str, ...]] = ("arm",)
-    near: ClassVar[tuple[str, ...]] = ("negative",)
     status: int
     """Bit 0: wrist centre behind axis 1, the overhead area. Bit 1: wrist centre in front of the
     line through axes 2 and 3, which is A3 above its in-line angle (0 for arms whose axes 3 and 4
     meet, a few degrees for others). Bit 2: A5 in [-180, 0) deg, or from 180 deg. Bits 3 and 4 say
     nothing of the arm, and are written as zero."""
     turn: int  # bit i - 1: axis i negative, for A1 to A6
-    beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
+    loose: int = field(default=0, compare=False, repr=False)
+    """Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign;
+    zero when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
@@ -63,20 +63,10 @@ class KukaConfiguration(Configuration):
         angles = arm.pendant_deg
         flipped = np.floor((angles[:, 4] + EXACT_DEG) / 180.0) % 2 == 1
         status = 1 * arm.behind_axis_1 + 2 * ~arm.behind_line + 4 * flipped
-        negative = angles < -EXACT_DEG
-        other = negative ^ (np.abs(angles) < ROUNDING_DEG)
-        turn = negative @ (1 << np.arange(angles.shape[1]))
-        return cls._of_columns(status, turn, 1 * other)
-
-    @property
-    def arm(self) -> int:
-        """What S says of where the arm is."""
-        return self.status & _ARM_BITS
-
-    @property
-    def negative(self) -> tuple[int, ...]:
-        """Bits of T, that of A1 first."""
-        return tuple(self.turn >> i & 1 for i in range(6))
+        bit = 1 << np.arange(angles.shape[1])
+        turn = (angles < -EXACT_DEG) @ bit
+        loose = (np.abs(angles) < ROUNDING_DEG) @ bit
+        return cls._of_columns(status, turn, loose)
 
     @property
     def words(self) -> str:
@@ -88,6 +78,13 @@ class KukaConfiguration(Configuration):
         status, turn = map(_integer, groups)
         fits = status <= _LARGEST_STATUS and turn <= _LARGEST_TURN
         return cls(status, turn) if fits else None
+
+    def allows(self, other: Configuration) -> bool:
+        return (
+            isinstance(other, KukaConfiguration)
+            and self.status & _ARM_BITS == other.status & _ARM_BITS
+            and not (self.turn ^ other.turn) & ~(self.loose | other.loose)
+        )
 
 
 def _integer(text: str) -> int:

@@ -202,8 +202,8 @@ def test_kuka_bits_that_are_not_of_the_arm_are_left_aside() -> None:
 
 def test_kuka_signs_of_axes_at_zero_are_left_open() -> None:
     wanted = KukaConfiguration.parse("S 2,T 10")
-    assert wanted.allows(KukaConfiguration(2, 2, beside=(0, 1, 0, 1, 0, 0)))
-    assert not wanted.allows(KukaConfiguration(2, 2, beside=(0, 1, 1, 0, 0, 0)))
+    assert wanted.allows(KukaConfiguration(2, 2, loose=0b1000))
+    assert not wanted.allows(KukaConfiguration(2, 2, loose=0b0100))
     assert not wanted.allows(KukaConfiguration(2, 2))
 
 

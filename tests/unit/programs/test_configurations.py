@@ -142,17 +142,6 @@ def test_the_other_wrist_changes_the_wrist_alone(maker: str, name: str) -> None:
         assert not b.allows(a)
 
 
-def test_the_other_wrist_changes_the_flip_and_turns_of_a_fanuc_arm() -> None:
-    robot = preset("r2000ic165f")
-    q = random_postures(robot, 200)
-    for half in (-np.pi, np.pi):
-        other = q * [1, 1, 1, 1, -1, 1] + half * np.array([0, 0, 0, 1, 0, 1])
-        pairs = zip(*(FanucConfiguration.of(robot, p) for p in (q, other)), strict=True)
-        for a, b in pairs:
-            assert (a.flip, a.down, a.back, a.turns[0]) == (not b.flip, b.down, b.back, b.turns[0])
-            assert set(np.sign(half) * np.subtract(b.turns, a.turns)) <= {0, 1}
-
-
 @each_preset
 def test_front_and_behind_are_where_the_wrist_is_seen_from_axis_1(maker: str, name: str) -> None:
     """From the pose of the tip alone, which the wrist centre is fixed to; joint 5 of all presets is

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.identification.diagnosis.held import Held
+from calib.identification.held import Held
 from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import KINDS, Measurements
 from calib.model.parameters import ParameterBlock, TargetFrame, TargetPoints, ToolFrame, ToolPoints

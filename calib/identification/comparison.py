@@ -1,8 +1,8 @@
 """Several models of one robot on the same data: before and after, and which of them to take.
 
-"Before" is told apart from a set-up that was never fitted: ``nominal`` leaves everything as
-described, ``frames only`` fits tool and targets. Every model is judged by what it says of
-measurements that it has not seen.
+The first, ``frames only``, is the "before": it fits tool and targets, and is told apart from a
+set-up that was never fitted. Every model is judged by what it says of measurements that it has not
+seen.
 
 Squares of the lengths that a model leaves where it has not seen them are compared in units of one
 noise, that of the largest model for all: in metres the coarsest kind or axis would drown the
@@ -56,9 +56,6 @@ of what another model can be judged by, for a model to be compared at all."""
 class Comparison:
     """Models side by side."""
 
-    nominal_m: FloatArray
-    """(N,): distance at each measurement with everything as described [m]; NaN where the set-up is
-    not."""
     trials: tuple[Trial, ...]
     recommended: str | None  # name of the model to take; None where nothing can be compared
     reason: str  # why, in a sentence
@@ -81,7 +78,6 @@ def compare(
     candidates: Sequence[Candidate],
     data: Measurements,
     *,
-    nominal_m: FloatArray | None = None,
     weighted: bool = True,
     method: Method = "gauss-newton",
     loss: Loss = "least-squares",
@@ -96,8 +92,6 @@ def compare(
         not: with gross errors among them, measurements of an arm that is off agree upon nothing.
     data : Measurements
         One set.
-    nominal_m : array (N,), optional
-        Distances with everything as described [m].
     weighted, method, loss
         As for :func:`identify`.
     reference : Reference, optional
@@ -143,7 +137,6 @@ def compare(
         reason, criterion = _by_left_out(place, sizes, taken, best), place.criterion
         reason += _in_orientation(able, _turns_left_out(able, data), taken)
     return Comparison(
-        np.full(data.count, np.nan) if nominal_m is None else nominal_m,
         trials,
         None if taken is None else able[taken].name,
         reason,

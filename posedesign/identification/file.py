@@ -23,10 +23,9 @@ from posedesign.files import plain
 from posedesign.files.csv_tables import as_read
 from posedesign.files.json_files import Number, ReadFromFile, Text, read_json
 from posedesign.files.postures import external_as_dict
-from posedesign.identification.comparison import Identified, why_another
+from posedesign.identification.comparison import Identified
 from posedesign.identification.findings import as_dict
-from posedesign.identification.measurement_set_up import frames_of
-from posedesign.identification.models import arm_as_dict, model_of
+from posedesign.identification.models import arm_as_dict, frames_of, model_of
 
 MOST_PARAMETERS = 1000
 _LONGEST_SHOWN = 60
@@ -285,8 +284,8 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "weighted": cell.config.measurement.weighted,
         "loss": cell.config.parameters.loss,
         "nominal_rms_mm": 1e3 * identified.nominal_rms_m,
-        "recommended": comparison.recommended if identified.is_of_this_robot else None,
-        "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
+        "recommended": identified.recommended,
+        "reason": identified.reason,
         "criterion": comparison.criterion,
         "reference": comparison.reference,
         "workplace": identified.workplace,
@@ -294,7 +293,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "not_tried": list(identified.held_only),
         "contradictions": [each.said for each in identified.contradictions],
         "warnings": list(identified.warnings),
-        "measured": identified.measured,
+        "measured": identified.table.facts,
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
     }

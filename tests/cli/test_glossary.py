@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 from rich.table import Table
 
-from calib.identification.diagnosis.held import Cause
+from calib.identification.held import Cause
 from calib.identification.noise import Loss
 from calib.identification.solver import Method
 from calib.model.measurements import KINDS

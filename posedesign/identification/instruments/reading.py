@@ -64,9 +64,6 @@ class Measured:
 
     cell: Cell  # with the noise of repeated readings, where they were to give it
     table: MeasurementTable
-    notes: tuple[str, ...]
-    """What is odd: what belongs to no pose, what drifts, noise that is another."""
-    facts: dict[str, str]  # what there is, in words by what it is about
 
 
 def is_of_instrument(cell: Cell, path: Path) -> bool:
@@ -105,7 +102,7 @@ def read_measured(
             controller=cell.robot.controller,
             trust_units=trust_units,
         )
-        return Measured(cell, table, table.notes, {})
+        return Measured(cell, table)
     section = _as_planned(cell)
     readings, notes = _once(read_readings(path, section))
     names, is_reference = _names_of(readings, section)
@@ -155,7 +152,7 @@ def read_measured(
     if readings.temperatures is not None and np.isfinite(readings.temperatures).any():
         low, high = np.nanmin(readings.temperatures), np.nanmax(readings.temperatures)
         facts["temperature"] = f"{low:.1f} to {high:.1f} deg C"
-    return Measured(cell, table, (*readings.notes, *notes), facts)
+    return Measured(cell, replace(table, notes=(*readings.notes, *notes), facts=facts))
 
 
 def _some(readings: Readings, rows: IntArray) -> Readings:
@@ -367,19 +364,19 @@ def _judged(
     return cell, {"repeats": words}, odd
 
 
-def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> str:
+def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> list[str]:
     """What is to be said of residuals ``(N, m)`` [m] that go with the temperature; else nothing."""
     cells = table.extra.get(TEMPERATURE, ())
     known = np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
     found = trend_with(residuals[:, :3], known) if len(known) else None
     if found is None or found.probability >= SIGNIFICANT:
-        return ""
+        return []
     axis = "xyz"[found.axis]
-    return (
+    return [
         f"residuals along {axis} go with the temperature, by {1e3 * found.slope:.3g} mm/K "
         f"(correlation {found.correlation:.2f}, p = {found.probability:.1g}): let arm and "
         "instrument warm up, or measure in less time"
-    )
+    ]
 
 
 def _references(

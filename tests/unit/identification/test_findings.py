@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from calib.errors import NotIdentifiableError
-from calib.identification.diagnosis import Finding
-from calib.identification.diagnosis.held import Cause
+from calib.identification.held import Cause, Finding
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification import identify_models, results_as_dict
-from posedesign.identification.comparison import why_another
 from posedesign.identification.findings import as_dict, in_words, is_gross
 from posedesign.report.identification import answer_of_identification
 
@@ -100,7 +98,7 @@ def test_a_joint_counted_the_other_way(table, make_cell, capsys):
     assert not found.is_of_this_robot
     content = results_as_dict(cell, found)
     assert content["recommended"] is None
-    assert content["reason"] == why_another(found) == content["findings"][0]["text"]
+    assert content["reason"] == found.reason == content["findings"][0]["text"]
     (warning,) = answer_of_identification(found).warnings
     assert warning.startswith("as if joint_3 were counted the other way: residual")
 

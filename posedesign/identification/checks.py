@@ -1,65 +1,34 @@
-"""The measuring set-up that a table of measurements speaks of, as parameters to be fitted.
+"""What is odd about a table of measurements, before anything is identified from it.
 
-What was measured says what there must be: a touched target or a ball bar's foot is a point, what
-points and poses are read in is a frame, what a plane contact meets is a plane. Where the cell does
-not say where they are, the nominal arm does: any guess is good enough for a fit that places the
-set-up first.
-
-Whether readings of an instrument can be what they are said to be.
-
-A tracker, a camera or a wire sees the arm move. Where the arm has moved by decimetres and what was
-read by a thousandth of that, or where it has turned and the readings have turned otherwise, units
-or conventions are not those of the table.
+Whether readings of an instrument can be what they are said to be: a tracker, a camera or a wire
+sees the arm move. Where the arm has moved by decimetres and what was read by a thousandth of that,
+or where it has turned and the readings have turned otherwise, units or conventions are not those of
+the table. Rows that are far from the others, that are there twice, or not there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from calib.errors import FileFormatError
 from calib.model.measurements import Measurements
-from calib.model.parameters import Frames, ParameterBlock
 from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell
-from posedesign.cell.observations import place_of, target_named
-from posedesign.cell.observations import set_up_blocks as place_set_up
+from posedesign.files.csv_tables import a_few, first_like
 from posedesign.files.measurements import MeasurementTable
+
+_PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
+"""Names that plans give to poses."""
+
+PLANNED_M = 1e-7
+"""Distance of the nominal tool point from its target that no measured arm comes down to."""
 
 FAR_M, MUCH_FARTHER = 0.1, 10.0
 """Distance of a nominal tool point from the middle of those of its target, and the same over the
 median of all of them, beyond which a row is another thing than the others."""
-
-
-def set_up_blocks(cell: Cell, table: MeasurementTable) -> list[ParameterBlock]:
-    """Blocks that place the tools and targets of a table, in the order of its labels."""
-    data, kinds = table.data, np.array(table.kinds, dtype=object)[table.data.setup.kind]
-    points = cell.robot.state(data.postures).point(cell.tool_m)
-    tools = [(name, set(kinds[data.setup.tool == k])) for k, name in enumerate(data.tools)]
-    targets = []
-    for k, name in enumerate(data.targets):
-        own = data.setup.target == k
-        targets.append((name, set(kinds[own]), points[own]))
-    return place_set_up(cell, tools, targets)
-
-
-def nominal_distances(cell: Cell, table: MeasurementTable) -> FloatArray:
-    """How far the tool point is off with arm and set-up as the cell has them, ``(N,)`` [m].
-
-    Touched targets that the cell does not place stand where the nominal arm sees them on average.
-    NaN for what an instrument has read: where that stands the cell does not say.
-    """
-    data, kinds = table.data, np.array(table.kinds, dtype=object)[table.data.setup.kind]
-    points = cell.robot.state(data.postures).point(cell.tool_m)
-    out = np.full(data.count, np.nan)
-    for k, label in enumerate(data.targets):
-        own = (data.setup.target == k) & np.isin(kinds, ("touch-up", "view-line"))
-        if own.any():
-            known = target_named(cell.config, label)
-            place = points[own].mean(axis=0) if known is None else place_of(cell, known)
-            out[own] = np.linalg.norm(points[own] - place, axis=1)
-    return out
 
 
 def far_rows(cell: Cell, table: MeasurementTable) -> list[str]:
@@ -84,19 +53,6 @@ def far_rows(cell: Cell, table: MeasurementTable) -> list[str]:
             if far > FAR_M and far > MUCH_FARTHER * usual
         ]
     return said
-
-
-def frames_of(
-    blocks: list[ParameterBlock], values: FloatArray, names: tuple[str, ...]
-) -> dict[str, dict[str, FloatArray]]:
-    """Poses of tools and targets ``(4, 4)`` [m] by label, at identified values of all names."""
-    found: dict[str, dict[str, FloatArray]] = {"tools": {}, "targets": {}}
-    for block in blocks:
-        if isinstance(block, Frames):
-            own = np.array([values[names.index(name)] for name in block.names])
-            for label, T in zip(block.labels, block.poses(own), strict=True):
-                found["tools" if block.tools else "targets"][label] = T
-    return found
 
 
 def seen_once(data: Measurements) -> list[str]:
@@ -258,3 +214,56 @@ def _unit_of(ratio: float) -> tuple[str, float]:
     """Unit that makes readings so many times too small, and the factor to mm."""
     units = (("inches", 25.4), ("metres", 1000.0))
     return min(units, key=lambda unit: abs(np.log(ratio / unit[1])))
+
+
+def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str]]:
+    """The table without rows that repeat another number by number, and what was left out.
+
+    A measurement that was made twice differs in its last digits; a row that was pasted twice does
+    not, and would count double.
+    """
+    data, setup, lines = table.data, table.data.setup, table.lines
+    read = np.zeros((data.count, 0)) if data.observed is None else data.observed
+    of = np.stack([setup.kind, setup.tool, setup.target, setup.payload], axis=1)
+    rows = zip(of.tolist(), data.postures, read, strict=True)
+    first = np.array(first_like((*k, q.tobytes(), r.tobytes()) for k, q, r in rows))
+    kept = first == np.arange(data.count)
+    if kept.all():
+        return table, []
+    again = [f"line {lines[i]} as line {lines[first[i]]}" for i in np.flatnonzero(~kept)]
+    said = f"rows that repeat another number by number are left out: {a_few(again, 'rows')}"
+    return table.some(np.flatnonzero(kept)), [said]
+
+
+def oddities(data: Measurements, nominal_rms_m: float) -> list[str]:
+    """What is odd about measurements as a whole, in words.
+
+    ``nominal_rms_m``: how far the tool point as described is from its targets [m]; NaN where that
+    is not known.
+    """
+    said = missing_poses(data.names)
+    if nominal_rms_m < PLANNED_M:
+        said.append(
+            "the tool point of the arm as described is exactly on its target: these postures were "
+            "planned, not measured"
+        )
+    once = seen_once(data)
+    if once:
+        said.append(
+            f"measured once, which says nothing but where they are: {a_few(once, 'targets')}"
+        )
+    return said
+
+
+def missing_poses(names: Sequence[str]) -> list[str]:
+    """What a numbered plan has between its first and its last pose, and the data have not."""
+    found = [_PLANNED.fullmatch(name) for name in dict.fromkeys(names)]
+    if not names or not all(found):
+        return []
+    numbers = {int(match[1]) for match in found if match}
+    width = min(len(match[1]) for match in found if match)
+    gaps = [k for k in range(1, max(numbers)) if k not in numbers]
+    if not gaps:
+        return []
+    absent = a_few([f"P{k:0{width}d}" for k in gaps], "poses")
+    return [f"of the poses up to P{max(numbers):0{width}d} there are no measurements of {absent}"]

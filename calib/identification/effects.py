@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.batch_last import along
 from calib.batch_last import turn as rotate
-from calib.identification.diagnosis.held import (
+from calib.identification.held import (
     Cause,
     Effect,
     Finding,

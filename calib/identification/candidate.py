@@ -22,7 +22,6 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy
 from calib.identification.prediction import (
     LEAST_PROBABILITY,
     DrawnArms,
@@ -30,7 +29,8 @@ from calib.identification.prediction import (
     Posterior,
     Workplace,
 )
-from calib.identification.result import IdentificationResult
+from calib.identification.result import IdentificationResult, Loss
+from calib.identification.robust import HEAVY_TAILS, gain_of_student, redundancy
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurement, Measurements

@@ -31,8 +31,7 @@ from calib.identification.cross_validation import (
     targets_left_out,
     with_noise_of,
 )
-from calib.identification.noise import Loss
-from calib.identification.result import IdentificationResult
+from calib.identification.result import IdentificationResult, Loss
 from calib.identification.solver import Method
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements

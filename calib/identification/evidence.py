@@ -22,7 +22,8 @@ import numpy as np
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.identifiability import check_enough, check_identifiable_at
 from calib.identification.least_squares import column_lengths, first_guess
-from calib.identification.noise import WEIGHTS, Loss, costs_of, distances2, log_weights
+from calib.identification.result import Loss
+from calib.identification.robust import WEIGHTS, costs_of, distances2, log_weights
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.one_thread import one_blas_thread

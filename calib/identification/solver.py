@@ -40,8 +40,7 @@ from calib.identification.least_squares import (
     minimise,
     orthonormal,
 )
-from calib.identification.noise import Loss
-from calib.identification.result import SIZES, IdentificationResult, KindNoise
+from calib.identification.result import SIZES, IdentificationResult, KindNoise, Loss
 from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements

@@ -21,7 +21,7 @@ from calib.identification import (
 )
 from calib.identification.diagnosis import diagnose
 from calib.identification.held import Finding
-from calib.identification.noise import WEIGHED_DOWN
+from calib.identification.robust import WEIGHED_DOWN
 from calib.identification.solver import ANOTHER_ROBOT_M
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray

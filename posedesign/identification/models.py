@@ -35,9 +35,16 @@ from calib.robots import ChainState
 from calib.se3 import FloatArray, transform
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
-from posedesign.cell.arm_errors import PRIORS, WEIGH, has_weight, payloads_of, robot_blocks
-from posedesign.cell.measuring import measured_with
-from posedesign.cell.observations import instrument_frame, place_of, set_up_blocks, target_named
+from posedesign.cell.models import (
+    PRIORS,
+    WEIGH,
+    has_weight,
+    measured_with,
+    payloads_of,
+    robot_blocks,
+    set_up_blocks,
+)
+from posedesign.cell.observations import instrument_frame, place_of, target_named
 from posedesign.cell.task_box import BOX_OF_REACH, TaskBox
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable

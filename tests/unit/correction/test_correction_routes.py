@@ -13,7 +13,7 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
-from posedesign.cell.arm_errors import robot_blocks
+from posedesign.cell.models import robot_blocks
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.file import IdentifiedModel

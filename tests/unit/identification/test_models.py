@@ -13,7 +13,7 @@ from calib.model import CalibrationModel
 from calib.model.measurements import KINDS
 from calib.model.parameters import JointCompliance, gravity_torque
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.arm_errors import WIND_UP, robot_blocks
+from posedesign.cell.models import WIND_UP, robot_blocks
 from posedesign.cell.schema_sections import Word
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification import identify_models

@@ -15,7 +15,7 @@ from posedesign.identification.instruments import (
     is_of_instrument,
     read_measured,
 )
-from posedesign.identification.instruments.reading import Measured
+from posedesign.identification.instruments.measured import Measured
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
 

@@ -19,7 +19,7 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.measurements.data import same_posture
 from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_log
 from posedesign.cell import Cell
-from posedesign.cell.measuring import noise_sigma
+from posedesign.cell.models import noise_sigma
 from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
@@ -39,8 +39,7 @@ from posedesign.identification.instruments.joining import (
     with_joints,
 )
 from posedesign.identification.instruments.joint_logs import read_joint_rows
-from posedesign.identification.instruments.layouts import is_known
-from posedesign.identification.instruments.readings import Readings, read_readings
+from posedesign.identification.instruments.readings import Readings, is_known, read_readings
 from posedesign.identification.instruments.scatter import (
     SIGNIFICANT,
     Scatter,

@@ -151,16 +151,35 @@ def tune_priors(
     check_enough(tuned, data)
     x = first_guess(tuned, data)
     check_identifiable_at(tuned, data, x)
-    theta, x, weights, passes = _alternate(model, data, members, known, theta, x, loss)
-    tuned = _applied(model, data, members, theta)
-    shares = weights / costs_of(tuned, data, x, weights, loss)[0]
-    problem = linear_evidence(model, data, x, members, shares)
+    rows, weights = model.rows_read(data.setup), np.ones(data.count)
+
+    def linearised() -> LinearEvidence:
+        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
+        return linear_evidence(model, data, x, members, shares)
+
+    for passes in range(_PASSES):  # linearise, maximise, solve and weigh
+        problem, before = linearised(), theta
+        if passes:  # at first the arm is linearised as described, too far off to tell sizes by
+            theta = known.likeliest(problem, theta)
+        x = problem.parameters(theta)
+        tuned = _applied(model, data, members, theta)
+        lighter, weights = weights, WEIGHTS[loss](distances2(tuned, data, x), rows)
+        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(weights - lighter).max())
+        if moved < _SETTLED and passes > 1:
+            break
+    else:
+        raise ConvergenceError(
+            f"the priors have not come to rest after {_PASSES} passes (the last one still moved "
+            f"them by {moved:.2g} of their size)",
+            hint="free fewer groups, or give narrower bounds",
+        )
+    problem = linearised()
     curvature = known.information(problem, theta)
     log_evidence = problem.log_evidence(theta)[0]
     log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
         log_marginal += log_weights(weights)
-    moved = problem.sensitivity(theta)
+    moves = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
         groups=groups,
@@ -169,42 +188,9 @@ def tune_priors(
         log_marginal=log_marginal,
         x=x,
         weights=weights,
-        covariance=moved @ np.linalg.solve(curvature, moved.T),
-        passes=passes,
+        covariance=moves @ np.linalg.solve(curvature, moves.T),
+        passes=passes + 1,
         notes=tuple(_notes(groups, theta, known.bounds)),
-    )
-
-
-def _alternate(
-    model: CalibrationModel,
-    data: Measurements,
-    members: Sequence[IntArray],
-    known: _Known,
-    theta: FloatArray,
-    x: FloatArray,
-    loss: Loss,
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Linearise, maximise, solve and weigh: standard deviations, parameters, weights, passes."""
-    rows = model.rows_read(data.setup)
-    weights = np.ones(data.count)
-    moved = np.inf
-    for passes in range(_PASSES):
-        tuned = _applied(model, data, members, theta)
-        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
-        problem = linear_evidence(model, data, x, members, shares)
-        # at first the arm is linearised as described, too far off to tell sizes by
-        best = known.likeliest(problem, theta) if passes else theta
-        x = problem.parameters(best)
-        tuned = _applied(model, data, members, best)
-        heavier = WEIGHTS[loss](distances2(tuned, data, x), rows)
-        moved = float(max(np.abs(best - theta).max(initial=0.0), np.abs(heavier - weights).max()))
-        theta, weights = best, heavier
-        if moved < _SETTLED and passes > 1:
-            return theta, x, weights, passes + 1
-    raise ConvergenceError(
-        f"the priors have not come to rest after {_PASSES} passes (the last one still moved them "
-        f"by {moved:.2g} of their size)",
-        hint="free fewer groups, or give narrower bounds",
     )
 
 

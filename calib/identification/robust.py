@@ -21,7 +21,7 @@ a part; all of them are judged by what it has found.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -316,33 +316,22 @@ _SETTLED = 1e-3
 then known to a hundredth of a standard deviation of any parameter."""
 
 
-def _one() -> FloatArray:
-    return np.ones(1)
-
-
-def _nobody() -> BoolArray:
-    return np.zeros(1, dtype=bool)
-
-
 @dataclass(frozen=True, eq=False)
 class Solved:
     """A fit with the noise and the weights that belong to it."""
 
     model: CalibrationModel  # with the noise of its kinds as given or as estimated
     x: FloatArray  # (p,) [SI]
+    iterations: int
     weights: FloatArray  # (N,): of the squares of each measurement
     outliers: BoolArray  # (N,): left out
-    iterations: int
-    loss: Loss = "least-squares"  # that the weights are of
-    suspects: BoolArray = field(default_factory=_nobody)
-    """(N,) or (1,): farther off than noise takes one, but not left out: see
-    :func:`noise.suspects`."""
-    consistency: FloatArray = field(default_factory=_one)
-    """(N,) or (1,): of the loss: weighted squares of residuals are divided by it, in the fit as
-    well, so that they stand against what is known besides as the noise says."""
-    inflation: FloatArray = field(default_factory=_one)
-    """(N,) or (1,): variance over what the weighted measurements promise: their information is
-    divided by it."""
+    suspects: BoolArray  # (N,): farther off than noise takes one, but not left out
+    consistency: FloatArray
+    """(N,): of the loss: weighted squares of residuals are divided by it, in the fit as well, so
+    that they stand against what is known besides as the noise says."""
+    inflation: FloatArray
+    """(N,): variance over what the weighted measurements promise: their information is divided by
+    it."""
 
 
 def fit_robustly(
@@ -369,40 +358,13 @@ def fit_robustly(
     good = np.ones(data.count, dtype=bool)
     if loss == "graduated":
         x, good = choose(model, data, x)
+    rows, weigh = model.rows_read(data.setup), WEIGHTS[loss]
     weights = good.astype(float)
     if near and loss in WEIGHED_DOWN:
-        weights = WEIGHTS[loss](distances2(model, data, x), model.rows_read(data.setup))
-    model, x, weights, iterations = _alternate(model, data, x, weights, loss, weighted)
-    consistency, inflation = costs_of(model, data, x, weights, loss)
-    return Solved(
-        model=model,
-        x=x,
-        weights=weights,
-        outliers=~good,
-        iterations=iterations,
-        loss=loss,
-        suspects=suspects(model, data, x) & good if loss in WEIGHED_DOWN else _nobody(),
-        consistency=consistency,
-        inflation=inflation,
-    )
-
-
-def _alternate(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    loss: Loss,
-    weighted: bool,
-) -> tuple[CalibrationModel, FloatArray, FloatArray, int]:
-    """Fit, weigh and estimate the noise in turns, until nothing moves.
-
-    The model with its noise, parameters ``(p,)``, weights ``(N,)`` and iterations.
-    """
-    rows, weigh = model.rows_read(data.setup), WEIGHTS[loss]
+        weights = weigh(distances2(model, data, x), rows)
     estimated = any(kind.estimated for kind in model.measurements)
     total, moved = 0, 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS):  # fit, weigh and estimate the noise in turns, until nothing moves
         shares = weights / costs_of(model, data, x, weights, loss)[0]
         fit = minimise(model, data.trials(None), x[None], weights=shares[None], weighted=weighted)
         if not np.isfinite(fit.x).all():
@@ -432,7 +394,9 @@ def _alternate(
             f"moved them by {moved:.2g})",
             hint="give the noise of each kind, or measure more poses",
         )
-    return model, x, weights, total
+    consistency, inflation = costs_of(model, data, x, weights, loss)
+    doubtful = suspects(model, data, x) & good if loss in WEIGHED_DOWN else np.zeros_like(good)
+    return Solved(model, x, total, weights, ~good, doubtful, consistency, inflation)
 
 
 def not_converged(change: float) -> ConvergenceError:

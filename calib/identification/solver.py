@@ -101,8 +101,8 @@ def identify(
     check_identifiable_at(model, measurements, x)
     if method == "newton-raphson":
         found, iterations = _newton_raphson(model, measurements, x, weighted)
-        everything = np.ones(measurements.count)
-        solved = Solved(model, found, everything, everything == 0, iterations)
+        one = np.ones(measurements.count)
+        solved = Solved(model, found, iterations, one, one == 0, one == 0, one, one)
     else:
         solved = fit_robustly(
             model, measurements, x, loss=loss, weighted=weighted, near=start is not None

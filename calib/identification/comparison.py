@@ -24,7 +24,7 @@ import numpy as np
 
 from calib.chance import student_quantile
 from calib.errors import CalibError
-from calib.identification.candidate import Candidate, Reference, Trial, fit
+from calib.identification.candidate import Candidate, ExpectedError, Reference, fit
 from calib.identification.cross_validation import (
     FEWEST_TARGETS,
     measured_points,
@@ -49,6 +49,44 @@ AS_GOOD = 0.05
 JUDGED = 0.8
 """Share of the measurements that has to be judged: by leaving targets out, to judge models so; or
 of what another model can be judged by, for a model to be compared at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What became of a candidate."""
+
+    candidate: Candidate  # with the sizes of its priors and the noise that were found
+    result: IdentificationResult | None  # None where it could not be identified
+    error: CalibError | None  # why not
+    target_out: FloatArray
+    """(N, m): rows at each measurement [m, rad] with the arm identified from all targets but its
+    own, and only that target's place from other poses at it; NaN where no target was left out."""
+    expected: ExpectedError | None = None
+    """Of the tool point where the arm will work, by the reference; None without one."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self.candidate.name
+
+    @property
+    def found(self) -> IdentificationResult:
+        """The result of one that could be identified; raises why not."""
+        if self.result is None:
+            raise self.error or CalibError(f"{self.name} was not identified")
+        return self.result
+
+    @property
+    def target_out_m(self) -> FloatArray:
+        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
+        if self.result is None:
+            return np.full(len(self.target_out), np.nan)
+        return self.result.lengths_m(self.target_out)
+
+    @property
+    def target_out_rms_m(self) -> float:
+        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
+        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,15 @@ the table. Rows that are far from the others, that are there twice, or not there
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from calib.errors import FileFormatError
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
+from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.files.csv_tables import a_few, first_like
 from posedesign.files.measurements import MeasurementTable
@@ -80,8 +82,6 @@ TURNED_RAD = 0.3
 LARGEST_MISS_RAD = 0.05
 """Difference of turns, the median of many, that no error of an arm and no camera makes."""
 
-_TURN = "w_deg to r_deg"
-
 _SAID = ", or correct the unit where the cell says that of an instrument's file"
 
 
@@ -92,106 +92,99 @@ def check_readings(cell: Cell, table: MeasurementTable) -> None:
     """
     if table.data.observed is None:
         return
-    for rows in _groups(table, "point", "pose"):
-        _check_places(cell, table, rows)
-    for rows in _groups(table, "camera-pose"):
-        _check_lengths(cell, table, rows, "x_mm to z_mm")
-    for rows in _groups(table, "distance"):
-        _check_lengths(cell, table, rows, "distance_mm")
-    for rows in _groups(table, "pose", "camera-pose"):
-        _check_turns(cell, table, rows)
-
-
-def _groups(table: MeasurementTable, *kinds: str) -> Iterator[IntArray]:
-    """Rows of these kinds, of one kind, tool and target at a time."""
-    setup, rows = table.data.setup, table.of_kind(*kinds)
-    keys = np.stack([setup.kind[rows], setup.tool[rows], setup.target[rows]], axis=1)
+    setup, kinds = table.data.setup, table.kind_of_each
+    keys = np.stack([setup.kind, setup.tool, setup.target], axis=1)
     for key in np.unique(keys, axis=0):
-        yield rows[(keys == key).all(axis=1)]
+        rows = np.flatnonzero((keys == key).all(axis=1))
+        state, kind = cell.robot.state(table.data.postures[rows]), kinds[rows[0]]
+        # a tool point that is held still while the arm turns about it is read as standing still
+        way = min(_spread(state.point(cell.tool_m)), _spread(state.point(np.zeros(3))))
+        group = _Group(table.path, way, state.R_base_tip, table.data.observed[rows])
+        if kind in ("point", "pose"):
+            group.check_places()
+        elif kind == "camera-pose":
+            group.check_lengths(3, "x_mm to z_mm")
+        elif kind == "distance":
+            group.check_lengths(1, "distance_mm")
+        if kind in ("pose", "camera-pose"):
+            group.check_turns()
 
 
-def _check_places(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
-    """Places that are read have to move as the arm does."""
-    moved, read = _way(cell, table, rows), _spread(_read(table, rows)[:, :3])
-    if moved > MOVED_M and read < LEAST_SHARE * moved:
-        unit, factor = _unit_of(moved / max(read, 1e-9))
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Readings of one kind, tool and target."""
+
+    path: Path
+    way: float
+    """How far apart [m] the arm was: its flange, or the nominal tool point where that moved
+    less."""
+    R_tip: FloatArray  # (K, 3, 3)
+    read: FloatArray  # (K, m): [m, rad]
+
+    def check_places(self) -> None:
+        """Places that are read have to move as the arm does."""
+        read = _spread(self.read[:, :3])
+        if self.way > MOVED_M and read < LEAST_SHARE * self.way:
+            unit, factor = _unit_of(self.way / max(read, 1e-9))
+            raise FileFormatError(
+                f"what was read moves by {read * 1e3:.3g} mm while the arm moves by "
+                f"{self.way * 1e3:.3g} mm",
+                path=self.path,
+                column="x_mm to z_mm",
+                hint=f"if these are {unit}, multiply them by {factor:g}{_SAID}; else pass "
+                "`trust_units`",
+                value=read,
+                bound=self.way,
+            )
+        self._check_not_far(read, "x_mm to z_mm")
+
+    def check_lengths(self, count: int, column: str) -> None:
+        """Distances from an instrument are not next to nothing."""
+        longest = float(np.linalg.norm(self.read[:, :count], axis=1).max())
+        if self.way > MOVED_M and longest < NEAREST_M:
+            raise FileFormatError(
+                f"nothing that was read is farther than {longest * 1e3:.3g} mm from the instrument",
+                path=self.path,
+                column=column,
+                hint="if these are metres, multiply them by 1000; else pass `trust_units`",
+                value=longest,
+                bound=NEAREST_M,
+            )
+        self._check_not_far(longest, column)
+
+    def _check_not_far(self, length: float, column: str) -> None:
+        if length > FARTHEST_M:
+            raise FileFormatError(
+                f"what was read spans {length:.3g} m",
+                path=self.path,
+                column=column,
+                hint=f"if these are micrometres, divide them by 1000{_SAID}; else pass "
+                "`trust_units`",
+                value=length,
+                bound=FARTHEST_M,
+            )
+
+    def check_turns(self) -> None:
+        """Turns between readings have to be those of the arm, whatever tool and target are."""
+        R_read, count = rotation_exp(self.read[:, 3:6]), len(self.read)
+        # against several readings in turn: one of them alone may be the wrong one
+        tried = [(_turns(self.R_tip, k), _turns(R_read, k)) for k in {0, count // 2, count - 1}]
+        arm, read = min(tried, key=lambda turns: _miss(*turns))
+        if _miss(arm, read) < LARGEST_MISS_RAD:
+            return
+        largest = float(np.abs(np.rad2deg(wpr_from_rotation(R_read))).max())
+        looks = "W, P, R turn about fixed x, y, z in this order"
+        if largest <= 2.0 * np.pi:
+            looks = "they look like radians: multiply them by 57.29578"
         raise FileFormatError(
-            f"what was read moves by {read * 1e3:.3g} mm while the arm moves by "
-            f"{moved * 1e3:.3g} mm",
-            path=table.path,
-            column="x_mm to z_mm",
-            hint=f"if these are {unit}, multiply them by {factor:g}{_SAID}; else pass "
-            "`trust_units`",
-            value=read,
-            bound=moved,
+            f"what was read turns by up to {np.rad2deg(read.max()):.3g} deg, and otherwise than "
+            f"the arm, which turns by up to {np.rad2deg(arm.max()):.3g} deg",
+            path=self.path,
+            column="w_deg to r_deg",
+            hint=f"{looks}; else pass `trust_units`",
+            value=float(read.max()),
+            bound=float(arm.max()),
         )
-    _check_not_far(table, read, "x_mm to z_mm")
-
-
-def _check_lengths(cell: Cell, table: MeasurementTable, rows: IntArray, column: str) -> None:
-    """Distances from an instrument are not next to nothing."""
-    read = _read(table, rows)[:, : 1 if column == "distance_mm" else 3]
-    longest = float(np.linalg.norm(read, axis=1).max())
-    if _way(cell, table, rows) > MOVED_M and longest < NEAREST_M:
-        raise FileFormatError(
-            f"nothing that was read is farther than {longest * 1e3:.3g} mm from the instrument",
-            path=table.path,
-            column=column,
-            hint="if these are metres, multiply them by 1000; else pass `trust_units`",
-            value=longest,
-            bound=NEAREST_M,
-        )
-    _check_not_far(table, longest, column)
-
-
-def _check_not_far(table: MeasurementTable, length: float, column: str) -> None:
-    if length > FARTHEST_M:
-        raise FileFormatError(
-            f"what was read spans {length:.3g} m",
-            path=table.path,
-            column=column,
-            hint=f"if these are micrometres, divide them by 1000{_SAID}; else pass `trust_units`",
-            value=length,
-            bound=FARTHEST_M,
-        )
-
-
-def _check_turns(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
-    """Turns between readings have to be those of the arm, whatever tool and target are."""
-    R_read = rotation_exp(_read(table, rows)[:, 3:6])
-    R_tip = cell.robot.fk(table.data.postures[rows])[:, :3, :3]
-    # against several readings in turn: one of them alone may be the wrong one
-    tried = [(_turns(R_tip, k), _turns(R_read, k)) for k in {0, len(rows) // 2, len(rows) - 1}]
-    arm, read = min(tried, key=lambda turns: _miss(*turns))
-    if _miss(arm, read) < LARGEST_MISS_RAD:
-        return
-    largest = float(np.abs(np.rad2deg(wpr_from_rotation(R_read))).max())
-    looks = "W, P, R turn about fixed x, y, z in this order"
-    if largest <= 2.0 * np.pi:
-        looks = "they look like radians: multiply them by 57.29578"
-    raise FileFormatError(
-        f"what was read turns by up to {np.rad2deg(read.max()):.3g} deg, and otherwise than the "
-        f"arm, which turns by up to {np.rad2deg(arm.max()):.3g} deg",
-        path=table.path,
-        column=_TURN,
-        hint=f"{looks}; else pass `trust_units`",
-        value=float(read.max()),
-        bound=float(arm.max()),
-    )
-
-
-def _read(table: MeasurementTable, rows: IntArray) -> FloatArray:
-    observed = table.data.observed
-    return np.zeros((len(rows), 6)) if observed is None else observed[rows]
-
-
-def _way(cell: Cell, table: MeasurementTable, rows: IntArray) -> float:
-    """How far apart [m] the arm was: its flange, or the nominal tool point where that moved less.
-
-    A tool point that is held still while the arm turns about it is read as standing still.
-    """
-    state = cell.robot.state(table.data.postures[rows])
-    return min(_spread(state.point(cell.tool_m)), _spread(state.point(np.zeros(3))))
 
 
 def _spread(places: FloatArray) -> float:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -350,15 +349,6 @@ def left_out(cell: Cell) -> list[str]:
     able = asked_for(cell)
     names = [name_of(words) for words in cell.config.parameters.models if words not in able]
     return [f"{', '.join(names)}: the masses of the links are not known"] if names else []
-
-
-def arm_as_dict(cell: Cell) -> dict[str, Any]:
-    """What of the cell gives parameters their meaning, besides the robot."""
-    return {
-        "lost_motion_nm": cell.config.parameters.lost_motion_nm,
-        "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
-        "link_masses_kg": cell.robot.link_mass.tolist(),
-    }
 
 
 def frames_of(

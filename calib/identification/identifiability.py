@@ -303,7 +303,6 @@ class Reduction:
     """A model without the parameters that measurements cannot tell."""
 
     model: CalibrationModel
-    kept: tuple[str, ...]  # names of all parameters of the model
     left_out: tuple[str, ...]
     merged: tuple[str, ...]  # for each left out, in words, what it shows up in
 
@@ -337,7 +336,7 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
     pairs = zip(found.left_out, found.why, strict=True)
     out = {model.names[k]: why for k, why in pairs if not model.nuisance[k]}
     if not out:
-        return Reduction(model, model.names, (), ())
+        return Reduction(model, (), ())
     blocks = []
     for block in model.parameters:
         kept = [name for name in block.names if name not in out]
@@ -346,7 +345,7 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
         if block.size or block.tools or block.targets:
             blocks.append(block)
     reduced = model.with_parameters(blocks)
-    return Reduction(reduced, reduced.names, tuple(out), tuple(out.values()))
+    return Reduction(reduced, tuple(out), tuple(out.values()))
 
 
 UNSEEN_SCALE = 2e-3

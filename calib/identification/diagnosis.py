@@ -22,7 +22,15 @@ from calib.identification.least_squares import column_lengths, first_guess, mini
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.model.parameters import ZeroOffsets
-from calib.se3 import FloatArray, IntArray, inverse, rotation_exp, rotation_log, transform
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    inverse,
+    rotation_exp,
+    rotation_log,
+    transform,
+)
 
 _RIGHT_ANGLES = {"+90": np.pi / 2, "-90": -np.pi / 2, "180": np.pi}
 
@@ -111,80 +119,66 @@ def of_all_rows(data: Measurements, model: CalibrationModel) -> Iterator[Mistake
 
 
 def _of_joints(data: Measurements, names: Sequence[str]) -> Iterator[Mistake]:
-    q, n = data.postures, len(names)
+    q, every = data.postures, list(range(len(names)))
+
+    def of(cause: Cause, things: tuple[str, ...], at: list[int], columns: FloatArray) -> Mistake:
+        changed = q.copy()
+        changed[:, at] = columns
+        return Mistake(cause, "joint", things, (), replace(data, postures=changed))
+
     for j, name in enumerate(names):
         for sign in (1.0, -1.0):
             for zero, angle in {"": 0.0, **_RIGHT_ANGLES}.items():
-                if sign > 0 and not angle:
-                    continue
-                changed = q.copy()
-                changed[:, j] = sign * q[:, j] + angle
-                cause: Cause = "zero" if sign > 0 else "sign and zero" if angle else "sign"
-                yield _of(data, cause, "joint", (name, zero) if zero else (name,), changed)
-    if n >= 3:
-        for way in (1.0, -1.0):
-            changed = q.copy()
-            changed[:, 2] += way * q[:, 1]
-            things = (names[2], names[1], "less" if way > 0 else "plus")
-            yield _of(data, "coupling", "joint", things, changed)
-    for a, b in combinations(range(n), 2):
-        changed = q.copy()
-        changed[:, [a, b]] = q[:, [b, a]]
-        yield _of(data, "swapped joints", "joint", (names[a], names[b]), changed)
-    yield _of(data, "all signs", "joint", (), -q)
-    for words, factor in (
-        ("degrees for radians", np.pi / 180),
-        ("radians for degrees", 180 / np.pi),
-    ):
-        yield _of(data, "joint unit", "joint", (words,), q * factor)
-
-
-def _of(
-    data: Measurements, cause: Cause, part: str, things: tuple[str, ...], postures: FloatArray
-) -> Mistake:
-    return Mistake(cause, part, things, (), replace(data, postures=postures))
+                if sign < 0 or angle:
+                    cause: Cause = "zero" if sign > 0 else "sign and zero" if angle else "sign"
+                    things = (name, zero) if zero else (name,)
+                    yield of(cause, things, [j], sign * q[:, [j]] + angle)
+    for way, words in ((1.0, "less"), (-1.0, "plus")) if len(names) >= 3 else ():
+        yield of("coupling", (names[2], names[1], words), [2], q[:, [2]] + way * q[:, [1]])
+    for a, b in combinations(every, 2):
+        yield of("swapped joints", (names[a], names[b]), [a, b], q[:, [b, a]])
+    yield of("all signs", (), every, -q)
+    yield of("joint unit", ("degrees for radians",), every, q * (np.pi / 180))
+    yield of("joint unit", ("radians for degrees",), every, q * (180 / np.pi))
 
 
 def _of_readings(data: Measurements, model: CalibrationModel) -> Iterator[Mistake]:
-    if data.observed is None:
+    read, kind_of_each = data.observed, data.setup.kind
+    if read is None:
         return
     kinds = model.measurements
-    read = np.array([kind.reads for kind in kinds])[data.setup.kind]
-    places = np.array([kind.rows - kind.turns >= 3 for kind in kinds])[data.setup.kind] & read
-    turns = np.array([kind.turns == 3 for kind in kinds])[data.setup.kind] & read
+    reads = np.array([kind.reads for kind in kinds])[kind_of_each]
+    lengths = np.array([kind.rows - kind.turns for kind in kinds])[kind_of_each]
+    places = reads & (lengths >= 3)
+    turns = reads & np.array([kind.turns == 3 for kind in kinds])[kind_of_each]
 
-    def changed(cause: Cause, things: tuple[str, ...], rows: FloatArray) -> Mistake:
-        return Mistake(cause, "axis", things, (), replace(data, observed=rows))
+    def of(
+        cause: Cause, things: tuple[str, ...], rows: BoolArray, at: list[int], values: FloatArray
+    ) -> Mistake:
+        changed = read.copy()
+        changed[np.flatnonzero(rows)[:, None], at] = values
+        return Mistake(cause, "axis", things, (), replace(data, observed=changed))
 
     for words, factor in _UNITS.items():
-        rows = data.observed.copy()
-        lengths = np.array([kind.rows - kind.turns for kind in kinds])[data.setup.kind]
-        scaled = np.arange(rows.shape[1]) < (lengths * read)[:, None]
-        rows[scaled] *= factor
-        yield changed("reading unit", (words,), rows)
+        scaled = np.arange(read.shape[1]) < (lengths * reads)[:, None]
+        changed = np.where(scaled, factor * read, read)
+        yield Mistake("reading unit", "axis", (words,), (), replace(data, observed=changed))
     if not places.any():
         return
+    place, pose = read[places], read[turns]
     for k, axis in enumerate("xyz"):
-        rows = data.observed.copy()
-        rows[places, k] *= -1.0
-        yield changed("mirrored axis", (axis,), rows)
+        yield of("mirrored axis", (axis,), places, [k], -place[:, [k]])
         if not turns.any():
             return  # any one axis mirrored, or two swapped: their frame is turned all the same
     for a, b in combinations(range(3), 2):
-        rows = data.observed.copy()
-        rows[:, [a, b]] = np.where(places[:, None], rows[:, [b, a]], rows[:, [a, b]])
-        yield changed("swapped axes", ("xyz"[a], "xyz"[b]), rows)
+        yield of("swapped axes", ("xyz"[a], "xyz"[b]), places, [a, b], place[:, [b, a]])
     for order in ([1, 2, 0], [2, 0, 1]):
-        rows = data.observed.copy()
-        rows[:, :3] = np.where(places[:, None], rows[:, order], rows[:, :3])
-        yield changed("turned axes", ("".join("xyz"[k] for k in order),), rows)
-    rows = data.observed.copy()
-    rows[turns, 3:6] *= -1.0
-    yield changed("inverted rotation", (), rows)
-    rows = data.observed.copy()
-    T = inverse(transform(rotation_exp(rows[turns, 3:6]), rows[turns, :3]))
-    rows[turns, :3], rows[turns, 3:6] = T[:, :3, 3], rotation_log(T[:, :3, :3])
-    yield changed("inverted pose", (), rows)
+        words = "".join("xyz"[k] for k in order)
+        yield of("turned axes", (words,), places, [0, 1, 2], place[:, order])
+    yield of("inverted rotation", (), turns, [3, 4, 5], -pose[:, 3:6])
+    T = inverse(transform(rotation_exp(pose[:, 3:6]), pose[:, :3]))
+    values = np.concatenate([T[:, :3, 3], rotation_log(T[:, :3, :3])], axis=1)
+    yield of("inverted pose", (), turns, list(range(6)), values)
 
 
 def _of_order(data: Measurements) -> Iterator[Mistake]:

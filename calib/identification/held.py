@@ -33,6 +33,7 @@ from calib.identification.evidence import (
     noise_classes,
     tune_priors,
 )
+from calib.identification.identifiability import UNSEEN_SCALE
 from calib.identification.least_squares import column_lengths
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
@@ -365,3 +366,16 @@ class Finding:
     """Natural logarithm of how much likelier the measurements are with the cause than without, what
     was tried besides considered."""
     also: tuple[Finding, ...] = ()  # other causes that explain the measurements as well
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether all rows suffer from it: nothing identified with it is of the robot.
+
+        A scale, where it is off by more than arms are built: a model would take it for long links.
+        """
+        return abs(self.size) > UNSEEN_SCALE if self.cause == "scale" else self.cause in GROSS
+
+    @property
+    def is_of_the_model(self) -> bool:
+        """Whether the arm has what its model leaves out; nothing went wrong in measuring then."""
+        return self.cause in MODEL

@@ -29,7 +29,7 @@ from posedesign.cell import Cell
 from posedesign.files.csv_tables import MOST_LISTED
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.checks import oddities
-from posedesign.identification.findings import in_words, is_gross, is_of_the_model
+from posedesign.identification.findings import in_words
 from posedesign.identification.instruments import goes_with_temperature
 from posedesign.identification.models import OFFSETS, Models, left_out
 
@@ -128,7 +128,7 @@ class Identified:
         Where no model is recommended, whether any is that. Not where all rows suffer from the same
         mistake.
         """
-        if is_gross(self.findings) or self.priors_contradict:
+        if any(finding.is_gross for finding in self.findings) or self.priors_contradict:
             return False
         if self.comparison.recommended is not None:
             return is_believable(self.best)
@@ -211,7 +211,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         far = _rms(nominal_m)
         if far > FAR_M:
             error.hint = _another(far, "as described")
-        mistakes = [f for f in diagnose(models.of_arm(), table.data) if not is_of_the_model(f)]
+        mistakes = [f for f in diagnose(models.of_arm(), table.data) if not f.is_of_the_model]
         if mistakes:  # the likeliest first
             error.hint = in_words(mistakes[0], table)
         raise
@@ -219,7 +219,9 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     found = Identified(comparison, table, nominal_m, findings, models.held_only, judge)
     said = [*table.notes, *oddities(table.data, found.nominal_rms_m), *left_out(cell)]
     if judge is not None:
-        if all(map(is_of_the_model, findings)):  # otherwise that is what the residuals show
+        if all(
+            finding.is_of_the_model for finding in findings
+        ):  # otherwise that is what the residuals show
             said += noise_found(judge)
         _refuse_unexplained(judge, found)
     said += goes_with_temperature(table, found.best.residuals)
@@ -354,7 +356,7 @@ def _another(far_m: float, when: str) -> str:
 def _why_another(identified: Identified) -> str:
     """In a sentence, why these are not measurements of the robot of the cell."""
     for finding in identified.findings:
-        if not is_of_the_model(finding):
+        if not finding.is_of_the_model:
             return in_words(finding, identified.table)
     best = identified.best
     name = beyond_belief(best)

@@ -1,4 +1,4 @@
-"""What went wrong with measurements, by name: :mod:`calib.identification.diagnosis` of a cell."""
+"""What :mod:`calib.identification.diagnosis` finds, in words and for ``identification.json``."""
 
 from __future__ import annotations
 
@@ -7,30 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from calib.identification.held import GROSS, MODEL, Cause, Finding
-from calib.identification.identifiability import UNSEEN_SCALE
+from calib.identification.held import Cause, Finding
 from posedesign.files.measurements import MeasurementTable
 
 _CLEARLY_LESS = 0.8
 """Residual over that as measured, from which its size says what was found."""
 
 _MOST_SHOWN = 99.0
-
-
-def is_gross(findings: tuple[Finding, ...]) -> bool:
-    """Whether all rows suffer from what was found: nothing identified with it is of the robot.
-
-    Of a scale, where it is off by more than arms are built: a model would take it for long links.
-    """
-    return any(
-        abs(finding.size) > UNSEEN_SCALE if finding.cause == "scale" else finding.cause in GROSS
-        for finding in findings
-    )
-
-
-def is_of_the_model(finding: Finding) -> bool:
-    """Whether the arm has what its model leaves out; nothing went wrong in measuring then."""
-    return finding.cause in MODEL
 
 
 def in_words(finding: Finding, table: MeasurementTable) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from calib.errors import FileFormatError
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
+from calib.se3 import FloatArray, apply, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.files.csv_tables import a_few, first_like
 from posedesign.files.measurements import MeasurementTable
@@ -40,7 +40,7 @@ def far_rows(cell: Cell, table: MeasurementTable) -> list[str]:
     keep the rest from being identified at all.
     """
     data, touched = table.data, table.of_kind("touch-up", "view-line")
-    points = cell.robot.state(data.postures).point(cell.tool_m)
+    points = apply(cell.robot.fk(data.postures), cell.tool_m)
     said = []
     for k in range(len(data.targets)):
         own = touched[data.setup.target[touched] == k]
@@ -96,10 +96,10 @@ def check_readings(cell: Cell, table: MeasurementTable) -> None:
     keys = np.stack([setup.kind, setup.tool, setup.target], axis=1)
     for key in np.unique(keys, axis=0):
         rows = np.flatnonzero((keys == key).all(axis=1))
-        state, kind = cell.robot.state(table.data.postures[rows]), kinds[rows[0]]
+        T, kind = cell.robot.fk(table.data.postures[rows]), kinds[rows[0]]
         # a tool point that is held still while the arm turns about it is read as standing still
-        way = min(_spread(state.point(cell.tool_m)), _spread(state.point(np.zeros(3))))
-        group = _Group(table.path, way, state.R_base_tip, table.data.observed[rows])
+        way = min(_spread(apply(T, cell.tool_m)), _spread(T[:, :3, 3]))
+        group = _Group(table.path, way, T[:, :3, :3], table.data.observed[rows])
         if kind in ("point", "pose"):
             group.check_places()
         elif kind == "camera-pose":

@@ -79,6 +79,37 @@ class PriorGroup:
             )
 
 
+_KINDS = {
+    ("zero_offset", "rad"): "offsets",
+    ("link", "m"): "lengths",
+    ("link", "rad"): "angles",
+    ("lost_motion", "rad"): "lost motion",
+}
+"""What parameters of one size are called in reports, where not by the first word of their name."""
+
+
+def groups_of(
+    model: CalibrationModel, lower: float, upper: float, *, usual: bool = False
+) -> tuple[PriorGroup, ...]:
+    """Parameters with a prior that are of one kind, to be found how large they are.
+
+    ``lower``, ``upper``: bounds of a standard deviation over the one of the prior. ``usual``: take
+    that for what it is for such arms.
+    """
+    members: dict[tuple[str, str], list[int]] = {}
+    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
+        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
+    groups = []
+    for kind, own in members.items():
+        size = float(np.sqrt(np.mean(model.prior[own] ** 2)))
+        names = tuple(model.names[k] for k in own)
+        bounds = lower * size, upper * size
+        groups.append(
+            PriorGroup(_KINDS.get(kind, kind[0]), names, *bounds, size if usual else None)
+        )
+    return tuple(groups)
+
+
 @dataclass(frozen=True, eq=False)
 class TunedPriors:
     """Priors and noise for which the measurements are likeliest."""
@@ -137,7 +168,7 @@ def tune_priors(
         Priors and weights that do not come to rest.
     """
     groups = tuple(groups)
-    members = _members(model, groups)
+    members = members_of(model, groups)
     if loss not in LOSSES:
         raise InputError(
             f"priors cannot be found under the loss {loss!r}",
@@ -287,7 +318,7 @@ class _Known:
         return float(prior - 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1])
 
 
-def _members(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:
+def members_of(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:
     """Columns of the parameters of each group."""
     taken: dict[str, str] = {}
     members = []

@@ -29,7 +29,9 @@ from calib.errors import CalibError
 from calib.identification.evidence import (
     LinearEvidence,
     PriorGroup,
+    groups_of,
     linear_evidence,
+    members_of,
     noise_classes,
     tune_priors,
 )
@@ -231,27 +233,12 @@ def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
     """
     kinds = [kind.of_unknown_noise() for kind in model.measurements]
     try:
-        found = tune_priors(model.with_measurements(kinds), data, _groups(model))
+        groups = groups_of(model, 1.0 / _SMALLER, 1.0)
+        found = tune_priors(model.with_measurements(kinds), data, groups)
     except (CalibError, np.linalg.LinAlgError):
         return None
     held = held_at(found.model, data, found.x)
     return Tuned(held, found.groups, found.sigma, found.log_evidence)
-
-
-def _groups(model: CalibrationModel) -> list[PriorGroup]:
-    """Parameters of the arm of one block and unit, whose priors have one size."""
-    groups = []
-    for block, part in zip(model.parameters, model.slices, strict=True):
-        for unit in () if block.nuisance else dict.fromkeys(block.units):
-            own = {
-                name: float(sigma)
-                for name, of, sigma in zip(block.names, block.units, model.prior[part], strict=True)
-                if of == unit and np.isfinite(sigma)
-            }
-            if own:
-                usual = float(np.sqrt(np.mean(np.square(list(own.values())))))
-                groups.append(PriorGroup(next(iter(own)), tuple(own), usual / _SMALLER, usual))
-    return groups
 
 
 def log_odds(found: Tuned, effect: Effect) -> float:
@@ -260,10 +247,7 @@ def log_odds(found: Tuned, effect: Effect) -> float:
 
     held = found.held
     model, data = held.model, held.data
-    members = tuple(
-        np.array([model.names.index(name) for name in group.parameters], dtype=np.intp)
-        for group in found.groups
-    )
+    members = members_of(model, found.groups)
     plain = linear_evidence(model, data, held.x, members, np.ones(data.count))
     start = np.append(np.log(found.sigma), np.zeros(len(plain.counts)))
     before = plain.log_evidence(start)[0]

@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.identification import Candidate, PriorGroup, Workplace, reduce
+from calib.identification import Candidate, Workplace, reduce
+from calib.identification.evidence import groups_of
 from calib.identification.identifiability import UNSEEN_SCALE, unseen_scale
 from calib.identification.least_squares import first_guess
 from calib.model import CalibrationModel, KnownDistance, Setup
@@ -71,14 +72,6 @@ SIZES = 0.05, 2.0
 """Bounds of the standard deviation of a kind of errors that is found from the measurements, over
 the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
 the likeliest arm may be one that has shrunk."""
-
-_KINDS = {
-    ("zero_offset", "rad"): "offsets",
-    ("link", "m"): "lengths",
-    ("link", "rad"): "angles",
-    ("lost_motion", "rad"): "lost motion",
-}
-"""What parameters of one size are called in reports, where not by the first word of their name."""
 
 WORK_POSTURES = 60
 """Postures that an identified arm is judged at: twice as many change the expected error by some
@@ -228,7 +221,7 @@ class Models:
                 continue
             reduced = reduce(whole, data)
             if reduced.model.p > baseline.p:  # something of the arm is left
-                groups = size_groups(reduced.model) if PRIORS in words and sized else ()
+                groups = groups_of(reduced.model, *SIZES, usual=True) if sized else ()
                 found.append(Candidate(name, reduced.model, reduced.merged, groups))
         return sorted(found, key=lambda candidate: candidate.model.p)
 
@@ -248,10 +241,8 @@ class Models:
             words = tuple(word for word in every if word not in absent)
             if "geometry" in absent:
                 words = ("zero_offsets", *words)
-            model = self.of(words, kinds)
-            return Candidate(
-                name_of(words) if absent else EVERYTHING, model, (), size_groups(model)
-            )
+            name, model = name_of(words) if absent else EVERYTHING, self.of(words, kinds)
+            return Candidate(name, model, (), groups_of(model, *SIZES, usual=True))
 
         absences = dict.fromkeys(tuple(w for w in absent if w in every) for absent in _ABSENT)
         return without(()), [without(absent) for absent in absences if absent]
@@ -318,24 +309,6 @@ class Models:
             words = "half-way between measurements"
         setup = Setup.of(len(q), tool=data.setup.tool[like], payload=data.setup.payload[like])
         return Workplace(q, setup, words)
-
-
-def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:
-    """Parameters with a prior that are of one kind, to be found how large they are."""
-    members: dict[tuple[str, str], list[int]] = {}
-    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
-        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
-    return tuple(
-        PriorGroup(
-            _KINDS.get(kind, kind[0]),
-            tuple(model.names[k] for k in own),
-            SIZES[0] * usual,
-            SIZES[1] * usual,
-            usual,
-        )
-        for kind, own in members.items()
-        for usual in [float(np.sqrt(np.mean(model.prior[own] ** 2)))]
-    )
 
 
 def asked_for(cell: Cell) -> list[tuple[str, ...]]:

@@ -445,7 +445,7 @@ def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
             continue
         right = tuned(model, mistake.data)
         if right is not None:
-            odds = right.log_evidence - found.log_evidence - float(np.log(count))
+            odds = right.priors.log_evidence - found.priors.log_evidence - float(np.log(count))
             named.append(replace(_finding(mistake, held, right.held, 1), log_odds=odds))
     return named
 

@@ -28,7 +28,7 @@ import numpy as np
 from calib.errors import CalibError
 from calib.identification.evidence import (
     LinearEvidence,
-    PriorGroup,
+    TunedPriors,
     groups_of,
     linear_evidence,
     members_of,
@@ -221,9 +221,7 @@ class Tuned:
     """A solution with the noise and the priors that the measurements show."""
 
     held: Held
-    groups: tuple[PriorGroup, ...]
-    sigma: FloatArray  # (G,): standard deviation of each group [SI]
-    log_evidence: float  # logarithm of the marginal likelihood
+    priors: TunedPriors
 
 
 def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
@@ -238,7 +236,7 @@ def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
     except (CalibError, np.linalg.LinAlgError):
         return None
     held = held_at(found.model, data, found.x)
-    return Tuned(held, found.groups, found.sigma, found.log_evidence)
+    return Tuned(held, found)
 
 
 def log_odds(found: Tuned, effect: Effect) -> float:
@@ -247,12 +245,12 @@ def log_odds(found: Tuned, effect: Effect) -> float:
 
     held = found.held
     model, data = held.model, held.data
-    members = members_of(model, found.groups)
+    members = members_of(model, found.priors.groups)
     plain = linear_evidence(model, data, held.x, members, np.ones(data.count))
-    start = np.append(np.log(found.sigma), np.zeros(len(plain.counts)))
+    start = np.append(np.log(found.priors.sigma), np.zeros(len(plain.counts)))
     before = plain.log_evidence(start)[0]
     wider = _with(plain, held, effect)
-    bounds = [(np.log(group.lower), np.log(group.upper)) for group in found.groups]
+    bounds = [(np.log(group.lower), np.log(group.upper)) for group in found.priors.groups]
     bounds += [_NOISE] * len(plain.counts)
 
     def worse(theta: FloatArray) -> tuple[float, FloatArray]:

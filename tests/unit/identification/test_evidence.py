@@ -11,7 +11,7 @@ from calib import CalibrationModel, Robot, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
 from calib.identification.evidence import linear_evidence
-from calib.identification.noise import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
+from calib.identification.robust import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose
 from calib.model.parameters import (

@@ -9,9 +9,8 @@ from scipy.stats import multivariate_t
 
 from calib import CalibrationModel, Robot
 from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
-from calib.identification.candidate import fit
-from calib.identification.noise import STUDENT_FREEDOM, gain_of_student
-from calib.identification.prediction import DrawnArms, Posterior
+from calib.identification.candidate import DrawnArms, Posterior, fit
+from calib.identification.robust import STUDENT_FREEDOM, gain_of_student
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, Point, TouchUp
 from calib.model.parameters import (

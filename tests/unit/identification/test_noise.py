@@ -5,7 +5,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import InputError, NotIdentifiableError
-from calib.identification.noise import LEAST_NOISE
+from calib.identification.robust import LEAST_NOISE
 from calib.model import Setup, simulate
 from calib.model.measurements import Distance, Point, Pose, TouchUp
 from calib.model.parameters import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, identify, se3
-from calib.identification.report import unseen_scale
+from calib.identification.identifiability import unseen_scale
 from calib.identification.result import STRONG_CORRELATION
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Distance, Measurement, Point, Pose, TouchUp, touch_ups

@@ -7,7 +7,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import InputError
-from calib.identification.noise import OUTLIER_CHANCE
+from calib.identification.robust import OUTLIER_CHANCE
 from calib.model import Setup, simulate
 from calib.model.measurements import Pose, TouchUp, touch_ups
 from calib.model.parameters import TargetFrame, ToolFrame, ZeroOffsets

@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +15,7 @@ import pytest
 
 from posedesign.cell import cell_template
 from posedesign.cli.main import run
+from posedesign.files import Claim, Results, write_bytes_atomic
 from posedesign.report.answer import WIDTH
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
@@ -49,14 +50,19 @@ ANSWERING = frozenset(
 
 
 @cache
-def _rendering() -> tuple[tuple[type, str, Callable[..., Any]], ...]:
-    """What lays out figures and renders them, as matplotlib has it."""
+def _rendering() -> tuple[tuple[Any, str, Callable[..., Any]], ...]:
+    """What draws figures of results, lays out those of pages and renders them, as they are."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    from posedesign import workflow
+    from posedesign.report import figures
+
     named = (
+        (workflow, "draw"),
+        (figures, "draw"),
         (ConstrainedLayoutEngine, "execute"),
         (Figure, "savefig"),
         (FigureCanvasAgg, "print_png"),
@@ -78,7 +84,7 @@ def empty_picture(kind: str) -> bytes:
 
 @contextmanager
 def empty_pictures() -> Iterator[None]:
-    """Figures are made as ever, and an empty one is written: that is most of the time."""
+    """Empty figures are written, and those beside results are not made: a fifth of the time."""
 
     def write(to: Any, kind: str) -> None:
         empty = empty_picture(kind)
@@ -90,7 +96,13 @@ def empty_pictures() -> Iterator[None]:
     def save_empty(figure: object, to: Any, **kwargs: Any) -> None:
         write(to, kwargs.get("format", "png" if hasattr(to, "write") else to.suffix[1:]))
 
+    def draw_empty(out: Results, files: Sequence[Claim], figure: object) -> None:
+        for file, kind in zip(files, ("png", "svg"), strict=True):
+            write_bytes_atomic(file, empty_picture(kind))
+
     instead: tuple[Callable[..., None], ...] = (
+        draw_empty,
+        draw_empty,
         lambda engine, figure: None,
         save_empty,
         lambda canvas, to, **kwargs: write(to, "png"),

@@ -204,7 +204,7 @@ def test_a_base_pose_in_radians_is_refused(tmp_path):
 def test_the_table_s_zero_is_found_as_well_as_predicted(tmp_path, arm):
     """By two pins on it: the tilt and all joints of the arm but the last one."""
     cell = cell_of(tmp_path, arm, box="smallest_singular_value = 0.05\n")
-    chosen = plan_optimal(cell, Request(count=30, refine=False))
+    chosen = plan_optimal(cell, Request(count=30, beside=0))
     assert {"zero_offset.tilt", f"zero_offset.{cell.robot.arm_joints[0]}"} <= {*chosen.model.names}
     assert "zero_offset.turn" not in chosen.model.names
     robot, which = SimulatedRobot.of(cell), cell.which(chosen.labels)

@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 
-from posedesign.cell import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.cli.main import run
 from posedesign.files import Claim, Results, write_bytes_atomic
+from posedesign.planning.optimal import outlook
 from posedesign.report.answer import WIDTH
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
@@ -118,6 +119,23 @@ def empty_pictures() -> Iterator[None]:
 def _pictures() -> Iterator[None]:
     """Tests and fixtures have their pictures empty where they do not ask for ``rendered``."""
     with empty_pictures():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _small_outlook() -> Iterator[None]:
+    """What other poses would be worth, half of most plans, is found in small pools, and once."""
+    find, found = outlook._chosen_tcp_m, {}
+
+    def once(cell: Cell, count: int) -> float | None:
+        key = repr(cell.config), count
+        if cell.config.robot.urdf is not None or key not in found:
+            found[key] = find(cell, count)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(outlook, "CANDIDATES", 60)
+        patch.setattr(outlook, "_chosen_tcp_m", once)
         yield
 
 

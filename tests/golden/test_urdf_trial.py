@@ -29,6 +29,7 @@ from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform, wpr_fro
 from posedesign.cell import Cell
 from posedesign.cli.main import run
 from studies.real_data import data_folder
+from tests.cli.conftest import empty_pictures
 
 SAMPLES_A_MOTION = 150
 ON_THE_SURFACE_M = 1e-5
@@ -616,7 +617,8 @@ def trial(
     for method in plans:
         out = folder / method[0]
         words = ["plan", str(cell), "--out", str(out), "--method", *method]
-        code = run(words)
+        with empty_pictures():
+            code = run(words)
         said = capsys.readouterr()
         listed = out / "poses.csv"
         tally[f"exit {code}"] += 1

@@ -19,7 +19,6 @@ from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
 from posedesign.identification.measurement_set_up import set_up_blocks
 from posedesign.identification.models import kinds_of
-from tests.cli.conftest import empty_pictures
 
 pytestmark = pytest.mark.real_data
 
@@ -107,8 +106,7 @@ def test_the_study_is_as_written(found, written):
 @pytest.mark.parametrize("noise", ["given", pytest.param("estimated", marks=pytest.mark.slow)])
 def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys):
     names = [str(tables / NOISES[noise]), str(tables / "measurements.csv")]
-    with empty_pictures():
-        assert run(["identify", *names, "--out", str(tmp_path)]) == 0
+    assert run(["identify", *names, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "recommended: geometry with priors" in said
     content = json.loads((tmp_path / "identification.json").read_text(encoding="utf-8"))

@@ -371,9 +371,7 @@ def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
 
 def test_a_rail_comes_from_one_side_by_millimetres(tmp_path):
     more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n'
-    chosen = plan_optimal(
-        railed(tmp_path, "r2000ic165f", more), Request(count=12, beside=0)
-    )
+    chosen = plan_optimal(railed(tmp_path, "r2000ic165f", more), Request(count=12, beside=0))
     poses = PoseList.of_route(chosen.poses, chosen.route)
     measured = np.flatnonzero(~poses.via)
     last = poses.postures[measured] - poses.postures[measured - 1]

@@ -125,8 +125,3 @@ def test_the_command_line_gives_the_same(found, rows, tables, capsys):
     assert value["compliance.joint_2"] == pytest.approx(68.3, abs=0.5)  # urad/Nm
     assert value["compliance.joint_3"] == pytest.approx(267.7, abs=1.0)
     assert any("compliance.joint_1" in note for note in best["notes"])
-
-
-def test_the_table_that_people_read_is_the_result(study, written):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert study.markdown(written) in text

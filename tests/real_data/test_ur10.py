@@ -122,7 +122,3 @@ def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys)
         out_mrad = 1e3 * np.deg2rad(model["leave_one_out_rms_deg"])
         assert out_mrad == pytest.approx(row["leave_one_out_mrad"], abs=1e-6)
         assert model["noise"][0]["estimated"]
-
-
-def test_the_table_that_people_read_is_the_result(study, written):
-    assert study.markdown(written) in (FOLDER / "README.md").read_text(encoding="utf-8")

@@ -277,7 +277,7 @@ def test_the_rail_s_own_errors_are_found_as_well_as_predicted(tmp_path, arm):
     planned = 'planned = ["zero_offsets", "scale"]'
     more = (
         '[[target]]\nname = "tracker"\nkind = "point"\nposition_mm = [3000.0, 1500.0, 900.0]\n'
-        f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}'
+        f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}[pool]\ncandidates = 300\n'
     )
     cell = railed(tmp_path, arm, more)
     chosen = plan_optimal(cell, Request(count=30, beside=0))
@@ -370,7 +370,7 @@ def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
 
 
 def test_a_rail_comes_from_one_side_by_millimetres(tmp_path):
-    more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n'
+    more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n[pool]\ncandidates = 100\n'
     chosen = plan_optimal(railed(tmp_path, "r2000ic165f", more), Request(count=12, beside=0))
     poses = PoseList.of_route(chosen.poses, chosen.route)
     measured = np.flatnonzero(~poses.via)

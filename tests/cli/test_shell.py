@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from posedesign.cell import cell_template
+from tests.cli.conftest import with_keys
 
 COMMAND = (sys.executable, "-c", "from posedesign.cli.main import main; main()")
 SCRIPT = Path(sys.executable).with_name("posedesign")
@@ -49,8 +50,8 @@ def test_help_does_not_wait_for_the_robot_libraries():
 
 def test_console_script_answers_with_exit_codes_and_tables_in_a_pipe_are_not_cut(tmp_path):
     words = [SCRIPT] if SCRIPT.exists() else list(COMMAND)
-    short = cell_template().replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [9, 9, 9]")
-    (tmp_path / "cell.toml").write_text(short)
+    short = {"variations.largest_deg": "[9, 9, 9]", "measurement.weighted": "false"}
+    (tmp_path / "cell.toml").write_text(with_keys(cell_template(), short))
     said = subprocess.run(
         [*words, "plan", "cell.toml", "--verbose"],
         capture_output=True,

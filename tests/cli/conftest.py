@@ -355,6 +355,14 @@ def offsets_only(cell: Path, *, judged: bool = False) -> Path:
     return cell
 
 
+def with_compliance(cell: Path) -> Path:
+    """The same cell with offsets, and with compliance besides, to identify: what is recommended."""
+    text = offsets_only(cell, judged=True).read_text()
+    two = '[["zero_offsets"], ["zero_offsets", "compliance"]]'
+    cell.write_text(with_keys(text, {"parameters.models": two}))
+    return cell
+
+
 @pytest.fixture
 def change_cell(work) -> Callable[[Mapping[str, str]], Path]:
     """Change keys of the cell in the working folder."""

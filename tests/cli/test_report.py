@@ -13,7 +13,7 @@ import pytest
 
 from posedesign.cli.main import run
 from posedesign.files import origin_of
-from tests.cli.conftest import copied, offsets_only, rendering, with_keys
+from tests.cli.conftest import copied, rendering, with_compliance
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +22,7 @@ def reported(_work, tmp_path_factory) -> Path:
     work = copied(_work, tmp_path_factory.mktemp("reported"))
     (work / "touchups.csv").unlink()
     (work / "pairs.csv").unlink()
-    text = offsets_only(work / "cell.toml", judged=True).read_text()
-    two = '[["zero_offsets"], ["zero_offsets", "compliance"]]'
-    (work / "cell.toml").write_text(with_keys(text, {"parameters.models": two}))
+    with_compliance(work / "cell.toml")
     cell, poses, touchups = (str(work / f) for f in ("cell.toml", "poses.csv", "touchups.csv"))
     assert run(["simulate", cell, poses, "--out", str(work)]) == 0
     with redirect_stdout(StringIO()) as out, rendering():

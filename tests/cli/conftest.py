@@ -218,6 +218,22 @@ def refuse(cli, tmp_path) -> Refuse:
     return refused
 
 
+def refusals(text: str) -> list[Any]:
+    """Parameters out of lines ``name | what is given | ... => what is said | ...``.
+
+    Where nothing stands after the name, it is what is given. Indented lines go on. What is typed
+    is quoted as in a shell.
+    """
+    lines = re.sub(r"\n +", " ", text.strip()).splitlines()
+    cases = [[part.split(" | ") for part in line.split(" => ")] for line in lines]
+    return [pytest.param(given[1:] or given, said, id=given[0]) for given, said in cases]
+
+
+def keys_of(given: Sequence[str]) -> dict[str, str]:
+    """Keys of a cell and their values out of ``section.key = value``."""
+    return dict(part.split(" = ", 1) for part in given)  # type: ignore[misc]
+
+
 def rows_of(path: Path) -> list[dict[str, str]]:
     """Rows of a table below its comments."""
     with path.open(newline="") as stream:

@@ -277,7 +277,8 @@ def test_the_rail_s_own_errors_are_found_as_well_as_predicted(tmp_path, arm):
     planned = 'planned = ["zero_offsets", "scale"]'
     more = (
         '[[target]]\nname = "tracker"\nkind = "point"\nposition_mm = [3000.0, 1500.0, 900.0]\n'
-        f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}[pool]\ncandidates = 300\n'
+        f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}'
+        "[pool]\ncandidates = 300\n"
     )
     cell = railed(tmp_path, arm, more)
     chosen = plan_optimal(cell, Request(count=30, beside=0))

@@ -1,6 +1,7 @@
 """``posedesign robot-world`` as a person types it, on pairs in every form."""
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.hand_eye.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.hand_eye.pairs import results as pairs_results
 from posedesign.hand_eye.pairs.forms import PoseForm
-from tests.cli.conftest import rows_of, unfolded
+from tests.cli.conftest import refusals, rows_of, unfolded
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
@@ -329,64 +330,46 @@ def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, measured):
     assert answer["pairs"] == 3
 
 
-REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
-    "nothing": ((), "give one file of pairs, or one with --a and one with --b"),
-    "one side": (("--a", "p.csv"), "one with --a and one with --b"),
-    "both": (("p.csv", "--a", "p.csv", "--b", "p.csv"), "give one file of pairs, or"),
-    "no method": (("p.csv", "--method", "shah,hirshh"), "did you mean hirsh"),
-    "empty method": (
-        ("p.csv", "--method", "shah,"),
-        "--method 'shah,' lacks a name (put one comma",
-    ),
-    "no method at all": (("p.csv", "--method", ""), "--method '' lacks a name"),
-    "noise below zero": (
-        ("p.csv", "--noise-deg", "-1", "--noise-mm", "1"),
-        "--noise-deg is -1 deg, no standard deviation (give one above 0 deg",
-    ),
-    "noise that is none": (
-        ("p.csv", "--noise-deg", "1", "--noise-mm", "nan"),
-        "--noise-mm is nan mm, no standard deviation",
-    ),
-    "noise that is no number": (
-        ("p.csv", "--noise-deg", "text", "--noise-mm", "1"),
-        "'--noise-deg': Input should be a valid number",
-    ),
-    "noise of zero": (
-        ("p.csv", "--noise-deg", "0", "--noise-mm", "1"),
-        "--noise-deg is 0 deg, and ml weighs by it",
-    ),
-    "camera": (("p.csv", "--camera", "hand"), "'--camera'"),
-    "invert": (("p.csv", "--invert", "c"), "'--invert'"),
-    "convention": (("p.csv", "--convention", "cv"), "'--convention'"),
-    "unit": (("p.mat", "--unit", "cm"), "'--unit'"),
-    "unit of a table": (("p.csv", "--unit", "mm"), "are for files of matrices"),
-    "no unit": (("p.mat",), "say it with --unit mm or --unit m"),
-    "fixed, opencv": (
-        ("p.csv", "--camera", "fixed", "--convention", "opencv"),
-        "give gripper2base as A and target2cam as B",
-    ),
-    "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on a needs --noise-deg"),
-    "shown, and given": (
-        ("p.csv", "--noise-on", "shown", "--noise-deg", "1", "--noise-mm", "1"),
-        "finds the sizes itself",
-    ),
-    "side of noise": (("p.csv", "--noise-on", "c"), "'--noise-on'"),
-    "half a noise": (("p.csv", "--noise-mm", "1"), "or neither"),
-    "no such file": (("no.csv",), "no.csv: cannot be read: No such file"),
-    "a folder": (("folder",), "folder: cannot be read"),
-    "columns": (("p.csv", "--columns", "qw,qx"), "cells, 2 are named"),
-}
+REFUSED = refusals(r"""
+nothing |  => give one file of pairs, or one with --a and one with --b
+one side | --a p.csv => one with --a and one with --b
+both | p.csv --a p.csv --b p.csv => give one file of pairs, or
+no method | p.csv --method shah,hirshh => did you mean hirsh
+empty method | p.csv --method shah, => --method 'shah,' lacks a name (put one comma
+no method at all | p.csv --method '' => --method '' lacks a name
+noise below zero | p.csv --noise-deg -1 --noise-mm 1 =>
+  --noise-deg is -1 deg, no standard deviation (give one above 0 deg
+noise that is none | p.csv --noise-deg 1 --noise-mm nan =>
+  --noise-mm is nan mm, no standard deviation
+noise that is no number | p.csv --noise-deg text --noise-mm 1 =>
+  '--noise-deg': Input should be a valid number
+noise of zero | p.csv --noise-deg 0 --noise-mm 1 => --noise-deg is 0 deg, and ml weighs by it
+camera | p.csv --camera hand => '--camera'
+invert | p.csv --invert c => '--invert'
+convention | p.csv --convention cv => '--convention'
+unit | p.mat --unit cm => '--unit'
+unit of a table | p.csv --unit mm => are for files of matrices
+no unit | p.mat => say it with --unit mm or --unit m
+fixed, opencv | p.csv --camera fixed --convention opencv =>
+  give gripper2base as A and target2cam as B
+side without noise | p.csv --noise-on a => --noise-on a needs --noise-deg
+shown, and given | p.csv --noise-on shown --noise-deg 1 --noise-mm 1 => finds the sizes itself
+side of noise | p.csv --noise-on c => '--noise-on'
+half a noise | p.csv --noise-mm 1 => or neither
+no such file | no.csv => no.csv: cannot be read: No such file
+a folder | folder => folder: cannot be read
+columns | p.csv --columns qw,qx => cells, 2 are named
+""")
 
 
-@pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
-def test_what_is_refused(refuse, tmp_path, measured, case):
-    words, said = case
+@pytest.mark.parametrize(("given", "said"), REFUSED)
+def test_what_is_refused(refuse, tmp_path, measured, given, said):
     write_pairs(tmp_path / "p.csv", measured[0])
     (tmp_path / "folder").mkdir()
     matlab(tmp_path / "p.mat", A=measured[0].A, B=measured[0].B)
     known = {path.name for path in tmp_path.iterdir()} | {"no.csv"}
-    typed = [tmp_path / word if word in known else word for word in words]
-    refuse("robot-world", *typed, "--out", tmp_path / "out").says(said)
+    typed = [tmp_path / word if word in known else word for word in shlex.split(given[0])]
+    refuse("robot-world", *typed, "--out", tmp_path / "out").says(*said)
 
 
 def test_bad_rows_are_refused_by_line(refuse, tmp_path, measured):

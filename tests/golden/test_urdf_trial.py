@@ -25,7 +25,6 @@ import trimesh
 from calib.geometry import Box as OwnBox
 from calib.geometry import Capsule
 from calib.robots import Robot
-from calib.robots.urdf_anew import urdf_of
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.cli.main import run
@@ -189,7 +188,38 @@ def lump(rng: np.random.Generator, size: FloatArray, convex: bool) -> trimesh.Tr
 
 def urdf_of_preset(name: str) -> ET.Element:
     """The kinematics of a preset as a URDF."""
-    return ET.fromstring(urdf_of(Robot.preset(name), "kinematics"))  # noqa: S314 - our own
+    robot = Robot.preset(name)
+    chain, tree = robot.chain, ET.Element("robot", name=name)
+    links = (*robot.link_names, "tip")
+    for link in links:
+        ET.SubElement(tree, "link", name=link)
+    places = [*chain.placements, chain.T_link_tip]
+    for k, T in enumerate(places):
+        moved = k < robot.n
+        joint = ET.SubElement(
+            tree,
+            "joint",
+            name=robot.joint_names[k] if moved else "to_tip",
+            type="revolute" if moved else "fixed",
+        )
+        xyz, rpy = (
+            " ".join(f"{v:.17g}" for v in values)
+            for values in (T[:3, 3], wpr_from_rotation(T[:3, :3]))
+        )
+        ET.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+        ET.SubElement(joint, "parent", link=links[k])
+        ET.SubElement(joint, "child", link=links[k + 1])
+        if moved:
+            ET.SubElement(joint, "axis", xyz=" ".join(f"{v:.17g}" for v in chain.axes[k]))
+            ET.SubElement(
+                joint,
+                "limit",
+                lower=f"{robot.lower[k]}",
+                upper=f"{robot.upper[k]}",
+                velocity=f"{robot.speed[k]}",
+                effort="100",
+            )
+    return tree
 
 
 def write_cell(arm: Arm, kind: str, *, pinned: bool, said: str, changed: Mapping[str, str]) -> Path:

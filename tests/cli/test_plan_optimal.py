@@ -118,12 +118,13 @@ def test_out_of_reach_is_valid_json_too(cli, cell, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
+def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path, rendered):
     cell = change_cell(SMALL | {"measurement.weighted": "false"})
     words = ("--criterion", "c_g", "--poses", 8, "--out", tmp_path / "run", "--json")
     told = strict_json(cli("plan", cell, *words).out)
     assert told["criterion"]["name"] == "C_G"
     assert told["criterion"]["value"] == pytest.approx(told["indices"]["c_g"])
+    assert (tmp_path / "run" / "plan.png").stat().st_size > 5_000
 
 
 @pytest.mark.parametrize(

@@ -61,15 +61,19 @@ def test_faults_are_named(trials):
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [12, pytest.param(108, marks=pytest.mark.full)])
 def test_nothing_is_named_that_is_not_there(count):
-    """With the noise as given, three times as large, and with what models leave out of an arm."""
-    false = 0
+    """With the noise as given, three times as large, and with what models leave out of an arm.
+
+    Few trials measure each arm in each way once, many of them in each set-up.
+    """
+    false = trials = 0
     for seed in range(count):
         how = list(SETS)[seed // len(ARMS) % len(SETS)]
-        for kind in MEASURED:
+        for kind in MEASURED if count > 12 else (MEASURED[seed % len(MEASURED)],):
+            trials += 1
             rng = np.random.default_rng([seed, 99, MEASURED.index(kind)])
             arm = draw_arm(ARMS[seed % len(ARMS)], kind, rng, **SETS[how])
             data = arm.measured(rng)
             found = diagnose(Models(arm.cell, table_of(arm, data)).of_arm(), data)
             false += any(finding.cause not in MODEL for finding in found)
             false += bool(found) and how == "plain"
-    assert false <= 0.02 * 3 * count
+    assert false <= 0.02 * trials

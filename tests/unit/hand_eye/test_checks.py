@@ -176,8 +176,10 @@ def test_mirrored_pictures_are_named(seen, carried, reordered):
         calibrate(scene.shown(flipped))
 
 
-@BOTH
-@pytest.mark.parametrize("factor", [1e-3, 0.1, 2.54, 10.0, 1e3])
+@pytest.mark.parametrize(
+    ("carried", "factor"),
+    [("camera", 1e-3), ("board", 0.1), ("camera", 2.54), ("board", 10.0), ("camera", 1e3)],
+)
 def test_squares_in_another_unit_are_named(seen, carried, factor):
     """The fit runs away from there: it is no result, whatever it ends at."""
     scene, pixels = seen[carried]

@@ -103,7 +103,7 @@ def test_the_rule_over_many_draws():
     x = truth.nominal.copy()
     x[:4], x[4:8] = 2e-3, 1e-4  # so little scale that chance decides whether it is seen
     names, taken = ("frames only", "offsets", "both"), []
-    for seed in range(30):
+    for seed in range(16):
         found = three(points(truth, x, seed, count=12))
         each = [squares(found, name) for name in names]
         best = min(each, key=np.mean)

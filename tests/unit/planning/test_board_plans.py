@@ -324,7 +324,7 @@ def test_what_the_camera_sees_moves_as_it_does(fixed):
 
 @FIXED
 def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed):
-    cell = board_cell(fixed=fixed, pool={"candidates": 150})
+    cell = board_cell(fixed=fixed, pool={"candidates": 80})
     found = plan_optimal(cell, Request(count=COUNT, refine=fixed))
     q = found.postures
     assert len(q) == COUNT

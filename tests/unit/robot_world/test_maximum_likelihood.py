@@ -149,10 +149,10 @@ def test_errors_are_chi_square_by_the_covariance(nees):
     assert kstest(nees, chi2(12).cdf).pvalue > tail
 
 
-@pytest.mark.parametrize("nees", ["B"], indirect=True)
-@pytest.mark.parametrize("ratio", [0.5, 2.0])
-def test_the_chi_square_test_sees_a_wrong_covariance(nees, ratio):
-    assert kstest(nees * ratio, chi2(12).cdf).pvalue < 1e-6
+def test_the_chi_square_test_sees_a_wrong_covariance():
+    nees = scattered(NOISES["B"], 12, 200, 1)
+    for ratio in (0.5, 2.0):
+        assert kstest(nees * ratio, chi2(12).cdf).pvalue < 1e-6
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ def test_the_true_arm_passes_and_the_one_as_described_does_not(found, iso):
     assert {found.cycles for found in after.poses.values()} == {30}
 
 
-@pytest.mark.parametrize("trials", by_stage(100, 250, 600))
+@pytest.mark.parametrize("trials", by_stage(50, 250, 600))
 def test_the_chance_to_pass_is_the_share_of_arms_that_pass(found, trials):
     """Arms drawn from the identification, each measured and judged: within 3.5 deviations."""
     known, cell = found.identified, found.cell

@@ -332,7 +332,7 @@ def test_uncertain_sizes_widen_what_rests_on_them():
     model, data = model_of(Point(None)), draw(6, 12)
     found = tune_priors(model, data, usual)
     problem, best = solved(model, data, found)
-    grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 13)] * 3), axis=-1).reshape(-1, 3) + best
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 9)] * 3), axis=-1).reshape(-1, 3) + best
 
     def log_density(theta: np.ndarray) -> float:
         off = (theta[:2] - np.log(8e-4)) / np.log(3.0)

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from posedesign.acceptance.iso9283 import (
-    CHANCE,
-    distance_characteristics,
-    pose_characteristics,
-)
+from posedesign.acceptance.iso9283 import CHANCE, distance_characteristics, pose_characteristics
 from tests.marks import by_stage
 
 

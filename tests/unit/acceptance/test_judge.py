@@ -170,10 +170,7 @@ def test_frames_are_refused_where_places_do_not_tell_them():
     ("change", "said"),
     [
         (lambda t: replace(t, kinds=("view-line",)), "a view-line does not tell where the tool is"),
-        (
-            lambda t: replace(t, data=replace(t.data, tools=("nose",))),
-            "there is no tool 'nose'",
-        ),
+        (lambda t: replace(t, data=replace(t.data, tools=("nose",))), "there is no tool 'nose'"),
         (
             lambda t: replace(t, data=replace(t.data, names=("Q1",) * t.data.count)),
             "Q1 is no pose of the test",

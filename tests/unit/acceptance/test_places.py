@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from posedesign.acceptance.places import (
-    PLANES,
-    AcceptanceRequest,
-    iso_points,
-    plan_acceptance,
-)
+from posedesign.acceptance.places import PLANES, AcceptanceRequest, iso_points, plan_acceptance
 from posedesign.acceptance.sampling import spread_points
 from posedesign.cell import Cell, TaskBox, cell_template
 from tests.unit.acceptance.conftest import TRACKER_CELL

@@ -13,15 +13,7 @@ from calib.hand_eye.checks import explain_misfit, find_half_turns
 from calib.hand_eye.start import board_poses, start_lens
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import rotation_exp, transform
-from studies.board_scenes import (
-    EXACT,
-    LENS,
-    OTHER_LENS,
-    SIZE,
-    STOPS_OFF,
-    draw_scene,
-    inner_corners,
-)
+from studies.board_scenes import EXACT, LENS, OTHER_LENS, SIZE, STOPS_OFF, draw_scene, inner_corners
 from tests.picture_mistakes import FAR_OFF, case_of, distance_in_sigma
 
 BOTH = pytest.mark.parametrize("carried", ["camera", "board"])

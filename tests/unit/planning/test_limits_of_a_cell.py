@@ -27,8 +27,7 @@ def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
     free = plan_optimal(cell_with(""), Request(count=16, beside=0))
     few = targets_of(free).count("high")
     limited = plan_optimal(
-        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'),
-        Request(count=16),
+        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'), Request(count=16)
     )
     assert targets_of(limited).count("high") == few - 3
     assert limited.selection.value >= free.selection.bound

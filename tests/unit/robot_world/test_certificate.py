@@ -62,13 +62,12 @@ def test_optimum_is_proven_at_usual_noise(side, cone_deg, pairs):
 def test_optimum_is_proven_in_99_of_100_problems(side, cone_deg, noise_deg, noise_m):
     rng = np.random.default_rng(2)
     noise = PairNoise(np.radians(noise_deg), noise_m, side)
+    proofs = []
     for pairs in (5, 10, 30):
-        problems, A, B = noisy(rng, noise, 100, pairs, cone_deg)
-        proofs = [
-            certify(a, b, X, Z, noise)
-            for a, b, X, Z in zip(A, B, problems.X, problems.Z, strict=True)
-        ]
-        assert sum(proof.certified for proof in proofs) >= 99
+        problems, A, B = noisy(rng, noise, 34, pairs, cone_deg)
+        each = zip(A, B, problems.X, problems.Z, strict=True)
+        proofs += [certify(a, b, X, Z, noise) for a, b, X, Z in each]
+    assert sum(proof.certified for proof in proofs) >= 0.99 * len(proofs)
 
 
 def test_a_wrong_optimum_is_never_certified():

@@ -124,7 +124,7 @@ def test_all_that_a_search_finds_is_found(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
 def test_all_that_a_long_search_finds_is_found(robot, poses):
-    check_against_search(robot, poses, starts=20_000)
+    check_against_search(robot, poses, starts=8_000)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])

@@ -28,8 +28,8 @@ def made(kind, columns, rows):
 
 
 @cache
-def _taken(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3):
-    size, focal, scale = (960, 720), 1000.0, 6000.0
+def _taken(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3, px=960):
+    size, focal, scale = (px, px * 3 // 4), px / 0.96, 6000.0
     about = np.ceil(margin * board.cell_m * scale) / scale  # whole pixels
     ideal = cv2.copyMakeBorder(board_picture(board, scale, about), 9, 9, 9, 9, 0, value=255)
     left, top = board.box[:2] - about
@@ -40,10 +40,10 @@ def _taken(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3):
     turn = cv2.Rodrigues(tilt)[0]
     middle = np.append(board.outline[:, :2].mean(axis=0), 0.0)
     shift = (
-        np.array([0.0, 0.0, focal * max(board.size_m[0] / 600, board.size_m[1] / 450)])
+        np.array([0.0, 0.0, 1000.0 * max(board.size_m[0] / 600, board.size_m[1] / 450)])
         - turn @ middle
     )
-    camera = np.array([[focal, 0, 479.5], [0, focal, 359.5], [0, 0, 1]])
+    camera = np.array([[focal, 0, size[0] / 2 - 0.5], [0, focal, size[1] / 2 - 0.5], [0, 0, 1]])
     plane = camera @ np.column_stack([turn[:, :2], shift])
     fine = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])  # three times as fine, then averaged
     warped = cv2.warpPerspective(
@@ -131,7 +131,7 @@ def test_boards_are_found_in_the_noise_of_the_dark(kind, tilt_deg):
 def test_circles_of_which_a_row_is_hidden_are_no_whole_board(kind):
     """Among dots one of these would be taken for a circle, and all others for their neighbours."""
     board = BOARDS[kind]
-    picture, truth = picture_of(board)
+    picture, truth = picture_of(board, px=640)
     first = board.points[:, 1] == 0.0
     bottom = int(truth[first, 1].max() + 0.35 * np.ptp(truth[:, 1]) / 6)
     picture[:bottom] = 90
@@ -176,7 +176,7 @@ def test_a_row_of_corners_in_the_white_is_none_of_a_chessboard(
 )
 def test_a_board_of_another_size_is_named_by_it(kind, columns, rows, more):
     """In the picture it is of one size, and described of one near to it."""
-    picture, _ = picture_of(made(kind, columns, rows))
+    picture, _ = picture_of(made(kind, columns, rows), px=560)
     sighting = detect_board(picture, made(kind, columns + more[0], rows + more[1]))
     assert sighting.status == "another board"
     assert f"{columns} x {rows}" in sighting.message or "larger" in sighting.message
@@ -224,7 +224,7 @@ def test_another_board_is_named():
     assert sighting.status == "another board"
     assert "of DICT_5X5_50, not of DICT_6X6_250" in sighting.message
     assert not sighting.seen.any()
-    picture, _ = picture_of(BOARDS["chessboard"])
+    picture, _ = picture_of(BOARDS["chessboard"], px=560)
     for size in ((9, 6), (11, 8)):
         assert detect_board(picture, made("chessboard", *size)).status == "another board", size
 
@@ -294,8 +294,8 @@ def test_a_round_target_of_few_pixels_is_too_small():
 
 def test_pictures_without_a_board_show_none():
     rng = np.random.default_rng(7)
-    noise = rng.integers(0, 256, (240, 300), dtype=np.uint8)
-    stripes = np.tile(np.where(np.arange(300) % 40 < 20, 40, 210).astype(np.uint8), (240, 1))
+    noise = rng.integers(0, 256, (160, 200), dtype=np.uint8)
+    stripes = np.tile(np.where(np.arange(200) % 40 < 20, 40, 210).astype(np.uint8), (160, 1))
     for picture in (noise, cv2.GaussianBlur(noise, (0, 0), 5), stripes, stripes * 0 + 90):
         for board in BOARDS.values():
             sighting = detect_board(picture, board)

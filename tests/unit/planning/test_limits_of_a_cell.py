@@ -24,17 +24,17 @@ def targets_of(chosen: OptimalPlan) -> list[str]:
 
 
 def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
-    free = plan_optimal(cell_with(""), Request(count=16, beside=0))
+    free = plan_optimal(cell_with(""), Request(count=10, beside=0))
     few = targets_of(free).count("high")
     limited = plan_optimal(
-        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'), Request(count=16)
+        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 2}\n'), Request(count=10)
     )
-    assert targets_of(limited).count("high") == few - 3
+    assert targets_of(limited).count("high") == few - 2
     assert limited.selection.value >= free.selection.bound
     assert limited.selection.efficiency > 0.8
-    more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {20 - few}\n')
-    kept = plan_optimal(more, Request(count=16, beside=0))
-    assert targets_of(kept).count("low") >= 20 - few
+    more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {12 - few}\n')
+    kept = plan_optimal(more, Request(count=10, beside=0))
+    assert targets_of(kept).count("low") >= 12 - few
 
 
 def test_sides_and_zones_are_kept():
@@ -55,11 +55,11 @@ def test_sides_and_zones_are_kept():
 
 def test_a_pose_is_measured_again_where_that_tells_more():
     cell = cell_with("[pool]\nrepeats = 4\ncandidates = 80\n", "touch-up")
-    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D"))
-    once = plan_optimal(cell_with("", "touch-up"), Request(count=16, beside=0, criterion="D"))
-    assert len(np.unique(chosen.postures, axis=0)) < 16
+    chosen = plan_optimal(cell, Request(count=12, beside=0, criterion="D"))
+    once = plan_optimal(cell_with("", "touch-up"), Request(count=12, beside=0, criterion="D"))
+    assert len(np.unique(chosen.postures, axis=0)) < 12
     assert chosen.selection.value > once.selection.value  # D: the larger the better
-    assert len(chosen.postures) == 16
+    assert len(chosen.postures) == 12
 
 
 def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():

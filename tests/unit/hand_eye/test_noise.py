@@ -33,8 +33,6 @@ TRIALS = 30
 SURE = normal_quantile(1 - 1e-5)
 """Standard errors of a mean within which it is right."""
 
-BOTH = pytest.mark.parametrize("carried", ["camera", "board"])
-
 
 def model_of(scene: Scene, sigma_px: float = SIGMA_PX, lens: Lens = LENS) -> CalibrationModel:
     kind = BoardView(sigma_px, BoardShape(scene.points), lens, scene.carried)

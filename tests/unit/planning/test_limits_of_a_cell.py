@@ -55,11 +55,11 @@ def test_sides_and_zones_are_kept():
 
 def test_a_pose_is_measured_again_where_that_tells_more():
     cell = cell_with("[pool]\nrepeats = 4\ncandidates = 80\n", "touch-up")
-    chosen = plan_optimal(cell, Request(count=12, beside=0, criterion="D"))
-    once = plan_optimal(cell_with("", "touch-up"), Request(count=12, beside=0, criterion="D"))
-    assert len(np.unique(chosen.postures, axis=0)) < 12
+    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D"))
+    once = plan_optimal(cell_with("", "touch-up"), Request(count=16, beside=0, criterion="D"))
+    assert len(np.unique(chosen.postures, axis=0)) < 16
     assert chosen.selection.value > once.selection.value  # D: the larger the better
-    assert len(chosen.postures) == 12
+    assert len(chosen.postures) == 16
 
 
 def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():

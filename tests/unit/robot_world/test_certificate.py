@@ -73,10 +73,10 @@ def test_optimum_is_proven_in_99_of_100_problems(side, cone_deg, noise_deg, nois
 def test_a_wrong_optimum_is_never_certified():
     rng = np.random.default_rng(3)
     noise = PairNoise(np.radians(2.0), 4e-3, "B")
-    _, A, B = noisy(rng, noise, 25, 3, 40.0)
+    _, A, B = noisy(rng, noise, 15, 3, 40.0)
     best = best_of_many(rng, A, B, cost_weights(noise))
     wrong = 0
-    for t in range(25):
+    for t in range(15):
         proof = certify(A[t], B[t], anywhere(rng), anywhere(rng), noise)
         assert proof.bound <= best[t]
         assert proof.certified == (proof.cost <= best[t] * (1.0 + GAP_TOLERANCE))
@@ -90,7 +90,7 @@ def test_a_wrong_optimum_is_never_certified():
         assert proof.better.certified
         assert proof.better.cost == pytest.approx(best[t], rel=1e-6)
         assert f"{proof.better.cost:.5g}" in proof.message
-    assert wrong >= 5
+    assert wrong >= 3
 
 
 def stationary_points(rng, A, B, weights, tries):

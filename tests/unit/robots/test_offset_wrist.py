@@ -128,7 +128,7 @@ def test_all_that_a_long_search_finds_is_found(robot, poses):
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-4, 1e-3])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-3])
 def test_almost_singular_postures_are_found(robot, joint, angle):
     """Straight wrists and arms: two branches meet, and the polynomial has a double zero."""
     if robot.name == "oblique":
@@ -153,7 +153,7 @@ def test_the_end_of_the_reach_is_reached(robot, fold, beyond):
     assert np.quantile(missed(robot, q), 0.99) < 1e-5
 
 
-@pytest.mark.parametrize("beside", [0.0, 1e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize("beside", [0.0, 1e-8, 1e-4])
 def test_joint_1_is_found_where_the_wrist_is_above_the_base(robot, beside):
     """There any angle of joint 1 takes the wrist's point to its place, and its axes decide."""
     if robot.name == "oblique":

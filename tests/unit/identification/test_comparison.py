@@ -103,7 +103,7 @@ def test_the_rule_over_many_draws():
     x = truth.nominal.copy()
     x[:4], x[4:8] = 2e-3, 1e-4  # so little scale that chance decides whether it is seen
     names, taken = ("frames only", "offsets", "both"), []
-    for seed in range(30):
+    for seed in range(16):
         found = three(points(truth, x, seed, count=12))
         each = [squares(found, name) for name in names]
         best = min(each, key=np.mean)
@@ -289,7 +289,7 @@ def test_the_choice_is_in_units_of_the_noise():
     )
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy", "student-t", "graduated"])
+@pytest.mark.parametrize("loss", ["huber", "student-t", "graduated"])
 def test_gross_errors_do_not_choose(loss):
     """One in five is off by centimetres: what the loss weighs down is weighed down here, too."""
     truth = model(offsets(), scale())

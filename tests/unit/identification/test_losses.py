@@ -30,7 +30,7 @@ def trials(make_model, touching):
     """Many sets of touch-ups with Gaussian noise."""
     model = make_model(measurement=TouchUp(SIGMA_M))
     rng = np.random.default_rng(0)
-    return model, simulate(model, model.nominal, touching(COUNT), rng, trials=400)
+    return model, simulate(model, model.nominal, touching(COUNT), rng, trials=200)
 
 
 @pytest.mark.parametrize("rows", [1, 3, 6])

@@ -104,8 +104,10 @@ LOGS: dict[str, tuple[files.Writer, str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", LOGS)
-@pytest.mark.parametrize("match", ["time", "order"])
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [*((name, "time") for name in LOGS), ("rsi telegrams", "order"), ("rostopic", "order")],
+)
 def test_logs_of_joints_give_what_the_arm_was_at(request, tmp_path, name, match):
     """By time on one clock, and in order without one; units and signs are those of the log."""
     write, arm, epoch = LOGS[name]

@@ -184,11 +184,7 @@ BAD: dict[str, tuple[str, Callable[[list[str]], list[str]], str]] = {
         lambda x: ["pose,x_mm,y_mm,z_mm,z_mm", *(r + ",1" for r in x[1:])],
         "twi",
     ),
-    "no time": (
-        '[instrument.columns]\ntime = "pose"\n',
-        lambda x: x,
-        "'P01' is no time",
-    ),
+    "no time": ('[instrument.columns]\ntime = "pose"\n', lambda x: x, "'P01' is no time"),
     "by time without": ('match = "time"\n', lambda x: x, "has no times to match by"),
 }
 

@@ -169,31 +169,15 @@ def run_grid(
         return store.assemble(total)
 
 
-def each(function: Callable[[Any], Any], items: Sequence[Any], workers: Workers) -> list[Any]:
-    """What a function gives for each of a few items, by processes of this machine if there are any.
+def each(
+    simulate: Callable[[Task], Any], conditions: Sequence[Mapping[str, Any]], workers: Workers
+) -> list[Any]:
+    """What one task a condition gives, in their order: for what comes before a grid.
 
-    ``function``: as :data:`Simulate`. For what comes before a grid: its workers are started by it.
+    It stores nothing, and the grid finds the workers started. Raises what :func:`run_grid` does.
     """
-    if min(workers.jobs, len(items)) == 1:
-        return [function(item) for item in items]
-    import joblib
-
-    with _processes():
-        parallel = joblib.Parallel(n_jobs=workers.jobs, batch_size=1)
-        return list(parallel(joblib.delayed(function)(item) for item in items))
-
-
-def _processes() -> Any:
-    """How processes of this machine work."""
-    import joblib
-
-    # matrices are small: one thread a worker
-    return joblib.parallel_config(
-        backend="loky",
-        inner_max_num_threads=1,
-        initializer=_end_with_parent,
-        initargs=(os.getpid(),),
-    )
+    found = dict(_results(simulate, Grid(conditions, 1, 1, 0).tasks(), workers))
+    return [found[number] for number in sorted(found)]
 
 
 def _results(
@@ -232,7 +216,13 @@ def _of_processes(
                 handed_out.append(task.number)
                 yield joblib.delayed(_numbered)(simulate, task)
 
-        with _processes():
+        # matrices are small: one thread a worker
+        with joblib.parallel_config(
+            backend="loky",
+            inner_max_num_threads=1,
+            initializer=_end_with_parent,
+            initargs=(os.getpid(),),
+        ):
             parallel = joblib.Parallel(
                 n_jobs=count,
                 return_as="generator_unordered",

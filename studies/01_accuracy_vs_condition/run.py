@@ -64,11 +64,12 @@ def conditions(settings: Mapping[str, Any], workers: Workers) -> list[dict[str, 
     return [condition for of_preset in found for condition in of_preset]
 
 
-def conditions_of(given: Mapping[str, Any]) -> list[dict[str, Any]]:
+def conditions_of(task: Task) -> list[dict[str, Any]]:
     """The conditions of a preset: the loop is run once, to the widest angles.
 
     Thresholds lie in equal ratios, from just above the first C_G to just above the least.
     """
+    given = task.condition
     rounds = improving_rounds(plan(to_the_widest(_cell(given, given["preset"]))))
     first, least = rounds[0][0].c_g, rounds[-1][0].c_g
     found = []

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, ConvergenceError, FileFormatError, InputError, OutputError
-from posedesign.study import Grid, Store, Workers, read_table, run_grid, runner
+from posedesign.study import Grid, Store, Workers, each, read_table, run_grid, runner
 from posedesign.study import store as store_module
 from tests.marks import rest_in_full
 
@@ -87,6 +87,13 @@ def test_the_same_on_any_number_of_workers(repeated, tmp_path, jobs):
         for n in (1, jobs)
     ]
     assert tables[0].read_bytes() == tables[1].read_bytes()
+
+
+def test_what_comes_before_a_grid_is_in_the_order_of_its_conditions(repeated):
+    conditions = repeated.grid().conditions
+    alone, shared = (each(repeated.simulate, conditions, Workers(jobs)) for jobs in (1, 2))
+    assert [columns["scale"][0] for columns in shared] == [c["scale"] for c in conditions]
+    assert str(alone) == str(shared)
 
 
 def test_going_on_does_only_what_is_left(repeated, tmp_path, ending):

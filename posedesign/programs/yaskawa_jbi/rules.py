@@ -105,7 +105,8 @@ def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
         _check_header(job),
         _check_positions(job),
         _check_use(job),
-        _check_steps(job),
+        _check_order(job),
+        rules.each(job.inst, _step_faults),
         block_faults(job.inst, _BLOCKS),
     )
 
@@ -147,20 +148,20 @@ def _check_header(job: Job) -> Iterator[Problem]:
     based = next((s for s in of["move"] if _has_base(s)), None)
     if based and groups and "BS" not in controls:
         yield Problem(based.row, "header", "a base axis moves, and no ///GROUP has BS1")
-    for statement in of["date"]:
+    for s in of["date"]:
         try:
-            datetime.strptime(" ".join(statement.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
+            datetime.strptime(" ".join(s.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
         except ValueError:
-            yield Problem(statement.row, "header", "///DATE is not like 2026/01/31 23:59")
-    for statement in of["attr"]:
-        said = Counter(statement.words("ATTRIBUTE"))
+            yield Problem(s.row, "header", "///DATE is not like 2026/01/31 23:59")
+    for s in of["attr"]:
+        said = Counter(s.words("ATTRIBUTE"))
         access = said["RW"] + said["RO"] + said["WO"]
         if max(said.values()) > 1 or not said["SC"] or access != 1:
             reason = "///ATTR is SC, one of RW, RO, WO, and RJ where the job is relative"
-            yield Problem(statement.row, "header", reason)
-    for statement in of["comm"]:
-        if len(statement.word("TEXT")) > MOST_COMMENT:
-            yield Problem(statement.row, "header", "the job's comment is longer than 32 characters")
+            yield Problem(s.row, "header", reason)
+    for s in of["comm"]:
+        if len(s.word("TEXT")) > MOST_COMMENT:
+            yield Problem(s.row, "header", "the job's comment is longer than 32 characters")
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
@@ -250,29 +251,25 @@ def _check_use(job: Job) -> Iterator[Problem]:
             yield Problem(s.row, "argument", reason, "measuring")
 
 
-def _check_steps(job: Job) -> Iterator[Problem]:
+def _check_order(job: Job) -> Iterator[Problem]:
+    """Rules that follow the steps: whether the arm stands, has a speed, and a place of its base."""
     stands = has_speed = False
     carried = any(map(_has_base, job.kinds["move"]))
     for s in job.inst:
-        found: list[rules.Fault] = []
-        if s.kind == "comment" and len(s.text) > 1 + MOST_COMMENT:
-            found.append(("comment", "the comment is longer than 32 characters", "measuring"))
-        elif s.kind == "move":
+        if s.kind == "move":
             parts = subtrees(s.tree)
             stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
             if not has_speed and not any(p.data.endswith("speed") for p in parts):
-                found.append(("move", "no speed, and no SPEED above", "measuring"))
+                yield Problem(s.row, "move", "no speed, and no SPEED above", "measuring")
             if carried and not _has_base(s) and reader.names_in(s.tree):
                 reason = "no position of the base axes, which other moves have"
-                found.append(("move", reason, "measuring"))
+                yield Problem(s.row, "move", reason, "measuring")
         elif s.kind == "call" and not stands:
             reason = "no move with PL=0 before the CALL: the arm may not have arrived"
-            found.append(("stop-before-call", reason, "measuring"))
+            yield Problem(s.row, "stop-before-call", reason, "measuring")
         elif s.kind == "other":
             has_speed |= s.word("WORD") == "SPEED"
             stands &= s.word("WORD") != "IMOV"
-        for rule, reason, level in chain(found, _step_faults(s)):
-            yield Problem(s.row, rule, reason, level)
 
 
 def _has_base(s: Statement) -> bool:
@@ -281,12 +278,17 @@ def _has_base(s: Statement) -> bool:
 
 
 def _step_faults(s: Statement) -> Iterator[rules.Fault]:
-    """Of a step by itself: options of moves, times, values, variables, names of jobs."""
+    """Of a step by itself."""
+    if s.kind in ("move", "also"):
+        return chain.from_iterable(map(_move_faults, s.all("move", "also")))
+    return _word_faults(s) if s.kind == "other" else _argument_faults(s)
+
+
+def _argument_faults(s: Statement) -> Iterator[rules.Fault]:
+    """Of comments, times, values, variables, and the names of jobs."""
     kind = s.kind
-    for move in s.all("move", "also") if kind in ("move", "also") else ():
-        yield from _move_faults(move)
-    if kind == "other":
-        yield from _word_faults(s)
+    if kind == "comment" and len(s.text) > 1 + MOST_COMMENT:
+        yield "comment", "the comment is longer than 32 characters", "measuring"
     elif kind in ("timer", "pulse_output"):
         time = s.one("time")
         text = text_of(time) if time is not None else ""

@@ -52,9 +52,6 @@ LEAST_S = 0.1
 USUAL_SPEED_RAD_S = np.pi / 2
 """Joint speed of 100 percent where the robot is not known: no arm's slowest joint is far slower."""
 
-NONE = re.compile(r"(?!)")
-"""Matches no name."""
-
 PLAIN = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)")
 """A number as it stands in a program."""
 

@@ -51,7 +51,6 @@ RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
 _NUMBERED = re.compile(r"PR?\[(\d+)\]")
-_NO_ELEMENT = re.compile("(?!)")  # touched-up positions are in the file itself, or in registers
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _PIECE = re.compile(r"\S(?:[^\n]++|\n(?![ \t]*\[))*+")
 _HEADING = re.compile(r"\[\*(?:POSREG\*\][ \t]*(\$POSREG\b)|\w{1,12}\*\]).*\n?")
@@ -119,10 +118,7 @@ class _Stored(Stored):
 
 
 def _program(
-    named: tuple[str, str],
-    mark: PlanMark | None,
-    stored: dict[str, _Stored],
-    path: Path | str,
+    named: tuple[str, str], mark: PlanMark | None, stored: dict[str, _Stored], path: Path | str
 ) -> RecordedProgram:
     """The program of a name and a comment with its positions, by their labels.
 
@@ -134,7 +130,7 @@ def _program(
         for axis in sorted(axes[label] ^ axes[first]):
             refuse(f"{label}: {axis} is not there as in {first}", path, p.group.row)
     names = {int(label[label.index("[") + 1 : -1]): p.name for label, p in stored.items()}
-    numbering = Numbering(_NUMBERED, _NO_ELEMENT, mark, names)
+    numbering = Numbering(_NUMBERED, mark=mark, names=names)
     return numbering.program((*named, "fanuc"), [*stored.values()], poses_of, path)
 
 

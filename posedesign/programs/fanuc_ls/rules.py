@@ -173,11 +173,8 @@ def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
     """Of what an instruction says."""
     s, fault = line.statement, line.statement.fault
     if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
-        yield (
-            "negative-argument",
-            f"a negative constant stands in parentheses, (-1): {fault}",
-            "error",
-        )
+        reason = f"a negative constant stands in parentheses, (-1): {fault}"
+        yield "negative-argument", reason, "error"
     elif fault:
         yield "instruction", fault, "error"
     elif line.kind == "other":

@@ -80,7 +80,9 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
     options = program.options
     LIMITS.check(program)
     check_call(NAMES, options, program.name)
-    instructions = _instructions(program)
+    instructions = _head(program)
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        instructions += _at_pose(options, pose, number)
     lines = [f"/PROG  {program.name}", *_attributes(options, len(instructions)), "/MN"]
     lines += [f"{number:4d}:{text} ;" for number, text in enumerate(instructions, start=1)]
     lines.append("/POS")
@@ -97,19 +99,13 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
     return len(_head(program)), len(_at_pose(program.options, pose, 1))
 
 
-def _instructions(program: PoseProgram) -> list[str]:
-    """Lines of the program as they stand behind their number and colon."""
-    lines = _head(program)
-    for number, pose in zip(program.numbers, program.poses, strict=True):
-        lines += _at_pose(program.options, pose, number)
-    return lines
-
-
 def _head(program: PoseProgram) -> list[str]:
+    """Lines before the first pose, as they stand behind their number and colon."""
     options = program.options
-    mark = [f"  !{program.mark}"] if program.mark else []
-    mark += [f"  !{line}" for line in warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)]
-    return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
+    notes = [program.mark] if program.mark else []
+    notes += warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)
+    frames = [f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
+    return [*map(_PHRASES.note.format, notes), *frames]
 
 
 def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> list[str]:

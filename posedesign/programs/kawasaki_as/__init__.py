@@ -31,7 +31,6 @@ from lark import Tree
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import (
     JOINTS,
-    NONE,
     JointDialect,
     Notes,
     Standing,
@@ -54,7 +53,7 @@ from posedesign.programs.language import (
     text_of,
     without_remarks,
 )
-from posedesign.programs.numbering import Numbering
+from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
@@ -136,7 +135,7 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     if notes.mark is None:
         name, notes, first = path.stem, Notes(), None
     numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
-    own = numbered if notes.mark else NONE
+    own = numbered if notes.mark else NO_NAME
     numbering = Numbering(own, element, notes.mark, notes.names, first)
     positions, untouched = listed(numbering, found, path, joints_of), numbering.is_untouched(found)
     mark = notes.mark or PlanMark()

@@ -40,7 +40,6 @@ from posedesign.programs import rules
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import (
     JOINTS,
-    NONE,
     JointDialect,
     Notes,
     Standing,
@@ -60,7 +59,7 @@ from posedesign.programs.language import (
     words,
 )
 from posedesign.programs.notation import Notation
-from posedesign.programs.numbering import Numbering
+from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import joint_deg, millimetres, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
@@ -110,7 +109,8 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
         if not all(value.data == "number" for value in values):
             refuse(f"{name} is no list of numbers", path, statement.row)
         found.append(Stored(name, statement.row, [text_of(value) for value in values]))
-    numbering = Numbering(_PLANNED if notes.mark else NONE, NONE, notes.mark, notes.names)
+    numbered = _PLANNED if notes.mark else NO_NAME
+    numbering = Numbering(numbered, mark=notes.mark, names=notes.names)
     of_seven = any(p.variable[0] in "Jj" and len(p.values) == JOINTS + 1 for p in found)
     positions = listed(numbering, found, path, _values_of, rest=not of_seven)
     ordered = tuple(sorted(positions, key=lambda position: position.number))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from difflib import get_close_matches
 from functools import lru_cache
 from itertools import islice
-from typing import Protocol, TypeVar
+from typing import Any
 
 from posedesign.programs.language import Statement
 from posedesign.programs.recorded import Level, Problem
@@ -38,19 +38,8 @@ Fault = tuple[str, str, Level]
 """A rule, what breaks it, and the level."""
 
 
-class Placed(Protocol):
-    """What begins in a line of a file."""
-
-    @property
-    def row(self) -> int:
-        """Of the file, counted from 1."""
-
-
-P = TypeVar("P", bound=Placed)
-
-
-def each(placed: Iterable[P], faults: Callable[[P], Iterable[Fault]]) -> Iterator[Problem]:
-    """Faults of each, in its line."""
+def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Iterator[Problem]:
+    """Faults of each statement, or of what else has a ``row``."""
     return (
         Problem(item.row, rule, message, level)
         for item in placed

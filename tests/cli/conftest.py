@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
@@ -13,8 +13,10 @@ from typing import Any
 
 import pytest
 
-from posedesign.cell import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.cli.main import run
+from posedesign.files import Claim, Results, write_bytes_atomic
+from posedesign.planning.optimal import outlook
 from posedesign.report.answer import WIDTH
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
@@ -49,14 +51,19 @@ ANSWERING = frozenset(
 
 
 @cache
-def _rendering() -> tuple[tuple[type, str, Callable[..., Any]], ...]:
-    """What lays out figures and renders them, as matplotlib has it."""
+def _rendering() -> tuple[tuple[Any, str, Callable[..., Any]], ...]:
+    """What draws figures of results, lays out those of pages and renders them, as they are."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    from posedesign import workflow
+    from posedesign.report import figures
+
     named = (
+        (workflow, "draw"),
+        (figures, "draw"),
         (ConstrainedLayoutEngine, "execute"),
         (Figure, "savefig"),
         (FigureCanvasAgg, "print_png"),
@@ -78,7 +85,7 @@ def empty_picture(kind: str) -> bytes:
 
 @contextmanager
 def empty_pictures() -> Iterator[None]:
-    """Figures are made as ever, and an empty one is written: that is most of the time."""
+    """Empty figures are written, and those beside results are not made: a fifth of the time."""
 
     def write(to: Any, kind: str) -> None:
         empty = empty_picture(kind)
@@ -90,7 +97,13 @@ def empty_pictures() -> Iterator[None]:
     def save_empty(figure: object, to: Any, **kwargs: Any) -> None:
         write(to, kwargs.get("format", "png" if hasattr(to, "write") else to.suffix[1:]))
 
+    def draw_empty(out: Results, files: Sequence[Claim], figure: object) -> None:
+        for file, kind in zip(files, ("png", "svg"), strict=True):
+            write_bytes_atomic(file, empty_picture(kind))
+
     instead: tuple[Callable[..., None], ...] = (
+        draw_empty,
+        draw_empty,
         lambda engine, figure: None,
         save_empty,
         lambda canvas, to, **kwargs: write(to, "png"),
@@ -106,6 +119,23 @@ def empty_pictures() -> Iterator[None]:
 def _pictures() -> Iterator[None]:
     """Tests and fixtures have their pictures empty where they do not ask for ``rendered``."""
     with empty_pictures():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _small_outlook() -> Iterator[None]:
+    """What other poses would be worth, half of most plans, is found in small pools, and once."""
+    find, found = outlook._chosen_tcp_m, {}
+
+    def once(cell: Cell, count: int) -> float | None:
+        key = repr(cell.config), count
+        if cell.config.robot.urdf is not None or key not in found:
+            found[key] = find(cell, count)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(outlook, "CANDIDATES", 60)
+        patch.setattr(outlook, "_chosen_tcp_m", once)
         yield
 
 
@@ -186,6 +216,22 @@ def refuse(cli, tmp_path) -> Refuse:
         return Refusal(line)
 
     return refused
+
+
+def refusals(text: str) -> list[Any]:
+    """Parameters out of lines ``name | what is given | ... => what is said | ...``.
+
+    Where nothing stands after the name, it is what is given. Indented lines go on. What is typed
+    is quoted as in a shell.
+    """
+    lines = re.sub(r"\n +", " ", text.strip()).splitlines()
+    cases = [[part.split(" | ") for part in line.split(" => ")] for line in lines]
+    return [pytest.param(given[1:] or given, said, id=given[0]) for given, said in cases]
+
+
+def keys_of(given: Sequence[str]) -> dict[str, str]:
+    """Keys of a cell and their values out of ``section.key = value``."""
+    return dict(part.split(" = ", 1) for part in given)  # type: ignore[misc]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -322,6 +368,14 @@ def offsets_only(cell: Path, *, judged: bool = False) -> Path:
     rest = rest.partition(",\n]\n")[2]
     text = f'{start}models = [["zero_offsets"]]\n{rest}'
     cell.write_text(text if judged else with_keys(text, {"measurement.weighted": "false"}))
+    return cell
+
+
+def with_compliance(cell: Path) -> Path:
+    """The same cell with offsets, and with compliance besides, to identify: what is recommended."""
+    text = offsets_only(cell, judged=True).read_text()
+    two = '[["zero_offsets"], ["zero_offsets", "compliance"]]'
+    cell.write_text(with_keys(text, {"parameters.models": two}))
     return cell
 
 

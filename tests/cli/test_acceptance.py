@@ -28,7 +28,17 @@ def _tracked(tmp_path_factory) -> Path:
         )
 
     with empty_pictures():
-        typed("plan", "cell.toml", "--method", "greedy", "--poses", "20", "--out", "run")
+        typed(
+            "plan",
+            "cell.toml",
+            "--method",
+            "greedy",
+            "--poses",
+            "20",
+            "--no-refine",
+            "--out",
+            "run",
+        )
         typed("simulate", "cell.toml", "run/poses.csv", "--out", "run")
         typed("identify", "cell.toml", "run/measurements.csv", "--out", "run")
         typed("prove", "cell.toml", *USED, "--content", "0.8", "--out", "proof")

@@ -3,100 +3,73 @@
 import pytest
 
 from posedesign.cell import file as config
-from tests.cli.conftest import offsets_only
+from tests.cli.conftest import keys_of, offsets_only, refusals
 
-RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.0]"
-
-CELL_CASES = {
-    "preset that does not exist": ("robot.preset", '"r2000ic165"', ("did you mean r2000ic165f",)),
-    "preset nowhere near": ("robot.preset", '"kuka"', ("known: gp7, hp3, ", "r2000ic165f")),
-    "tip that does not exist": ("robot.tip", '"tol0"', ("'tol0'", "did you mean tool0?")),
-    "base that does not exist": ("robot.base", '"base_lnk"', ("'base_lnk'", "base_link")),
-    "base that is the tip": ("robot.base", '"tool0"', ("no moving joint", "another tip")),
-    "preset and urdf": ("robot.urdf", '"a.urdf"', ("either preset or urdf",)),
-    "preset that is a number": ("robot.preset", "5", ("string", "5")),
-    "control characters": ("robot.preset", r'"a\u0000b"', ("not allowed here",)),
-    "unknown key": ("plan.condition_treshold", "1e5", ("did you mean condition_threshold?",)),
-    "unknown key with an alias near": ("variations.rase", '"best"', ("did you mean raise?",)),
-    "tool point of two values": ("tool.point_mm", "[1.0, 2.0]", ("is missing",)),
-    "tool point of four values": ("tool.point_mm", "[1, 2, 3, 4]", ("too many values",)),
-    "tool point as text": ("tool.point_mm", '"200, 0, 0"', ("should be a list in [ ]",)),
-    "tool point not finite": ("tool.point_mm", "[nan, 0.0, 0.0]", ("finite number", "nan")),
-    "tool point in another solar system": ("tool.point_mm", "[1e9, 0.0, 0.0]", ("1000000",)),
-    "mass below zero": ("tool.mass_kg", "-1.0", ("greater than or equal to 0", "-1")),
-    "posture of five joints": (
-        "base_pose.posture_deg",
-        "[0, 15, -25, 0, -50]",
-        ("has 6 joints, the posture has 5 values", "joint_1, joint_2"),
-    ),
-    "posture of seven joints": (
-        "base_pose.posture_deg",
-        "[0, 15, -25, 0, -50, 0, 0]",
-        ("has 6 joints, the posture has 7 values",),
-    ),
-    "posture with text": ("base_pose.posture_deg", '[0, "x", 0, 0, 0, 0]', ("number", "'x'")),
-    "posture not finite": ("base_pose.posture_deg", "[0, inf, 0, 0, 0, 0]", ("finite",)),
-    "posture in radians": ("base_pose.posture_deg", RADIANS, ("looks like radians", "degrees")),
-    "posture outside the limits": (
-        "base_pose.posture_deg",
-        "[0, 80, -25, 0, -50, 0]",
-        ("outside the limits", "joint_2 80.0 deg is above 76.0 deg", "inside the limits"),
-    ),
-    "variation below zero": ("variations.start_deg", "[-1, 5, 5]", ("equal to 0, not -1",)),
-    "margin that leaves nothing": (
-        "plan.limit_margin_deg",
-        "70",
-        ("leaves nothing of the range of joint_2", "below 68 deg"),
-    ),
-    "deflection of a rigid arm": (
-        "truth.stiffness_nm_per_rad",
-        "[1e6, 1e6]",
-        ("2 values for 6 joints",),
-    ),
-    "step below zero": ("variations.step_deg", "[5, -5, 5]", ("equal to 0.1, not -5",)),
-    "rounds without end": ("variations.step_deg", "[5, 1e-9, 5]", ("equal to 0.1, not 1e-09",)),
-    "variation beyond half a turn": ("variations.largest_deg", "[60, 60, 200]", ("180, not 200",)),
-    "start above the largest": (
-        "variations.start_deg",
-        "[5, 70, 5]",
-        ("start_deg 70 is above largest_deg 60",),
-    ),
-    "raise in a way unknown": ("variations.raise", '"twice"', ("'together' or 'best'",)),
-    "threshold below zero": ("plan.condition_threshold", "-1.0", ("greater than 0", "-1")),
-    "threshold as text": ("plan.condition_threshold", '"low"', ("valid number", "'low'")),
-    "margin below zero": ("plan.limit_margin_deg", "-5.0", ("greater than or equal to 0",)),
-    "repair neither true nor false": ("plan.repair", "3", ("boolean", "3")),
-    "offset of an unknown joint": (
-        "parameters.zero_offsets",
-        '["joint_2", "joint_33"]',
-        ("no joint 'joint_33'", "joint_3"),
-    ),
-    "offset twice": ("parameters.zero_offsets", '["joint_2", "joint_2"]', ("listed twice",)),
-    "offsets as text": ("parameters.zero_offsets", '"joint_2"', ("should be a list",)),
-    "tool axes in another order": ("parameters.tool_axes", '"zx"', ("another order", "'zx'")),
-    "tool point along a view line": ("measurement.kind", '"view-line"', ("tool_axes", 'to "xy"')),
-    "unknown kind": ("measurement.kind", '"touchup"', ("'camera-pose' or 'board'",)),
-    "noise of zero": ("measurement.three_sigma_mm", "[0.02, 0.0, 0.1]", ("greater than 0",)),
-    "noise below zero": ("measurement.three_sigma_mm", "[0.02, -1, 0.1]", ("greater than 0", "-1")),
-    "one noise for three axes": ("measurement.three_sigma_mm", "0.02", ("should be a list",)),
-    "camera noise of zero": ("measurement.camera_three_sigma_mm", "0.0", ("greater than 0",)),
-    "camera angle noise of zero": ("measurement.camera_three_sigma_deg", "0", ("greater than 0",)),
-    "seed with a fraction": ("truth.seed", "1.5", ("valid integer", "1.5")),
-    "offsets of two joints": (
-        "truth.zero_offsets_deg",
-        "[0.1, 0.2]",
-        ("2 values for 6 joints", "one value for each joint"),
-    ),
-    "speed above full speed": ("program.speed_percent", "200", ("less than or equal to 100",)),
-    "empty target name": ("target.name", '""', ("at least 1 character",)),
-    "line end in a target name": ("target.name", r'"a\nb"', ("not allowed here",)),
-}
+CELL_CASES = refusals(r"""
+preset that does not exist | robot.preset = "r2000ic165" => did you mean r2000ic165f
+preset nowhere near | robot.preset = "kuka" => known: gp7, hp3, | r2000ic165f
+tip that does not exist | robot.tip = "tol0" => 'tol0' | did you mean tool0?
+base that does not exist | robot.base = "base_lnk" => 'base_lnk' | base_link
+base that is the tip | robot.base = "tool0" => no moving joint | another tip
+preset and urdf | robot.urdf = "a.urdf" => either preset or urdf
+preset that is a number | robot.preset = 5 => string | 5
+control characters | robot.preset = "a\u0000b" => not allowed here
+unknown key | plan.condition_treshold = 1e5 => did you mean condition_threshold?
+unknown key with an alias near | variations.rase = "best" => did you mean raise?
+tool point of two values | tool.point_mm = [1.0, 2.0] => is missing
+tool point of four values | tool.point_mm = [1, 2, 3, 4] => too many values
+tool point as text | tool.point_mm = "200, 0, 0" => should be a list in [ ]
+tool point not finite | tool.point_mm = [nan, 0.0, 0.0] => finite number | nan
+tool point in another solar system | tool.point_mm = [1e9, 0.0, 0.0] => 1000000
+mass below zero | tool.mass_kg = -1.0 => greater than or equal to 0 | -1
+posture of five joints | base_pose.posture_deg = [0, 15, -25, 0, -50] =>
+  has 6 joints, the posture has 5 values | joint_1, joint_2
+posture of seven joints | base_pose.posture_deg = [0, 15, -25, 0, -50, 0, 0] =>
+  has 6 joints, the posture has 7 values
+posture with text | base_pose.posture_deg = [0, "x", 0, 0, 0, 0] => number | 'x'
+posture not finite | base_pose.posture_deg = [0, inf, 0, 0, 0, 0] => finite
+posture in radians | base_pose.posture_deg = [0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.0] =>
+  looks like radians | degrees
+posture outside the limits | base_pose.posture_deg = [0, 80, -25, 0, -50, 0] =>
+  outside the limits | joint_2 80.0 deg is above 76.0 deg | inside the limits
+variation below zero | variations.start_deg = [-1, 5, 5] => equal to 0, not -1
+margin that leaves nothing | plan.limit_margin_deg = 70 =>
+  leaves nothing of the range of joint_2 | below 68 deg
+deflection of a rigid arm | truth.stiffness_nm_per_rad = [1e6, 1e6] => 2 values for 6 joints
+step below zero | variations.step_deg = [5, -5, 5] => equal to 0.1, not -5
+rounds without end | variations.step_deg = [5, 1e-9, 5] => equal to 0.1, not 1e-09
+variation beyond half a turn | variations.largest_deg = [60, 60, 200] => 180, not 200
+start above the largest | variations.start_deg = [5, 70, 5] => start_deg 70 is above largest_deg 60
+raise in a way unknown | variations.raise = "twice" => 'together' or 'best'
+threshold below zero | plan.condition_threshold = -1.0 => greater than 0 | -1
+threshold as text | plan.condition_threshold = "low" => valid number | 'low'
+margin below zero | plan.limit_margin_deg = -5.0 => greater than or equal to 0
+repair neither true nor false | plan.repair = 3 => boolean | 3
+offset of an unknown joint | parameters.zero_offsets = ["joint_2", "joint_33"] =>
+  no joint 'joint_33' | joint_3
+offset twice | parameters.zero_offsets = ["joint_2", "joint_2"] => listed twice
+offsets as text | parameters.zero_offsets = "joint_2" => should be a list
+tool axes in another order | parameters.tool_axes = "zx" => another order | 'zx'
+tool point along a view line | measurement.kind = "view-line" => tool_axes | to "xy"
+unknown kind | measurement.kind = "touchup" => 'camera-pose' or 'board'
+noise of zero | measurement.three_sigma_mm = [0.02, 0.0, 0.1] => greater than 0
+noise below zero | measurement.three_sigma_mm = [0.02, -1, 0.1] => greater than 0 | -1
+one noise for three axes | measurement.three_sigma_mm = 0.02 => should be a list
+camera noise of zero | measurement.camera_three_sigma_mm = 0.0 => greater than 0
+camera angle noise of zero | measurement.camera_three_sigma_deg = 0 => greater than 0
+seed with a fraction | truth.seed = 1.5 => valid integer | 1.5
+offsets of two joints | truth.zero_offsets_deg = [0.1, 0.2] =>
+  2 values for 6 joints | one value for each joint
+speed above full speed | program.speed_percent = 200 => less than or equal to 100
+empty target name | target.name = "" => at least 1 character
+line end in a target name | target.name = "a\nb" => not allowed here
+""")
 
 
-@pytest.mark.parametrize(("key", "value", "words"), CELL_CASES.values(), ids=CELL_CASES)
-def test_key_of_the_cell(refuse, change_cell, work, key, value, words):
-    line = refuse("plan", change_cell({key: value}), "--out", work / "out")
-    section = "tool_axes" if "tool_axes" in words else key.split(".")[0]
+@pytest.mark.parametrize(("given", "words"), CELL_CASES)
+def test_key_of_the_cell(refuse, change_cell, work, given, words):
+    line = refuse("plan", change_cell(keys_of(given)), "--out", work / "out")
+    section = "tool_axes" if "tool_axes" in words else given[0].split(".")[0]
     line.says(str(work / "cell.toml"), section, *words, "(")
 
 

@@ -1,8 +1,11 @@
 """Options, commands and folders that cannot be used: one line, exit code 2, no file."""
 
+import shlex
 from pathlib import Path
 
 import pytest
+
+from tests.cli.conftest import refusals
 
 
 def test_too_few_pairs(refuse, work):
@@ -21,20 +24,20 @@ def test_pairs_all_alike(refuse, work):
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [
-        (("--format", "fanuc"), ("'fanuc'", "did you mean fanuc-ls?")),
-        (("--format", "kuka"), ("'kuka'", "did you mean kuka-krl?")),
-        (("--format", "siemens"), ("'siemens'", "known: fanuc-ls")),
-        (("--form", "polar"), ("form is 'polar'", "known: joint, cartesian")),
-        (("--form", "cartesian"), ("poses of the tool need the robot",)),
-        (("--approach-deg", "1"), ("pass --cell",)),
-        (("--name", "../x"), ("'../x' is not a FANUC program name", "letter first")),
-        (("--name", "A B"), ("'A B' is not a FANUC program name",)),
-        (("--name", "TOOLONGNAME"), ("at most 8 characters",)),
-    ],
-    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+    refusals(r"""
+--format fanuc => 'fanuc' | did you mean fanuc-ls?
+--format kuka => 'kuka' | did you mean kuka-krl?
+--format siemens => 'siemens' | known: fanuc-ls
+--form polar => form is 'polar' | known: joint, cartesian
+--form cartesian => poses of the tool need the robot
+--approach-deg 1 => pass --cell
+--name ../x => '../x' is not a FANUC program name | letter first
+--name 'A B' => 'A B' is not a FANUC program name
+--name TOOLONGNAME => at most 8 characters
+"""),
 )
 def test_options_of_program(cli, work, options, words):
+    options = shlex.split(options[0])
     usual = () if "--format" in options else ("--format", "fanuc-ls")
     said = cli("program", work / "poses.csv", "--out", work / "out", *usual, *options)
     assert said.code == 2
@@ -95,30 +98,26 @@ def test_folder_in_place_of_an_output_file(refuse, work, command):
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        (("plna", "cell.toml"), "No such command 'plna'. Did you mean 'plan'?"),
-        (("plan",), "Missing argument 'cell'. (see posedesign plan --help)"),
-        (("plan", "a.toml", "b.toml"), "unexpected extra argument(s) (b.toml)"),
-        (("plan", "a.toml", "--outt", "x"), "No such option: --outt"),
-        (("plan", "--help-me"), "No such option: --help-me"),
-        (("study",), "Missing command. (see posedesign study --help)"),
-        (("study", "acuracy"), "No such command 'acuracy'. Did you mean 'accuracy'?"),
-        (("study", "accuracy", "--draws", "9"), "'--draws': Input should be greater than or equal"),
-        (("study", "accuracy", "--draws", "many"), "'--draws': Input should be a valid integer"),
-        (
-            ("study", "run", "x", "--trials", "0"),
-            "'--trials': Input should be greater than or equal",
-        ),
-        (("study", "run", "x", "--jobs", "0"), "'--jobs': Input should be greater than or equal"),
-        (("demo", "--draws", "-5"), "'--draws': Input should be greater than or equal to 10"),
-        (("demo", "--draws"), "Option '--draws' requires an argument"),
-        (("simulate", "a", "b", "--seed", "-1"), "'--seed': Input should be greater than or equal"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+    refusals(r"""
+plna cell.toml => No such command 'plna'. Did you mean 'plan'?
+plan => Missing argument 'cell'. (see posedesign plan --help)
+plan a.toml b.toml => unexpected extra argument(s) (b.toml)
+plan a.toml --outt x => No such option: --outt
+plan --help-me => No such option: --help-me
+study => Missing command. (see posedesign study --help)
+study acuracy => No such command 'acuracy'. Did you mean 'accuracy'?
+study accuracy --draws 9 => '--draws': Input should be greater than or equal
+study accuracy --draws many => '--draws': Input should be a valid integer
+study run x --trials 0 => '--trials': Input should be greater than or equal
+study run x --jobs 0 => '--jobs': Input should be greater than or equal
+demo --draws -5 => '--draws': Input should be greater than or equal to 10
+demo --draws => Option '--draws' requires an argument
+simulate a b --seed -1 => '--seed': Input should be greater than or equal
+"""),
 )
 def test_mistyped_commands(refuse, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
-    refuse(*words).says(said, "--help)")
+    refuse(*shlex.split(words[0])).says(*said, "--help)")
 
 
 HUGE = "9" * 400

@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from posedesign.autonomous import run_by_sight
 from posedesign.cell import cell_template
 from posedesign.cli.main import run
 from posedesign.files import held
+from posedesign.simulation import rehearsal
 from tests.cli.conftest import rows_of
 
 
@@ -60,6 +62,22 @@ FILES = {
     "running.lock",
     "touchups.csv",
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _noise_once() -> Iterator[None]:
+    """The noise of the same camera is measured in its pictures once."""
+    measure, found = rehearsal.noise_from_images, {}
+
+    def once(camera: Any, target: Any, at: Any, imaging: Any, trials: int, rng: Any) -> Any:
+        key = repr((camera, target, at.tolist(), imaging, trials, rng.bit_generator.state))
+        if key not in found:
+            found[key] = measure(camera, target, at, imaging, trials, rng)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rehearsal, "noise_from_images", once)
+        yield
 
 
 @dataclass(frozen=True)

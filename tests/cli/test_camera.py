@@ -93,7 +93,7 @@ def errors_in_sigmas(frame: dict, true: np.ndarray) -> np.ndarray:
     return (np.array(frame["xyz_mm"]) - 1e3 * true[:3, 3]) / frame["sigma_xyz_mm"]
 
 
-def test_a_camera_is_calibrated(there, glance):
+def test_a_camera_is_calibrated(there, glance, rendered):
     said = glance("camera", "cell.toml", "pictures", "--joints", "joints.csv", "--transforms")
     assert said.code == 0, said.err
     assert said.out.startswith("calibrated: camera and board from 12 of 12 pictures")

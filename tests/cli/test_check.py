@@ -10,6 +10,7 @@ import pytest
 from posedesign.cell import Cell
 from posedesign.planning.checks import check_poses
 from posedesign.planning.poses_file import PoseList, read_poses
+from tests.cli.conftest import keys_of, refusals
 
 
 @pytest.fixture
@@ -133,108 +134,63 @@ def test_a_program_of_poses_that_collide_is_refused(cli, refuse, work, change_ce
 
 # bounds that make no sense
 
-CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
-    "a camera that looks away": (
-        {"camera.wpr_deg": "[180.0, 0.0, 0.0]"},
-        ("the camera looks away from the target, by 180 deg", "correct camera.position_mm"),
-    ),
-    "a target seen too slantwise": (
-        {"target.normal": "[1.0, 0.0, 0.2]"},
-        ("the base pose cannot be taken: target seen at a tilt of 78.7 deg",),
-    ),
-    "a safety distance that shuts out the base pose": (
-        {"constraints.safety_distance_mm": "500.0"},
-        ("the base pose cannot be taken: ", "500 mm asked for", "constraints.safety_distance_mm"),
-    ),
-    "a workspace that shuts out the base pose": (
-        {
-            "constraints.workspace_lowest_mm": "[-3000.0, -3000.0, 800.0]",
-            "constraints.workspace_highest_mm": "[3000.0, 3000.0, 3000.0]",
-        },
-        ("link_2 315 mm outside the workspace, beyond z = 800 mm", "widen constraints."),
-    ),
-    "a singular value that no posture has": (
-        {"constraints.smallest_singular_value": "0.9"},
-        ("smallest singular value 0.", "bound 0.9", "constraints.smallest_singular_value"),
-    ),
-    "a camera too near": (
-        {"camera.nearest_mm": "400.0"},
-        ("target 250 mm from the camera, nearest allowed 400 mm",),
-    ),
-}
+CASES = refusals(r"""
+a camera that looks away | camera.wpr_deg = [180.0, 0.0, 0.0] =>
+  the camera looks away from the target, by 180 deg | correct camera.position_mm
+a target seen too slantwise | target.normal = [1.0, 0.0, 0.2] =>
+  the base pose cannot be taken: target seen at a tilt of 78.7 deg
+a safety distance that shuts out the base pose | constraints.safety_distance_mm = 500.0 =>
+  the base pose cannot be taken: | 500 mm asked for | constraints.safety_distance_mm
+a workspace that shuts out the base pose
+  | constraints.workspace_lowest_mm = [-3000.0, -3000.0, 800.0]
+  | constraints.workspace_highest_mm = [3000.0, 3000.0, 3000.0] =>
+  link_2 315 mm outside the workspace, beyond z = 800 mm | widen constraints.
+a singular value that no posture has | constraints.smallest_singular_value = 0.9 =>
+  smallest singular value 0. | bound 0.9 | constraints.smallest_singular_value
+a camera too near | camera.nearest_mm = 400.0 =>
+  target 250 mm from the camera, nearest allowed 400 mm
+""")
 
 
-@pytest.mark.parametrize(("changes", "words"), CASES.values(), ids=CASES)
-def test_bounds_that_shut_out_the_base_pose(refuse, change_cell, work, changes, words):
-    refuse("plan", change_cell(changes), "--out", work / "out").says(*words)
+@pytest.mark.parametrize(("given", "words"), CASES)
+def test_bounds_that_shut_out_the_base_pose(refuse, change_cell, work, given, words):
+    refuse("plan", change_cell(keys_of(given)), "--out", work / "out").says(*words)
 
 
-KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
-    "target inside its fixture": (
-        {"target.position_mm": "[1915.4, 50.0, 400.0]"},
-        ("key target.position_mm", "the target lies inside the obstacle 'fixture'"),
-    ),
-    "half a workspace": (
-        {"constraints.workspace_lowest_mm": "[0.0, 0.0, 0.0]"},
-        ("give both workspace_lowest_mm and workspace_highest_mm",),
-    ),
-    "an empty workspace": (
-        {
-            "constraints.workspace_lowest_mm": "[0.0, 5.0, 0.0]",
-            "constraints.workspace_highest_mm": "[9.0, 5.0, 9.0]",
-        },
-        ("the workspace is empty along y: 5 to 5",),
-    ),
-    "pairs of unknown bodies": (
-        {"constraints.ignore": '[["gunn", "fixture"]]'},
-        ("constraints.ignore", "'gunn'", "did you mean gun?"),
-    ),
-    "a border that leaves nothing": (
-        {"camera.border_px": "600.0"},
-        ("border_px 600 leaves nothing of the image",),
-    ),
-    "nearest beyond farthest": (
-        {"camera.nearest_mm": "900.0"},
-        ("nearest_mm 900 is not below farthest_mm 700",),
-    ),
-    "a lens on its target": (
-        {"camera.position_mm": "[200.0, -50.0, 350.0]"},
-        ("camera.position_mm", "the lens of the camera lies on the target"),
-    ),
-    "a preset with a locked joint": (
-        {"robot.lock": '["joint_6"]'},
-        ("joints can be locked in a urdf only",),
-    ),
-    "a coupled limit of five joints": (
-        {
-            "robot.coupled_limit": '[{name = "J23", coefficients = [0.0, 1.0, 1.0, 0.0, 0.0], '
-            "lower_deg = -10.0, upper_deg = 10.0}]"
-        },
-        ("robot.coupled_limit", "J23: 5 coefficients for 6 joints"),
-    ),
-    "a coupled limit without a range": (
-        {
-            "robot.coupled_limit": '[{name = "J23", coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], '
-            "lower_deg = 10.0, upper_deg = 10.0}]"
-        },
-        ("lower_deg 10 is not below upper_deg 10",),
-    ),
-    "a target without a face": ({"target.normal": "[0.0, 0.0, 0.0]"}, ("no direction",)),
-    "a box without a size": ({"camera.image_px": "[0, 480]"}, ("greater than 0",)),
-    "an unknown controller": (
-        {"robot.controller": '"fanucc"'},
-        ("robot.controller", "no controller 'fanucc'", "did you mean fanuc"),
-    ),
-    "a controller of other arms": (
-        {"robot.controller": '"staubli"'},
-        ("joint 4 at zero does not turn about the axis",),
-    ),
-}
+KEYS = refusals(r"""
+target inside its fixture | target.position_mm = [1915.4, 50.0, 400.0] =>
+  key target.position_mm | the target lies inside the obstacle 'fixture'
+half a workspace | constraints.workspace_lowest_mm = [0.0, 0.0, 0.0] =>
+  give both workspace_lowest_mm and workspace_highest_mm
+an empty workspace
+  | constraints.workspace_lowest_mm = [0.0, 5.0, 0.0]
+  | constraints.workspace_highest_mm = [9.0, 5.0, 9.0] =>
+  the workspace is empty along y: 5 to 5
+pairs of unknown bodies | constraints.ignore = [["gunn", "fixture"]] =>
+  constraints.ignore | 'gunn' | did you mean gun?
+a border that leaves nothing | camera.border_px = 600.0 => border_px 600 leaves nothing of the image
+nearest beyond farthest | camera.nearest_mm = 900.0 => nearest_mm 900 is not below farthest_mm 700
+a lens on its target | camera.position_mm = [200.0, -50.0, 350.0] =>
+  camera.position_mm | the lens of the camera lies on the target
+a preset with a locked joint | robot.lock = ["joint_6"] => joints can be locked in a urdf only
+a coupled limit of five joints
+  | robot.coupled_limit = [{name="J23",coefficients=[0,1,1,0,0],lower_deg=-9,upper_deg=9}] =>
+  robot.coupled_limit | J23: 5 coefficients for 6 joints
+a coupled limit without a range
+  | robot.coupled_limit = [{name="J",coefficients=[0,1,1,0,0,0],lower_deg=10,upper_deg=10}] =>
+  lower_deg 10 is not below upper_deg 10
+a target without a face | target.normal = [0.0, 0.0, 0.0] => no direction
+a box without a size | camera.image_px = [0, 480] => greater than 0
+an unknown controller | robot.controller = "fanucc" =>
+  robot.controller | no controller 'fanucc' | did you mean fanuc
+a controller of other arms | robot.controller = "staubli" =>
+  joint 4 at zero does not turn about the axis
+""")
 
 
-@pytest.mark.parametrize(("changes", "words"), KEYS.values(), ids=KEYS)
-def test_surroundings_that_make_no_sense(refuse, change_cell, work, changes, words):
-    refuse("check", change_cell(changes), work / "poses.csv").says(*words)
+@pytest.mark.parametrize(("given", "words"), KEYS)
+def test_surroundings_that_make_no_sense(refuse, change_cell, work, given, words):
+    refuse("check", change_cell(keys_of(given)), work / "poses.csv").says(*words)
 
 
 SOLIDS: dict[str, tuple[str, tuple[str, ...]]] = {

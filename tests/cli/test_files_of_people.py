@@ -115,7 +115,7 @@ def test_no_camera_is_invented(cli, work):
 
 
 def test_simulated_is_said_in_the_headline(cli, work):
-    cell, out = offsets_only(work / "cell.toml", judged=True), work / "out"
+    cell, out = offsets_only(work / "cell.toml"), work / "out"
     assert "SIMULATED" in cli("simulate", with_camera(cell), work / "poses.csv", "--out", out).out
     for line in (
         ("identify", cell, out / "touchups.csv"),

@@ -9,6 +9,7 @@ import pytest
 
 from posedesign.cli.main import run
 from posedesign.report.answer import MOST_LINES, WIDTH
+from tests.cli.conftest import with_compliance
 
 COMMANDS = {
     "plan cell.toml --out o": "threshold reached: C_G ",
@@ -25,6 +26,7 @@ AFTER = {"plan": "program", "identify": "correct", "next": "program"}
 @pytest.mark.parametrize("words", COMMANDS)
 def test_answers_fit_a_glance(words, work, capsys, monkeypatch):
     monkeypatch.chdir(work)
+    with_compliance(work / "cell.toml")
     capsys.readouterr()
     assert run(words.split()) == 0
     said = capsys.readouterr()

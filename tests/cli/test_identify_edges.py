@@ -343,7 +343,7 @@ def test_touch_ups_of_another_arm(cli, work):
     assert "not of this robot" in content["reason"]
 
 
-def test_residuals_of_decimetres(cli, work):
+def test_residuals_of_decimetres(cli, work, rendered):
     rng = np.random.default_rng(1)
     rows = rows_of(work / "touchups.csv")
     for row in rows:
@@ -354,6 +354,7 @@ def test_residuals_of_decimetres(cli, work):
     assert said.code == 1
     assert "these measurements are not of this robot" in said.err
     assert "Identified" not in said.out
+    assert not (work / "identification.png").exists()
 
 
 def test_four_touch_ups(cli, work):

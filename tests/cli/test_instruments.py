@@ -18,6 +18,9 @@ TURNED = (
     'kind = "pose"\nunit = "mm"\nturn = "quaternion-xyzw"\n[instrument.columns]\n'
     'turn = ["Qx", "Qy", "Qz", "Q0"]\npose = "Name"\n'
 )
+PLAIN = "[measurement]\nweighted = false\n"
+"""Without the fit of an arm with everything that may be off, which is most of the time."""
+
 IN_ORDER = 'kind = "pose"\nmatch = "order"\n'
 
 
@@ -109,7 +112,7 @@ def edited(path: Path, edit: Callable[[list[str]], list[str]]) -> Path:
 
 def written(instrument: Instrument, taken: Session, folder: Path) -> list[Path]:
     """Cell, file of the instrument, and joints."""
-    cell = taken.cell(folder, instrument.section)
+    cell = taken.cell(folder, instrument.section + PLAIN)
     return [cell, instrument.write(taken, folder), files.joint_list(taken, folder)]
 
 

@@ -1,6 +1,7 @@
 """``posedesign plan --method exchange`` and ``posedesign next`` as people type them."""
 
 import csv
+import shlex
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from posedesign.cli import output
 from posedesign.cli.main import run
 from posedesign.planning.optimal.choose import Planning
 from posedesign.planning.poses_file import read_poses
-from tests.cli.conftest import strict_json, with_keys
+from tests.cli.conftest import refusals, strict_json, with_keys
 
 SMALL = {"pool.candidates": "60"}
 EXCHANGE = ("--method", "exchange")
@@ -117,82 +118,67 @@ def test_out_of_reach_is_valid_json_too(cli, cell, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
+def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path, rendered):
     cell = change_cell(SMALL | {"measurement.weighted": "false"})
     words = ("--criterion", "c_g", "--poses", 8, "--out", tmp_path / "run", "--json")
     told = strict_json(cli("plan", cell, *words).out)
     assert told["criterion"]["name"] == "C_G"
     assert told["criterion"]["value"] == pytest.approx(told["indices"]["c_g"])
+    assert (tmp_path / "run" / "plan.png").stat().st_size > 5_000
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        (("--method", "exchagne"), ("no method 'exchagne'", "did you mean exchange?")),
-        (("--method", ""), ("no method ''", "exchange")),
-        (("--method", "fisher"), ("no method 'fisher'", "known: wpr, exchange, detmax")),
-        (("--criterion", "tpc"), ("no criterion 'tpc'", "did you mean tcp?")),
-        (("--criterion", "Q"), ("no criterion 'Q'", "known: tcp, tcp-worst, sigma:NAME, D")),
-        (("--criterion", "sigmoid"), ("no criterion 'sigmoid'",)),
-        (("--criterion", "sigma"), ("none is named", "such as sigma:zero_offset.joint_2")),
-        (("--criterion", "sigma:"), ("none is named",)),
-        (
-            ("--criterion", "sigma:zero_offset.joint2"),
-            ("no parameter 'zero_offset.joint2'", "did you mean zero_offset.joint_2"),
-        ),
-        (("--poses", "0"), ("0 poses", "1 to 1000, or auto")),
-        (("--poses", "-3"), ("'-3' is no number of poses", "give a number, or auto")),
-        (("--poses", "1e9"), ("'1e9' is no number of poses",)),
-        (("--poses", "99999999999999"), ("is no number of poses",)),
-        (("--poses", "abc"), ("'abc' is no number of poses",)),
-        (("--poses", ""), ("'' is no number of poses",)),
-        (("--poses", "auto"), ("none is given", "--target-accuracy 0.2mm")),
-        (("--target-accuracy", "0"), ("'0' is no accuracy", "such as 0.2mm")),
-        (("--target-accuracy", "nan"), ("'nan' is no accuracy",)),
-        (("--target-accuracy", "-1mm"), ("'-1mm' is no accuracy",)),
-        (("--target-accuracy", "5 parsecs"), ("'5 parsecs' is no accuracy",)),
-        (("--target-accuracy", "0,2mm"), ("'0,2mm' is no accuracy",)),
-        (("--target-accuracy", "1e400mm"), ("is no accuracy",)),
-        (("--threshold", "0"), ("threshold is not above zero", "give a number from 1e-12")),
-        (("--threshold", "nan"), ("threshold is not above zero",)),
-        (("--threshold", "inf"), ("threshold is not above zero and finite",)),
-        (("--threshold", "many"), ("'--threshold'", "--help")),
-        (
-            ("--criterion", "C_G", "--poses", "27", "--threshold", "850"),
-            ("no set of 27 poses from this pool can be below 850",),
-        ),
-        (
-            ("--target-accuracy", "1mm", "--criterion", "D"),
-            ("--criterion and --target-accuracy are two things", "give one"),
-        ),
-        (
-            ("--target-accuracy", "1mm", "--wanted-sigma-deg", "1"),
-            ("--target-accuracy and --wanted-sigma-deg are two things",),
-        ),
-        (
-            ("--target-accuracy", "1mm", "--threshold", "1"),
-            ("--threshold is a value of --criterion, and --target-accuracy is one of its own",),
-        ),
-        (
-            ("--method", "wpr", "--poses", "5"),
-            ("--poses does not go with --method wpr", "--method exchange"),
-        ),
-        (("--method", "WPR", "--validation", "5"), ("--validation does not go with",)),
-        (("--method", "wpr", "--keep", "poses.csv"), ("--keep does not go with",)),
-        (("--minutes", "5", "--poses", "5"), ("--minutes decides", "--poses")),
-        (("--minutes", "5", "--target-accuracy", "0.1mm"), ("so does --target-accuracy",)),
-        (("--minutes", "0.5"), ("0.5 min are not enough: 4 poses", " min (allow more time")),
-        (("--minutes", "0"), ("the time is not above zero",)),
-        (("--minutes", "5", "--method", "wpr"), ("--minutes does not go with",)),
-        ((*EXCHANGE, "--validation", "-1"), ("-1 poses for validation", "0 to 1000")),
-        ((*EXCHANGE, "--robust", "wurst"), ("no robustness 'wurst'", "worst")),
-        (("--wanted-sigma-mm", "0"), ("wanted standard deviation is not above zero",)),
-        (("--wanted-sigma-mm", "nan"), ("wanted standard deviation is not above zero",)),
-    ],
-    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+    refusals(r"""
+--method exchagne => no method 'exchagne' | did you mean exchange?
+--method '' => no method '' | exchange
+--method fisher => no method 'fisher' | known: wpr, exchange, detmax
+--criterion tpc => no criterion 'tpc' | did you mean tcp?
+--criterion Q => no criterion 'Q' | known: tcp, tcp-worst, sigma:NAME, D
+--criterion sigmoid => no criterion 'sigmoid'
+--criterion sigma => none is named | such as sigma:zero_offset.joint_2
+--criterion sigma: => none is named
+--criterion sigma:zero_offset.joint2 =>
+  no parameter 'zero_offset.joint2' | did you mean zero_offset.joint_2
+--poses 0 => 0 poses | 1 to 1000, or auto
+--poses -3 => '-3' is no number of poses | give a number, or auto
+--poses 1e9 => '1e9' is no number of poses
+--poses 99999999999999 => is no number of poses
+--poses abc => 'abc' is no number of poses
+--poses '' => '' is no number of poses
+--poses auto => none is given | --target-accuracy 0.2mm
+--target-accuracy 0 => '0' is no accuracy | such as 0.2mm
+--target-accuracy nan => 'nan' is no accuracy
+--target-accuracy -1mm => '-1mm' is no accuracy
+--target-accuracy '5 parsecs' => '5 parsecs' is no accuracy
+--target-accuracy 0,2mm => '0,2mm' is no accuracy
+--target-accuracy 1e400mm => is no accuracy
+--threshold 0 => threshold is not above zero | give a number from 1e-12
+--threshold nan => threshold is not above zero
+--threshold inf => threshold is not above zero and finite
+--threshold many => '--threshold' | --help
+--criterion C_G --poses 27 --threshold 850 => no set of 27 poses from this pool can be below 850
+--target-accuracy 1mm --criterion D => --criterion and --target-accuracy are two things | give one
+--target-accuracy 1mm --wanted-sigma-deg 1 =>
+  --target-accuracy and --wanted-sigma-deg are two things
+--target-accuracy 1mm --threshold 1 =>
+  --threshold is a value of --criterion, and --target-accuracy is one of its own
+--method wpr --poses 5 => --poses does not go with --method wpr | --method exchange
+--method WPR --validation 5 => --validation does not go with
+--method wpr --keep poses.csv => --keep does not go with
+--minutes 5 --poses 5 => --minutes decides | --poses
+--minutes 5 --target-accuracy 0.1mm => so does --target-accuracy
+--minutes 0.5 => 0.5 min are not enough: 4 poses | min (allow more time
+--minutes 0 => the time is not above zero
+--minutes 5 --method wpr => --minutes does not go with
+--method exchange --validation -1 => -1 poses for validation | 0 to 1000
+--method exchange --robust wurst => no robustness 'wurst' | worst
+--wanted-sigma-mm 0 => wanted standard deviation is not above zero
+--wanted-sigma-mm nan => wanted standard deviation is not above zero
+"""),
 )
 def test_mistyped_plans(refuse, cell, tmp_path, words, said):
-    refuse("plan", cell, *words, "--out", tmp_path / "out").says(*said)
+    refuse("plan", cell, *shlex.split(words[0]), "--out", tmp_path / "out").says(*said)
 
 
 @pytest.mark.parametrize(
@@ -317,24 +303,24 @@ def test_next_says_when_the_accuracy_is_reached(cli, cell, measured):
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        (("--least-gain", "0"), ("a least gain of 0", "between 0 and 1")),
-        (("--least-gain", "1"), ("a least gain of 1",)),
-        (("--least-gain", "2"), ("a least gain of 2",)),
-        (("--least-gain", "nan"), ("a least gain of nan",)),
-        (("--least-gain", "some"), ("'--least-gain'", "--help")),
-        (("--target-accuracy", "0"), ("'0' is no accuracy", "such as 0.2mm")),
-        (("--target-accuracy", "soon"), ("'soon' is no accuracy",)),
-        (("--poses", "0"), ("'--poses'", "--help")),
-        (("--poses", "101"), ("'--poses'", "--help")),
-        (("--poses", "auto"), ("'--poses'", "--help")),
-        (("--criterion", "tpc"), ("no criterion 'tpc'", "did you mean tcp?")),
-        (("--criterion", "sigma"), ("none is named",)),
-    ],
-    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+    refusals(r"""
+--least-gain 0 => a least gain of 0 | between 0 and 1
+--least-gain 1 => a least gain of 1
+--least-gain 2 => a least gain of 2
+--least-gain nan => a least gain of nan
+--least-gain some => '--least-gain' | --help
+--target-accuracy 0 => '0' is no accuracy | such as 0.2mm
+--target-accuracy soon => 'soon' is no accuracy
+--poses 0 => '--poses' | --help
+--poses 101 => '--poses' | --help
+--poses auto => '--poses' | --help
+--criterion tpc => no criterion 'tpc' | did you mean tcp?
+--criterion sigma => none is named
+"""),
 )
 def test_mistyped_nexts(refuse, cell, work, words, said):
-    refuse("next", cell, work / "touchups.csv", *words, "--out", work / "out").says(*said)
+    typed = (work / "touchups.csv", *shlex.split(words[0]))
+    refuse("next", cell, *typed, "--out", work / "out").says(*said)
 
 
 def test_files_that_next_cannot_use(refuse, cell, work):

@@ -28,6 +28,7 @@ from posedesign.programs import PoseProgram, ProgramPose, find_dialect
 from posedesign.programs.arm import Arm
 from posedesign.report.tour import link_frames
 from posedesign.simulation import SimulatedRobot
+from tests.cli.conftest import offsets_only
 from tests.measured_cells import check_scatter
 from tests.positioners import beside_positioner
 
@@ -74,6 +75,7 @@ def test_from_new_to_report(cli, refuse, tmp_path):
     assert 'zero_offsets = ["tilt", "joint_1", "joint_2"' in text
     text = text.replace("# capsule_radius_mm = 280", "capsule_radius_mm = 100 #")
     path.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
+    offsets_only(path)
     plan, poses = tmp_path / "plan", tmp_path / "plan" / "poses.csv"
     assert cli("plan", path, "--out", plan).code == 0
     header = next(line for line in poses.read_text().splitlines() if line.startswith("name,"))
@@ -203,8 +205,9 @@ def test_a_base_pose_in_radians_is_refused(tmp_path):
 @pytest.mark.parametrize("arm", ["ur10e", "r2000ic165f"])
 def test_the_table_s_zero_is_found_as_well_as_predicted(tmp_path, arm):
     """By two pins on it: the tilt and all joints of the arm but the last one."""
-    cell = cell_of(tmp_path, arm, box="smallest_singular_value = 0.05\n")
-    chosen = plan_optimal(cell, Request(count=30, refine=False))
+    pool = "[pool]\ncandidates = 300\n"
+    cell = cell_of(tmp_path, arm, pool + PINS, box="smallest_singular_value = 0.05\n")
+    chosen = plan_optimal(cell, Request(count=30, beside=0))
     assert {"zero_offset.tilt", f"zero_offset.{cell.robot.arm_joints[0]}"} <= {*chosen.model.names}
     assert "zero_offset.turn" not in chosen.model.names
     robot, which = SimulatedRobot.of(cell), cell.which(chosen.labels)

@@ -40,6 +40,7 @@ from posedesign.simulation.pictures import simulate_pictures
 from tests.arms import PULSES
 from tests.board_pictures import Camera as BoardCamera
 from tests.board_pictures import take_pictures
+from tests.cli.conftest import offsets_only
 from tests.cli.test_camera import BOARD, LENS, NEAR, X, Z, write_rows
 from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
@@ -77,10 +78,9 @@ def railed(
 
 def listed(cell: Cell, count: int = 14) -> PoseList:
     """Poses along the whole rail."""
-    chosen = plan_optimal(cell, Request(count=count, refine=False))
-    poses = PoseList.of_route(chosen.poses, chosen.route)
-    assert np.ptp(poses.measured.postures[:, 0]) > 0.5
-    return poses
+    q = joint_candidates(cell, count, np.random.default_rng(0)).postures
+    assert np.ptp(q[:, 0]) > 0.5
+    return PoseList(tuple(f"P{k + 1}" for k in range(len(q))), q, np.zeros(len(q), dtype=bool))
 
 
 def test_from_new_to_identify(cli, refuse, tmp_path):
@@ -92,6 +92,7 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     assert '"scale"]' not in cli("new", "--robot", "r2000ic165f").out
     text = text.replace("# capsule_radius_mm = 280", "capsule_radius_mm = 200 #")
     cell.write_text(text.replace('# controller = "fanuc"', 'controller = "fanuc" #'))
+    offsets_only(cell)
     assert cli("plan", cell, "--out", tmp_path / "plan").code == 0
     poses = tmp_path / "plan" / "poses.csv"
     found = read_poses(poses, 7, external=RAIL)
@@ -277,9 +278,10 @@ def test_the_rail_s_own_errors_are_found_as_well_as_predicted(tmp_path, arm):
     more = (
         '[[target]]\nname = "tracker"\nkind = "point"\nposition_mm = [3000.0, 1500.0, 900.0]\n'
         f'[parameters]\n{planned}\n[measurement]\nkind = "point"\n{TRACKER}'
+        "[pool]\ncandidates = 300\n"
     )
     cell = railed(tmp_path, arm, more)
-    chosen = plan_optimal(cell, Request(count=30, refine=False))
+    chosen = plan_optimal(cell, Request(count=30, beside=0))
     assert "scale.rail" in chosen.model.names
     robot, which = SimulatedRobot.of(cell), cell.which(chosen.labels)
     names = [str(i) for i in range(len(which))]
@@ -369,8 +371,9 @@ def test_joints_of_drawn_pictures_are_in_millimetres_and_degrees(tmp_path):
 
 
 def test_a_rail_comes_from_one_side_by_millimetres(tmp_path):
-    more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n'
-    poses = listed(railed(tmp_path, "r2000ic165f", more), 12)
+    more = '[plan]\napproach = "same-side"\napproach_deg = 5.0\n[pool]\ncandidates = 100\n'
+    chosen = plan_optimal(railed(tmp_path, "r2000ic165f", more), Request(count=12, beside=0))
+    poses = PoseList.of_route(chosen.poses, chosen.route)
     measured = np.flatnonzero(~poses.via)
     last = poses.postures[measured] - poses.postures[measured - 1]
     np.testing.assert_allclose(np.abs(last[:, 0]), 0.01)

@@ -10,10 +10,14 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
+from calib.errors import InputError
 from posedesign.cli.main import run
-from posedesign.files import origin_of
-from tests.cli.conftest import copied, rendering
+from posedesign.files import Results, origin_of
+from posedesign.report.figures import draw, new_figure, panels_of
+from posedesign.workflow import PLANNED
+from tests.cli.conftest import copied, rendering, with_compliance
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +26,7 @@ def reported(_work, tmp_path_factory) -> Path:
     work = copied(_work, tmp_path_factory.mktemp("reported"))
     (work / "touchups.csv").unlink()
     (work / "pairs.csv").unlink()
+    with_compliance(work / "cell.toml")
     cell, poses, touchups = (str(work / f) for f in ("cell.toml", "poses.csv", "touchups.csv"))
     assert run(["simulate", cell, poses, "--out", str(work)]) == 0
     with redirect_stdout(StringIO()) as out, rendering():
@@ -119,6 +124,23 @@ def test_pages_of_nothing_and_of_damaged_files_are_refused(refuse, work, tmp_pat
     refuse("report", work).says("models.0.parameters", "is no list")
     (work / "identification.json").write_text("{")
     refuse("report", work).says("identification.json")
+
+
+@pytest.mark.usefixtures("rendered")
+def test_a_figure_of_an_earlier_time_goes_where_nothing_can_be_drawn(tmp_path):
+    def something() -> Figure:
+        panels_of(figure := new_figure())
+        return figure
+
+    def unreachable() -> None:
+        raise InputError("no place of the box can be reached")
+
+    out = Results(tmp_path, "plan")
+    for nothing in (unreachable, lambda: None):
+        draw(out, out.claim("planned", *PLANNED), something)
+        assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg"}
+        draw(out, out.claim("planned", *PLANNED), nothing)
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("rendered")

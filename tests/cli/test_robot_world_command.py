@@ -1,6 +1,7 @@
 """``posedesign robot-world`` as a person types it, on pairs in every form."""
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.hand_eye.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.hand_eye.pairs import results as pairs_results
 from posedesign.hand_eye.pairs.forms import PoseForm
-from tests.cli.conftest import rows_of, unfolded
+from tests.cli.conftest import refusals, rows_of, unfolded
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
@@ -44,6 +45,17 @@ def measured() -> tuple[Pairs, FloatArray, FloatArray]:
     return Pairs(names, A, B), problem.X[0], problem.Z[0]
 
 
+@pytest.fixture
+def pairs(measured) -> Pairs:
+    return measured[0]
+
+
+@pytest.fixture
+def path(pairs, tmp_path) -> Path:
+    """The pairs in a table."""
+    return write_pairs(tmp_path / "pairs.csv", pairs)
+
+
 def matlab(path: Path, **sides: FloatArray) -> Path:
     """A MATLAB file with 4x4xN arrays in mm."""
     stacked = {name: np.moveaxis(T, 0, -1).copy() for name, T in sides.items()}
@@ -59,8 +71,7 @@ def headerless(path: Path, T: FloatArray, form: PoseForm) -> Path:
     return path
 
 
-def test_every_way_in_gives_the_same_answer(cli, tmp_path, measured):
-    pairs, _, _ = measured
+def test_every_way_in_gives_the_same_answer(cli, tmp_path, pairs):
     target2cam = inverse(pairs.B)
     quaternions = "qw,qx,qy,qz,x_m,y_m,z_m"
     table = write_pairs(tmp_path / "t.csv", pairs, QUATERNION, PoseForm("mm", "matrix"))
@@ -101,9 +112,8 @@ def test_every_way_in_gives_the_same_answer(cli, tmp_path, measured):
         assert ("opencv" in answer) == ("opencv" in way)
 
 
-def test_samples_of_a_fixed_camera(cli, tmp_path, measured):
+def test_samples_of_a_fixed_camera(cli, tmp_path, pairs):
     """What was B of a camera on the flange is here the target as a fixed camera sees it."""
-    pairs, _, _ = measured
     samples = [[a.tolist(), b.tolist()] for a, b in zip(pairs.A, pairs.B, strict=True)]
     path = tmp_path / "moveit.json"
     path.write_text(json.dumps(samples))
@@ -146,9 +156,7 @@ def test_what_is_printed_and_written(cli, tmp_path, measured):
     assert 0.6 < float(best["noise_rotation_deg"]) / np.degrees(NOISE.rotation_rad) < 1.4
 
 
-def test_residuals_pair_by_pair(cli, tmp_path, measured):
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
+def test_residuals_pair_by_pair(cli, tmp_path, pairs, path):
     methods = ("ml", "shah")
     assert cli("robot-world", path, "--method", "ml, shah", "--out", tmp_path).code == 0
     rows = rows_of(tmp_path / "robot_world_pairs.csv")
@@ -176,8 +184,7 @@ def test_residuals_pair_by_pair(cli, tmp_path, measured):
     assert float(row["left_out_mm"]) == pytest.approx(1e3 * np.linalg.norm(miss[:3, 3]), rel=1e-5)
 
 
-def test_pairs_that_are_left_out_are_named(cli, tmp_path, measured):
-    pairs, _, _ = measured
+def test_pairs_that_are_left_out_are_named(cli, tmp_path, pairs):
     B = pairs.B.copy()
     B[[2, 7]] = B[[7, 2]]
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, B))
@@ -191,9 +198,7 @@ def test_pairs_that_are_left_out_are_named(cli, tmp_path, measured):
     assert (row["pairs"], row["used"]) == ("12", "10")
 
 
-def test_json_carries_everything(cli, tmp_path, measured):
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
+def test_json_carries_everything(cli, tmp_path, pairs, path):
     noise = ("--noise-deg", np.degrees(NOISE.rotation_rad), "--noise-mm", 0.2, "--noise-on", "b")
     said = cli("robot-world", path, "--method", "ml", *noise, "--out", tmp_path, "--json")
     assert (said.code, said.err) == (0, "")
@@ -215,10 +220,8 @@ def test_json_carries_everything(cli, tmp_path, measured):
     assert answer["sigma_z_rz_deg"] == pytest.approx(np.degrees(sigma[8]))
 
 
-def test_fixed_camera(cli, tmp_path, measured):
+def test_fixed_camera(cli, tmp_path, path):
     """The same numbers, other names: B is T_camera_target."""
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
     said = cli("robot-world", path, "--camera", "fixed", "--method", "ml", "--out", tmp_path)
     assert said.code == 0
     for words in (
@@ -231,9 +234,8 @@ def test_fixed_camera(cli, tmp_path, measured):
     assert "T_flange_camera" not in said.out
 
 
-def test_answer_in_the_names_of_opencv(cli, tmp_path, measured):
+def test_answer_in_the_names_of_opencv(cli, tmp_path, pairs):
     """Against OpenCV itself, on its own input."""
-    pairs, _, _ = measured
     world2cam, base2gripper = inverse(pairs.B), inverse(pairs.A)
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, world2cam, base2gripper))
     way = ("robot-world", path, "--convention", "opencv", "--method", "shah", "--out", tmp_path)
@@ -256,8 +258,7 @@ def test_answer_in_the_names_of_opencv(cli, tmp_path, measured):
     assert "--invert b" not in table
 
 
-def test_wrong_way_round_is_said(cli, tmp_path, measured):
-    pairs, _, _ = measured
+def test_wrong_way_round_is_said(cli, tmp_path, pairs):
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
     said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
     assert said.code == 2
@@ -268,9 +269,8 @@ def test_wrong_way_round_is_said(cli, tmp_path, measured):
     assert (turned.code, turned.err) == (0, "")
 
 
-def test_rows_out_of_step_are_said_by_the_solver_too(cli, tmp_path, measured):
+def test_rows_out_of_step_are_said_by_the_solver_too(cli, tmp_path, pairs):
     """The reader sees that no form explains it, the solver which rows do."""
-    pairs, _, _ = measured
     late = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
     path = write_pairs(tmp_path / "pairs.csv", late)
     said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
@@ -279,9 +279,8 @@ def test_rows_out_of_step_are_said_by_the_solver_too(cli, tmp_path, measured):
     assert "one row earlier" in error
 
 
-def test_wrong_way_round_is_said_once_of_answers_too(cli, tmp_path, measured):
+def test_wrong_way_round_is_said_once_of_answers_too(cli, tmp_path, pairs):
     """A robust method may find pairs that agree in a wrong reading."""
-    pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
     said = cli("robot-world", path, "--method", "ml-robust", "--out", tmp_path)
     assert said.code in (1, 2)
@@ -289,8 +288,7 @@ def test_wrong_way_round_is_said_once_of_answers_too(cli, tmp_path, measured):
     assert "with one side the other way round: see --invert" in said.err
 
 
-def test_notes_on_the_file_are_warnings(cli, tmp_path, measured):
-    pairs, _, _ = measured
+def test_notes_on_the_file_are_warnings(cli, tmp_path, pairs):
     path = write_pairs(tmp_path / "pairs.csv", pairs, QUATERNION, QUATERNION)
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, lines[5]]) + "\n")
@@ -305,9 +303,7 @@ def test_notes_on_the_file_are_warnings(cli, tmp_path, measured):
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(cli, tmp_path, measured):
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
+def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(cli, tmp_path, path):
     (tmp_path / "named").mkdir()
     papers = list(PAPER_METHODS)
     for methods, expected in (
@@ -319,9 +315,8 @@ def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(cli, t
         assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == expected
 
 
-def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, measured):
+def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, pairs):
     """With none of them left out, and no noise to be seen in what is left over."""
-    pairs, _, _ = measured
     path = write_pairs(tmp_path / "p.csv", Pairs(pairs.names[:3], pairs.A[:3], pairs.B[:3]))
     said = cli("robot-world", path, "--method", "shah", "--out", tmp_path, "--json")
     assert said.code == 0
@@ -329,64 +324,46 @@ def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, measured):
     assert answer["pairs"] == 3
 
 
-REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
-    "nothing": ((), "give one file of pairs, or one with --a and one with --b"),
-    "one side": (("--a", "p.csv"), "one with --a and one with --b"),
-    "both": (("p.csv", "--a", "p.csv", "--b", "p.csv"), "give one file of pairs, or"),
-    "no method": (("p.csv", "--method", "shah,hirshh"), "did you mean hirsh"),
-    "empty method": (
-        ("p.csv", "--method", "shah,"),
-        "--method 'shah,' lacks a name (put one comma",
-    ),
-    "no method at all": (("p.csv", "--method", ""), "--method '' lacks a name"),
-    "noise below zero": (
-        ("p.csv", "--noise-deg", "-1", "--noise-mm", "1"),
-        "--noise-deg is -1 deg, no standard deviation (give one above 0 deg",
-    ),
-    "noise that is none": (
-        ("p.csv", "--noise-deg", "1", "--noise-mm", "nan"),
-        "--noise-mm is nan mm, no standard deviation",
-    ),
-    "noise that is no number": (
-        ("p.csv", "--noise-deg", "text", "--noise-mm", "1"),
-        "'--noise-deg': Input should be a valid number",
-    ),
-    "noise of zero": (
-        ("p.csv", "--noise-deg", "0", "--noise-mm", "1"),
-        "--noise-deg is 0 deg, and ml weighs by it",
-    ),
-    "camera": (("p.csv", "--camera", "hand"), "'--camera'"),
-    "invert": (("p.csv", "--invert", "c"), "'--invert'"),
-    "convention": (("p.csv", "--convention", "cv"), "'--convention'"),
-    "unit": (("p.mat", "--unit", "cm"), "'--unit'"),
-    "unit of a table": (("p.csv", "--unit", "mm"), "are for files of matrices"),
-    "no unit": (("p.mat",), "say it with --unit mm or --unit m"),
-    "fixed, opencv": (
-        ("p.csv", "--camera", "fixed", "--convention", "opencv"),
-        "give gripper2base as A and target2cam as B",
-    ),
-    "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on a needs --noise-deg"),
-    "shown, and given": (
-        ("p.csv", "--noise-on", "shown", "--noise-deg", "1", "--noise-mm", "1"),
-        "finds the sizes itself",
-    ),
-    "side of noise": (("p.csv", "--noise-on", "c"), "'--noise-on'"),
-    "half a noise": (("p.csv", "--noise-mm", "1"), "or neither"),
-    "no such file": (("no.csv",), "no.csv: cannot be read: No such file"),
-    "a folder": (("folder",), "folder: cannot be read"),
-    "columns": (("p.csv", "--columns", "qw,qx"), "cells, 2 are named"),
-}
+REFUSED = refusals(r"""
+nothing |  => give one file of pairs, or one with --a and one with --b
+one side | --a p.csv => one with --a and one with --b
+both | p.csv --a p.csv --b p.csv => give one file of pairs, or
+no method | p.csv --method shah,hirshh => did you mean hirsh
+empty method | p.csv --method shah, => --method 'shah,' lacks a name (put one comma
+no method at all | p.csv --method '' => --method '' lacks a name
+noise below zero | p.csv --noise-deg -1 --noise-mm 1 =>
+  --noise-deg is -1 deg, no standard deviation (give one above 0 deg
+noise that is none | p.csv --noise-deg 1 --noise-mm nan =>
+  --noise-mm is nan mm, no standard deviation
+noise that is no number | p.csv --noise-deg text --noise-mm 1 =>
+  '--noise-deg': Input should be a valid number
+noise of zero | p.csv --noise-deg 0 --noise-mm 1 => --noise-deg is 0 deg, and ml weighs by it
+camera | p.csv --camera hand => '--camera'
+invert | p.csv --invert c => '--invert'
+convention | p.csv --convention cv => '--convention'
+unit | p.mat --unit cm => '--unit'
+unit of a table | p.csv --unit mm => are for files of matrices
+no unit | p.mat => say it with --unit mm or --unit m
+fixed, opencv | p.csv --camera fixed --convention opencv =>
+  give gripper2base as A and target2cam as B
+side without noise | p.csv --noise-on a => --noise-on a needs --noise-deg
+shown, and given | p.csv --noise-on shown --noise-deg 1 --noise-mm 1 => finds the sizes itself
+side of noise | p.csv --noise-on c => '--noise-on'
+half a noise | p.csv --noise-mm 1 => or neither
+no such file | no.csv => no.csv: cannot be read: No such file
+a folder | folder => folder: cannot be read
+columns | p.csv --columns qw,qx => cells, 2 are named
+""")
 
 
-@pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
-def test_what_is_refused(refuse, tmp_path, measured, case):
-    words, said = case
+@pytest.mark.parametrize(("given", "said"), REFUSED)
+def test_what_is_refused(refuse, tmp_path, measured, given, said):
     write_pairs(tmp_path / "p.csv", measured[0])
     (tmp_path / "folder").mkdir()
     matlab(tmp_path / "p.mat", A=measured[0].A, B=measured[0].B)
     known = {path.name for path in tmp_path.iterdir()} | {"no.csv"}
-    typed = [tmp_path / word if word in known else word for word in words]
-    refuse("robot-world", *typed, "--out", tmp_path / "out").says(said)
+    typed = [tmp_path / word if word in known else word for word in shlex.split(given[0])]
+    refuse("robot-world", *typed, "--out", tmp_path / "out").says(*said)
 
 
 def test_bad_rows_are_refused_by_line(refuse, tmp_path, measured):
@@ -407,9 +384,7 @@ def test_bad_rows_are_refused_by_line(refuse, tmp_path, measured):
         refuse("robot-world", path, "--out", tmp_path / "out").says(words)
 
 
-def test_certificate_of_the_likeliest(cli, tmp_path, measured):
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
+def test_certificate_of_the_likeliest(cli, tmp_path, path):
     said = cli("robot-world", path, "--method", "ml,shah", "--certify", "--out", tmp_path, "--json")
     assert said.code == 0
     likeliest, closed_form = json.loads(said.out)
@@ -492,16 +467,13 @@ def test_what_cannot_be_certified_is_refused_before_solving(refuse, tmp_path, op
     refuse("robot-world", path, "--certify", *options, "--out", tmp_path / "out").says(*reasons)
 
 
-def test_fixed_camera_sees_the_target_at_b_and_is_certified(cli, tmp_path, measured):
-    path = write_pairs(tmp_path / "pairs.csv", measured[0])
+def test_fixed_camera_sees_the_target_at_b_and_is_certified(cli, tmp_path, path):
     options = ("--method", "ml", *TYPED, "--noise-on", "seen", "--certify", "--out", tmp_path)
     said = cli("robot-world", path, "--camera", "fixed", *options)
     assert "ml: proven: no X and Z have a chi² below" in said.out
 
 
-def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(cli, tmp_path, measured):
-    pairs, _, _ = measured
-    path = write_pairs(tmp_path / "pairs.csv", pairs)
+def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(cli, tmp_path, pairs, path):
     options = ("--method", "ml", *TYPED, "--out", tmp_path, "--json")
     on_flange = cli("robot-world", path, "--noise-on", "seen", *options)
     (row,) = json.loads(on_flange.out)
@@ -524,12 +496,11 @@ def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(cli, tmp_path, me
         (5.0, "the noise given is larger than what is left over shows"),
     ],
 )
-def test_whether_the_noise_explains_the_data_is_said(cli, tmp_path, measured, times, words):
-    path = write_pairs(tmp_path / "pairs.csv", measured[0])
+def test_whether_the_noise_explains_the_data_is_said(cli, tmp_path, pairs, path, times, words):
     noise = PairNoise(times * NOISE.rotation_rad, times * NOISE.translation_m)
     typed = ("--noise-deg", np.degrees(noise.rotation_rad), "--noise-mm", 1e3 * noise.translation_m)
     said = cli("robot-world", path, "--method", "ml,shah", *typed, "--out", tmp_path)
-    result = solve(measured[0].A, measured[0].B, "ml", noise)
+    result = solve(pairs.A, pairs.B, "ml", noise)
     assert result.chi2 is not None
     (line,) = (line for line in said.out.splitlines() if "chi²" in line)
     assert line.startswith(f"ml, shah: chi² {result.chi2:.5g} of {6 * COUNT - 12} degrees of")
@@ -543,8 +514,7 @@ def test_whether_the_noise_explains_the_data_is_said(cli, tmp_path, measured, ti
     assert rows_of(tmp_path / "robot_world.csv")[0]["chi2_per_freedom"] == ""
 
 
-def test_progress_is_shown_in_a_terminal_only(cli, tmp_path, measured, monkeypatch):
-    path = write_pairs(tmp_path / "pairs.csv", measured[0])
+def test_progress_is_shown_in_a_terminal_only(cli, tmp_path, path, monkeypatch):
     typed = ("robot-world", path, "--method", "shah,zhuang", "--out", tmp_path)
     assert cli(*typed).err == ""
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes standard error for a terminal
@@ -561,8 +531,7 @@ def test_progress_goes_method_by_method(measured):
     assert [part for _, part in told] == pytest.approx([k / 6 for k in range(7)])
 
 
-def test_all_among_other_names(cli, tmp_path, measured):
-    path = write_pairs(tmp_path / "pairs.csv", measured[0])
+def test_all_among_other_names(cli, tmp_path, path):
     assert cli("robot-world", path, "--method", "shah, all", "--out", tmp_path).code == 0
     found = [row["method"] for row in rows_of(tmp_path / "robot_world.csv")]
     assert found == ["shah", *(name for name in METHODS if name != "shah")]
@@ -575,7 +544,7 @@ def test_all_among_other_names(cli, tmp_path, measured):
         *((method, "doubtful") for method in ("ml,shah", "shah,ml", "all")),
     ],
 )
-def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch, method, status):
+def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, path, monkeypatch, method, status):
     """Where it is the one that was asked for first: the others are there to compare."""
 
     def told(pairs: PairSets, chosen: Method, noise: Any, **options: Any) -> Any:
@@ -583,7 +552,6 @@ def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch,
         return replace(result, _first=(status, "why")) if chosen.name == "ml" else result
 
     monkeypatch.setattr(pairs_results, "solve_problem", told)
-    path = write_pairs(tmp_path / "pairs.csv", measured[0])
     said = cli("robot-world", path, "--method", method, "--out", tmp_path, "--json")
     assert said.code == (0 if method == "shah,ml" else 1)
     assert f"warning: ml: {status}: why\n" in said.err
@@ -591,9 +559,8 @@ def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch,
     assert row["status"] == status
 
 
-def test_opencv_order_in_every_kind_of_file(cli, tmp_path, measured):
+def test_opencv_order_in_every_kind_of_file(cli, tmp_path, pairs):
     """gripper2base and target2cam as they are, with A and B where OpenCV's function has them."""
-    pairs, _, _ = measured
     gripper2base, target2cam = pairs.A, inverse(pairs.B)
     form = PoseForm("m", "vector-rad")
     typed = "x_m,y_m,z_m,rx_rad,ry_rad,rz_rad"

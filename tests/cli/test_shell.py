@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from posedesign.cell import cell_template
+from tests.cli.conftest import with_keys
 
 COMMAND = (sys.executable, "-c", "from posedesign.cli.main import main; main()")
 SCRIPT = Path(sys.executable).with_name("posedesign")
@@ -33,38 +34,26 @@ def modules_after(statement: str) -> set[str]:
     return {name.partition(".")[0] for name in done.stderr.split()}
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "import posedesign",
-        "import calib",
-        "from posedesign.cli.main import run\nrun(['--help'])",
-        "from posedesign.cli.main import run\nrun(['plan', '--help'])",
-        "from posedesign.cli.main import run\nrun(['robot-world', '--help'])",
-        "from posedesign.cli.main import run\nrun(['plan'])",
-    ],
-)
-def test_help_does_not_wait_for_the_robot_libraries(statement):
-    assert modules_after(statement).isdisjoint(HEAVY)
+def test_help_does_not_wait_for_the_robot_libraries():
+    """Nor for click: Typer brings its own since 0.26, and a package nobody asked for may be gone.
 
-
-def test_small_commands_wait_for_no_library_that_they_do_not_use():
-    """One process for all: what any of them needs, each of them may wait for."""
-    commands = "import posedesign\nposedesign.plan\nfrom posedesign.cli.main import run\n"
-    commands += "run(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])"
+    One process for all: what any of them needs, each of them may wait for.
+    """
+    run = "from posedesign.cli.main import run\n"
+    words = ("['--help']", "['plan', '--help']", "['robot-world', '--help']", "['plan']")
+    each = ["import posedesign, calib", *(f"{run}run({typed})" for typed in words)]
+    assert modules_after("\n".join(each)).isdisjoint((*HEAVY, "click"))
+    small = "posedesign.plan\nrun(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])"
+    small += "\nfrom posedesign.cell import Cell, cell_template"
+    small += "\nCell.from_text(cell_template()).model()"
     unused = {"scipy", "pandas", "matplotlib", "cvxpy", "cv2", "joblib"}
-    assert modules_after(commands).isdisjoint(unused)
-
-
-def test_click_is_not_needed():
-    """Typer brings its own since 0.26; a package that nobody asked for may not be there."""
-    assert "click" not in modules_after("from posedesign.cli.main import run\nrun(['--help'])")
+    assert modules_after(f"import posedesign\n{run}{small}").isdisjoint(unused)
 
 
 def test_console_script_answers_with_exit_codes_and_tables_in_a_pipe_are_not_cut(tmp_path):
     words = [SCRIPT] if SCRIPT.exists() else list(COMMAND)
-    short = cell_template().replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [9, 9, 9]")
-    (tmp_path / "cell.toml").write_text(short)
+    short = {"variations.largest_deg": "[9, 9, 9]", "measurement.weighted": "false"}
+    (tmp_path / "cell.toml").write_text(with_keys(cell_template(), short))
     said = subprocess.run(
         [*words, "plan", "cell.toml", "--verbose"],
         capture_output=True,
@@ -92,13 +81,15 @@ def test_console_script_answers_with_exit_codes_and_tables_in_a_pipe_are_not_cut
 
 
 def test_error_goes_to_standard_error_alone(tmp_path):
-    said = shell("plan", tmp_path / "none.toml")
-    assert (said.returncode, said.stdout) == (2, "")
-    assert said.stderr.startswith("error: ")
-    first, *folded = said.stderr.splitlines()
+    """Of a path that is no text, too."""
+    typed = [*COMMAND, "plan", b"no\xff\x1b.toml"]
+    said = subprocess.run(typed, capture_output=True, timeout=60, cwd=tmp_path)
+    assert (said.returncode, said.stdout) == (2, b"")
+    assert said.stderr.startswith(rb"error: no\udcff\x1b.toml: cannot be read")
+    first, *folded = said.stderr.decode().splitlines()
     assert len(first) <= 100
     assert all(line.startswith("  ") and len(line) <= 100 for line in folded)
-    assert "Traceback" not in said.stderr
+    assert "Traceback" not in said.stderr.decode()
 
 
 def test_json_in_a_pipe_is_all_that_is_printed():
@@ -159,14 +150,6 @@ def test_names_from_files_steer_no_terminal(cli, not_reached):
     assert r"P1 \x1b[31m red \u202e\x9b1m" in said.out
     everything = said.out + said.err
     assert all(c.isprintable() or c == "\n" for c in everything)
-
-
-def test_path_that_is_no_text(tmp_path):
-    said = subprocess.run(
-        [*COMMAND, "plan", b"no\xff\x1b.toml"], capture_output=True, timeout=60, cwd=tmp_path
-    )
-    assert said.returncode == 2
-    assert said.stderr.startswith(rb"error: no\udcff\x1b.toml: cannot be read")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")

@@ -41,11 +41,16 @@ LARGEST_PNG = 200_000
 
 @cache
 def figures_of(name: str) -> dict[str, Figure]:
-    """Figures of a study by their names, laid out, from its tables and nothing else."""
+    """Figures of a study by their names, from its tables and nothing else.
+
+    Laid out where names stand beside lines: that is most of the time.
+    """
     found: dict[str, Figure] = {}
 
     def keep(figure: Figure, out: Path, stem: str) -> list[Path]:
-        figure.draw_without_rendering()
+        engine = figure.get_layout_engine()
+        if name in DIRECT and engine is not None:
+            engine.execute(figure)
         found[stem] = figure
         return []
 

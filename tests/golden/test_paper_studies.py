@@ -18,7 +18,7 @@ from posedesign.study.library import find_study
 STUDIES = Path(__file__).parents[2] / "studies"
 LI = STUDIES / "05_li_noise_cases"
 HIRSH = STUDIES / "06_hirsh_iterations"
-SHORT, FULL = 200, 1000
+SHORT, FULL = 100, 1000
 DEVIATIONS = 4.0
 """How far two samples may be apart, in standard deviations of their difference."""
 

@@ -120,9 +120,12 @@ ROUND = make_board("round-target", diameter_m=0.16).points
 """24 points on 115 mm, where the ChArUco has 35 on 180 mm x 120 mm."""
 
 
-@pytest.mark.parametrize(("carried", "arm"), [("camera", STOPS_OFF), ("board", EXACT)])
-def test_a_dozen_sets_are_as_near_as_they_say(carried, arm):
-    check(run(12, carried, arm, 50))
+@pytest.mark.parametrize(
+    ("carried", "arm", "points"),
+    [("camera", STOPS_OFF, None), ("board", EXACT, None), ("board", STOPS_OFF, ROUND)],
+)
+def test_a_few_sets_are_as_near_as_they_say(carried, arm, points):
+    check(run(4, carried, arm, 50, points))
 
 
 @pytest.mark.slow
@@ -142,10 +145,6 @@ def test_errors_are_those_of_the_bound_and_covariances_are_right(seed, points, t
         for part in GROUPS.values():
             low, high = band(trials, part.stop - part.start)
             assert LOWEST * low < one.over_bound(part) < HIGHEST * high
-
-
-def test_a_dozen_sets_of_a_round_target_are_as_near_as_they_say():
-    check(run(12, "board", STOPS_OFF, 55, ROUND))
 
 
 def run_moving(trials: int, carried: Carried, seed: int) -> Trials:
@@ -179,9 +178,9 @@ WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
 
 @pytest.mark.parametrize("carried", ["camera", "board"])
 def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
-    done = run_moving(12, carried, 53)
+    done = run_moving(4, carried, 53)
     check(done)
-    low, high = band(12, 1)
+    low, high = band(4, 1)
     assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 

@@ -141,7 +141,7 @@ def test_no_board_where_there_is_none(name: str, times: int) -> None:
 
 
 def test_no_round_target_where_there_is_none() -> None:
-    assert not found_where_none_is("round-target", 2 * (len(CLUTTER) + 1))
+    assert not found_where_none_is("round-target", len(CLUTTER) + 1)
 
 
 @pytest.mark.parametrize("name", BOARDS)

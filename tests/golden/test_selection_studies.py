@@ -188,8 +188,3 @@ class TestWhichIndex:
             low, high = rows[name]["low"], rows[name]["high"]
             assert low - 0.05 < full[name]["rho"] < high + 0.05, name
         assert rows[first]["rho"] > max(rows["C_G"]["rho"], rows["D"]["rho"])
-
-    def test_tables_that_people_read_are_the_result(self, index):
-        text = (INDEX / "README.md").read_text(encoding="utf-8")
-        for line in index.markdown(written(INDEX)).splitlines():
-            assert line in text

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from calib.identification import covariance_of, identify, identify_batch
-from calib.identification.report import MODEL_DOUBT
+from calib.identification.solver import MODEL_DOUBT
 from calib.model.measurements import touch_ups
 from calib.robot_world import METHODS, solve
 from calib.se3 import FloatArray, inverse, rotation_angle
@@ -91,7 +91,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
         truth={"deflection": False, "zero_offsets_deg": [0.0] * 6}, measurement={"weighted": False}
     )
     robot, model = SimulatedRobot.of(cell), cell.model()
-    touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=100)
+    touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=50)
     results = [
         identify(model, touch_ups(q, touched.target, touched.targets), weighted=False)
         for q in touched.postures
@@ -100,7 +100,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
     assert doubted <= binom.ppf(1 - CHANCE, len(results), MODEL_DOUBT)
     freedom = results[0].degrees_of_freedom
     mean = np.mean([r.chi2 for r in results])
-    # the mean of 100 draws of chi2 with 71 degrees of freedom
+    # the mean of 50 draws of chi2 with 71 degrees of freedom
     assert abs(mean - freedom) < 4 * np.sqrt(2 * freedom / len(results))
 
 

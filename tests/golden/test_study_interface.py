@@ -12,7 +12,7 @@ from matplotlib import image
 
 from calib.errors import InputError
 from posedesign.study import Options
-from posedesign.study.library import Study, find_study
+from posedesign.study.library import Study, find_study, list_studies
 from studies.real_data import data_folder
 from tests.marks import rest_in_slow
 
@@ -38,6 +38,9 @@ TRIALS = {
 """Of short forms."""
 
 EVERY = (*RECORDINGS, *TRIALS)
+OTHER_TABLES = ("real_pairs", "what_buys_accuracy", "visual_touch_up")
+"""Studies that print more than their pages have, which tests of their own hold against it."""
+
 LARGEST_SVG = 300_000
 MEASURED = {"cell.toml", "cell_given_noise.toml", "measurements.csv"}
 """What ``posedesign identify`` takes, beside the results of some studies of measurements."""
@@ -200,7 +203,7 @@ def test_so_has_one_of_measurements(name, tmp_path, monkeypatch):
     check_short_form(name, tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize("name", RECORDINGS)
 def test_without_the_recordings_it_says_where_it_looked(name, tmp_path, monkeypatch):
     study, nowhere = find_study(name), tmp_path / "nowhere"
     monkeypatch.setenv("POSEDESIGN_DATA", str(nowhere))
@@ -214,7 +217,7 @@ def test_without_the_recordings_it_says_where_it_looked(name, tmp_path, monkeypa
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", TRIALS)
+@pytest.mark.parametrize("name", [*TRIALS, "pictures_of_a_board"])
 def test_too_few_trials_are_refused_before_any_work(name, tmp_path):
     with pytest.raises(InputError, match="1 trials") as caught:
         find_study(name).run(Options(tmp_path, 1))
@@ -222,15 +225,19 @@ def test_too_few_trials_are_refused_before_any_work(name, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_its_readme_has_its_commands_and_figures(name):
-    study = find_study(name)
+@pytest.mark.parametrize("study", list_studies(), ids=lambda study: study.name)
+def test_its_readme_has_its_commands_figures_and_tables(study):
     text = (study.folder / "README.md").read_text(encoding="utf-8")
     for command in ("run", "plot"):
-        assert f"posedesign study {command} {name} " in text
+        assert f"posedesign study {command} {study.name}" in text
     assert study.question.endswith("?")
     for picture in study.folder.glob("*.png"):
         assert f"({picture.name})" in text
+    markdown = getattr(study.load(), "markdown", None)
+    if markdown is not None and study.name not in OTHER_TABLES:
+        expected = json.loads((study.folder / "expected.json").read_text(encoding="utf-8"))
+        for table in markdown(expected).split("\n\n"):
+            assert table.strip("\n") in text
 
 
 @pytest.mark.parametrize("name", rest_in_slow(EVERY, ("panda_touch_ups", "which_index_predicts")))

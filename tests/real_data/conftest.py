@@ -1,6 +1,6 @@
 """Where the measurements of real robots are, which the project does not contain."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -8,6 +8,7 @@ import pytest
 
 from posedesign.study.library import find_study
 from studies import real_data
+from tests.cli.conftest import empty_pictures
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +25,10 @@ def load_study() -> Callable[[Path], ModuleType]:
     """Load the ``run.py`` of a study's folder, whose name is no name of a module."""
 
     return lambda folder: find_study(folder.name).load()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _pictures() -> Iterator[None]:
+    """Nobody looks at the pictures."""
+    with empty_pictures():
+        yield

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from calib import identify
-from calib.errors import InputError
-from posedesign.study import Options
 from studies import choices
 from studies.writing import rounded
 
@@ -125,15 +123,3 @@ def test_an_error_common_to_a_configuration_is_what_is_whitened(study, measured)
     # entries of a sample covariance scatter by sqrt(2 / trials) at most
     np.testing.assert_allclose(white.T @ white / trials, np.eye(9), atol=5 * np.sqrt(2 / trials))
     assert own.noise_m == pytest.approx(np.sqrt((e**2).sum(-1).mean()), rel=0.02)
-
-
-def test_the_table_that_people_read_is_the_result(study, written):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert study.table(written["models"]) in text
-
-
-def test_without_data_it_says_where_it_looked(study, monkeypatch, tmp_path):
-    monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(InputError, match="nowhere"):
-        study.study(Options(tmp_path / "out"))
-    assert not (tmp_path / "out").exists()

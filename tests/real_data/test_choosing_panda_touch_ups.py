@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.errors import InputError
 from calib.model.measurements import touch_ups
-from posedesign.study import Options
 from studies import choices
 from studies.writing import read_figures, rounded
 
@@ -124,18 +122,6 @@ def test_the_site_is_judged_as_in_study_02(study, measured):
     every = np.ones((1, own.data.count), dtype=bool)
     expected = study.touched.held_out_mm(fitted, recorded, 0)
     assert own.held_out_mm(every)[0] == pytest.approx(expected, rel=1e-5)
-
-
-def test_the_table_that_people_read_is_the_result(study, written):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert study.table(written["models"]) in text
-
-
-def test_without_data_it_says_where_it_looked(study, monkeypatch, tmp_path):
-    monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(InputError, match="nowhere"):
-        study.study(Options(tmp_path / "out"))
-    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_written_is_read_again(study, written, tmp_path):

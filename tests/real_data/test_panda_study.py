@@ -122,9 +122,3 @@ def test_what_is_written_reaches_the_bars(written):
     best = written[BEST]
     assert (held_out(best) <= [0.60, 0.65, 0.80]).all()
     assert (np.abs(sockets(best) - TRUE_MM) <= 0.6).all()
-
-
-def test_the_table_that_people_read_is_the_result(study):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
-    assert study.markdown(found) in text

@@ -26,6 +26,7 @@ point_mm = [0.0, 0.0, 100.0]
 posture_deg = [0.0, 0.0, 0.0, -90.0, 0.0, 90.0, 0.0]
 [parameters]
 zero_offsets = [{joints}]
+models = [["zero_offsets"]]
 loss = "least-squares"
 [measurement]
 three_sigma_mm = [0.3, 0.3, 0.3]

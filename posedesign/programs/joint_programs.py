@@ -8,15 +8,15 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from calib.errors import FileFormatError
-from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
+from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import MOST_JOINT_DEG, carried_off, joint_deg, refuse, text_of
 from posedesign.programs.recorded import (
@@ -52,7 +52,7 @@ LEAST_S = 0.1
 USUAL_SPEED_RAD_S = np.pi / 2
 """Joint speed of 100 percent where the robot is not known: no arm's slowest joint is far slower."""
 
-PLAIN = re.compile(r"-?(\d+(\.\d*)?|\.\d+)")
+PLAIN = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)")
 """A number as it stands in a program."""
 
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
@@ -128,40 +128,90 @@ class Notes:
             self.rows[row] = int(found[1])
 
 
-def joints_of(label: str, row: int, texts: Sequence[str], path: Path) -> FloatArray:
-    """Joint values ``(6,)`` [deg] as they stand in a file; FileFormatError where they do not."""
-    if len(texts) < JOINTS:
-        refuse(f"{label} has {len(texts)} values", path, row)
-    return np.array([joint_deg(text, label, path, row) for text in texts[:JOINTS]])
+@dataclass(eq=False)
+class Stored(Named):
+    """A position as it stands in a file; in moves they have no names."""
+
+    values: Sequence[str]  # texts of its numbers
 
 
-Found = tuple[str, int, Sequence[str]]
-"""What to call a position, its line, and the texts of its values."""
-
-
-def carried_in(found: Sequence[Found], path: Path) -> dict[str, dict[int, FileFormatError]]:
+def carried_in(found: Sequence[Stored], path: Path) -> dict[str, dict[int, FileFormatError]]:
     """Positions in which axes behind the arm's have moved, by label; refuses a file without any."""
     if not found:
         refuse("holds no positions", path, None, "save the program with its positions")
     values = [
-        (label, f"axis {j}", text, row)
-        for label, row, texts in found
-        for j, text in enumerate(texts[JOINTS:], start=JOINTS + 1)
+        (p.label, f"axis {j}", text, p.line)
+        for p in found
+        for j, text in enumerate(p.values[JOINTS:], start=JOINTS + 1)
     ]
     return carried_off(values, path)
 
 
+def joints_of(p: Stored, path: Path) -> dict[str, Any]:
+    """Joint values ``(6,)`` [deg] as they stand in a file; FileFormatError where they do not."""
+    if len(p.values) < JOINTS:
+        refuse(f"{p.label} has {len(p.values)} values", path, p.line)
+    shown = [joint_deg(text, p.label, path, p.line) for text in p.values[:JOINTS]]
+    return {"shown_deg": np.array(shown)}
+
+
+def listed(
+    numbering: Numbering,
+    found: Sequence[Stored],
+    path: Path,
+    values_of: Callable[[Stored, Path], dict[str, Any]],
+    *,
+    rest: bool = True,
+) -> tuple[RecordedPosition, ...]:
+    """Positions of a list by their numbers.
+
+    ``values_of``: what `RecordedPosition` has of joint values, or of a pose. ``rest``: whether
+    axes behind the arm's are told where they move.
+    """
+    there: set[str] = set()
+    for p in found:
+        if p.variable.upper() in there:
+            refuse(f"{p.label} is there twice", path, p.line)
+        there |= {p.variable.upper()} - {""}
+    carried = carried_in(found, path) if rest else {}
+    return tuple(
+        RecordedPosition(
+            *(n, p.name, p.line),
+            **values_of(p, path),
+            external_shown=tuple(map(float, p.values[JOINTS:])),
+            carried=carried.get(p.label, {}),
+        )
+        for n, p in numbering.of(found, path)
+    )
+
+
+Variables = dict[str, Sequence[str] | None]
+"""Texts of the values of joint variables; None: it had some, and may have others now."""
+
+
 def in_moves(
-    find: Callable[[str, Path], list[Found]],
-    remark: str,
-    maker: str,
+    language: Language,
+    targets: Callable[[Statement, Variables], Iterator[Sequence[str] | str]],
+    change: Callable[[Statement, Variables], None],
+    of: tuple[str, str],
     code: Callable[[str], str] = str,
 ) -> Callable[[bytes, Path], RecordedProgram]:
-    """A reader of programs in whose moves the positions stand: ``find`` gives them in their order.
+    """A reader of programs in whose moves the positions stand.
 
     The first behind a remark of a pose has its number; others come behind all that are planned.
-    Remarks begin with the mark ``remark``; ``code`` is what of a text is read.
+
+    Parameters
+    ----------
+    targets : callable
+        Texts of the values of each position that a statement moves to, or why it is not read.
+    change : callable
+        Takes what a statement says of variables.
+    of : (str, str)
+        What remarks begin with, and the maker.
+    code : callable
+        What of a text is read.
     """
+    remark, maker = of
 
     def read(data: bytes, path: Path) -> RecordedProgram:
         text = code(text_of(data, path))
@@ -169,22 +219,28 @@ def in_moves(
         for line in lines_of(text):
             if line.text[: len(remark)] == remark:
                 notes.take(line.row, line.text[len(remark) :])
-        found = find(text, path)
+        found: list[Stored] = []
+        variables: Variables = {}
+        for s in language.statements(text):
+            for target in targets(s, variables):
+                if isinstance(target, str):
+                    refuse(target, path, s.row)
+                found.append(Stored("", s.row, target))
+            change(s, variables)
         for fault in (e for errors in carried_in(found, path).values() for e in errors.values()):
             raise fault
         mark = notes.mark or PlanMark()
         rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
         chosen: dict[int, RecordedPosition] = {}
         above = -1
-        for label, row, texts in found:
-            last, above = above, bisect_left(rows, row) - 1
+        for p in found:
+            last, above = above, bisect_left(rows, p.line) - 1
             own = notes.rows[rows[above]] if above > last else 0
             free += not own
             if own in chosen:
-                refuse(f"pose {own} is there twice", path, row)
-            shown = joints_of(label, row, texts, path)
+                refuse(f"pose {own} is there twice", path, p.line)
             chosen[own or free] = RecordedPosition(
-                own or free, notes.names.get(own, ""), row, shown
+                *(own or free, notes.names.get(own, ""), p.line), **joints_of(p, path)
             )
         positions = tuple(position for _, position in sorted(chosen.items()))
         return RecordedProgram(path.stem, "", mark, positions, maker)
@@ -216,16 +272,29 @@ class Standing:
         self.waited = self.waited or waits
 
 
-def check_joints(row: int, values: Sequence[str], most: int = JOINTS) -> Iterator[Problem]:
-    """Whether these are the joint values of a position: six plain numbers, or up to so many."""
+def check_joints(
+    row: int, values: Sequence[str], most: int = JOINTS, least: int = JOINTS
+) -> Iterator[Problem]:
+    """Whether these are the joint values of a position: so many plain numbers."""
     plain = [float(value[:99]) for value in values if PLAIN.fullmatch(value)]
-    if len(plain) != len(values) or not JOINTS <= len(plain) <= most:
+    if len(plain) != len(values) or not least <= len(plain) <= most:
         yield Problem(row, "position", f"{len(plain)} plain numbers of {len(values)} values")
-    if any(abs(value) > MOST_JOINT_DEG for value in plain[:JOINTS]):
-        yield Problem(row, "range", f"a joint is beyond +-{MOST_JOINT_DEG:g} deg")
+    far = [k for k, value in enumerate(plain[:JOINTS], start=1) if abs(value) > MOST_JOINT_DEG]
+    if far:
+        yield Problem(row, "range", f"joint {far[0]} is beyond +-{MOST_JOINT_DEG:g} deg")
 
 
-def level_of(word: str, known: str, others: str) -> Level:
+def check_range(
+    row: int, text: str, what: str, least: float, most: float, *, whole: bool = False
+) -> Iterator[Problem]:
+    """Whether a number, where a text is one, is within its range."""
+    if not PLAIN.fullmatch(text):
+        return  # a variable
+    if not least <= float(text[:99]) <= most or (whole and not text.isdecimal()):
+        yield Problem(row, "range", f"{text[:20]} is no {what}: {least:g} to {most:g}")
+
+
+def level_of(word: str, known: str, others: str = "") -> Level:
     """Of a step that cannot be read: error where its word is one of a grammar's, or nearly.
 
     ``others`` are those of options and of other instructions that are near to one.
@@ -236,15 +305,26 @@ def level_of(word: str, known: str, others: str) -> Level:
     return "error" if not word or word in words or near(word, words) else "note"
 
 
+def not_known(s: Statement, word: re.Pattern[str], known: str, others: str) -> Problem:
+    """Of a step that the grammar knows nothing of; ``word`` finds its first in small letters."""
+    found = word.match(s.text.lower())
+    level = level_of(found[1] if found else "", known, others)
+    return Problem(s.row, "syntax", s.fault or f"{s.text[:40]!a} is not known", level)
+
+
 def judged(
     language: Language,
     kinds: tuple[str, ...],
     check: Callable[[list[Statement]], Iterator[Problem]],
+    code: Callable[[str], str] = str,
 ) -> Callable[[bytes, Path], list[Problem]]:
-    """The rules of files that are checked by their statements; one of these kinds is a program."""
+    """The rules of files that are checked by their statements; one of these kinds is a program.
+
+    ``code`` is what of a text is checked.
+    """
 
     def problems(data: bytes, path: Path) -> list[Problem]:
-        statements = language.statements(data.decode("latin-1").replace("\r", ""))
+        statements = language.statements(code(data.decode("latin-1").replace("\r", "")))
         if not any(s.kind in kinds for s in statements):
             return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
         return told(check(statements), check_bytes(data, CONTROL))

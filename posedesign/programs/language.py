@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
@@ -170,6 +170,8 @@ class Language:
     letters: str = ""
     """Characters of names, as in a set of a regular expression. None of them can stand behind a
     keyword then; empty where words are not separated, as in ``CNT50``."""
+    indented: bool = False
+    """Texts of statements keep the blanks before them, which mean something."""
     _builders: dict[tuple[str, str, int], Build] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)
@@ -206,7 +208,7 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
-        lines = self.divided(text) if self.divided else lines_of(text)
+        lines = self.divided(text) if self.divided else lines_of(text, indented=self.indented)
         found: list[Statement] = []
         faults = size = 0
         self._parsed = self._filled = 0
@@ -458,3 +460,21 @@ def block_faults(
             opened.append(statement)
     for statement in opened:
         yield Problem(statement.row, rule, f"{statement.text[:30].strip()!a} is never closed")
+
+
+def indent_faults(statements: Iterable[Statement], *opening: str) -> Iterator[Problem]:
+    """Statements that are not indented as Python asks; ``opening``: rules that open a block.
+
+    They are those of a language that is ``indented``.
+    """
+    levels, opens = [0], False
+    for statement in statements:
+        text = statement.text.expandtabs()
+        indent = len(text) - len(text.lstrip())
+        if opens and indent > levels[-1]:
+            levels.append(indent)
+        else:
+            levels = [level for level in levels if level <= indent]
+            if opens or levels[-1] != indent:
+                yield Problem(statement.row, "indent", "not indented as the lines around it")
+        opens = statement.kind in opening

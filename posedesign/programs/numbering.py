@@ -59,6 +59,9 @@ class Stored(Named, ABC):
 
 P = TypeVar("P", bound=Named)
 
+NO_NAME = re.compile(r"(?!)")
+"""Of a program that numbers no positions, or has no such array."""
+
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)", re.ASCII)
 _FIRST_REGISTER = re.compile(r"\w+[\[{](\d{1,6})[\]}] IS P(\d{1,6})\s*", re.ASCII)
 
@@ -68,7 +71,7 @@ class Numbering:
     """How a program numbers its positions, and what its comments say of them."""
 
     numbered: re.Pattern[str]  # of whole names with a number, which is its first group: ``XP3``
-    element: re.Pattern[str]
+    element: re.Pattern[str] = NO_NAME
     """Of whole names of the elements of the array that keeps touched-up positions: ``XM[3]``."""
     mark: PlanMark | None = None  # the plan it was written from
     names: dict[int, str] = field(default_factory=dict)  # names of the planned poses by number

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from difflib import get_close_matches
 from functools import lru_cache, partial
 from itertools import islice
+from typing import Any
 
 from posedesign.programs.language import Statement
 from posedesign.programs.recorded import Level, Problem
@@ -36,6 +37,19 @@ def syntax(statements: Iterable[Statement]) -> Iterator[Problem]:
     return (Problem(s.row, "syntax", s.fault) for s in statements if s.fault)
 
 
+Fault = tuple[str, str, Level]
+"""A rule, what breaks it, and the level."""
+
+
+def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Iterator[Problem]:
+    """Faults of each statement, or of what else has a ``row``."""
+    return (
+        Problem(item.row, rule, message, level)
+        for item in placed
+        for rule, message, level in faults(item)
+    )
+
+
 def check_bytes(data: bytes, *asked: Asked) -> Iterator[Problem]:
     """The first place where each is broken: thousands of equal messages would hide the others."""
     for rule, pattern, reason, level in asked:
@@ -54,6 +68,29 @@ def check_line_ends(data: bytes) -> Iterator[Problem]:
     # behind the last line nothing tells that it is not ended
     whole = data if data.endswith(b"\n") else data + b"\n"
     return check_bytes(whole, ("crlf", rb"(?<!\r)\n", reason, "measuring"))
+
+
+def check_names(
+    there: Iterable[tuple[int, str]],
+    used: Iterable[tuple[int, str]],
+    rules: tuple[str, str, str],
+) -> Iterator[Problem]:
+    """Whether names, with their lines, are there once, there where they are used, and used at all.
+
+    ``rules``: what each of these is called; empty for one that is not asked.
+    """
+    rows: dict[str, int] = {}
+    for row, name in there:
+        if name in rows and rules[0]:
+            yield Problem(row, rules[0], f"{name} is there twice")
+        rows.setdefault(name, row)
+    unused = dict(rows)
+    for row, name in used:
+        unused.pop(name, None)
+        if name not in rows and rules[1]:
+            yield Problem(row, rules[1], f"{name} is not there")
+    for name, row in unused.items() if rules[2] else ():
+        yield Problem(row, rules[2], f"{name} is never used", "measuring")
 
 
 def near(word: str, known: Iterable[str], least: int = 3, alike: float = 1.0) -> str:

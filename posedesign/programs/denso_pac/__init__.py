@@ -22,21 +22,21 @@ program called.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 from lark import Token, Tree
 
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import (
     PLAIN,
-    Found,
     JointDialect,
     Standing,
+    Variables,
     check_joints,
+    check_range,
     in_moves,
     judged,
-    level_of,
+    not_known,
 )
 from posedesign.programs.language import (
     Block,
@@ -49,11 +49,8 @@ from posedesign.programs.language import (
     without_remarks,
 )
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
 from posedesign.programs.writing import NameRule, Phrases
-
-__all__ = ["DensoPac"]
 
 LANGUAGE = Language(
     __package__ or "",
@@ -64,6 +61,7 @@ LANGUAGE = Language(
 
 _MOVE = re.compile(r"\bmove\b")
 _JOINT = re.compile(r"(\bmove\b.*|=.*)\bj *\(")
+_FIRST = re.compile(r"([#*]?[a-z]\w*)(?! *[,@)\]])")
 _NAME = re.compile(r"\b[a-z]\w*[!#%$&]?")
 _JOINTS = re.compile(r"\bj *\(")
 
@@ -95,10 +93,6 @@ def _targets(s: Statement) -> Iterator[tuple[str, str, list[str] | None]]:
         yield how, text_of(next(nodes(target, "sum"))), _joints_in(target)
 
 
-Variables = dict[str, list[str] | None]
-"""Texts of the values of joint variables; None: it had some, and may have others now."""
-
-
 def _bases(variables: Variables) -> set[str]:
     """Names of the variables, without an index; those of the controller are not told of."""
     return {name.partition("[")[0] for name in variables} - {"j"}
@@ -127,26 +121,22 @@ def _change(s: Statement, variables: Variables) -> None:
             variables[name] = values
 
 
-def _positions(text: str, path: Path) -> list[Found]:
-    """Positions that the program moves to."""
-    found: list[Found] = []
-    variables: Variables = {}
-    for s in LANGUAGE.statements(text):
-        low = s.text.lower() if s.fault else ""
-        moved = set(_NAME.findall(low)) & _bases(variables) if _MOVE.search(low) else ()
-        if moved or _JOINT.search(low):
-            refuse(f"a position cannot be read: {s.fault}", path, s.row)
-        for _, target, joints in _targets(s):
-            name = target.lower()
-            values = joints or variables.get(name)
-            known = set(_NAME.findall(name)) & _bases(variables) or name in variables
-            if not all(map(PLAIN.fullmatch, values or ())) or (
-                not values and (known or _JOINTS.search(name))
-            ):
-                refuse(f"{s.text[:60]!a}: no list of numbers", path, s.row)
-            found += [("the position", s.row, values)] if values else []
-        _change(s, variables)
-    return found
+def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
+    """Joint values that a statement moves to, or why they are not read."""
+    low = s.text.lower() if s.fault else ""
+    moved = set(_NAME.findall(low)) & _bases(variables) if _MOVE.search(low) else ()
+    if moved or _JOINT.search(low):
+        yield f"a position cannot be read: {s.fault}"
+    for _, target, joints in _targets(s):
+        name = target.lower()
+        values = joints or variables.get(name) or ()
+        known = set(_NAME.findall(name)) & _bases(variables) or name in variables
+        if not all(map(PLAIN.fullmatch, values)) or (
+            not values and (known or _JOINTS.search(name))
+        ):
+            yield f"{s.text[:60]!a}: no list of numbers"
+        elif values:
+            yield values
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
@@ -158,15 +148,12 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     standing, taken = Standing(("stop", "Delay")), False
     for s in statements:
         if s.fault or s.kind == "other" or len(s.text) > 1024:
-            word = re.match(r"[#*]?[a-z]\w*(?! *[,@)\]])|", s.text.lower())
-            level = level_of(word[0] if word else "", f"{_WORDS} {called}", _OTHERS)
-            yield Problem(s.row, "syntax", s.fault or f"{s.text[:40]!a} is not known", level)
+            yield not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
         taken = taken or s.kind == "arm"
         if s.kind == "move" and not taken:
             yield Problem(s.row, "arm", "no TakeArm before this move")
-        speed = text_of(next(nodes(s.tree, "sum"))) if s.kind == "speed" else "1"
-        if PLAIN.fullmatch(speed[:9]) and not 0.1 <= float(speed[:9]) <= 100:
-            yield Problem(s.row, "range", "a speed is from 0.1 to 100 percent")
+        if s.kind == "speed":
+            yield from check_range(s.row, text_of(s.tree), "percent of the speed", 0.1, 100)
         targets = list(_targets(s))
         for _, text, values in targets:
             if text[0] in '(-".' or text[0].isdigit():
@@ -199,7 +186,7 @@ class DensoPac(JointDialect):
         bare=("  Call {call}",),
     )
     head = ("  TakeArm Keep = 0", "  Speed {percent}")
-    reader = in_moves(_positions, "'", "denso")
+    reader = in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"))
     rules = judged(LANGUAGE, ("sub",), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:

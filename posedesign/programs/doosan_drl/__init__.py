@@ -21,38 +21,41 @@ or a function of the program called.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from functools import partial
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 from lark import Token, Tree
 
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import (
     PLAIN,
-    Found,
     JointDialect,
     Standing,
+    Variables,
     check_joints,
+    check_range,
     in_moves,
     judged,
     level_of,
 )
-from posedesign.programs.language import Language, Statement, nodes, open_lines, subtrees, text_of
+from posedesign.programs.language import (
+    Language,
+    Statement,
+    indent_faults,
+    nodes,
+    open_lines,
+    subtrees,
+    text_of,
+)
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import Problem
 from posedesign.programs.writing import NameRule, Phrases
 
-__all__ = ["DoosanDrl"]
-
+_MOVES = ("movej", "amovej")
 _MOTION = "pos vel acc time radius mod ra v a t r"
 _FUNCTIONS = {
-    "movej": (1, 3, _MOTION),
-    "amovej": (1, 3, _MOTION),
+    **dict.fromkeys(_MOVES, (1, 3, _MOTION)),
     "movel": (1, 3, _MOTION + " ref"),
-    "posj": (0, 6, ""),
-    "posx": (0, 6, ""),
+    **dict.fromkeys(("posj", "posx"), (0, 6, "")),
     "mwait": (0, 1, "time"),
     "wait": (1, 1, "time"),
     "set_digital_output": (1, 2, "index val time val2"),
@@ -66,23 +69,22 @@ _FUNCTIONS = {
 }
 """Least and most positional arguments, and the names of arguments."""
 
-_MOVES = ("movej", "amovej")
 _WORDS = """def if elif else while for try except return pass break continue from import in and or
 not on"""
 _RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
+_NAMED = ("name", "owner")
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
-_BLOCK = re.compile(
-    r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|\#[^\n]*""", re.VERBOSE
-)
+_BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
 
 LANGUAGE = Language(
     __package__ or "",
     joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}"),
     signed=True,
     letters=r"\w",
+    indented=True,
 )
 
 
@@ -113,15 +115,11 @@ def _given(arguments: list[Tree[Token]], place: int, name: str) -> list[Tree[Tok
 
 def _is_relative(arguments: list[Tree[Token]]) -> bool:
     """Whether a move goes on from where the arm stands, or may."""
-    mods = map(text_of, _given(arguments, 5, "mod"))
-    return any(mod not in ("0", "DR_MV_MOD_ABS") for mod in mods)
+    return bool({*map(text_of, _given(arguments, 5, "mod"))} - {"0", "DR_MV_MOD_ABS"})
 
 
-def _joints_in(tree: Tree[Token], variables: dict[str, list[str]]) -> list[str] | None:
-    """Texts of the joint values that an expression is; None: it is computed, or not known here.
-
-    ``variables`` has those of the variables that are lists of numbers.
-    """
+def _joints_in(tree: Tree[Token], variables: Variables) -> Sequence[str] | None:
+    """Texts of the joint values that an expression is; None: it is computed, or not known here."""
     values = subtrees(tree)
     if tree.data == "name":
         return variables.get(text_of(tree))
@@ -135,66 +133,50 @@ def _joints_in(tree: Tree[Token], variables: dict[str, list[str]]) -> list[str] 
     return texts if texts and all(map(PLAIN.fullmatch, texts)) else None
 
 
-def _changed_in(s: Statement) -> set[str]:
-    """Names that may stand for something else behind a statement."""
-    if s.fault or s.kind == "import_":
-        return set(re.findall(r"\w+", s.text))
-    changed = [*nodes(s.tree, "parameter")]
-    changed += [name for places in nodes(s.tree, "places") for name in nodes(places, "name")]
+def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
+    """Joint values that a statement moves to, or why they are not read."""
+    if s.fault and _JOINT.search(_QUOTED.sub("", s.text)):
+        yield f"a position cannot be read: {s.fault}"
+    said = " ".join(s.text.split())[:60]
+    for arguments in [arguments for name, arguments in _calls(s) if name in _MOVES]:
+        target = next(iter(_given(arguments, 0, "pos")), None)
+        values = _joints_in(target, variables) if target else None
+        if _is_relative(arguments):
+            yield f"{said!a}: is relative to where the arm stands"
+        elif values:
+            yield values
+        elif not target or (target.data, target.children[0]) != ("invoke", "posx"):
+            yield f"{said!a}: no list of numbers"
+
+
+def _change(s: Statement, variables: Variables) -> None:
+    """Take the values that a statement gives to variables, and forget those it may change."""
     # a method may change what it is of
-    changed += [tree for tree in subtrees(s.tree)[:1] if s.kind == "call" and tree.data == "name"]
-    return {text_of(name) for name in changed}
+    changed = map(text_of, nodes(s.tree, "parameter", "owner"))
+    for name in re.findall(r"\w+", s.text) if s.fault or s.kind == "import_" else changed:
+        variables.pop(name, None)
+    match s.tree.children:
+        # a name of another list is none: what changes that one changes it, too
+        case Tree(data="places", children=[Tree() as place]), Token(value="="), Tree() as value:
+            variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
 
 
-def _positions(text: str, path: Path) -> list[Found]:
-    """Positions that the program moves to."""
-    found: list[Found] = []
-    variables: dict[str, list[str]] = {}
-    for s in LANGUAGE.statements(text):
-        if s.fault and _JOINT.search(_QUOTED.sub("", s.text)):
-            refuse(f"a position cannot be read: {s.fault}", path, s.row)
-        for arguments in [arguments for name, arguments in _calls(s) if name in _MOVES]:
-            if _is_relative(arguments):
-                refuse(f"{s.text[:60]!a}: is relative to where the arm stands", path, s.row)
-            target = next(iter(_given(arguments, 0, "pos")), None)
-            values = _joints_in(target, variables) if target else None
-            is_pose = target and (target.data, target.children[0]) == ("invoke", "posx")
-            if values is None and not is_pose:
-                refuse(f"{s.text[:60]!a}: no list of numbers", path, s.row)
-            found += [("the position", s.row, values)] if values else []
-        for name in _changed_in(s):
-            variables.pop(name, None)
-        match s.tree.children:
-            # a name of another list is none: what changes that one changes it, too
-            case Tree(data="places", children=[Tree() as place]), Token(value="="), Tree() as value:
-                variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
-    return found
-
-
-def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
-    """Problems in a program, at most 1000. Never fails."""
-    text = _without_blocks(data.decode("latin-1"))
-    check = partial(_check, text.split("\n"))
-    return judged(LANGUAGE, ("call",), check)(text.encode("latin-1"), path)
-
-
-def _check(rows: list[str], statements: list[Statement]) -> Iterator[Problem]:
+def _check(statements: list[Statement]) -> Iterator[Problem]:
     own = {s.word("NAME") for s in statements if s.kind == "define"}
     known = {*_FUNCTIONS, *own, *_NAMES.split()}
     known |= {text_of(p) for s in statements for p in nodes(s.tree, "parameter")}
-    known |= {text_of(n) for s in statements if s.kind == "assign" for n in nodes(s.tree, "name")}
+    known |= {text_of(n) for s in statements if s.kind == "assign" for n in nodes(s.tree, *_NAMED)}
     meant = " ".join([*known, _WORDS, *(named for _, _, named in _FUNCTIONS.values())])
     standing = Standing(("mwait", "wait"))
     for s in statements:
         if s.fault:
-            word = re.match(r"\w*", s.text)
-            level = level_of(word[0] if word else "", meant, "")
+            level = level_of(re.split(r"\W", s.text.strip())[0], meant)
             level = "error" if any(name in s.text for name in (*_FUNCTIONS, *own)) else level
             yield Problem(s.row, "syntax", s.fault, level)
         called = list(_calls(s))
-        for name in {*(text_of(n) for n in nodes(s.tree, "name")), *dict(called)} - known:
+        for name in {*(text_of(n) for n in nodes(s.tree, *_NAMED)), *dict(called)} - known:
             if not re.fullmatch(r"DR_[A-Z_\d]+", name):
-                yield Problem(s.row, "name", f"{name[:40]} is not known", level_of(name, meant, ""))
+                yield Problem(s.row, "name", f"{name[:40]} is not known", level_of(name, meant))
         if s.kind == "call" and not any(nodes(s.tree, "arguments")):
             yield Problem(s.row, "name", "a name alone does nothing")
         for name, arguments in called:
@@ -205,17 +187,16 @@ def _check(rows: list[str], statements: list[Statement]) -> Iterator[Problem]:
             measures = name in own | {"sub_program_run"}
             measures |= name == "set_digital_output" and "OFF" not in s.text
             yield from standing.check(s.row, moves, stops, name == "wait", measures)
-    yield from _check_indents(rows, statements)
+    yield from indent_faults(statements, "define", "block")
 
 
 def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[Problem]:
     least, most, named = _FUNCTIONS.get(name, (0, len(arguments), ""))
     words = [str(a.children[0]) for a in arguments if a.data == "keyword"]
     values = [text_of(a) for a in arguments if a.data == "argument"]
-    targets = _given(arguments, 0, "pos")
-    computed = not targets or targets[0].data in ("expr", "operand", "number")
-    computed = computed or _is_relative(arguments)
-    if computed and (name in _MOVES or (name == "posj" and len(arguments) == 1)):
+    goes = name in _MOVES or (name == "posj" and len(arguments) == 1)
+    known = [t for t in _given(arguments, 0, "pos") if t.data not in ("expr", "operand", "number")]
+    if goes and (not known or _is_relative(arguments)):
         yield Problem(row, "position", f"{name}: a computed position is not read back", "note")
     if any(a.data == "spread" for a in arguments):
         return
@@ -225,23 +206,9 @@ def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[P
         yield Problem(row, "arguments", f"{name[:40]}: {', '.join(wrong)[:40] or 'not so many'}")
     if name == "posj" and len(values) > 1:
         yield from check_joints(row, values)
-    output = next(filter(PLAIN.fullmatch, values), "1") if name == "set_digital_output" else "1"
-    if not 1 <= abs(float(output[:99])) <= 16:
-        yield Problem(row, "range", f"{output[:20]} is no output")
-
-
-def _check_indents(rows: list[str], statements: list[Statement]) -> Iterator[Problem]:
-    levels, opens = [0], False
-    for s in statements:
-        line = rows[s.row - 1].expandtabs()
-        indent = len(line) - len(line.lstrip())
-        if opens and indent > levels[-1]:
-            levels.append(indent)
-        else:
-            levels = [level for level in levels if level <= indent]
-            if opens or levels[-1] != indent:
-                yield Problem(s.row, "indent", "not indented as the lines around it")
-        opens = s.kind in ("define", "block")
+    if name == "set_digital_output":
+        output = next(filter(PLAIN.fullmatch, values), "1").lstrip("-")
+        yield from check_range(row, output, "number of an output", 1, 16)
 
 
 class DoosanDrl(JointDialect):
@@ -265,8 +232,8 @@ class DoosanDrl(JointDialect):
         call=("{call}({argument})",),
     )
     most_output = 16
-    reader = in_moves(_positions, "#", "doosan", _without_blocks)
-    rules = check_doosan_drl
+    reader = in_moves(LANGUAGE, _moved_to, _change, ("#", "doosan"), _without_blocks)
+    rules = judged(LANGUAGE, ("call",), _check, _without_blocks)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The measuring call, and the steps."""

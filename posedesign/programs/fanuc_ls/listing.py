@@ -98,6 +98,10 @@ class Group:
                 group.fields[name] = values[0], "".join(values[1:])
         return group
 
+    def has_value(self, name: str) -> bool:
+        """Whether a value is there, and not only stars."""
+        return not self.fields.get(name, ("*", ""))[0].startswith("*")
+
     def row_of(self, name: str) -> int:
         """Line of a value."""
         name = name.replace("E", "E(?:XT)?")

@@ -24,18 +24,17 @@ motion groups than the first. The layout is that of public backups::
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
 from posedesign.programs.language import Line
+from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     at_rest,
-    carried_off,
     configuration_in,
     joint_deg,
     millimetres,
@@ -43,7 +42,7 @@ from posedesign.programs.reading import (
     refuse,
     text_of,
 )
-from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.recorded import PlanMark, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
 PLACE, TURN = ("X", "Y", "Z"), ("W", "P", "R")
@@ -51,25 +50,95 @@ EXTENDED = ("E1", "E2", "E3")
 RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_NUMBERED = re.compile(r"PR?\[(\d+)\]")
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _PIECE = re.compile(r"\S(?:[^\n]++|\n(?![ \t]*\[))*+")
 _HEADING = re.compile(r"\[\*(?:POSREG\*\][ \t]*(\$POSREG\b)|\w{1,12}\*\]).*\n?")
 _LISTING = "name a program saved in ASCII, .LS"
 
 
+@dataclass(eq=False)
+class _Stored(Stored):
+    """A position by its first motion group: six joint values, or a pose with a configuration."""
+
+    group: Group
+
+    @property
+    def cartesian(self) -> bool:
+        return self.group.config is not None or bool({*PLACE, *TURN} & self.group.fields.keys())
+
+    @property
+    def external(self) -> list[tuple[str, str, str, int]]:
+        valued = takewhile(self.group.has_value, EXTENDED)
+        return [
+            (self.label, axis, self.group.fields[axis][0], self.group.row_of(axis))
+            for axis in valued
+        ]
+
+    def numbers(self, path: Path | str) -> list[float]:
+        group, label = self.group, self.label
+        own = (*PLACE, *TURN) if self.cartesian else JOINTS
+        for name in sorted(group.fields.keys() - {*own, *EXTENDED}):
+            row = group.row_of(name)
+            if name in RELATIVE:
+                refuse(f"{label} is a matrix or an increment", path, row, _ON_THE_PENDANT)
+            if name in JOINTS:
+                refuse(f"{label} has {name} beside X, Y, Z, W, P, R", path, row)
+            refuse(f"{label}: {name} is no joint of a six-joint arm", path, row)
+        if sum(map(group.has_value, EXTENDED)) > len(self.external):
+            refuse(f"{label} has a value for some extended axes only", path, group.row)
+        values = []
+        for name in own:
+            unit, read = ("mm", millimetres) if name in PLACE else ("deg", joint_deg)
+            text, found = group.fields.get(name, ("", ""))
+            row = group.row_of(name)
+            if not text:
+                hint = f"a position of this kind has {' '.join(own)}"
+                refuse(f"{label}: {name} is missing", path, group.row, hint)
+            if text.startswith("*"):
+                refuse(f"{label}: {name} has no value (***)", path, row, "touch the position up")
+            if found != unit:
+                refuse(f"{label}: {name} is in {found or 'no unit'}, not in {unit}", path, row)
+            values.append(read(text, f"{label}: {name}", path, row))
+        return values
+
+    def details(self, path: Path | str) -> dict[str, Any]:
+        group, config = self.group, self.group.config
+        if config is not None and set(re.sub(r"[\s,]", "", config)) == {"*"}:
+            reason = f"{self.label} has no configuration (***)"
+            refuse(reason, path, group.row, "touch the position up")
+        return {
+            "configuration": None
+            if config is None
+            else configuration_in(FanucConfiguration, config, self.label, path, group.row),
+            "user_frame": group.frames.get("UF"),
+            "tool_frame": group.frames.get("UT"),
+            "external_units": tuple(group.fields[axis][1] for _, axis, _, _ in self.external),
+        }
+
+
+def _program(
+    named: tuple[str, str], mark: PlanMark | None, stored: dict[str, _Stored], path: Path | str
+) -> RecordedProgram:
+    """The program of a name and a comment with its positions, by their labels.
+
+    Raises FileFormatError: a position is none, or an extended axis is not there in all of them.
+    """
+    axes = {label: p.group.fields.keys() & EXTENDED for label, p in stored.items()}
+    first = next(iter(stored))
+    for label, p in stored.items():
+        for axis in sorted(axes[label] ^ axes[first]):
+            refuse(f"{label}: {axis} is not there as in {first}", path, p.group.row)
+    names = {int(label[label.index("[") + 1 : -1]): p.name for label, p in stored.items()}
+    numbering = Numbering(_NUMBERED, mark=mark, names=names)
+    return numbering.program((*named, "fanuc"), [*stored.values()], poses_of, path)
+
+
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
-    Returns
-    -------
-    RecordedProgram
-        Its positions in the order of the file.
-
-    Raises
-    ------
-    FileFormatError
-        The file is not a FANUC program in ASCII, is cut off, or holds a position that is neither
-        six joint angles nor a pose.
+    Raises FileFormatError: the file is not a FANUC program in ASCII, is cut off, or holds a
+    position that is neither six joint angles nor a pose.
     """
     listing = read_listing(text_of(data, path, "save a binary .TP as .LS"))
     name = _name(listing, path)
@@ -77,25 +146,27 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         refuse(fault, path, row)
     if not listing.positions:
         refuse("holds no positions", path, hint="save the program that was touched up")
-    positions = []
-    seen: set[int] = set()
-    for position in listing.positions:
-        if position.number in seen:
-            refuse(f"{position.label} is there twice", path, position.row, "remove one of them")
-        seen.add(position.number)
-        group = position.groups.get(1)
-        if group is None:
-            refuse(f"{position.label} has no motion group GP1", path, position.row)
-        where = (position.label, position.number, position.name, position.row)
-        positions.append(_recorded(*where, group, path))
-    groups = {position.label: position.groups for position in listing.positions}
-    stored = _with_other_axes(positions, groups, path)
+    stored: dict[str, _Stored] = {}
+    for p in listing.positions:
+        if p.label in stored:
+            refuse(f"{p.label} is there twice", path, p.row, "remove one of them")
+        if 1 not in p.groups:
+            refuse(f"{p.label} has no motion group GP1", path, p.row)
+        stored[p.label] = _Stored(p.label, p.row, p.groups[1], name=p.name)
+    others = (
+        (p.label, f"GP{number} {axis}", text, group.row_of(axis))
+        for p in listing.positions
+        for number, group in p.groups.items()
+        for axis, (text, _) in group.fields.items()
+        if number != 1 and group.has_value(axis)
+    )
+    at_rest(others, path)  # a rail may be another motion group, and a positioner carries the target
     named = ("COMMENT", "KOMMENTAR")
     comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
-    mark = next((mark for mark in marks if mark), PlanMark())
-    return RecordedProgram(name, comment.split('"')[1].strip(), mark, stored, "fanuc")
+    mark = next((mark for mark in marks if mark), None)
+    return _program((name, comment.split('"')[1].strip()), mark, stored, path)
 
 
 def _name(listing: Listing, path: Path | str) -> str:
@@ -112,101 +183,6 @@ def _name(listing: Listing, path: Path | str) -> str:
     return names[0]
 
 
-def _recorded(
-    label: str, number: int, name: str, row: int, group: Group, path: Path | str
-) -> RecordedPosition:
-    """A position from its first group: six joint values, or a pose with its configuration.
-
-    Raises FileFormatError: a value is missing, is none, or is in another unit.
-    """
-    known = {*JOINTS, *EXTENDED, *PLACE, *TURN}
-    strange = sorted(set(group.fields) - known)
-    if strange:
-        at = group.row_of(strange[0])
-        if strange[0] in RELATIVE:
-            refuse(f"{label} is a matrix or an increment", path, at, _ON_THE_PENDANT)
-        refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, at)
-    cartesian = [axis for axis in (*PLACE, *TURN) if axis in group.fields]
-    user, tool = group.frames.get("UF"), group.frames.get("UT")
-    if not cartesian and group.config is None:
-        values = np.array([_number(label, joint, "deg", group, path) for joint in JOINTS])
-        return RecordedPosition(number, name, row, values, None, None, user, tool)
-    mixed = next((joint for joint in JOINTS if joint in group.fields), None)
-    if mixed is not None:
-        refuse(f"{label} has {mixed} beside X, Y, Z, W, P, R", path, group.row_of(mixed))
-    place = [_number(label, axis, "mm", group, path) for axis in PLACE]
-    turn = [_number(label, axis, "deg", group, path) for axis in TURN]
-    configuration = None
-    if group.config is not None:
-        if set(re.sub(r"[\s,]", "", group.config)) == {"*"}:
-            refuse(f"{label} has no configuration (***)", path, group.row, "touch the position up")
-        configuration = configuration_in(FanucConfiguration, group.config, label, path, group.row)
-    T_user_tool = poses_of([*place, *turn])[0]
-    return RecordedPosition(number, name, row, None, T_user_tool, configuration, user, tool)
-
-
-def _number(label: str, name: str, unit: str, group: Group, path: Path | str) -> float:
-    if name not in group.fields:
-        needed = "J1 to J6" if name in JOINTS else "X Y Z W P R"
-        hint = f"a position of this kind has {needed}"
-        refuse(f"{label}: {name} is missing", path, group.row, hint)
-    text, found = group.fields[name]
-    row = group.row_of(name)
-    if text.startswith("*"):
-        refuse(f"{label}: {name} has no value (***)", path, row, "touch the position up")
-    if found != unit:
-        refuse(f"{label}: {name} is in {found or 'no unit'}, not in {unit}", path, row)
-    read = joint_deg if unit == "deg" else millimetres
-    return read(text, f"{label}: {name}", path, row)
-
-
-def _with_other_axes(
-    positions: list[RecordedPosition],
-    groups: Mapping[str, Mapping[int, Group]],
-    path: Path | str,
-) -> tuple[RecordedPosition, ...]:
-    """Positions with the extended axes of their first group; of ``groups``, in their order.
-
-    A rail may be such an axis or another motion group, and a positioner carries the target. Axes
-    without a value are passed over.
-
-    Raises FileFormatError: another group moves, or an extended axis is not there in all positions.
-    """
-    owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
-    first = next(iter(owned), "")
-    for label, axes in owned.items():
-        other = sorted(axes ^ owned[first])
-        if other:
-            refuse(f"{label}: {other[0]} is not there as in {first}", path, groups[label][1].row)
-    values = [
-        (number, (label, axis if number == 1 else f"GP{number} {axis}", text, group.row_of(axis)))
-        for label, of_position in groups.items()
-        for number, group in of_position.items()
-        for axis, (text, _) in group.fields.items()
-        if (axis in EXTENDED or number != 1) and not text.startswith("*")
-    ]
-    at_rest((value for number, value in values if number != 1), path)
-    carried = carried_off((value for number, value in values if number == 1), path)
-    found = []
-    for position, (label, of_position) in zip(positions, groups.items(), strict=True):
-        extended, units = _extended(of_position[1])
-        own = replace(position, external_shown=extended, external_units=units)
-        found.append(replace(own, carried=carried.get(label, {})))
-    return tuple(found)
-
-
-def _extended(group: Group) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Values and units of the extended axes, up to the first that has none."""
-    values, units = [], []
-    for axis in EXTENDED:
-        text, unit = group.fields.get(axis, ("*", ""))
-        if text.startswith("*"):
-            break
-        values.append(float(text))
-        units.append(unit)
-    return tuple(values), tuple(units)
-
-
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     """Positions of all registers that have one, by their numbers.
 
@@ -214,8 +190,8 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     """
     text = text_of(data, path)
     inside = found = False
-    positions: list[RecordedPosition] = []
-    groups: dict[str, Group | None] = {}
+    there: set[str] = set()
+    stored: dict[str, _Stored] = {}
     row, last = 1, 0
     for piece in _PIECE.finditer(text):
         row += text.count("\n", last, piece.start())
@@ -238,18 +214,17 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
             refuse(f"there is no register {body.strip()[:20]!r}", path, row)
         if arm != 1:
             continue
-        if label in groups:
+        if label in there:
             refuse(f"{label} is there twice", path, row, "remove one of them")
-        groups[label] = group = Group.of(row, body, tree) if tree else None
-        if group is not None:
+        there.add(label)
+        if tree is not None:
+            group = Group.of(row, body, tree)
             if group.twice:
                 refuse(f"{label} has {group.twice} twice", path, group.row_of(group.twice))
             name = statement.word("TEXT").strip("'").strip()
-            positions.append(_recorded(label, number, name, row, group, path))
+            stored[label] = _Stored(label, row, group, name=name)
     if not found:
         refuse("is no backup of position registers: there is no $POSREG", path, 1, "POSREG.VA")
-    if not positions:
+    if not stored:
         refuse("holds no positions: all registers are empty", path, hint="save the backup again")
-    own = {label: {1: group} for label, group in groups.items() if group}
-    stored = _with_other_axes(positions, own, path)
-    return RecordedProgram("POSREG", "", PlanMark(), stored, "fanuc", in_registers=True)
+    return replace(_program(("POSREG", ""), None, stored, path), in_registers=True)

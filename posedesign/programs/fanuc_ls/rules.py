@@ -52,6 +52,7 @@ from lark import Token
 from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
     LANGUAGE,
+    Group,
     Instruction,
     Listing,
     Position,
@@ -66,11 +67,14 @@ _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
 _POSE = {*PLACE, *TURN}
 _KINDS = ({*JOINTS}, _POSE, RELATIVE)
+_OTHER_ARMS = [{f"J{j}" for j in range(1, n + 1)} for n in (3, 4, 5, 7, 8, 9)]
 _CONFIG = re.compile(r"[FN] (?:[LR] )?[UD] [TB](?:, ?-?\d){3}")
 _GERMAN = re.compile(
     r"(?<![\w$])(?:AUFRUF|WENN|WARTE|DANN|SONST|SPRUNG|MARKE|ENDE|PULS|AN|AUS|sek|WKZ_NUM"
     r"|BENUTZER_NUM|TRAGLST|ZEIT)(?!\w)"
 )
+_UNJUDGED = ("motion", "fault", "other")  # by how far they are from the colon
+_CHOSEN = "P[R]"  # of a position that a register chooses
 _BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
 _UNKNOWN = re.compile(r"[A-Za-z][A-Za-z_-]{2,}[0-9]{0,3}")
 _ATTRIBUTE_NAMES = """
@@ -87,16 +91,19 @@ _LONE_CR: rules.Asked = ("text", *rules.LONE_CR[1:])
 def check_fanuc_ls(data: bytes) -> list[Problem]:
     """Problems in the content of a file, in the order of its lines."""
     listing = read_listing(data.decode("latin-1"))  # any byte is a character: none is lost
+    lines = listing.instructions
+    english = any(name == "LINE_COUNT" for _, name, _ in listing.attributes)
     return rules.told(
         rules.check_line_ends(data),
         rules.check_bytes(data, rules.CONTROL, _LONE_CR, rules.FOREIGN),
         _check_headings(listing),
         _check_lines(listing),
-        _check_instructions(listing),
-        block_faults([i.statement for i in listing.instructions], _BLOCKS),
+        rules.each(lines, _line_faults),
+        rules.each(lines, _code_faults),
+        rules.each(lines if english else (), _german_faults),
+        block_faults([line.statement for line in lines], _BLOCKS),
         _check_labels(listing),
         _check_positions(listing),
-        _check_values(listing),
         _check_use(listing),
         _check_motions(listing),
     )
@@ -130,68 +137,73 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
 
 
 def _check_lines(listing: Listing) -> Iterator[Problem]:
+    outer = [line for line in listing.instructions if not line.inner]
     expected = 1
-    for line in listing.instructions:
-        if line.inner:
-            continue
-        if line.number is None and line.head.strip():
-            reason = "a line starts with its number, right-aligned in four characters, and a colon"
-            yield Problem(line.row, "line-format", reason)
-        elif line.number is not None and line.head != f"{line.number:4d}":
-            reason = "the number is right-aligned in four characters"
-            yield Problem(line.row, "line-format", reason, "measuring")
-        elif not line.closed:
-            yield Problem(line.row, "line-format", "a line ends in ' ;'")
+    for line in outer:
         if line.number not in (None, expected):
             reason = f"line number {line.number} where {expected} is due"
             yield Problem(line.row, "line-number", reason)
         expected = (line.number or expected) + 1
-    outer = sum(not line.inner for line in listing.instructions)
     named = ("LINE_COUNT", "ZEILEN")
     counts = [(row, text.strip()) for row, key, text in listing.attributes if key in named]
     for row, text in counts or [(1, "there is no LINE_COUNT")]:
-        if "".join(filter(str.isdigit, text)) != str(outer):
-            reason = f"{text[:40]}, /MN has {outer} lines"
+        if "".join(filter(str.isdigit, text)) != str(len(outer)):
+            reason = f"{text[:40]}, /MN has {len(outer)} lines"
             yield Problem(row, "line-count", reason, "measuring")
 
 
-def _check_instructions(listing: Listing) -> Iterator[Problem]:
-    english = any(name == "LINE_COUNT" for _, name, _ in listing.attributes)
-    for line in listing.instructions:
-        fault = line.statement.fault
-        mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'", "", line.code))
-        if mixed and english and line.kind not in ("remark", "message"):
-            reason = f"{mixed[0]} is a word of German controllers, the program an English one"
-            yield Problem(line.row, "instruction", reason)
-        if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
-            reason = f"a negative constant stands in parentheses, (-1): {fault}"
-            yield Problem(line.row, "negative-argument", reason)
-        elif fault:
-            yield Problem(line.row, "instruction", fault)
-        elif line.kind == "other":
-            yield from _unknown(line, line.statement.word("OTHER"), line.statement.word("REST"))
-        elif line.kind == "motion":
-            yield from _check_motion(line)
-        elif not line.inner and line.code.strip() and not line.code.startswith("  "):
-            reason = "two spaces stand between the colon and an instruction"
-            yield Problem(line.row, "line-format", reason, "measuring")
+def _line_faults(line: Instruction) -> Iterator[rules.Fault]:
+    """Of how a line is laid out."""
+    rule, code = "line-format", line.code
+    if line.inner:
+        return
+    if line.number is None and line.head.strip():
+        yield rule, "a line starts with its number, right-aligned in four, and a colon", "error"
+    elif line.number is not None and line.head != f"{line.number:4d}":
+        yield rule, "the number is right-aligned in four characters", "measuring"
+    elif not line.closed:
+        yield rule, "a line ends in ' ;'", "error"
+    if line.kind == "motion" and code.startswith(" "):
+        yield rule, "the letter of a motion stands right behind the colon", "measuring"
+    elif line.kind not in _UNJUDGED and code.strip() and not code.startswith("  "):
+        yield rule, "two spaces stand between the colon and an instruction", "measuring"
 
 
-def _check_motion(line: Instruction) -> Iterator[Problem]:
-    if line.code.startswith(" "):
-        reason = "the letter of a motion stands right behind the colon"
-        yield Problem(line.row, "line-format", reason, "measuring")
-    for option in line.statement.all("other_option"):
-        yield from _unknown(line, str(option.children[0]), "")
-    joint, unit = line.code.lstrip().startswith("J"), line.statement.word("UNIT")
-    speed = next((words(tree, "INT", "DECIMAL") for tree in line.statement.all("speed")), [])
-    if unit == "%" and speed and not 0 < float(speed[0][:20]) <= 100:
-        yield Problem(line.row, "speed", f"a speed of {speed[0][:20]}%: from 1% to 100%")
-    if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
-        yield Problem(line.row, "speed", f"{unit} is no speed of this kind of motion")
+def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
+    """Of what an instruction says."""
+    s, fault = line.statement, line.statement.fault
+    if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
+        reason = f"a negative constant stands in parentheses, (-1): {fault}"
+        yield "negative-argument", reason, "error"
+    elif fault:
+        yield "instruction", fault, "error"
+    elif line.kind == "other":
+        yield _unknown(line, s.word("OTHER"), s.word("REST"))
+    if line.kind != "motion":
+        return
+    for option in s.all("other_option"):
+        yield _unknown(line, str(option.children[0]), "")
+    for tree in s.all("speed"):
+        joint, unit = line.code.lstrip().startswith("J"), s.word("UNIT")
+        number = next(iter(words(tree, "INT", "DECIMAL")), "1")[:20]
+        if unit == "%" and not 0 < float(number) <= 100:
+            yield "speed", f"a speed of {number}%: from 1% to 100%", "error"
+        if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
+            yield "speed", f"{unit} is no speed of this kind of motion", "error"
+    if s.one("elsewhere") is not None:
+        reason = f"moves to another place than its position: {line.code.strip()[-40:]}"
+        yield "elsewhere", reason, "measuring"
 
 
-def _unknown(line: Instruction, word: str, rest: str) -> Iterator[Problem]:
+def _german_faults(line: Instruction) -> Iterator[rules.Fault]:
+    """Of an instruction of an English program."""
+    mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'", "", line.code))
+    if mixed and line.kind not in ("remark", "message"):
+        reason = f"{mixed[0]} is a word of German controllers, the program an English one"
+        yield "instruction", reason, "error"
+
+
+def _unknown(line: Instruction, word: str, rest: str) -> rules.Fault:
     """An instruction or option of an application, or a misspelt one of the language."""
     known = _known_words()
     begun = (w for w in known if word.upper().startswith(w.upper()) and len(w) > 3)
@@ -200,12 +212,10 @@ def _unknown(line: Instruction, word: str, rest: str) -> Iterator[Problem]:
     opened = re.sub(r"'[^']*'|\[[^\[\]]*\]", "", rest)
     if near or not _UNKNOWN.fullmatch(word) or opened.count("(") != opened.count(")"):
         hint = f": {near} is" if near else ""
-        yield Problem(line.row, "instruction", f"{word[:40]!a} is no instruction{hint}")
-    elif re.search(r"[\[\]]", opened) and "[" not in rest:
-        yield Problem(line.row, "instruction", f"a bracket is not closed: {rest[:40]!a}")
-    else:
-        reason = f"{word[:40]!a} is not known: an application's own is not checked"
-        yield Problem(line.row, "instruction", reason, "note")
+        return "instruction", f"{word[:40]!a} is no instruction{hint}", "error"
+    if re.search(r"[\[\]]", opened) and "[" not in rest:
+        return "instruction", f"a bracket is not closed: {rest[:40]!a}", "error"
+    return "instruction", f"{word[:40]!a} is not known: an application's own is not checked", "note"
 
 
 def _known_words() -> list[str]:
@@ -220,115 +230,75 @@ def _pattern(name: str) -> str:
 
 
 def _check_labels(listing: Listing) -> Iterator[Problem]:
-    defined: dict[str, int] = {}
-    jumps: list[tuple[int, str]] = []
+    labels: dict[bool, list[tuple[int, str]]] = {True: [], False: []}
     for line in listing.instructions:
         for label in line.statement.all("label"):
             number = next(nodes(label, "index")).children[0]
-            if not isinstance(number, Token) or number.type != "INT":
-                continue  # a register chooses the label
-            if line.kind != "label_":
-                jumps.append((line.row, number[:9]))
-            elif number[:9] in defined:
-                yield Problem(line.row, "label", f"LBL[{number[:9]}] is there twice")
-            else:
-                defined[number[:9]] = line.row
-    for row, target in jumps:
-        if target not in defined:
-            yield Problem(row, "label", f"LBL[{target}] is not there")
+            if isinstance(number, Token) and number.type == "INT":  # else a register chooses it
+                labels[line.kind == "label_"].append((line.row, f"LBL[{number[:9]}]"))
+    return rules.check_names(labels[True], labels[False], ("label", "label", ""))
 
 
 def _check_positions(listing: Listing) -> Iterator[Problem]:
     for row, fault in listing.faults:
         yield Problem(row, "position-format", fault)
-    seen: set[int] = set()
     for position in listing.positions:
-        label = position.label
-        if position.number in seen:
-            yield Problem(position.row, "position-unique", f"{label} is defined twice")
-        seen.add(position.number)
-        first = position.groups.get(1)
-        if first is None:
-            reason = f"{label} has no GP1: the arm stays where it is"
-            yield Problem(position.row, "position-format", reason, "measuring")
-            continue
-        if {*first.frames} != {"UF", "UT"}:
-            reason = f"{label} has no UF and UT in GP1"
-            yield Problem(position.row, "position-format", reason)
-        names = {*first.fields} - {*EXTENDED}
-        if names not in _KINDS:
-            found = " ".join(sorted(names)) or "nothing"
-            other_arm = names == {f"J{j + 1}" for j in range(len(names))} and len(names) != 6
-            reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
-            whole = other_arm and len(names) in (3, 4, 5, 7, 8, 9)
-            yield Problem(
-                position.row, "position-format", reason, "measuring" if whole else "error"
-            )
-
-
-def _check_values(listing: Listing) -> Iterator[Problem]:
-    """Units, ranges and CONFIG of the first group of each position."""
-    for position in listing.positions:
-        group, label = position.groups.get(1), position.label
+        group = position.groups.get(1)
         if group is None:
-            continue
-        cartesian = bool({*group.fields} & (_POSE | RELATIVE))
-        if group.frames and group.fields and cartesian != (group.config is not None):
-            reason = f"{label} has {'no' if cartesian else 'a'} CONFIG"
-            yield Problem(position.row, "configuration", reason)
-        elif group.config is not None and not _CONFIG.fullmatch(group.config.strip()):
-            unset = not group.config.translate(str.maketrans("", "", "*, "))
-            reason = f"{label}: there is no CONFIG {group.config[:30]!a}"
-            yield Problem(position.row, "configuration", reason, "measuring" if unset else "error")
-        for name, (text, unit) in group.fields.items():
-            wanted = "mm" if name.lstrip("R") in PLACE else "deg"
-            level: Level = "error"
-            rule = reason = ""
-            if text.startswith("*"):
-                rule, reason, level = "position-value", "has no value", "measuring"
-            elif unit != wanted and not (name in EXTENDED and unit):
-                rule, reason = "unit", f"is in {unit or 'no unit'}, not in {wanted}"
-            elif len(text) > 20 or not _in_range(name, float(text)):
-                rule, reason = "range", f"is {text[:20]}"
-            if rule:
-                yield Problem(group.row_of(name), rule, f"{label}: {name} {reason}", level)
+            reason = f"{position.label} has no GP1: the arm stays where it is"
+            yield Problem(position.row, "position-format", reason, "measuring")
+        else:
+            yield from _check_group(position, group)
 
 
-def _in_range(name: str, value: float) -> bool:
-    if name in TURN:
-        return abs(value) <= 180.0
-    far = name.lstrip("R") in PLACE or name in EXTENDED
-    return abs(value) <= (MOST_POSITION_MM if far else MOST_JOINT_DEG)
+def _check_group(position: Position, group: Group) -> Iterator[Problem]:
+    """Fields, CONFIG, units and ranges of the first group of a position."""
+    row, label, config = position.row, position.label, group.config
+    if {*group.frames} != {"UF", "UT"}:
+        yield Problem(row, "position-format", f"{label} has no UF and UT in GP1")
+    names = group.fields.keys() - {*EXTENDED}
+    if names not in _KINDS:
+        level: Level = "measuring" if names in _OTHER_ARMS else "error"
+        reason = f"{label} has {' '.join(sorted(names)) or 'nothing'}, not J1 to J6 or X Y Z W P R"
+        yield Problem(row, "position-format", reason, level)
+    cartesian = bool(names & (_POSE | RELATIVE))
+    if group.frames and group.fields and cartesian != (config is not None):
+        yield Problem(row, "configuration", f"{label} has {'no' if cartesian else 'a'} CONFIG")
+    elif config is not None and not _CONFIG.fullmatch(config.strip()):
+        unset = not config.translate(str.maketrans("", "", "*, "))
+        reason = f"{label}: there is no CONFIG {config[:30]!a}"
+        yield Problem(row, "configuration", reason, "measuring" if unset else "error")
+    for name, (text, unit) in group.fields.items():
+        far = name.lstrip("R") in PLACE
+        most = MOST_POSITION_MM if far or name in EXTENDED else MOST_JOINT_DEG
+        at, said = group.row_of(name), f"{label}: {name}"
+        if text.startswith("*"):
+            yield Problem(at, "position-value", f"{said} has no value", "measuring")
+        elif unit != ("mm" if far else "deg") and not (name in EXTENDED and unit):
+            wanted = "mm" if far else "deg"
+            yield Problem(at, "unit", f"{said} is in {unit or 'no unit'}, not in {wanted}")
+        elif len(text) > 20 or abs(float(text)) > (180.0 if name in TURN else most):
+            yield Problem(at, "range", f"{said} is {text[:20]}")
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:
-    defined = {position.number for position in listing.positions} | listing.broken
-    used: set[int] = set()
-    indirect = False
-    for line in listing.instructions:
-        numbers, chosen = _positions_of(line)
-        indirect = indirect or chosen
-        for number in sorted(numbers - defined):
-            yield Problem(line.row, "position-defined", f"P[{number}] is not defined")
-        used |= numbers
-    for position in listing.positions:
-        if position.number not in used and not indirect:
-            reason = f"{position.label} is never used"
-            yield Problem(position.row, "position-used", reason, "measuring")
+    there = [(position.row, position.label) for position in listing.positions]
+    broken = {_CHOSEN, *(f"P[{number}]" for number in listing.broken)} - {name for _, name in there}
+    used = [(line.row, label) for line in listing.instructions for label in _positions_of(line)]
+    all_known = all(label != _CHOSEN for _, label in used)
+    asked = ("position-unique", "position-defined", "position-used" if all_known else "")
+    return rules.check_names(there, (use for use in used if use[1] not in broken), asked)
 
 
-def _positions_of(line: Instruction) -> tuple[set[int], bool]:
-    """Numbers of the positions that an instruction names, and whether a register chooses one."""
-    numbers: set[int] = set()
-    chosen = False
+def _positions_of(line: Instruction) -> set[str]:
+    """Labels of the positions that an instruction names."""
+    found = set()
     for tree in line.statement.all("target", "indexed"):
         if str(tree.children[0]) == "P":
             first = next(nodes(tree, "index")).children[0]
-            if isinstance(first, Token) and first.type == "INT":
-                numbers.add(int(first[:9]))
-            else:
-                chosen = True
-    return numbers, chosen
+            named = isinstance(first, Token) and first.type == "INT"
+            found.add(f"P[{int(str(first)[:9])}]" if named else _CHOSEN)
+    return found
 
 
 def _check_motions(listing: Listing) -> Iterator[Problem]:
@@ -337,45 +307,39 @@ def _check_motions(listing: Listing) -> Iterator[Problem]:
     Behind a label, a call or the end of a block nobody knows from the file which frames are
     active: a frame that differs from the one set last is an error only where none is between.
     """
-    stored = {position.number: position for position in listing.positions}
-    active: dict[str, int | None] = {"UF": None, "UT": None}
-    sure: dict[str, bool] = {"UF": False, "UT": False}
+    stored = {position.label: position for position in listing.positions}
+    active: dict[str, int | None] = {}
+    sure: set[str] = set()
     stands = False
     for line in listing.instructions:
         kind = line.kind
         if kind == "frame":
-            tree = line.statement.tree
             letters = "UF" if line.statement.one("uframe") is not None else "UT"
-            number = [t for t in tree.children if isinstance(t, Token) and t.type == "INT"]
-            active[letters] = int(number[0][:9]) if number else None
-            sure[letters] = bool(number)
+            number = line.statement.tree.children[-1]
+            active[letters] = int(number[:9]) if isinstance(number, Token) else None
+            sure |= {letters}
         elif kind in ("label_", "call", "run", "else_", "endif", "endfor", "branch", "select"):
-            sure = {"UF": False, "UT": False}
+            sure = set()
         elif kind == "motion":
             stands = line.statement.one("fine") is not None
-            for number_of in _positions_of(line)[0]:
-                yield from _frame_problems(line.row, stored.get(number_of), active, sure)
-            if line.statement.one("elsewhere") is not None:
-                reason = f"moves to another place than its position: {line.code.strip()[-40:]}"
-                yield Problem(line.row, "elsewhere", reason, "measuring")
+            for label in sorted(_positions_of(line) & stored.keys()):
+                yield from _frame_problems(line.row, stored[label], active, sure)
         if kind == "call" and not stands:
             reason = "no motion to a standstill (FINE) before the CALL"
             yield Problem(line.row, "fine-before-call", reason, "measuring")
 
 
 def _frame_problems(
-    row: int, position: Position | None, active: dict[str, int | None], sure: dict[str, bool]
+    row: int, position: Position, active: dict[str, int | None], sure: set[str]
 ) -> Iterator[Problem]:
-    group = position.groups.get(1) if position is not None else None
-    if position is None or group is None:
-        return  # other rules say so
+    frames = position.groups[1].frames if 1 in position.groups else {}
     for letters, name in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-        frame = group.frames.get(letters)
+        frame, now = frames.get(letters), active.get(letters)
         if frame is None:
             continue  # left open: whatever is active
-        if active[letters] is None:
+        if now is None:
             reason = f"{name} is not set to a number before the motion"
             yield Problem(row, "frames-set", reason, "measuring")
-        elif active[letters] != frame:
-            reason = f"{position.label} has {letters} {frame}, {name} is {active[letters]}"
-            yield Problem(row, "frame", reason, "error" if sure[letters] else "measuring")
+        elif now != frame:
+            reason = f"{position.label} has {letters} {frame}, {name} is {now}"
+            yield Problem(row, "frame", reason, "error" if letters in sure else "measuring")

@@ -7,6 +7,7 @@ it: names of 8 characters, five entries in DEFAULT_GROUP.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -79,12 +80,13 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
     options = program.options
     LIMITS.check(program)
     check_call(NAMES, options, program.name)
-    instructions = _instructions(program)
+    instructions = _head(program)
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        instructions += _at_pose(options, pose, number)
     lines = [f"/PROG  {program.name}", *_attributes(options, len(instructions)), "/MN"]
     lines += [f"{number:4d}:{text} ;" for number, text in enumerate(instructions, start=1)]
     lines.append("/POS")
-    fields = _joint_fields if options.form == "joint" else _pose_fields
-    stored = zip(program.numbers, program.poses, fields(program, arm), strict=True)
+    stored = zip(program.numbers, program.poses, _fields(program, arm), strict=True)
     for number, pose, values in sorted(stored, key=lambda entry: entry[0]):
         lines += [f"P[{_label(number, pose)}]{{", "   GP1:", *values, "};"]
     lines += ["/END", ""]
@@ -97,19 +99,13 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
     return len(_head(program)), len(_at_pose(program.options, pose, 1))
 
 
-def _instructions(program: PoseProgram) -> list[str]:
-    """Lines of the program as they stand behind their number and colon."""
-    lines = _head(program)
-    for number, pose in zip(program.numbers, program.poses, strict=True):
-        lines += _at_pose(program.options, pose, number)
-    return lines
-
-
 def _head(program: PoseProgram) -> list[str]:
+    """Lines before the first pose, as they stand behind their number and colon."""
     options = program.options
-    mark = [f"  !{program.mark}"] if program.mark else []
-    mark += [f"  !{line}" for line in warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)]
-    return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
+    notes = [program.mark] if program.mark else []
+    notes += warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)
+    frames = [f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
+    return [*map(_PHRASES.note.format, notes), *frames]
 
 
 def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> list[str]:
@@ -150,42 +146,26 @@ def _label(number: int, pose: ProgramPose) -> str:
     return f'{number}:"{pose.name}"' if fits else f"{number}"
 
 
-def _joint_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
-    options, units = program.options, arm.external_units
-    # + 0.0 turns the -0.0 of a rounded small number into 0.0, which is written without a sign.
-    values = np.round(shown_deg(arm, program.poses), 3) + 0.0
-    frames = f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t"
-    return [
-        [
-            frames,
-            *_in_rows(
-                [f"J{j + 1}={v:10.3f} deg" for j, v in enumerate(q[:JOINTS])]
-                + [
-                    f"E{k}={v:10.3f} {unit:>3}"
-                    for k, (v, unit) in enumerate(zip(q[JOINTS:], units, strict=True), start=1)
-                ]
-            ),
-        ]
-        for q in values
-    ]
-
-
-def _pose_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
+def _fields(program: PoseProgram, arm: Arm) -> Iterator[list[str]]:
+    """Lines of each position between its braces."""
     options = program.options
-    shown_deg(arm, program.poses)  # refuses joints that no arm reaches
-    poses = arm.tool_poses(program.postures_rad)
-    words = arm.configurations(program.postures_rad)
-    place = np.round(1e3 * poses[:, :3, 3], 3) + 0.0
-    turn = rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 3)
-    found = []
-    for config, xyz, wpr in zip(words, place, turn, strict=True):
-        frames = (
-            f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t\tCONFIG : '{config.words}',"
-        )
-        fields = [f"{axis} ={v:10.3f}  mm" for axis, v in zip("XYZ", xyz, strict=True)]
-        fields += [f"{axis} ={v:10.3f} deg" for axis, v in zip("WPR", wpr, strict=True)]
-        found.append([frames, *_in_rows(fields)])
-    return found
+    shown = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    names, units, values = [f"J{j + 1}" for j in range(JOINTS)], ["deg"] * JOINTS, shown
+    ends = [""] * len(shown)
+    if options.form == "joint":
+        names += [f"E{k + 1}" for k in range(arm.n_external)]
+        units += arm.external_units
+    else:
+        names, units = [*"XYZWPR"], ["mm"] * 3 + ["deg"] * 3
+        poses = arm.tool_poses(program.postures_rad)
+        turned = rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 3)
+        values = np.hstack([1e3 * poses[:, :3, 3], turned])
+        ends = [f"\tCONFIG : '{c.words}'," for c in arm.configurations(program.postures_rad)]
+    frames = f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t"
+    # + 0.0 turns the -0.0 of a rounded small number into 0.0, which is written without a sign
+    for row, end in zip(np.round(values, 3) + 0.0, ends, strict=True):
+        fields = zip(names, row, units, strict=True)
+        yield [frames + end, *_in_rows([f"{n:2}={v:10.3f} {unit:>3}" for n, v, unit in fields])]
 
 
 def _in_rows(fields: list[str]) -> list[str]:

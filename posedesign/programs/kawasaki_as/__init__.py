@@ -24,7 +24,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from lark import Tree
@@ -32,15 +31,16 @@ from lark import Tree
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import (
     JOINTS,
-    PLAIN,
     JointDialect,
     Notes,
     Standing,
-    carried_in,
+    Stored,
     check_joints,
+    check_range,
     joints_of,
     judged,
-    level_of,
+    listed,
+    not_known,
 )
 from posedesign.programs.language import (
     Block,
@@ -53,14 +53,12 @@ from posedesign.programs.language import (
     text_of,
     without_remarks,
 )
-from posedesign.programs.numbering import Named, Numbering
+from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
-from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
+from posedesign.programs.recorded import PlanMark, Problem, RecordedProgram
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
-
-__all__ = ["KawasakiAs"]
 
 _LISTS = ("joints", "trans")
 _SECTION = re.compile(r"\.([a-z]\w*)(?=\s*$|\s+[^=\s])", re.I)
@@ -70,6 +68,7 @@ _WORDS = """.program .joints .trans .end jmove lmove break twait delay stable pu
 speed if else for while case value do until end"""
 _OTHERS = """wait swait scall hmove xmove cmove c1move c2move home home2 base type print ret return
 any"""
+_FIRST = re.compile(r"(?:\d+ +)?(\.?[a-z]\w*)")
 _MOTION = re.compile(r"home|t?draw\b|drive|align|[lj](appro|depart)|\w+move", re.I)
 _NOT_JUDGED = re.compile(r"[.$#\w]+(\[[^\]]*\])? *=(?!=)|[\w.]+ *:|(if\b.*)?\bgoto\b", re.I)
 _LITERAL = re.compile(r"#?[a-z_][\w.]*(\[[\d,]+\])?")
@@ -101,13 +100,6 @@ def _sections(lines: Iterator[Line]) -> Iterator[Line]:
 LANGUAGE = Language(__package__ or "", joined=_sections, signed=True, letters=r"\w.")
 
 
-@dataclass(eq=False)
-class _Stored(Named):
-    """A position as it stands in the file."""
-
-    values: list[str]
-
-
 def _planned(text: str, path: Path) -> tuple[str, Notes, tuple[int, int] | None]:
     """Name and remarks of the program of a plan, and what its first HERE keeps of which pose."""
     first: tuple[int, int] | None = None
@@ -131,45 +123,30 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     """Program in the content of a file; FileFormatError where it holds no position."""
     text = text_of_file(data, path)
     name, notes, first = _planned(text, path)
-    stored: dict[str, _Stored] = {}
+    found: list[Stored] = []
     for s in LANGUAGE.statements(text):
         if s.fault and s.text[:1] == "#":
             refuse(f"a position cannot be read: {s.fault}", path, s.row)
         if s.kind == "position" and s.text[0] == "#":
-            variable = s.word("ENTRY").lower()
-            if variable in stored:
-                refuse(f"{variable} is there twice", path, s.row)
-            stored[variable] = _Stored(variable, s.row, [str(v) for v in s.tree.children[1:]])
+            found.append(Stored(s.word("ENTRY").lower(), s.row, s.words("NUMBER")))
         elif s.kind in ("move", "taught") and notes.mark is None:
-            for step in s.all("inline"):
-                values = [text_of(value) for value in nodes(step, "sum")]
-                stored[f"step {len(stored)}"] = _Stored("", s.row, values)
-    found = list(stored.values())
-    carried = carried_in([(p.label, p.line, p.values) for p in found], path)
+            steps = [[text_of(value) for value in nodes(t, "sum")] for t in s.all("inline")]
+            found += [Stored("", s.row, values) for values in steps]
+    if notes.mark is None:
+        name, notes, first = path.stem, Notes(), None
     numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
-    numbering = Numbering(numbered, element, notes.mark, notes.names, first)
-    positions = []
-    for n, p in numbering.of(found, path) if notes.mark else enumerate(found, start=1):
-        shown = joints_of(p.label, p.line, p.values, path)
-        own = p.name if notes.mark else p.variable
-        external = tuple(float(text) for text in p.values[JOINTS:])
-        positions.append(
-            RecordedPosition(
-                n, own, p.line, shown, external_shown=external, carried=carried.get(p.label, {})
-            )
-        )
-    untouched = bool(notes.mark) and numbering.is_untouched(found)
-    mark, name = notes.mark or PlanMark(), name if notes.mark else path.stem
-    return RecordedProgram(name, "", mark, tuple(positions), "kawasaki", empty_registers=untouched)
+    own = numbered if notes.mark else NO_NAME
+    numbering = Numbering(own, element, notes.mark, notes.names, first)
+    positions, untouched = listed(numbering, found, path, joints_of), numbering.is_untouched(found)
+    mark = notes.mark or PlanMark()
+    return RecordedProgram(name, "", mark, positions, "kawasaki", empty_registers=untouched)
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
     called = " ".join(s.word("NAME").lower() for s in statements if s.kind == "call")
     for s in statements:
         if (s.fault or s.kind in ("other", "section")) and not _NOT_JUDGED.match(s.text):
-            word = re.match(r"(?:\d+ +)?(\.?[a-z]\w*)", s.text, re.I)
-            level = level_of(word[1].lower() if word else "", f"{_WORDS} {called}", _OTHERS)
-            yield Problem(s.row, "syntax", s.fault or f"{s.text[:40]!a} is not known", level)
+            yield not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
     yield from block_faults(statements, _BLOCKS)
     yield from _check_positions(statements)
     yield from _check_steps(statements)
@@ -213,11 +190,10 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
             speed = speed if speed == "always" else ""
         if s.kind == "speed":
             speed = "always" if s.word("ALWAYS") else "once"
-        if PLAIN.fullmatch(first) and not s.word("UNIT"):
-            if s.kind == "speed" and not 0.01 <= float(first[:99]) <= 100:
-                yield Problem(s.row, "range", "a speed is from 0.01 to 100 percent")
-            if s.kind == "pulse" and not re.fullmatch(r"[1-9]\d{0,2}", first):
-                yield Problem(s.row, "range", f"{first[:20]} is no output")
+        if s.kind == "speed" and not s.word("UNIT"):
+            yield from check_range(s.row, first, "percent of the speed", 0.01, 100)
+        if s.kind == "pulse":
+            yield from check_range(s.row, first, "number of an output", 1, 999, whole=True)
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)

@@ -30,6 +30,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lark import Token, Tree
@@ -37,7 +38,17 @@ from lark import Token, Tree
 from calib.errors import InputError
 from posedesign.programs import rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import JOINTS, Found, JointDialect, carried_in
+from posedesign.programs.joint_programs import (
+    JOINTS,
+    JointDialect,
+    Notes,
+    Standing,
+    Stored,
+    check_joints,
+    check_range,
+    judged,
+    listed,
+)
 from posedesign.programs.language import (
     Language,
     Statement,
@@ -48,25 +59,15 @@ from posedesign.programs.language import (
     words,
 )
 from posedesign.programs.notation import Notation
-from posedesign.programs.numbering import Named, Numbering
+from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import joint_deg, millimetres, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
-from posedesign.programs.recorded import (
-    Level,
-    PlanMark,
-    Problem,
-    RecordedPosition,
-    RecordedProgram,
-)
+from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedProgram
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
-__all__ = ["MitsubishiMelfa"]
-
-_NOTE = re.compile(r"\d{1,5} ?' ?(.*)")
-_POSE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
+_NOTE = re.compile(r"\d{1,5} ?'(.*)")
 _PLANNED = re.compile(r"J([1-9]\d{0,4})", re.IGNORECASE | re.ASCII)
-_NEVER = re.compile(r"(?!)")
 
 _COMMANDS = "mov mvs dly m_out jovrd ovrd spd cnt servo callp end hlt return wait hopen hclose"
 _OTHERS = "open close print input if else elseif endif for next while wend select case on dim fine"
@@ -94,70 +95,41 @@ def _entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
 def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
     """Program in the content of a file; FileFormatError where it holds no position."""
     text = text_of_file(data, path)
-    notes = [note[1].strip() for line in lines_of(text) if (note := _NOTE.fullmatch(line.text))]
-    mark = next((mark for note in notes if (mark := PlanMark.found_in(note))), None)
-    names = {int(pose[1]): pose[2] or "" for note in notes if (pose := _POSE.fullmatch(note))}
-    found: dict[str, RecordedPosition] = {}
-    stored: list[Found] = []
-    joints_of_seven = False
+    said = [(line.row, n[1]) for line in lines_of(text) if (n := _NOTE.fullmatch(line.text))]
+    notes = Notes(next((mark for _, note in said if (mark := PlanMark.found_in(note))), None))
+    for row, note in said:
+        notes.take(row, note)
+    found: list[Stored] = []
     for statement in LANGUAGE.statements(text):
         if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
             refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
         name, values, flags = _entry_of(statement)
         if name[:1].upper() not in ("J", "P") or flags == ",":
             continue
-        if name.upper() in found:
-            refuse(f"{name} is there twice", path, statement.row)
         if not all(value.data == "number" for value in values):
             refuse(f"{name} is no list of numbers", path, statement.row)
-        at = RecordedPosition(0, name, statement.row)
-        texts = [text_of(value) for value in values]
-        found[name.upper()] = _with_values(at, name, texts, path)
-        stored.append((name, statement.row, texts))
-        joints_of_seven |= name[0] in "Jj" and len(texts) == JOINTS + 1
-    if not found:
-        refuse("holds no positions", path, None, "save the program with its positions")
-    numbering = Numbering(_PLANNED if mark else _NEVER, _NEVER, mark, names if mark else {})
-    numbered = numbering.of([Named(at.name, at.line) for at in found.values()], path)
-    pairs = zip(found.values(), numbered, strict=True)
-    carried = {} if joints_of_seven else carried_in(stored, path)
-    external = {name: tuple(map(float, texts[JOINTS:])) for name, _, texts in stored}
-    positions = [
-        replace(
-            *(at,),
-            number=n,
-            name=own.name,
-            external_shown=external[at.name],
-            carried=carried.get(at.name, {}),
-        )
-        for at, (n, own) in pairs
-    ]
-    positions.sort(key=lambda position: position.number)
-    return RecordedProgram(path.stem, "", mark or PlanMark(), tuple(positions), None)
+        found.append(Stored(name, statement.row, [text_of(value) for value in values]))
+    numbered = _PLANNED if notes.mark else NO_NAME
+    numbering = Numbering(numbered, mark=notes.mark, names=notes.names)
+    of_seven = any(p.variable[0] in "Jj" and len(p.values) == JOINTS + 1 for p in found)
+    positions = listed(numbering, found, path, _values_of, rest=not of_seven)
+    ordered = tuple(sorted(positions, key=lambda position: position.number))
+    return RecordedProgram(path.stem, "", notes.mark or PlanMark(), ordered, None)
 
 
-def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) -> RecordedPosition:
-    """A position with its values; those behind six are of axes that carry the arm, or a part.
+def _values_of(p: Stored, path: Path) -> dict[str, Any]:
+    """Values of a position; those behind six are of axes that carry the arm, or a part.
 
     Seven joint values are all kept: they are an arm's with seven joints, or of one on a rail.
     """
-    joints = name[0] in "Jj"
-    texts = texts[:JOINTS] if len(texts) > JOINTS + joints else texts
+    joints, at = p.variable[0] in "Jj", (p.label, path, p.line)
+    texts = p.values[:JOINTS] if len(p.values) > JOINTS + joints else p.values
     if len(texts) < (1 if joints else JOINTS):
-        refuse(f"{name} has {len(texts)} values", path, at.line)
-    if joints:
-        shown = [joint_deg(t, name, path, at.line) for t in texts[:JOINTS]]
-        shown += [millimetres(t, name, path, at.line) for t in texts[JOINTS:]]
-        return replace(at, shown_deg=np.array(shown))
-    return replace(at, T_user_tool=poses_of(pose_values(texts, "XYZABC", name, path, at.line))[0])
-
-
-def check_mitsubishi_melfa(data: bytes, path: Path) -> list[Problem]:
-    """Problems in a program, at most 1000. Never fails."""
-    statements = LANGUAGE.statements(data.decode("latin-1").replace("\r", ""))
-    if not any(statement.fault == "" for statement in statements):
-        return [Problem(1, "syntax", "there is no step in it")]
-    return rules.told(_check(statements))
+        refuse(f"{p.label} has {len(texts)} values", path, p.line)
+    if not joints:
+        return {"T_user_tool": poses_of(pose_values(texts, "XYZABC", *at))[0]}
+    shown = [joint_deg(t, *at) for t in texts[:JOINTS]]
+    return {"shown_deg": np.array(shown + [millimetres(t, *at) for t in texts[JOINTS:]])}
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
@@ -166,7 +138,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     defined = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
     known = counts.keys() | defined
     moved: set[str] = set()
-    step, stands = 0, True
+    step, standing = 0, Standing(("", "Dly"))
     for s, name in zip(statements, names, strict=True):
         if s.fault:
             yield Problem(s.row, "syntax", s.fault, _level(s.text))
@@ -184,11 +156,10 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             moved.add(target)
             if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list")
-        if body.data == "override" and not 1 <= float(words(body, "NUMBER")[0][:9]) <= 100:
-            yield Problem(s.row, "range", "an override is from 1 to 100 percent")
-        if body.data == "call" and not stands:
-            yield Problem(s.row, "wait-to-measure", "no Dly since the last move", "measuring")
-        stands = body.data == "dly" or (stands and body.data != "move")
+        if body.data == "override":
+            yield from check_range(s.row, text_of(body), "percent of the override", 1, 100)
+        does = (body.data == kind for kind in ("move", "move", "dly", "call"))
+        yield from standing.check(s.row, *does)  # an arm stops behind every move
     for s, name in zip(statements, names, strict=True):
         if name.startswith("J") and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
@@ -208,10 +179,10 @@ def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:
     name, values, _ = _entry_of(s)
     joints = name[0] in "Jj"
     plain = bool(values) and all(value.data == "number" for value in values)
-    if twice or not plain or not (1 if joints else JOINTS) <= len(values) <= 8:
+    if twice or not plain or not JOINTS * (not joints) <= len(values) <= 8:
         yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
-    elif joints and not all(abs(float(text_of(value))) <= 720 for value in values[:JOINTS]):
-        yield Problem(s.row, "range", f"{name[:40]} has a joint beyond +-720 deg")
+    elif joints:
+        yield from check_joints(s.row, [text_of(value) for value in values], most=8, least=1)
 
 
 SIGNS = "signs of the joints, which are those of the robot's description"
@@ -240,7 +211,7 @@ class MitsubishiMelfa(JointDialect):
     notation = Notation(joint=5)
     external_axes = 2
     reader = parse_mitsubishi_melfa
-    rules = check_mitsubishi_melfa
+    rules = judged(LANGUAGE, ("statement",), _check)
 
     def most_poses(self, program: PoseProgram) -> int | None:
         return 3000  # of eight steps, of 32,767

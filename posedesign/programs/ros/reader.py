@@ -21,7 +21,7 @@ from posedesign.files.yaml_tree import Fault, Plain, documents, text_of
 from posedesign.programs.notation import Literal, literals_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.ros.rules import Entry, Layout, Walk
+from posedesign.programs.ros.rules import Entry, Layout, Walk, only
 
 _COMMENT = re.compile(r"^[ \t]*#+(.*)$", re.MULTILINE)
 _LABEL = re.compile(r"(pose|via|hold)\s+(\d{1,7})(?::\s*(.*))?")
@@ -49,13 +49,9 @@ def read_list(data: bytes, path: Path, layout: Layout) -> RecordedProgram:
     try:
         text = text_of(data)
         # an empty document at the end, as ros2 topic echo adds, does not count
-        found = [root for root in documents(text) if root.value or type(root.value) is not Plain]
-        if not found:
-            raise Fault("is empty", None, hint="is it the right file?")
-        if len(found) > 1:
-            raise Fault("holds several documents", found[1].line, hint="keep one of them")
+        root = only([r for r in documents(text) if r.value or type(r.value) is not Plain])
         words, mark, labels = _comments(text)
-        entries = Walk(layout, path, strict=False).entries(found[0])
+        entries = Walk(layout, path, strict=False).entries(root)
         positions = _positions(entries, labels, mark, timed=layout.timed)
     except Fault as fault:
         refuse(fault.message, path, fault.line, fault.hint)

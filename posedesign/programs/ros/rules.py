@@ -96,11 +96,7 @@ def check_list(data: bytes, path: Path, layout: Layout) -> list[Problem]:
     """Problems in the content of a file, at most a thousand; none for a good one."""
     walk = Walk(layout, path, strict=True)
     try:
-        roots = documents(text_of(data))
-        if len(roots) != 1:
-            reason = "holds several documents" if roots else "is empty"
-            raise Fault(reason, roots[1].line if roots else 1)
-        walk.entries(roots[0])
+        walk.entries(only(documents(text_of(data))))
     except Fault as fault:
         walk.problems.append(Problem(fault.line or 1, fault.rule, fault.message))
     if layout is MOVEIT and path.suffix != ".yaml":
@@ -280,6 +276,15 @@ class Walk:
                 self.tell("time", fields[key], reason)
             parts += [] if found is None else [found]
         return parts[0] * _BILLION + parts[1] if len(parts) == len(_TIME) else None
+
+
+def only(roots: list[Node]) -> Node:
+    """The document of a file; Fault where there is none, or another one."""
+    if not roots:
+        raise Fault("is empty", None, hint="is it the right file?")
+    if len(roots) > 1:
+        raise Fault("holds several documents", roots[1].line, hint="keep one of them")
+    return roots[0]
 
 
 def _inner(root: Node, what: str) -> Node:

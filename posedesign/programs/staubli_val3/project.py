@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from defusedxml import DefusedXmlException, ElementTree
 from lark import Token, Tree
 
+from calib.errors import FileFormatError
 from posedesign.programs.language import Language, Statement, subtrees, text_of, without_remarks
+from posedesign.programs.reading import read_program_bytes
 
 MOST_NODES = 300_000
 """Elements of a file that are read: ten times those of 10,000 poses."""
@@ -65,6 +68,14 @@ def parse_xml(data: bytes) -> Node:
         hint = "name the project's data file, NAME.dtx, or copy it again"
         raise XmlFault(builder.line, f"is no whole XML file: {error}"[:200], hint) from None
     return builder.root
+
+
+def read_xml(path: Path) -> Node | None:
+    """Root of a file beside another one; None where it is not there, or no XML that is read."""
+    try:
+        return parse_xml(read_program_bytes(path))
+    except (FileFormatError, XmlFault):
+        return None
 
 
 class _Builder:

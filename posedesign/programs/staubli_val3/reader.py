@@ -32,13 +32,11 @@ from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node
+from posedesign.programs.staubli_val3.spec import CONFIG, JOINTS, POINT
 
 MOST_ELEMENTS = 100_000
 """Largest size of an array that is believed."""
 
-_JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
-_POINT = ("x", "y", "z", "rx", "ry", "rz")
-_CONFIG = ("shoulder", "elbow", "wrist")
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames
@@ -161,7 +159,7 @@ def _own(arrays: _Data) -> tuple[_Listed, bool]:
 def _is_touched(array: _Array, key: int) -> bool:
     """Whether an element is there, and has another joint value than zero."""
     element = array.elements.get(key)
-    texts = [element.get(joint) for joint in _JOINTS] if element else []
+    texts = [element.get(joint) for joint in JOINTS] if element else []
     return any(re.search(r"[^-+.0]", text) for text in texts)
 
 
@@ -209,7 +207,7 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
             arrays.refuse(f"{label} is not there", array.line)
         at = RecordedPosition(number, name, element.line)
         if _KINDS[array.type] == "joint":
-            texts = [(element.attributes.get(j, "0"), f"{label}: {j}") for j in _JOINTS]
+            texts = [(element.attributes.get(j, "0"), f"{label}: {j}") for j in JOINTS]
             shown = [reading.joint_deg(t, what, path, element.line) for t, what in texts]
             out.append(replace(at, shown_deg=np.array(shown)))
             continue
@@ -242,13 +240,10 @@ def _check_unit(path: Path) -> None:
     The project beside the data says it.
     """
     for file in sorted(path.parent.glob("*.pjx")) if path.is_file() else ():
-        try:
-            root = project.parse_xml(read_program_bytes(file))
-        except (FileFormatError, project.XmlFault):
-            continue  # of the data alone nothing is known of it
+        root = project.read_xml(file) or Node(1, "", "", {})
         names = [node.get("file").lower() for node in root.all("Data")]
-        for node in root.all("Parameters") if path.name.lower() in names else ():
-            if node.get("millimeterUnit") == "false":
+        for node in root.all("Parameters"):
+            if path.name.lower() in names and node.get("millimeterUnit") == "false":
                 hint = "save the application with lengths in millimetres"
                 refuse("the lengths of the project are not in millimetres", file, node.line, hint)
 
@@ -277,13 +272,13 @@ def _frame(father: str, arrays: _Data) -> FloatArray | None:
 
 def _values(element: Node, label: str, path: Path) -> list[float]:
     """Numbers of a point [mm, deg]; what is left out is zero."""
-    texts = [element.attributes.get(name, "0") for name in _POINT]
-    return reading.pose_values(texts, _POINT, label, path, element.line)
+    texts = [element.attributes.get(name, "0") for name in POINT]
+    return reading.pose_values(texts, POINT, label, path, element.line)
 
 
 _TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*", re.ASCII)
 _ATTRIBUTE = re.compile(
-    rf"""(?<=\s)({"|".join((*_JOINTS, *_POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
+    rf"""(?<=\s)({"|".join((*JOINTS, *POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
 )
 
 
@@ -295,7 +290,7 @@ def attributes_of(text: str) -> Iterator[Literal]:
     for tag in _TAG.finditer(text):
         found = {attribute[1]: attribute for attribute in _ATTRIBUTE.finditer(tag[0])}
         end = tag.start() + len(tag[0].removesuffix("/").rstrip())
-        for name in (*_JOINTS, *_POINT):
+        for name in (*JOINTS, *POINT):
             if name in found:
                 start, stop = (tag.start() + place for place in found[name].span(2))
                 yield Literal(start, stop, found[name][2])
@@ -304,7 +299,7 @@ def attributes_of(text: str) -> Iterator[Literal]:
 
 
 def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:
-    words = [element.get(name) for name in _CONFIG]
+    words = [element.get(name) for name in CONFIG]
     if not all(words) or any(word.endswith("same") for word in words):
         return None
     said = " ".join(words)

@@ -44,10 +44,8 @@ from pathlib import Path
 
 from lark import Token, Tree
 
-from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.language import Block, Statement, block_faults, subtrees, text_of
-from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.staubli_val3 import project, spec
 from posedesign.programs.staubli_val3.project import Node, index_of, name_of
@@ -261,8 +259,6 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
 
 _ENDS = ["begin", "end", "begin", "end"]
 
-Fault = tuple[str, str, Level]
-
 
 class _Scope:
     """What a program can name: data and programs of its project, its parameters and locals.
@@ -287,7 +283,7 @@ class _Scope:
             size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
             self.known[node.get("name")] = node.get("type") or node.name, size
 
-    def faults(self, statement: Statement) -> Iterator[Fault]:
+    def faults(self, statement: Statement) -> Iterator[rules.Fault]:
         """What is wrong with the names in a statement."""
         checks = {
             "function": self._of_function,
@@ -298,7 +294,7 @@ class _Scope:
             if ":" not in name_of(tree):  # else of a library
                 yield from checks[tree.data](tree)
 
-    def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
+    def _of_function(self, function: Tree[Token]) -> Iterator[rules.Fault]:
         name, given = name_of(function), subtrees(function)
         word = name.lower()
         if name.startswith("$"):
@@ -328,7 +324,7 @@ class _Scope:
             return ""
         return self.known.get(name_of(tree), ("",))[0]
 
-    def _of_place(self, place: Tree[Token]) -> Iterator[Fault]:
+    def _of_place(self, place: Tree[Token]) -> Iterator[rules.Fault]:
         name = name_of(place)
         word = name.lower()
         if word in spec.KEYWORDS or word in spec.FUNCTIONS:
@@ -339,7 +335,7 @@ class _Scope:
         if size is not None and int(index_of(place) or 0) >= size:
             yield "target", f"{_shown(place)} is beyond its size {size}", "error"
 
-    def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
+    def _of_routine(self, routine: Tree[Token]) -> Iterator[rules.Fault]:
         name, given = name_of(routine), len(subtrees(routine))
         takes = self.programs.get(name)
         if self.whole and takes is None:
@@ -356,20 +352,16 @@ def _shown(value: Tree[Token]) -> str:
 
 def _parameters(path: Path) -> int | None:
     """Number of arguments of a program; None where it is not there."""
-    try:
-        root = project.parse_xml(read_program_bytes(path))
-    except (FileFormatError, project.XmlFault):
-        return None
-    return sum(1 for _ in root.all("Parameter", "param"))
+    root = project.read_xml(path)
+    return None if root is None else sum(1 for _ in root.all("Parameter", "param"))
 
 
 def _files_beside(path: Path) -> tuple[list[str], list[Node]]:
     """Programs of the project, and its data, where there is one file of each beside; else none."""
-    try:
-        (listed,), (data,) = (sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx"))
-        roots = [project.parse_xml(read_program_bytes(file)) for file in (listed, data)]
-    except (OSError, ValueError, FileFormatError, project.XmlFault):
+    found = [sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx")]
+    listed, data = (project.read_xml(files[0]) if len(files) == 1 else None for files in found)
+    if listed is None or data is None:
         return [], []
-    files = [node.get("file").replace("\\", "/") for node in roots[0].all("Program", "program")]
-    old = [array for section in roots[1].children for array in section.children]
-    return files, old if roots[1].tag in _OLD_ROOTS else list(roots[1].all("Data"))
+    files = [node.get("file").replace("\\", "/") for node in listed.all("Program", "program")]
+    old = [array for section in data.children for array in section.children]
+    return files, old if data.tag in _OLD_ROOTS else list(data.all("Data"))

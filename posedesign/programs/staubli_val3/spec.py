@@ -42,12 +42,15 @@ FUNCTIONS = {name: counts for counts, names in _COUNTED.items() for name in name
 TARGETS = ("pointRx", "pointRs", "point")
 JOINT_TARGETS = ("jointRx", "jointRs", "joint", *TARGETS)
 
-_COORDINATES = "x y z rx ry rz"
+JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
+POINT = ("x", "y", "z", "rx", "ry", "rz")
+CONFIG = ("shoulder", "elbow", "wrist")
+_COORDINATES = " ".join(POINT)
 _SPEEDS = "accel vel decel tmax rmax leave reach"
-_CONFIG = "shoulder elbow wrist"
+_CONFIG = " ".join(CONFIG)
 VALUES = {
-    "jointRx": "j1 j2 j3 j4 j5 j6",
-    "jointRs": "j1 j2 j3 j4",
+    "jointRx": " ".join(JOINTS),
+    "jointRs": " ".join(JOINTS[:4]),
     "pointRx": f"{_COORDINATES} {_CONFIG} fatherId",
     "pointRs": f"{_COORDINATES} shoulder fatherId",
     "frame": f"{_COORDINATES} fatherId",
@@ -62,9 +65,9 @@ VALUES = {
 """Types of data, and the attributes of their values beside the key; any can be left out."""
 
 LIMITS = {
-    **{f"j{k}": MOST_JOINT_DEG for k in range(1, 7)},
-    **dict.fromkeys("xyz", MOST_POSITION_MM),
-    **dict.fromkeys(("rx", "ry", "rz"), 360.0),
+    **dict.fromkeys(JOINTS, MOST_JOINT_DEG),
+    **dict.fromkeys(POINT[:3], MOST_POSITION_MM),
+    **dict.fromkeys(POINT[3:], 360.0),
     **dict.fromkeys(_SPEEDS.split(), 1e6),
 }
 """Attributes that are numbers, and the largest that is believed [deg, mm, percent]."""

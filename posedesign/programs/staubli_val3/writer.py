@@ -34,6 +34,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, moving_xyz_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram
+from posedesign.programs.staubli_val3.spec import JOINTS, POINT
 from posedesign.programs.writing import (
     Limits,
     NameRule,
@@ -167,7 +168,7 @@ def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[s
     options = program.options
     order = np.argsort(program.numbers)
     poses = [program.poses[i] for i in order]
-    joints = [_attributes(_JOINTS, row, 5) for row in shown_deg(arm, poses).tolist()]
+    joints = [_attributes(JOINTS, row, 5) for row in shown_deg(arm, poses).tolist()]
     frames = _points(np.stack([arm.T_world_user, arm.T_tip_tool]))
     if options.form == "joint":
         yield "jPose", "jointRx", joints
@@ -179,7 +180,7 @@ def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[s
         yield "pPose", "pointRx", [f"{point} {word} {father}" for point, word in points]
     if options.keep == "register":
         measured = sum(not pose.via for pose in poses)
-        empty = [_attributes(_JOINTS, [0.0] * 6, 5)] * (options.first_register - 1 + measured)
+        empty = [_attributes(JOINTS, [0.0] * 6, 5)] * (options.first_register - 1 + measured)
         yield "jActual", "jointRx", empty
         yield "nFirst", "num", [f'value="{options.first_register}"']
     yield "fUser", "frame", [f'{next(frames)} fatherId="world[0]"']
@@ -202,9 +203,6 @@ def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[s
         yield "doMeasure", "dio", [f'link="BasicIO-1\\%Q{options.measure_output}"']
 
 
-_JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
-
-
 def _text(text: str) -> str:
     return f'value="{escape(text)}"' if text else ""
 
@@ -218,7 +216,7 @@ def _points(poses: FloatArray) -> Iterator[str]:
     """Coordinates [mm] and angles about X, Y', Z'' [deg] of poses ``(N, 4, 4)``."""
     angles = rounded_deg(moving_xyz_from_rotation(poses[:, :3, :3]), 5)
     for xyz, turned in zip((poses[:, :3, 3] * 1e3).tolist(), angles.tolist(), strict=True):
-        yield f"{_attributes('xyz', xyz, 4)} {_attributes(('rx', 'ry', 'rz'), turned, 5)}"
+        yield f"{_attributes(POINT[:3], xyz, 4)} {_attributes(POINT[3:], turned, 5)}"
 
 
 def _project_file(name: str, programs: list[str]) -> str:

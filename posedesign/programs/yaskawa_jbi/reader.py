@@ -258,14 +258,13 @@ class _Reader:
         self.stored = {stored.name: stored for stored in job.stored}
         self.path, self.per_deg, self.per_mm = path, per_deg, per_mm
         self.announced = Announced(path)
-        self.ratios: dict[str, float] = {}  # pulses/deg of the axes
+        self.said: dict[str, float] = {}  # pulses in a degree or a millimetre, of comments
+        self.known: dict[str, tuple[float, ...]] = {}  # the same of all axes, by its name
         self.used: set[Name] = set()
         self.other_robot: set[Name] = set()
         self.kept: dict[Name, Name] = {}  # the variable that a position was stored in
         self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
         self._at: Name | None = None
-        self._ratios: tuple[float, ...] = ()
-        self._base_ratios: tuple[float, ...] | None = None
 
     @property
     def untouched(self) -> bool:
@@ -279,7 +278,11 @@ class _Reader:
         """Take one more step."""
         kind = statement.kind
         if kind == "comment":
-            self._comment(statement.text[1:].strip(), statement.row)
+            text = statement.text[1:].strip()
+            axis, value = found_in(text) or ("", 0.0)
+            if axis and self.said.setdefault(axis, value) != value:
+                self.refuse(f"says the pulses/deg of {axis} twice", statement.row)
+            self.announced.take(text, statement.row)
         elif kind == "move":
             self._move(statement)
         elif kind == "also":
@@ -294,15 +297,6 @@ class _Reader:
                 fault = f"{statement.word('WORD')!a} is no instruction"
             if fault:
                 self.refuse(fault, statement.row, "is it a move?")
-
-    def _comment(self, text: str, row: int) -> None:
-        ratio = found_in(text)
-        if ratio:
-            axis, value = ratio
-            if self.ratios.setdefault(axis, value) != value:
-                self.refuse(f"says the pulses/deg of {axis} twice", row)
-        else:
-            self.announced.take(text, row)
 
     def _move(self, statement: Statement) -> None:
         names, *also = map(names_in, statement.all("move", "also"))
@@ -389,27 +383,38 @@ class _Reader:
         return stored.values
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
-        values = []
-        self._ratios = self._ratios or self._all_ratios(stored.row)
-        for axis, text, ratio in zip(AXES, self._six(stored), self._ratios, strict=True):
-            values.append(self._whole(stored, axis, text) / ratio)
-            if abs(values[-1]) > MOST_JOINT_DEG:
-                reason = f"{stored.label}: {axis} is {text} pulses, {values[-1]:.0f} deg"
+        ratios, texts = self._ratios("pulses_per_deg", stored.row), self._six(stored)
+        values = self._in_units(stored, AXES, ratios)
+        for axis, text, value in zip(AXES, texts, values, strict=True):
+            if abs(value) > MOST_JOINT_DEG:
+                reason = f"{stored.label}: {axis} is {text} pulses, {value:.0f} deg"
                 self.refuse(reason, stored.row, "are the pulses/deg those of this arm?")
         return np.array(values)
 
-    def _whole(self, stored: Stored, axis: str, text: str) -> int:
-        if not _WHOLE.fullmatch(text):
-            reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
-            self.refuse(reason, stored.row)
-        return int(text)
+    def _in_units(
+        self, stored: Stored, axes: Sequence[str], ratios: Sequence[float]
+    ) -> tuple[float, ...]:
+        """Values of axes in degrees, or in millimetres; as many as have a ratio."""
+        for axis, text in zip(axes, stored.values, strict=False):
+            if not _WHOLE.fullmatch(text):
+                reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
+                self.refuse(reason, stored.row)
+        return tuple(int(t) / ratio for t, ratio in zip(stored.values, ratios, strict=False))
 
-    def _all_ratios(self, row: int) -> tuple[float, ...]:
-        """Pulses/deg of the job, or those given; they must not contradict each other."""
-        missing = [axis for axis in AXES if axis not in self.ratios]
-        if missing and len(missing) < len(AXES):
-            self.refuse(f"the comment 'PULSES {missing[0]} is lost", row, "put it back")
-        if missing and not self.per_deg:
+    def _ratios(self, name: str, row: int) -> tuple[float, ...]:
+        """Pulses of each axis in its unit: of the comments, or as given; both must agree."""
+        if name not in self.known:
+            self.known[name] = self._said(name, row)
+        return self.known[name]
+
+    def _said(self, name: str, row: int) -> tuple[float, ...]:
+        of_arm = name == "pulses_per_deg"
+        axes, given = (AXES, self.per_deg) if of_arm else (EXTERNAL, self.per_mm)
+        said = [axis for axis in axes if axis in self.said]
+        lost = next((axis for axis in axes[: 6 if of_arm else len(said)] if axis not in said), "")
+        if said and lost:
+            self.refuse(f"the comment 'PULSES {lost} is lost", row, "put it back")
+        if of_arm and not said and not given:
             self.refuse(
                 "positions are in encoder pulses, and the job does not say how many are a degree",
                 row,
@@ -417,21 +422,13 @@ class _Reader:
                 "YaskawaJbi), or in comments like 'PULSES S 1638.4 of the job; they stand in the "
                 "controller's parameter file",
             )
-        if missing:
-            return self.per_deg
-        return self._agreed("pulses_per_deg", AXES, self.per_deg, row)
-
-    def _agreed(
-        self, name: str, axes: Sequence[str], given: tuple[float, ...], row: int
-    ) -> tuple[float, ...]:
-        """Ratios that the comments of the job say, which must not contradict those given."""
+        if not said:
+            return given
         try:
-            ratios = checked([self.ratios[axis] for axis in axes], name, axes)
+            ratios = checked([self.said[axis] for axis in said], name, said)
         except InputError as error:
             self.refuse(error.message, row, error.hint)
-        if given and not (
-            len(given) == len(ratios) and np.allclose(ratios, given, rtol=1e-6, atol=0.0)
-        ):
+        if given and (len(given) != len(said) or not np.allclose(ratios, given, 1e-6, 0.0)):
             unit = name.removeprefix("pulses_per_")
             reason = f"the pulses/{unit} of its comments are not those given"
             self.refuse(reason, row, "which are right?")
@@ -450,18 +447,8 @@ class _Reader:
         stored = None if base is None else self.stored.get(base)
         if stored is None or stored.form != "PULSE" or not (planned or stored.name.kind == "BP"):
             return ()
-        if self._base_ratios is None:
-            said = [axis for axis in EXTERNAL if axis in self.ratios]
-            lost = next((axis for axis in EXTERNAL[: len(said)] if axis not in said), "")
-            if lost:
-                self.refuse(f"the comment 'PULSES {lost} is lost", stored.row, "put it back")
-            self._base_ratios = (
-                self._agreed("pulses_per_mm", said, self.per_mm, stored.row)
-                if said
-                else self.per_mm
-            )
-        named = zip(EXTERNAL, stored.values, self._base_ratios, strict=False)
-        return tuple(self._whole(stored, axis, text) / ratio for axis, text, ratio in named)
+        ratios = self._ratios("pulses_per_mm", stored.row)
+        return self._in_units(stored, EXTERNAL[: len(ratios)], ratios)
 
     def _carried(
         self, wanted: list[Name], bases: list[Name | None]

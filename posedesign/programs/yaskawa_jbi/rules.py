@@ -53,7 +53,7 @@ from pathlib import Path
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Block, Statement, block_faults, subtrees, text_of
+from posedesign.programs.language import NOTHING, Block, Statement, block_faults, subtrees, text_of
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi import reader
@@ -70,6 +70,7 @@ _NAME = re.compile(r"[\w\x80-\xff][\w\x80-\xff-]{0,31}", re.ASCII)
 _PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
 _DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)
 _RCONF = re.compile(r"[01](?:,[01]){5}((?:,\d){2}|(?:,\d){18})?", re.ASCII)
+_TIME = re.compile(r"[-+]?\d*(?:\.\d{0,2})?", re.ASCII)
 _NUMBER = re.compile(r"[-+]?[\d.]+", re.ASCII)
 _FEW_DIGITS = re.compile(
     r"(?<![\w#])(?:\$?L?(?:[BIDRSP]|PX|BP|EX)\d{1,2}|[BE]?C\d{1,4}|\$(?:PX|[BIDRS])[A-Z]\w*)(?!\w)",
@@ -77,9 +78,6 @@ _FEW_DIGITS = re.compile(
 )
 _OPTION = re.compile(r"(?!POSE|PLAN|PULSES)[A-Z][A-Z_-]{2}[A-Z0-9_-]{0,29}", re.ASCII)
 """First words of the steps of options, and their flags; those of our comments are none."""
-
-Found = tuple[str, str, Level]
-"""Rule, message and level of a problem."""
 
 _WITH_VARIABLES = ("move", "also", "set", "gets", "element")
 _SPEEDS = frozenset(("VJ=", "V=", "VR=", "VE="))
@@ -107,7 +105,8 @@ def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
         _check_header(job),
         _check_positions(job),
         _check_use(job),
-        _check_steps(job),
+        _check_order(job),
+        rules.each(job.inst, _step_faults),
         block_faults(job.inst, _BLOCKS),
     )
 
@@ -149,20 +148,20 @@ def _check_header(job: Job) -> Iterator[Problem]:
     based = next((s for s in of["move"] if _has_base(s)), None)
     if based and groups and "BS" not in controls:
         yield Problem(based.row, "header", "a base axis moves, and no ///GROUP has BS1")
-    for statement in of["date"]:
+    for s in of["date"]:
         try:
-            datetime.strptime(" ".join(statement.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
+            datetime.strptime(" ".join(s.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
         except ValueError:
-            yield Problem(statement.row, "header", "///DATE is not like 2026/01/31 23:59")
-    for statement in of["attr"]:
-        said = Counter(statement.words("ATTRIBUTE"))
+            yield Problem(s.row, "header", "///DATE is not like 2026/01/31 23:59")
+    for s in of["attr"]:
+        said = Counter(s.words("ATTRIBUTE"))
         access = said["RW"] + said["RO"] + said["WO"]
         if max(said.values()) > 1 or not said["SC"] or access != 1:
             reason = "///ATTR is SC, one of RW, RO, WO, and RJ where the job is relative"
-            yield Problem(statement.row, "header", reason)
-    for statement in of["comm"]:
-        if len(statement.word("TEXT")) > MOST_COMMENT:
-            yield Problem(statement.row, "header", "the job's comment is longer than 32 characters")
+            yield Problem(s.row, "header", reason)
+    for s in of["comm"]:
+        if len(s.word("TEXT")) > MOST_COMMENT:
+            yield Problem(s.row, "header", "the job's comment is longer than 32 characters")
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
@@ -234,66 +233,87 @@ def _number_faults(stored: Stored) -> Iterator[Problem]:
 
 
 def _check_use(job: Job) -> Iterator[Problem]:
-    there = {stored.name for stored in job.stored}
-    used: set[Name] = set()
-    for statement in (*job.kinds["move"], *job.kinds["also"]):
-        for move in statement.all("move", "also"):
-            names = {name for name in reader.names_in(move) if "C" in name.kind}
-            for name in sorted(names - there):
-                reason = f"{name.label} is not there"
-                yield Problem(statement.row, "position-defined", reason)
-            used |= names
-    for statement in job.kinds["other"]:
-        used |= {Name.of(word) for word in statement.words("POINT")}
-    for stored in job.stored:
-        if "C" in stored.name.kind and stored.name not in used:
-            reason = f"{stored.label} is never moved to"
-            yield Problem(stored.row, "position-used", reason, "measuring")
-    for statement in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
-        found = _FEW_DIGITS.search(statement.text)
+    there = [(p.row, p.label) for p in job.stored if "C" in p.name.kind]
+    moves = [
+        (s.row, name.label)
+        for s in (*job.kinds["move"], *job.kinds["also"])
+        for move in s.all("move", "also")
+        for name in reader.names_in(move)
+        if "C" in name.kind
+    ]
+    others = [(s.row, Name.of(w).label) for s in job.kinds["other"] for w in s.words("POINT")]
+    yield from rules.check_names(there, moves, ("", "position-defined", ""))
+    yield from rules.check_names(there, moves + others, ("", "", "position-used"))
+    for s in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
+        found = _FEW_DIGITS.search(s.text)
         if found:
             reason = f"{found[0]!a} has not the digits of B000, P00000 or C00000"
-            yield Problem(statement.row, "argument", reason, "measuring")
+            yield Problem(s.row, "argument", reason, "measuring")
 
 
-def _check_steps(job: Job) -> Iterator[Problem]:
+def _check_order(job: Job) -> Iterator[Problem]:
+    """Rules that follow the steps: whether the arm stands, has a speed, and a place of its base."""
     stands = has_speed = False
     carried = any(map(_has_base, job.kinds["move"]))
-    for statement in job.inst:
-        row, kind = statement.row, statement.kind
-        found: list[Found] = []
-        if kind == "comment" and len(statement.text) > 1 + MOST_COMMENT:
-            found.append(("comment", "the comment is longer than 32 characters", "measuring"))
-        elif kind in ("move", "also"):
-            parts = subtrees(statement.tree)
-            if kind == "move":
-                stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
-                if not has_speed and not any(p.data.endswith("speed") for p in parts):
-                    found.append(("move", "no speed, and no SPEED above", "measuring"))
-                if carried and not _has_base(statement) and reader.names_in(statement.tree):
-                    reason = "no position of the base axes, which other moves have"
-                    found.append(("move", reason, "measuring"))
-            for move in statement.all("move", "also"):
-                found += _move_faults(move)
-        elif kind == "call" and not stands:
+    for s in job.inst:
+        if s.kind == "move":
+            parts = subtrees(s.tree)
+            stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
+            if not has_speed and not any(p.data.endswith("speed") for p in parts):
+                yield Problem(s.row, "move", "no speed, and no SPEED above", "measuring")
+            if carried and not _has_base(s) and reader.names_in(s.tree):
+                reason = "no position of the base axes, which other moves have"
+                yield Problem(s.row, "move", reason, "measuring")
+        elif s.kind == "call" and not stands:
             reason = "no move with PL=0 before the CALL: the arm may not have arrived"
-            found.append(("stop-before-call", reason, "measuring"))
-        elif kind == "other":
-            has_speed |= statement.word("WORD") == "SPEED"
-            stands &= statement.word("WORD") != "IMOV"
-            found += _word_faults(statement)
-        fault = _argument_fault(statement)
-        found += [("argument", fault, "error")] if fault else []
-        for rule, reason, level in found:
-            yield Problem(row, rule, reason, level)
+            yield Problem(s.row, "stop-before-call", reason, "measuring")
+        elif s.kind == "other":
+            has_speed |= s.word("WORD") == "SPEED"
+            stands &= s.word("WORD") != "IMOV"
 
 
-def _has_base(statement: Statement) -> bool:
+def _has_base(s: Statement) -> bool:
     """Whether a move has a position of base axes."""
-    return any(name.kind in ("BC", "BP") for name in reader.names_in(statement.tree))
+    return any(name.kind in ("BC", "BP") for name in reader.names_in(s.tree))
 
 
-def _move_faults(move: Tree[Token]) -> Iterator[Found]:
+def _step_faults(s: Statement) -> Iterator[rules.Fault]:
+    """Of a step by itself."""
+    if s.kind in ("move", "also"):
+        return chain.from_iterable(map(_move_faults, s.all("move", "also")))
+    return _word_faults(s) if s.kind == "other" else _argument_faults(s)
+
+
+def _argument_faults(s: Statement) -> Iterator[rules.Fault]:
+    """Of comments, times, values, variables, and the names of jobs."""
+    kind = s.kind
+    if kind == "comment" and len(s.text) > 1 + MOST_COMMENT:
+        yield "comment", "the comment is longer than 32 characters", "measuring"
+    elif kind in ("timer", "pulse_output"):
+        time = s.one("time")
+        text = text_of(time) if time is not None else ""
+        fine = _TIME.fullmatch(text) is not None
+        if _NUMBER.fullmatch(text) and not (fine and 0.01 <= float(text) <= 655.35):
+            yield "argument", f"T= is {text[:20]!a}, not 0.01 to 655.35", "error"
+    elif kind == "set":
+        value = s.tree.children[-1]
+        if isinstance(value, Token) and value.type == "NUMBER":
+            variable = text_of(s.tree)[: -len(value)]
+            least, most = _LIMITS.get(variable.lstrip("L")[:1], (-(2**31), 2**31 - 1))
+            if not least <= float(value) <= most:
+                reason = f"{variable[:20]} is set to {value[:20]!a}, not {least} to {most}"
+                yield "argument", reason, "error"
+    elif kind == "gets":
+        system, variable = s.word("SYSTEM"), text_of(s.one("place") or NOTHING)
+        if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
+            yield "argument", f"{system[:20]} is stored in {variable[:20]}", "error"
+    elif kind == "call":
+        called = s.word("JOB")[4:]
+        if called and not _NAME.fullmatch(called):
+            yield "argument", f"{called[:40]!a} is no name of a job", "error"
+
+
+def _move_faults(move: Tree[Token]) -> Iterator[rules.Fault]:
     own = str(move.children[0])
     names: list[str] = []
     for part in subtrees(move):
@@ -318,7 +338,7 @@ def _move_faults(move: Tree[Token]) -> Iterator[Found]:
         yield "move", f"one of {' '.join(names)[:40]} is there twice in {own}", "error"
 
 
-def _word_faults(statement: Statement) -> Iterator[Found]:
+def _word_faults(statement: Statement) -> Iterator[rules.Fault]:
     """Of steps with other first words than the grammar knows: of an option or a macro, or none."""
     word, *others = statement.words("WORD")
     if word in INSTRUCTIONS:
@@ -329,31 +349,3 @@ def _word_faults(statement: Statement) -> Iterator[Found]:
     other = _OPTION.fullmatch(word) and told and INSTRUCTIONS.isdisjoint(others)
     reason = f"{word[:30]!a} is no instruction" + f"; did you mean {meant}?" * bool(meant)
     yield "instruction", reason, "error" if meant or not other else "note"
-
-
-def _argument_fault(statement: Statement) -> str:
-    """What is wrong with a time, a value, a variable, or the name of a job; empty for nothing."""
-    match statement.kind:
-        case "timer" | "pulse_output":
-            time = statement.one("time")
-            text = text_of(time) if time is not None else ""
-            fine = len(text.partition(".")[2]) <= 2
-            if _NUMBER.fullmatch(text) and not (fine and 0.01 <= float(text) <= 655.35):
-                return f"T= is {text[:20]!a}, not 0.01 to 655.35"
-        case "set":
-            value = statement.tree.children[-1]
-            if isinstance(value, Token) and value.type == "NUMBER":
-                variable = text_of(statement.tree)[: -len(value)]
-                least, most = _LIMITS.get(variable.lstrip("L")[:1], (-(2**31), 2**31 - 1))
-                if not least <= float(value) <= most:
-                    return f"{variable[:20]} is set to {value[:20]!a}, not {least} to {most}"
-        case "gets":
-            system, place = statement.word("SYSTEM"), statement.one("place")
-            variable = text_of(place) if place is not None else ""
-            if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
-                return f"{system[:20]} is stored in {variable[:20]}"
-        case "call":
-            called = statement.word("JOB")[4:]
-            if called and not _NAME.fullmatch(called):
-                return f"{called[:40]!a} is no name of a job"
-    return ""

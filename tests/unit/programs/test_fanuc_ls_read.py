@@ -145,6 +145,8 @@ RAIL = ("6.000 deg\n", "6.000 deg,\n\tE1=   100.000  mm\n")
 def test_an_extended_axis_is_there_in_all_positions() -> None:
     with pytest.raises(FileFormatError, match=r"P\[2\]: E1 is not there as in P\[1\]"):
         parse(SMALL.replace(*RAIL).replace("/END", SECOND + "/END"))
+    with pytest.raises(FileFormatError, match=r"P\[1\] has a value for some extended axes only"):
+        parse(SMALL.replace(RAIL[0], "6.000 deg,\n\tE1=  ********  mm,\tE2=     1.000  mm\n"))
     both = SMALL.replace("/END", SECOND + "/END").replace(*RAIL)
     zeros = both[::-1].replace("100.000"[::-1], "-.000"[::-1], 1)[::-1].replace("100.000", "0.000")
     assert len(parse(zeros).positions) == 2

@@ -157,7 +157,7 @@ ONE_RULE = [
     ("relative-job", POSED, "////FRAME BASE\n", "", "no ////FRAME"),
     ("relative-job", POSED, "FRAME BASE", "FRAME USER 2", "has ////FRAME USER 2"),
     ("position-defined", GOOD, "PL=0", "PL=0 +MOVJ C00002", "C00002 is not there"),
-    ("position-used", GOOD, "MOVJ C00001", "MOVJ P001", "C00001 is never moved to"),
+    ("position-used", GOOD, "MOVJ C00001", "MOVJ P001", "C00001 is never used"),
     ("position-unique", GOOD, "C00001=", "C00000=0,0,0,0,0,0\nC00001=", "is there twice"),
     ("stop-before-call", GOOD, " PL=0\nTIMER", "\nTIMER", "no move with PL=0"),
     ("stop-before-call", GOOD, " PL=0\nTIMER", " PL=1\nTIMER", "no move with PL=0"),

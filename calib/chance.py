@@ -27,6 +27,11 @@ def normal_quantile(probability: float) -> float:
     return float(_special().ndtri(probability))
 
 
+def normal_below(value: ArrayLike) -> FloatArray:
+    """Probability of a normal variate below a value, in standard deviations."""
+    return np.asarray(_special().ndtr(value))
+
+
 def chi2_quantile(probability: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """What a χ² of so many degrees of freedom is below with this probability."""
     return np.asarray(2.0 * _special().gammaincinv(_array(freedom) / 2, _array(probability)))

@@ -26,7 +26,7 @@ from posedesign.files import (
     write_json_atomic,
     write_text_atomic,
 )
-from posedesign.files.csv_tables import write_table
+from posedesign.files.csv_tables import summed_up, write_table
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
@@ -338,15 +338,10 @@ def identify_file(
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
-    from posedesign.identification import identify_models, results_as_dict, summed_up
-    from posedesign.identification.comparison import without_repeats
+    from posedesign.identification import identify_models, results_as_dict
+    from posedesign.identification.checks import check_readings, far_rows, without_repeats
     from posedesign.identification.file import IdentificationFile, residual_rows
-    from posedesign.identification.instruments import (
-        goes_with_temperature,
-        is_of_instrument,
-        read_measured,
-    )
-    from posedesign.identification.measurement_set_up import check_readings, far_rows
+    from posedesign.identification.instruments import is_of_instrument, read_measured
 
     results = Results.of(out, "identify")
     inputs = [measurements] if joints is None else [measurements, joints]
@@ -354,30 +349,23 @@ def identify_file(
     own = (IDENTIFICATION, *IDENTIFIED, *((JOINED, RESIDUALS) if foreign else ()))
     file, png, svg, *more = results.claim("computed", *own, inputs=inputs)
     found = read_measured(cell, measurements, joints, trust_units=trust_units)
-    cell, table = found.cell, replace(found.table, notes=found.notes)
+    cell, table, postures = found.cell, found.table, found.table.data.postures
     if foreign:
         write_measurements(
             more[0], table.data, table.kinds, extra=table.extra, external=cell.robot.external
         )
     if not trust_units:
         check_readings(cell, table)
-    lines = [f"line {line}" for line in table.lines]
-    outside = outside_limits(cell, lines, table.data.postures)
-    for line in summed_up(outside, "rows outside the joint limits"):
-        warn(f"{measurements}: {line}")
-    for line in summed_up(far_rows(cell, table), "rows far from the others"):
-        warn(f"{measurements}: {line}")
+    outside = outside_limits(cell, [f"line {line}" for line in table.lines], postures)
+    odd = summed_up(outside, "rows outside the joint limits")
+    odd += summed_up(far_rows(cell, table), "rows far from the others")
     table, repeated = without_repeats(table)
-    for line in repeated:
-        warn(f"{measurements}: {line}")
-    identified = replace(identify_models(cell, table), measured=found.facts)
-    warmed = goes_with_temperature(table, identified.best.residuals)
-    identified = replace(identified, warnings=(*identified.warnings, *([warmed] if warmed else [])))
+    _warn_all(warn, measurements, [*odd, *repeated])
+    identified = identify_models(cell, table)
     if foreign:
         rows = residual_rows(identified)
         write_table(more[1], list(rows[0]), rows)
-    for line in identified.warnings:
-        warn(f"{measurements}: {line}")
+    _warn_all(warn, measurements, identified.warnings)
     source = origin_of(measurements)
     data = {"file": measurements.name, "origin": None if source is None else str(source)}
     content = {"data": data, **results_as_dict(cell, identified)}
@@ -385,6 +373,12 @@ def identify_file(
     shown, q_deg = IdentificationFile.model_validate(content), cell.robot.shown(table.data.postures)
     draw(results, (png, svg), lambda: figure_of_identification(shown, q_deg))
     return identified
+
+
+def _warn_all(warn: Warn, path: Path, said: Sequence[str]) -> None:
+    """Tell what is odd about a file, line by line."""
+    for line in said:
+        warn(f"{path}: {line}")
 
 
 def calibrate_from_pictures(
@@ -534,11 +528,11 @@ def _checked(
     trust_units: bool,
 ) -> Measured:
     """What was measured, refused where readings cannot be in the unit of their columns."""
+    from posedesign.identification.checks import check_readings
     from posedesign.identification.instruments import read_measured
-    from posedesign.identification.measurement_set_up import check_readings
 
     found = read_measured(cell, path, joints, each_visit=each_visit, trust_units=trust_units)
-    for line in found.notes:
+    for line in found.table.notes:
         warn(line)
     if not trust_units:
         check_readings(found.cell, found.table)

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.identification.diagnosis.held import Held
+from calib.identification.held import Held
 from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import KINDS, Measurements
 from calib.model.parameters import ParameterBlock, TargetFrame, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.file import parse_config
+from posedesign.cell.models import robot_blocks
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import MeasurementTable
 

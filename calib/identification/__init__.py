@@ -8,10 +8,12 @@ from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib.identification.candidate import Candidate as Candidate
+    from calib.identification.candidate import ExpectedError as ExpectedError
     from calib.identification.candidate import Reference as Reference
-    from calib.identification.candidate import Trial as Trial
+    from calib.identification.candidate import Workplace as Workplace
     from calib.identification.candidate import fit_reference as fit_reference
     from calib.identification.comparison import Comparison as Comparison
+    from calib.identification.comparison import Trial as Trial
     from calib.identification.comparison import compare as compare
     from calib.identification.evidence import PriorGroup as PriorGroup
     from calib.identification.evidence import TunedPriors as TunedPriors
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
     from calib.identification.least_squares import minimise as minimise
     from calib.identification.prediction import Against as Against
     from calib.identification.prediction import Carried as Carried
-    from calib.identification.prediction import ExpectedError as ExpectedError
-    from calib.identification.prediction import Workplace as Workplace
     from calib.identification.prediction import part_of as part_of
     from calib.identification.prediction import predict_accuracy as predict_accuracy
     from calib.identification.prediction import tool_motion as tool_motion

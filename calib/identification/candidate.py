@@ -1,8 +1,7 @@
 """A model to be tried, and its fit: with the sizes of its priors where these are to be found.
 
-An arm with everything that could be off, held by what arms of its kind are off by.
-
-It is what other models are judged by. How large errors of each kind are on this arm is found from
+An arm with everything that could be off, held by what arms of its kind are off by, is what other
+models are judged by. How large errors of each kind are on this arm is found from
 the measurements within bounds, and so is noise that does not explain the residuals: priors weigh
 against the noise that there is, not against a wrong one.
 
@@ -10,11 +9,19 @@ Some errors most arms do not have: joints that give way, transmissions that run 
 without them are alternatives, each as probable as the measurements make it (Bayesian model
 averaging: Hoeting, Madigan, Raftery and Volinsky 1999, Statistical Science 14, 382-417). An arm
 that may have everything is taken to have a little of everything.
+
+Models of everything that could be off on the arm, held by priors of the right size, say after the
+measurements what the true arm may be: their probability, mean and covariance. Any model is judged
+by that, the arm as described too: by how far its tool point is from the one of arms drawn from
+there, at postures where the arm will work. Unlike residuals, this sees what the measurements do
+not: where touch-ups leave the scale of the arm open, every drawn arm has another one. (Decision
+theory: the mean of the loss after the data, Berger, Statistical Decision Theory and Bayesian
+Analysis, 2nd ed., section 4.4.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -22,17 +29,11 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy
-from calib.identification.prediction import (
-    LEAST_PROBABILITY,
-    DrawnArms,
-    ExpectedError,
-    Posterior,
-    Workplace,
-)
-from calib.identification.result import IdentificationResult
+from calib.identification.prediction import Carried, Expectation
+from calib.identification.result import IdentificationResult, Loss
+from calib.identification.robust import HEAVY_TAILS, gain_of_student, redundancy
 from calib.identification.solver import Method, identify
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurement, Measurements
 from calib.se3 import FloatArray
 
@@ -52,44 +53,6 @@ class Candidate:
     notes: tuple[str, ...] = ()  # what was done to it, such as parameters merged with others
     groups: tuple[PriorGroup, ...] = ()
     """Priors of which the sizes are to be found from the measurements."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """What became of a candidate."""
-
-    candidate: Candidate  # with the sizes of its priors and the noise that were found
-    result: IdentificationResult | None  # None where it could not be identified
-    error: CalibError | None  # why not
-    target_out: FloatArray
-    """(N, m): rows at each measurement [m, rad] with the arm identified from all targets but its
-    own, and only that target's place from other poses at it; NaN where no target was left out."""
-    expected: ExpectedError | None = None
-    """Of the tool point where the arm will work, by the reference; None without one."""
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return self.candidate.name
-
-    @property
-    def found(self) -> IdentificationResult:
-        """The result of one that could be identified; raises why not."""
-        if self.result is None:
-            raise self.error or CalibError(f"{self.name} was not identified")
-        return self.result
-
-    @property
-    def target_out_m(self) -> FloatArray:
-        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
-        if self.result is None:
-            return np.full(len(self.target_out), np.nan)
-        return self.result.lengths_m(self.target_out)
-
-    @property
-    def target_out_rms_m(self) -> float:
-        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
-        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +119,81 @@ def _tune(candidate: Candidate, data: Measurements, loss: Loss) -> TunedPriors:
     )
 
 
+DRAWS = 1000
+"""Arms drawn: their mean square is known to some three per cent, and models are compared on the
+same ones."""
+
+
+LEAST_PROBABILITY = 0.01
+"""Of arms of one kind, below which none is drawn."""
+
+
+INTERVAL = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Workplace:
+    """Where an arm will work."""
+
+    postures: FloatArray  # (K, n) [rad]
+    setup: Setup  # tool and payload at each
+    words: str  # what they are, for reports
+
+
+@dataclass(frozen=True)
+class ExpectedError:
+    """Distance of the tool point from where the arm takes it to be, mean over a workplace."""
+
+    rms_m: float  # root mean square over arms and workplace [m]
+    low_m: float
+    high_m: float
+    """low_m, high_m: of the root mean square over the workplace: 95 % of the arms are between
+    [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior(Carried):
+    """What is known of the true arm after the measurements, if it is of one kind."""
+
+    probability: float = 1.0  # that it is of this kind
+
+
+class DrawnArms:
+    """Arms drawn from what is known of the true one: what errors models have by it."""
+
+    def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:
+        self.workplace = workplace
+        self._drawn = [
+            _drawn(kind, workplace) for kind in kinds if kind.probability >= LEAST_PROBABILITY
+        ]
+
+    def error_of(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
+        """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI]."""
+        squares = np.concatenate(
+            [
+                3.0 * np.mean((mean.displaced(model, x)[0][:, None] + off) ** 2, axis=0)
+                for mean, off in self._drawn
+            ]
+        )
+        tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
+        low, high = np.sqrt(np.quantile(squares, tails))
+        return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
+
+
+def _drawn(kind: Posterior, workplace: Workplace) -> tuple[Expectation, FloatArray]:
+    """The mean of a kind, and how far arms drawn from it are from that, ``(3 K, draws)`` [m].
+
+    As many of the draws as the kind is probable.
+    """
+    mean = Expectation(kind.model, kind.x, kind.covariance, workplace.postures, workplace.setup)
+    values, vectors = np.linalg.eigh(kind.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # the same draws for all models, and without what chance gives the mean of so few
+    pairs = round(kind.probability * DRAWS / 2)
+    draws = np.random.default_rng(0).standard_normal((kind.model.p, pairs))
+    return mean, mean.jacobian @ root @ np.concatenate([draws, -draws], axis=1)
+
+
 LEAST_NOISE_SCALE = 0.1
 """Residuals over noise below which they are of rounding, and their tails say nothing."""
 
@@ -210,36 +248,29 @@ def fit_reference(
         candidate, fitted = _fit(candidate, data, usual)
     fits = {candidate.name: fitted}
     logs = {candidate.name: fitted.log_marginal}
-    for one, tuned in _alternatives(fitted, alternatives, data, usual):
-        if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
-            try:
-                fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
-            except CalibError:
-                continue
-        logs[one.name] = tuned.log_marginal
-    odds = np.exp(np.nan_to_num([log - max(logs.values()) for log in logs.values()]))
-    shares = dict(zip(logs, (odds / odds.sum()).tolist(), strict=True))  # of one without groups: 1
-    kinds = [
-        Posterior(one.model, one.result.values, one.result.covariance, shares[name])
-        for name, one in fits.items()
-    ]
-    return Reference(candidate, given, fitted, DrawnArms(kinds, workplace), usual, shares)
-
-
-def _alternatives(
-    whole: Fitted, alternatives: Sequence[Candidate], data: Measurements, loss: Loss
-) -> Iterator[tuple[Candidate, TunedPriors]]:
-    """Those that have sizes, their noise found where that of the whole arm was."""
-    unknown = [kind.found or kind.estimated for kind in whole.model.measurements]
+    unknown = [kind.found or kind.estimated for kind in fitted.model.measurements]
     for one in alternatives:
-        # from the noise given: its bounds are about where it starts
+        # noise is found where that of the whole arm was; its bounds are about the one given
         kinds = [
             kind.of_unknown_noise() if open_ else kind
             for kind, open_ in zip(one.model.measurements, unknown, strict=True)
         ]
         one = replace(one, model=one.model.with_measurements(kinds))
         with suppress(CalibError):
-            yield one, _tune(one, data, loss)
+            tuned = _tune(one, data, usual)
+            if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
+                fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
+            logs[one.name] = tuned.log_marginal
+    odds = np.exp(np.nan_to_num([log - max(logs.values()) for log in logs.values()]))
+    shares = dict(zip(logs, (odds / odds.sum()).tolist(), strict=True))  # of one without groups: 1
+    arms = DrawnArms(
+        [
+            Posterior(one.model, one.result.values, one.result.covariance, shares[name])
+            for name, one in fits.items()
+        ],
+        workplace,
+    )
+    return Reference(candidate, given, fitted, arms, usual, shares)
 
 
 def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:

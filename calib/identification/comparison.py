@@ -1,8 +1,8 @@
 """Several models of one robot on the same data: before and after, and which of them to take.
 
-"Before" is told apart from a set-up that was never fitted: ``nominal`` leaves everything as
-described, ``frames only`` fits tool and targets. Every model is judged by what it says of
-measurements that it has not seen.
+The first, ``frames only``, is the "before": it fits tool and targets, and is told apart from a
+set-up that was never fitted. Every model is judged by what it says of measurements that it has not
+seen.
 
 Squares of the lengths that a model leaves where it has not seen them are compared in units of one
 noise, that of the largest model for all: in metres the coarsest kind or axis would drown the
@@ -24,15 +24,14 @@ import numpy as np
 
 from calib.chance import student_quantile
 from calib.errors import CalibError
-from calib.identification.candidate import Candidate, Reference, Trial, fit
+from calib.identification.candidate import Candidate, ExpectedError, Reference, fit
 from calib.identification.cross_validation import (
     FEWEST_TARGETS,
     measured_points,
     targets_left_out,
     with_noise_of,
 )
-from calib.identification.noise import Loss
-from calib.identification.result import IdentificationResult
+from calib.identification.result import IdentificationResult, Loss
 from calib.identification.solver import Method
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
@@ -53,12 +52,47 @@ of what another model can be judged by, for a model to be compared at all."""
 
 
 @dataclass(frozen=True, eq=False)
+class Trial:
+    """What became of a candidate."""
+
+    candidate: Candidate  # with the sizes of its priors and the noise that were found
+    result: IdentificationResult | None  # None where it could not be identified
+    error: CalibError | None  # why not
+    target_out: FloatArray
+    """(N, m): rows at each measurement [m, rad] with the arm identified from all targets but its
+    own, and only that target's place from other poses at it; NaN where no target was left out."""
+    expected: ExpectedError | None = None
+    """Of the tool point where the arm will work, by the reference; None without one."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        return self.candidate.name
+
+    @property
+    def found(self) -> IdentificationResult:
+        """The result of one that could be identified; raises why not."""
+        if self.result is None:
+            raise self.error or CalibError(f"{self.name} was not identified")
+        return self.result
+
+    @property
+    def target_out_m(self) -> FloatArray:
+        """Distance at each measurement with its target left out, ``(N,)`` [m], or NaN."""
+        if self.result is None:
+            return np.full(len(self.target_out), np.nan)
+        return self.result.lengths_m(self.target_out)
+
+    @property
+    def target_out_rms_m(self) -> float:
+        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
+        return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
+
+
+@dataclass(frozen=True, eq=False)
 class Comparison:
     """Models side by side."""
 
-    nominal_m: FloatArray
-    """(N,): distance at each measurement with everything as described [m]; NaN where the set-up is
-    not."""
     trials: tuple[Trial, ...]
     recommended: str | None  # name of the model to take; None where nothing can be compared
     reason: str  # why, in a sentence
@@ -81,7 +115,6 @@ def compare(
     candidates: Sequence[Candidate],
     data: Measurements,
     *,
-    nominal_m: FloatArray | None = None,
     weighted: bool = True,
     method: Method = "gauss-newton",
     loss: Loss = "least-squares",
@@ -96,8 +129,6 @@ def compare(
         not: with gross errors among them, measurements of an arm that is off agree upon nothing.
     data : Measurements
         One set.
-    nominal_m : array (N,), optional
-        Distances with everything as described [m].
     weighted, method, loss
         As for :func:`identify`.
     reference : Reference, optional
@@ -143,7 +174,6 @@ def compare(
         reason, criterion = _by_left_out(place, sizes, taken, best), place.criterion
         reason += _in_orientation(able, _turns_left_out(able, data), taken)
     return Comparison(
-        np.full(data.count, np.nan) if nominal_m is None else nominal_m,
         trials,
         None if taken is None else able[taken].name,
         reason,

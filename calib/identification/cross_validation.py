@@ -91,12 +91,20 @@ def targets_left_out(
     start = np.tile(result.values, (len(places), 1))
     others = minimise(noisy, data.repeated(len(places)), start, weights=weights, weighted=weighted)
     for row, (k, part) in enumerate(places.items()):
-        columns = np.zeros(model.p, dtype=bool)
-        columns[part] = True
+        if not others.converged[row]:
+            continue
+        place = np.zeros(model.p, dtype=bool)
+        place[part] = True
+        # whether measurements of the other targets hold all parameters but that target's place
+        linear = noisy.linearise_at(data, others.x[row]).weighed(weights[row])
+        held = linear.stacked(others.x[row])[1][:, ~place]
+        if not held.any(axis=0).all():
+            continue
+        if np.linalg.matrix_rank(held / column_lengths(held), tol=1e-9) < held.shape[1]:
+            continue
         own: IntArray = np.flatnonzero(data.setup.target == k)
-        x, root = others.x[row], np.sqrt(result.weights[own])
-        if others.converged[row] and _is_held(noisy, data, x, weights[row], columns):
-            out[own] = _placed_by_others(noisy, data, own, x, columns, root, weighted)
+        share = result.weights[own]
+        out[own] = _placed_by_others(noisy, data, own, others.x[row], place, share, weighted)
     return out
 
 
@@ -117,29 +125,13 @@ def measured_points(model: CalibrationModel, data: Measurements) -> dict[int, sl
     return {k: part for k, part in points.items() if k in measured}
 
 
-def _is_held(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    place: BoolArray,
-) -> bool:
-    """Whether measurements of the other targets hold all parameters but that target's place."""
-    linear = model.linearise_at(data, x)
-    held = linear.weighed(weights).stacked(x)[1][:, ~place]
-    if not held.any(axis=0).all():
-        return False
-    rank = np.linalg.matrix_rank(held / column_lengths(held), tol=1e-9)
-    return bool(rank == held.shape[1])
-
-
 def _placed_by_others(
     model: CalibrationModel,
     data: Measurements,
     own: IntArray,
     x: FloatArray,
     place: BoolArray,
-    root: FloatArray,
+    weights: FloatArray,
     weighted: bool,
 ) -> FloatArray:
     """Rows ``(k, m)`` of one target, whose place is fitted to those of its other poses each time.
@@ -149,9 +141,8 @@ def _placed_by_others(
     them, and b = Jᵀr. The residual of a mean of n comes out n/(n-1) times as large.
     """
     some = data[own]
-    weights = root[None] ** 2
     placed = minimise(
-        model, some.trials(None), x[None], weights=weights, free=place, weighted=weighted
+        model, some.trials(None), x[None], weights=weights[None], free=place, weighted=weighted
     ).x[0]
     if not np.isfinite(placed).all():
         return np.full((len(own), model.rows), np.nan)
@@ -162,8 +153,8 @@ def _placed_by_others(
     group = np.unique(data.groups[own], return_inverse=True)[1]
     information = np.zeros((group.max() + 1, 3, 3))
     gradient = np.zeros((group.max() + 1, 3))
-    np.add.at(information, group, np.einsum("k,kmi,kmj->kij", weights[0], J, J))
-    np.add.at(gradient, group, np.einsum("k,kmi,km->ki", weights[0], J, rows))
+    np.add.at(information, group, np.einsum("k,kmi,kmj->kij", weights, J, J))
+    np.add.at(gradient, group, np.einsum("k,kmi,km->ki", weights, J, rows))
     whole = information.sum(axis=0) + known.T @ known
     left = whole - information
     held = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT * np.linalg.eigvalsh(whole)[-1]

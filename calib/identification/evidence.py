@@ -21,9 +21,9 @@ import numpy as np
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.identifiability import check_enough, check_identifiable_at
-from calib.identification.least_squares import column_lengths
-from calib.identification.noise import WEIGHTS, Loss, costs_of, distances2, log_weights
-from calib.identification.start import first_guess
+from calib.identification.least_squares import column_lengths, first_guess
+from calib.identification.result import Loss
+from calib.identification.robust import WEIGHTS, costs_of, distances2, log_weights
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.one_thread import one_blas_thread
@@ -77,6 +77,37 @@ class PriorGroup:
                 "two numbers above zero in order",
                 name=self.name,
             )
+
+
+_KINDS = {
+    ("zero_offset", "rad"): "offsets",
+    ("link", "m"): "lengths",
+    ("link", "rad"): "angles",
+    ("lost_motion", "rad"): "lost motion",
+}
+"""What parameters of one size are called in reports, where not by the first word of their name."""
+
+
+def groups_of(
+    model: CalibrationModel, lower: float, upper: float, *, usual: bool = False
+) -> tuple[PriorGroup, ...]:
+    """Parameters with a prior that are of one kind, to be found how large they are.
+
+    ``lower``, ``upper``: bounds of a standard deviation over the one of the prior. ``usual``: take
+    that for what it is for such arms.
+    """
+    members: dict[tuple[str, str], list[int]] = {}
+    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
+        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
+    groups = []
+    for kind, own in members.items():
+        size = float(np.sqrt(np.mean(model.prior[own] ** 2)))
+        names = tuple(model.names[k] for k in own)
+        bounds = lower * size, upper * size
+        groups.append(
+            PriorGroup(_KINDS.get(kind, kind[0]), names, *bounds, size if usual else None)
+        )
+    return tuple(groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +168,7 @@ def tune_priors(
         Priors and weights that do not come to rest.
     """
     groups = tuple(groups)
-    members = _members(model, groups)
+    members = members_of(model, groups)
     if loss not in LOSSES:
         raise InputError(
             f"priors cannot be found under the loss {loss!r}",
@@ -151,16 +182,35 @@ def tune_priors(
     check_enough(tuned, data)
     x = first_guess(tuned, data)
     check_identifiable_at(tuned, data, x)
-    theta, x, weights, passes = _alternate(model, data, members, known, theta, x, loss)
-    tuned = _applied(model, data, members, theta)
-    shares = weights / costs_of(tuned, data, x, weights, loss)[0]
-    problem = linear_evidence(model, data, x, members, shares)
+    rows, weights = model.rows_read(data.setup), np.ones(data.count)
+
+    def linearised() -> LinearEvidence:
+        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
+        return linear_evidence(model, data, x, members, shares)
+
+    for passes in range(_PASSES):  # linearise, maximise, solve and weigh
+        problem, before = linearised(), theta
+        if passes:  # at first the arm is linearised as described, too far off to tell sizes by
+            theta = known.likeliest(problem, theta)
+        x = problem.parameters(theta)
+        tuned = _applied(model, data, members, theta)
+        lighter, weights = weights, WEIGHTS[loss](distances2(tuned, data, x), rows)
+        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(weights - lighter).max())
+        if moved < _SETTLED and passes > 1:
+            break
+    else:
+        raise ConvergenceError(
+            f"the priors have not come to rest after {_PASSES} passes (the last one still moved "
+            f"them by {moved:.2g} of their size)",
+            hint="free fewer groups, or give narrower bounds",
+        )
+    problem = linearised()
     curvature = known.information(problem, theta)
     log_evidence = problem.log_evidence(theta)[0]
     log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
         log_marginal += log_weights(weights)
-    moved = problem.sensitivity(theta)
+    moves = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
         groups=groups,
@@ -169,42 +219,9 @@ def tune_priors(
         log_marginal=log_marginal,
         x=x,
         weights=weights,
-        covariance=moved @ np.linalg.solve(curvature, moved.T),
-        passes=passes,
+        covariance=moves @ np.linalg.solve(curvature, moves.T),
+        passes=passes + 1,
         notes=tuple(_notes(groups, theta, known.bounds)),
-    )
-
-
-def _alternate(
-    model: CalibrationModel,
-    data: Measurements,
-    members: Sequence[IntArray],
-    known: _Known,
-    theta: FloatArray,
-    x: FloatArray,
-    loss: Loss,
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Linearise, maximise, solve and weigh: standard deviations, parameters, weights, passes."""
-    rows = model.rows_read(data.setup)
-    weights = np.ones(data.count)
-    moved = np.inf
-    for passes in range(_PASSES):
-        tuned = _applied(model, data, members, theta)
-        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
-        problem = linear_evidence(model, data, x, members, shares)
-        # at first the arm is linearised as described, too far off to tell sizes by
-        best = known.likeliest(problem, theta) if passes else theta
-        x = problem.parameters(best)
-        tuned = _applied(model, data, members, best)
-        heavier = WEIGHTS[loss](distances2(tuned, data, x), rows)
-        moved = float(max(np.abs(best - theta).max(initial=0.0), np.abs(heavier - weights).max()))
-        theta, weights = best, heavier
-        if moved < _SETTLED and passes > 1:
-            return theta, x, weights, passes + 1
-    raise ConvergenceError(
-        f"the priors have not come to rest after {_PASSES} passes (the last one still moved them "
-        f"by {moved:.2g} of their size)",
-        hint="free fewer groups, or give narrower bounds",
     )
 
 
@@ -301,7 +318,7 @@ class _Known:
         return float(prior - 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1])
 
 
-def _members(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:
+def members_of(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:
     """Columns of the parameters of each group."""
     taken: dict[str, str] = {}
     members = []

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError
+from calib.identification.least_squares import first_guess
 from calib.identification.result import SIZES
 from calib.identification.robust import fit_robustly
-from calib.identification.start import first_guess
 from calib.model import CalibrationModel, Linearisation, Setup, touch
 from calib.model.measurements import Measurements
 from calib.model.parameters import LinkGeometry, Part
@@ -303,7 +303,6 @@ class Reduction:
     """A model without the parameters that measurements cannot tell."""
 
     model: CalibrationModel
-    kept: tuple[str, ...]  # names of all parameters of the model
     left_out: tuple[str, ...]
     merged: tuple[str, ...]  # for each left out, in words, what it shows up in
 
@@ -337,7 +336,7 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
     pairs = zip(found.left_out, found.why, strict=True)
     out = {model.names[k]: why for k, why in pairs if not model.nuisance[k]}
     if not out:
-        return Reduction(model, model.names, (), ())
+        return Reduction(model, (), ())
     blocks = []
     for block in model.parameters:
         kept = [name for name in block.names if name not in out]
@@ -346,4 +345,34 @@ def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> 
         if block.size or block.tools or block.targets:
             blocks.append(block)
     reduced = model.with_parameters(blocks)
-    return Reduction(reduced, reduced.names, tuple(out), tuple(out.values()))
+    return Reduction(reduced, tuple(out), tuple(out.values()))
+
+
+UNSEEN_SCALE = 2e-3
+"""Standard deviation of the scale of all lengths, as a share, that says it is not seen: 2 mm in a
+metre is more than any arm is built off."""
+
+
+def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
+    """Standard deviation, as a share, that measurements leave to the scale of all lengths.
+
+    Zero where the model does not free all of them: the links that are held carry the scale. Touch-
+    ups leave it open altogether: an arm, a tool and targets twice as large touch alike.
+    """
+    model = linear.model
+    way = np.concatenate(
+        [b.scaling(x[part]) for b, part in zip(model.parameters, model.slices, strict=True)]
+    )
+    if not way.any():
+        return 0.0
+    held = int(np.isfinite(model.prior).sum())
+    J = linear.stacked(x)[1]
+    J = np.delete(J, slice(linear.rows_last.size, linear.rows_last.size + held), axis=0)
+    seen = J @ way
+    # what is left over grows, too, but has seen nothing
+    seen[: linear.white_rows.size] -= linear.white_rows.ravel()
+    # the set-up follows as it can: the tool also for the flange, which is no link and stays
+    around = J[:, model.nuisance]
+    seen -= around @ np.linalg.lstsq(around, seen, rcond=None)[0]
+    size = float(np.linalg.norm(seen))
+    return 1.0 / size if size > 0 else np.inf

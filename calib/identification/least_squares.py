@@ -4,6 +4,10 @@ The steps are solved for from the normal equations, their columns scaled to unit
 not matter, and what the squared condition number costs a step in digits, the next one makes up,
 because residuals and gradient are exact. Trials go in batches that stay in the cache of a core, so
 cost grows linearly with them.
+
+Where it starts is the robot as described, with the measuring set-up placed: points enter linearly,
+or nearly so; frames are found in closed form from the readings first, since a tracker stands
+anywhere, and no iteration is left to find it.
 """
 
 from __future__ import annotations
@@ -13,8 +17,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.model import CalibrationModel
-from calib.model.measurements import Measurements
-from calib.se3 import BoolArray, FloatArray
+from calib.model.measurements import CameraPose, Distance, Measurements, Point, Pose
+from calib.model.parameters import Frames
+from calib.robot_world import PairSets
+from calib.robot_world.identifiability import examine
+from calib.robot_world.methods import li_kronecker
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    inverse,
+    project_to_rotation,
+    rotation_exp,
+    transform,
+)
 
 ITERATIONS = 60
 """Steps after which a fit has failed; calibrations take three to six."""
@@ -225,3 +241,153 @@ def column_lengths(columns: FloatArray) -> FloatArray:
 def orthonormal(columns: FloatArray) -> FloatArray:
     """Orthonormal columns that span those ``(M, p)``, whatever their units."""
     return np.linalg.qr(columns / column_lengths(columns))[0]
+
+
+_STEPS = 5
+_FEWEST_POSES = 3
+_LITTLE = 0.5
+"""Share of the residuals below which a set-up that was placed is near enough: the rest is for the
+arm."""
+
+
+def first_guess(
+    model: CalibrationModel, data: Measurements, *, weighted: bool = True
+) -> FloatArray:
+    """Parameters ``(p,)`` that place the set-up."""
+    x = model.nominal.copy()
+    if not model.nuisance.any():
+        return x
+    _Placing(model, data, x).place_frames()
+    free = model.nuisance
+    placed = x != model.nominal
+    if placed[free].all():
+        return x
+    for _ in range(_STEPS):
+        linear = model.linearise_at(data, x)
+        rows, J = linear.over_noise_last(weighted)
+        known, K = model.known(x[None])
+        J = np.concatenate([J.reshape(model.p, -1).T, K[0]])
+        r = np.concatenate([rows.ravel(), known[0]])
+        # the shortest step where tool and target cannot be told apart
+        step = np.linalg.lstsq(J[:, free], -r, rcond=1e-9)[0]
+        if not np.isfinite(step).all():
+            break
+        x[free] += step
+        moved = np.linalg.norm(J[:, free] @ step)
+        if moved < 1.0 or (placed.any() and moved < _LITTLE * np.linalg.norm(r)):
+            break
+    return x
+
+
+@dataclass(frozen=True, eq=False)
+class _Placing:
+    """Frames with free rotations, and anchors of distances, found in closed form from readings."""
+
+    model: CalibrationModel
+    data: Measurements
+    x: FloatArray  # (p,): written to
+
+    def place_frames(self) -> None:
+        """Write to x where they are."""
+        model, data = self.model, self.data
+        if data.observed is None:
+            return
+        kinds = np.array([type(kind) for kind in model.measurements], dtype=object)
+        kinds = kinds[data.setup.kind]
+        for block in model.parameters:
+            turns = isinstance(block, Frames) and "rad" in block.units
+            for label in block.targets:
+                rows = np.flatnonzero(data.setup.target == model.targets.index(label))
+                of = {k: rows[kinds[rows] == k] for k in (Pose, CameraPose, Point, Distance)}
+                poses = np.concatenate([of[Pose], of[CameraPose]])
+                enough = len(poses) >= _FEWEST_POSES
+                if enough and not turns:
+                    enough = self._nominal(model.tools[data.setup.tool[poses[0]]], "tools")[1]
+                if enough:
+                    self._from_poses(data.observed, poses, kinds[poses] == CameraPose)
+                elif turns and len(of[Point]) >= 2 * _FEWEST_POSES:
+                    self._from_points(data.observed, of[Point], block.targets[0])
+                elif not turns and block.size and len(of[Distance]) > _FEWEST_POSES:
+                    self._from_distances(data.observed, of[Distance], label)
+
+    def _set(self, label: str, T: FloatArray, side: str) -> None:
+        """Put the frame of a label at a pose, as far as its axes are free."""
+        for block, part in zip(self.model.parameters, self.model.slices, strict=True):
+            if isinstance(block, Frames) and label in getattr(block, side):
+                self.x[part] = block.values_at(T, block.labels.index(label), self.x[part])
+
+    def _nominal(self, label: str, side: str) -> tuple[FloatArray, bool]:
+        """Nominal pose of a label, and whether its rotation is free."""
+        for block in self.model.parameters:
+            if isinstance(block, Frames) and label in getattr(block, side):
+                return block.T_nominal[block.labels.index(label)], "rad" in block.units
+        return np.eye(4), False  # a point of a body, which is placed as a whole: near the tip
+
+    def _from_poses(self, observed: FloatArray, rows: IntArray, by_camera: BoolArray) -> None:
+        """Tool and target of the first pair of labels that was measured often enough."""
+        setup = self.data.setup
+        tool, target = setup.tool[rows[0]], setup.target[rows[0]]
+        alike = (setup.tool[rows] == tool) & (setup.target[rows] == target)
+        rows, by_camera = rows[alike], by_camera[alike]
+        if len(rows) < _FEWEST_POSES:
+            return
+        B = transform(rotation_exp(observed[rows, 3:6]), observed[rows, :3])
+        B[by_camera] = inverse(B[by_camera])  # target to tool, whichever side looked
+        A = self.model.robot.fk(self.data.postures[rows])
+        tool_label, target_label = self.model.tools[tool], self.model.targets[target]
+        X, tool_turns = self._nominal(tool_label, "tools")
+        Z, target_turns = self._nominal(target_label, "targets")
+        if tool_turns and target_turns:
+            pairs = PairSets(A[None], B[None])
+            if examine(pairs).degenerate[0]:
+                return  # from these alone; priors may know more, or the parameters be named
+            found = li_kronecker.estimate(pairs)
+            X, Z = found.X[0], found.Z[0]
+        elif target_turns:
+            Z = _mean(A @ X @ inverse(B))
+        elif tool_turns:
+            X = _mean(inverse(A) @ Z @ B)
+        self._set(tool_label, X, "tools")
+        self._set(target_label, Z, "targets")
+
+    def _from_points(self, observed: FloatArray, rows: IntArray, target: str) -> None:
+        """The instrument's frame and the points on the tool, by linear least squares.
+
+        ``R_i t_k + p_i = Z y_ik + z``: linear in t, Z and z, with Z made a rotation afterwards.
+        """
+        T, of = self.model.robot.fk(self.data.postures[rows]), self.data.setup.tool[rows]
+        y = observed[rows, :3]
+        tools = sorted(set(of.tolist()))
+        A = np.zeros((len(rows), 3, 12 + 3 * len(tools)))
+        for axis in range(3):
+            A[:, axis, 3 * axis : 3 * axis + 3] = -y
+            A[:, axis, 9 + axis] = -1.0
+        for k, tool in enumerate(tools):
+            A[of == tool, :, 12 + 3 * k : 15 + 3 * k] = T[of == tool, :3, :3]
+        if len(rows) * 3 < A.shape[2]:
+            return
+        found = np.linalg.lstsq(A.reshape(len(rows) * 3, -1), -T[:, :3, 3].ravel(), rcond=None)[0]
+        R = project_to_rotation(found[:9].reshape(3, 3))
+        # once more with the rotation held: what made it one has moved the rest
+        rest = A[:, :, 9:].reshape(len(rows) * 3, -1)
+        right = (y @ R.T - T[:, :3, 3]).ravel()
+        found = np.linalg.lstsq(rest, right, rcond=None)[0]
+        self._set(target, transform(R, found[:3]), "targets")
+        for k, tool in enumerate(tools):
+            place = transform(np.eye(3), found[3 + 3 * k : 6 + 3 * k])
+            self._set(self.model.tools[tool], place, "tools")
+
+    def _from_distances(self, observed: FloatArray, rows: IntArray, target: str) -> None:
+        """Where spheres about the nominal tool points meet: ``2 p·a - |a|² = |p|² - d²``."""
+        data = self.data
+        p = self.model.view(data.postures[rows], self.x, data.setup[rows]).tool_points
+        A = np.column_stack([2.0 * p, -np.ones(len(rows))])
+        right = np.sum(p**2, axis=1) - observed[rows, 0] ** 2
+        if np.linalg.matrix_rank(A - A.mean(axis=0)) < 3:
+            return  # the points lie in a plane: either side would do
+        place = np.linalg.lstsq(A, right, rcond=None)[0][:3]
+        self._set(target, transform(np.eye(3), place), "targets")
+
+
+def _mean(T: FloatArray) -> FloatArray:
+    return transform(project_to_rotation(T[:, :3, :3].mean(axis=0)), T[:, :3, 3].mean(axis=0))

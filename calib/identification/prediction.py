@@ -19,14 +19,6 @@ be, the expected square of the error at a posture q is, to the first order in wh
 the mean of a squared distance from a fixed point. The values that are best for a correction
 minimise the mean of the second term, computed as it stands and not linearised, over the postures.
 
-Models of everything that could be off on the arm, held by priors of the right size, say after the
-measurements what the true arm may be: their probability, mean and covariance. Any model is judged
-by that, the arm as described too: by how far its tool point is from the one of arms drawn from
-there, at postures where the arm will work. Unlike residuals, this sees what the measurements do
-not: where touch-ups leave the scale of the arm open, every drawn arm has another one. (Decision
-theory: the mean of the loss after the data, Berger, Statistical Decision Theory and Bayesian
-Analysis, 2nd ed., section 4.4.)
-
 The base is placed anew for each correction and each drawn arm, as by an operator who teaches the
 user frame again: rigid motions of all points alike count neither as an error nor as a part of it
 that is carried. It is the arm's own accuracy, in the frame that the targets are found in with it:
@@ -35,7 +27,6 @@ where the base stands in the world, and the zero of the first joint, are no part
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -343,76 +334,3 @@ def rigid_motions(points: FloatArray) -> FloatArray:
         np.concatenate([shifted, turned], axis=-1).reshape(-1, 6), full_matrices=False
     )
     return np.asarray(U[:, s > _UNSEEN * s[0]])
-
-
-DRAWS = 1000
-"""Arms drawn: their mean square is known to some three per cent, and models are compared on the
-same ones."""
-
-LEAST_PROBABILITY = 0.01
-"""Of arms of one kind, below which none is drawn."""
-
-INTERVAL = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class Workplace:
-    """Where an arm will work."""
-
-    postures: FloatArray  # (K, n) [rad]
-    setup: Setup  # tool and payload at each
-    words: str  # what they are, for reports
-
-
-@dataclass(frozen=True)
-class ExpectedError:
-    """Distance of the tool point from where the arm takes it to be, mean over a workplace."""
-
-    rms_m: float  # root mean square over arms and workplace [m]
-    low_m: float
-    high_m: float
-    """low_m, high_m: of the root mean square over the workplace: 95 % of the arms are between
-    [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior(Carried):
-    """What is known of the true arm after the measurements, if it is of one kind."""
-
-    probability: float = 1.0  # that it is of this kind
-
-
-class DrawnArms:
-    """Arms drawn from what is known of the true one: what errors models have by it."""
-
-    def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:
-        self.workplace = workplace
-        self._drawn = [
-            _drawn(kind, workplace) for kind in kinds if kind.probability >= LEAST_PROBABILITY
-        ]
-
-    def error_of(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
-        """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI]."""
-        squares = np.concatenate(
-            [
-                3.0 * np.mean((mean.displaced(model, x)[0][:, None] + off) ** 2, axis=0)
-                for mean, off in self._drawn
-            ]
-        )
-        tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
-        low, high = np.sqrt(np.quantile(squares, tails))
-        return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
-
-
-def _drawn(kind: Posterior, workplace: Workplace) -> tuple[Expectation, FloatArray]:
-    """The mean of a kind, and how far arms drawn from it are from that, ``(3 K, draws)`` [m].
-
-    As many of the draws as the kind is probable.
-    """
-    mean = Expectation(kind.model, kind.x, kind.covariance, workplace.postures, workplace.setup)
-    values, vectors = np.linalg.eigh(kind.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    # the same draws for all models, and without what chance gives the mean of so few
-    pairs = round(kind.probability * DRAWS / 2)
-    draws = np.random.default_rng(0).standard_normal((kind.model.p, pairs))
-    return mean, mean.jacobian @ root @ np.concatenate([draws, -draws], axis=1)

@@ -66,6 +66,9 @@ HELD_SHARE = 0.8
 
 Status = Literal["converged", "not converged"]
 
+Loss = Literal["least-squares", "huber", "cauchy", "student-t", "graduated"]
+"""What a measurement far from the others may do to a fit: :mod:`calib.identification.robust`."""
+
 
 @dataclass(frozen=True)
 class KindNoise:

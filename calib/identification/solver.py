@@ -6,30 +6,45 @@ differences, pseudo inverse, full steps. Both weight the rows by the noise unles
 the paper does not.
 
 :func:`identify_batch` carries many trials of one plan at once: Monte Carlo is a single call.
+
+A fit becomes a result with its covariance, what poses left out say, the test of the noise, and what
+is to be said about it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 
+from calib.chance import chi2_tail
 from calib.errors import ConvergenceError, InputError, check_type
+from calib.identification.cross_validation import leave_one_out
 from calib.identification.identifiability import (
+    UNSEEN_SCALE,
     check_believable,
     check_enough,
     check_identifiable_at,
     check_unweighted,
+    covariance_at,
+    unseen_scale,
 )
-from calib.identification.least_squares import ITERATIONS, STEP_TOLERANCE, minimise
-from calib.identification.noise import Loss
-from calib.identification.report import make_result
-from calib.identification.result import SIZES, IdentificationResult
+from calib.identification.least_squares import (
+    ITERATIONS,
+    STEP_TOLERANCE,
+    column_lengths,
+    first_guess,
+    minimise,
+    orthonormal,
+)
+from calib.identification.result import SIZES, IdentificationResult, KindNoise, Loss
 from calib.identification.robust import Solved, fit_robustly, not_converged
-from calib.identification.start import first_guess
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
 
@@ -86,8 +101,8 @@ def identify(
     check_identifiable_at(model, measurements, x)
     if method == "newton-raphson":
         found, iterations = _newton_raphson(model, measurements, x, weighted)
-        everything = np.ones(measurements.count)
-        solved = Solved(model, found, everything, everything == 0, iterations)
+        one = np.ones(measurements.count)
+        solved = Solved(model, found, iterations, one, one == 0, one == 0, one, one)
     else:
         solved = fit_robustly(
             model, measurements, x, loss=loss, weighted=weighted, near=start is not None
@@ -188,3 +203,297 @@ def identify_batch(
         )
     fit.x[~fit.converged] = np.nan
     return fit.x
+
+
+ANOTHER_ROBOT_M = 0.05
+"""Residuals beyond which nothing is a calibration: no arm that is switched on is as far off."""
+
+
+STANDS_OUT = 4.0
+"""Residual over its own standard deviation, against the median of its kind, from which it is said
+to stand out. Noise alone takes one single row in a hundred as far, and three rows never. What a
+model leaves out of an arm stays below; gross errors that hide each other come up to it."""
+
+FEW_LEFT = 10
+"""Equations beyond the parameters below which it is said that they are few: the standard deviation
+of the residuals is then itself uncertain by a quarter and more."""
+
+_MOST_NAMED = 5
+
+
+def make_result(
+    solved: Solved, data: Measurements, *, weighted: bool, name: str
+) -> IdentificationResult:
+    """The result of a fit to one set of measurements."""
+    model, x = solved.model, solved.x
+    every = model.linearise_at(data, x)
+    good = np.flatnonzero(~solved.outliers)
+    kept = every
+    if len(good) < data.count:
+        kept = model.linearise_at(data[good], x)
+    weights = (solved.weights / solved.consistency)[good]
+    linear = kept.weighed(weights)
+    test = _test(solved, linear, data)
+    # a loss that weighs down takes something from the good ones, too
+    sure = kept.weighed((solved.weights / solved.inflation)[good])
+    known = covariance_at(sure, x, weighted=weighted)
+    covariance = known
+    if test.doubted:
+        covariance = covariance_at(sure, x, weighted=weighted, noise=test.found)
+    left = every.rows.copy()
+    left[good] = leave_one_out(linear, x, data.groups[good], weighted=weighted)
+    if weighted:
+        left[good] /= np.sqrt(weights)[:, None]
+    white = sure.stacked(x)[1]
+    return IdentificationResult(
+        model=name,
+        names=model.names,
+        units=model.units,
+        nuisance=model.nuisance,
+        values=x,
+        nominal=model.nominal,
+        prior=model.prior,
+        covariance=covariance,
+        # covariance and prior may both be infinite, of parameters that nothing holds
+        prior_share=np.divide(
+            np.diag(known), model.prior**2, out=np.zeros(model.p), where=np.isfinite(model.prior)
+        ),
+        singular_values=np.asarray(
+            np.linalg.svd(white / column_lengths(white), compute_uv=False)
+        ),  # no units
+        residuals=every.rows,
+        leave_one_out=left,
+        angles=_angles(every),
+        poses=data.names,
+        outliers=solved.outliers,
+        weights=solved.weights,
+        noise=tuple(
+            KindNoise(
+                kind.name,
+                kind.sigma,
+                kind.estimated or kind.found,
+                float(scale),
+                k in test.doubted,
+                kind.unit,
+            )
+            for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
+        ),
+        chi2=test.chi2,
+        degrees_of_freedom=test.freedom,
+        noise_scale=test.scale,
+        chance=test.chance,
+        iterations=solved.iterations,
+        status="converged",
+        message=_message(test, every, solved),
+        notes=(
+            *_few(test.freedom),
+            *_contradicting(solved, linear, left, data.names, bool(test.doubted)),
+            *_unseen(linear, x),
+        ),
+    )
+
+
+def _trusted(solved: Solved) -> BoolArray:
+    """Measurements that residuals are judged by: all, where most would have to be distrusted."""
+    trusted = ~(solved.outliers | solved.suspects)
+    return trusted if 2 * trusted.sum() >= len(trusted) else ~solved.outliers
+
+
+def _test(solved: Solved, linear: Linearisation, data: Measurements) -> NoiseTest:
+    """Test the noise by the measurements that no loss distrusts."""
+    if not solved.suspects.any():
+        return noise_test(linear, solved.x)
+    good = np.flatnonzero(_trusted(solved))
+    some = linear.model.linearise_at(data[good], solved.x)
+    return noise_test(some.weighed((solved.weights / solved.consistency)[good]), solved.x)
+
+
+def _angles(linear: Linearisation) -> BoolArray:
+    """Which rows ``(N, m)`` are angles."""
+    table = np.zeros((len(linear.model.measurements), linear.model.rows), dtype=bool)
+    for k, kind in enumerate(linear.model.measurements):
+        table[k, kind.rows - kind.turns : kind.rows] = True
+    return np.asarray(table[linear.view.setup.kind])
+
+
+def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
+    rows = np.where(_angles(linear), 0.0, linear.rows)[_trusted(solved)]
+    rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+    if rms > ANOTHER_ROBOT_M and all(kind.unit == "m" for kind in solved.model.measurements):
+        return (
+            f"the residuals are {rms * 1e3:.0f} mm: these measurements are not of this robot, this "
+            "tool or these joint signs"
+        )
+    if test.freedom <= 0:
+        return "there are as many equations as parameters: nothing is left to test the model by"
+    kinds = solved.model.measurements
+    if all(kind.estimated for kind in kinds):
+        return "the noise was not given: it is taken from the residuals, which then test nothing"
+    known = "found" if any(kind.found for kind in kinds) else "given"
+    if test.doubted:
+        named = len(kinds) > 1
+        ratios = " and ".join(
+            f"the residuals{f' of {kinds[k].name}' if named else ''} are {test.scales[k]:.1f} "
+            f"times the noise {known}"
+            for k in test.doubted
+        )
+        return (
+            f"{ratios}: the model leaves something out or the noise is larger; the noise is taken "
+            "from the residuals, which does not cover the bias of a model that leaves something out"
+        )
+    if test.chance < HARDLY:
+        return f"the noise {known} hardly explains the residuals (ratio {test.scale:.2f})"
+    return f"the noise {known} explains the residuals (ratio {test.scale:.2f})"
+
+
+def _few(freedom: int) -> list[str]:
+    if not 0 < freedom < FEW_LEFT:
+        return []
+    what = "a single equation is" if freedom == 1 else f"only {freedom} equations are"
+    return [f"{what} left over to test the model by: measure more poses"]
+
+
+def _contradicting(
+    solved: Solved, linear: Linearisation, left: FloatArray, poses: Sequence[str], doubted: bool
+) -> list[str]:
+    """What was left out, or what should perhaps be where the noise does not explain the rest."""
+    if solved.outliers.any():
+        names = [poses[i] for i in np.flatnonzero(solved.outliers).tolist()]
+        return ["left out because they contradict the others: " + ", ".join(names)]
+    if solved.suspects.any():
+        names = [poses[i] for i in np.flatnonzero(solved.suspects).tolist()]
+        return ["weighed down because they contradict the others: " + ", ".join(names)]
+    untested = any(kind.estimated or kind.found for kind in solved.model.measurements)
+    if (solved.weights != 1.0).any() or not (doubted or untested):
+        return []
+    found = stand_out(linear, left)
+    if not found.size:
+        return []
+    names = [poses[i] for i in found[:_MOST_NAMED].tolist()]
+    more = f" and {found.size - _MOST_NAMED} more" if found.size > _MOST_NAMED else ""
+    return [
+        f"far beyond the others, when predicted from them: {', '.join(names)}{more}; if these are "
+        'gross errors, parameters.loss = "graduated" leaves them out'
+    ]
+
+
+def stand_out(linear: Linearisation, left: FloatArray) -> IntArray:
+    """Measurements that are far beyond the others of their kind, the farthest first.
+
+    Parameters
+    ----------
+    left : array (N, m)
+        Rows of each when predicted from the other poses [m, rad].
+    """
+    last = np.ascontiguousarray(np.nan_to_num(left).T)
+    white = linear.view.posture_first(linear.model.whiten_last(last, linear.view))
+    # rᵀ(I - H)⁻¹r: a pose that the fit hangs on is not suspected for what it alone tells
+    size = np.sqrt(np.maximum(np.sum(white * linear.white_rows, axis=1), 0.0))
+    kinds = linear.view.setup.kind
+    for k in np.unique(kinds):
+        middle = float(np.median(size[kinds == k]))
+        size[kinds == k] /= middle if middle > 0 else np.inf
+    order = np.argsort(-size)
+    return np.asarray(order[size[order] > STANDS_OUT])
+
+
+def _unseen(linear: Linearisation, x: FloatArray) -> list[str]:
+    notes = []
+    share = unseen_scale(linear, x)
+    if share > UNSEEN_SCALE:
+        how = f"standard deviation {share * 1e3:.3g} mm per m" if share < 1.0 else "not at all"
+        notes.append(
+            f"the scale of arm and set-up together is not seen by these measurements ({how} "
+            "without the priors): a known length, such as the distance of two targets, would show "
+            "it"
+        )
+    return notes
+
+
+MODEL_DOUBT = 0.01
+"""Probability of residuals as large as those found below which the noise does not explain them."""
+
+HARDLY = 0.05
+"""The same below which it hardly does."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseTest:
+    """Residuals against the noise."""
+
+    squares: FloatArray  # (K,): sum of the squared residuals of each kind over their noise
+    redundancy: FloatArray
+    """(K,): how many of the equations of each kind are free to show noise: the others are used up
+    by the parameters. What is known besides uses up none."""
+
+    @cached_property
+    def chi2(self) -> float:
+        """Of all kinds."""
+        return float(self.squares.sum())
+
+    @cached_property
+    def freedom(self) -> int:
+        """Equations left over, of all kinds."""
+        return round(float(self.redundancy.sum()))
+
+    @cached_property
+    def scale(self) -> float:
+        """Residuals over noise, of all kinds; NaN where no equation is left over."""
+        return float(np.sqrt(self.chi2 / self.freedom)) if self.freedom > 0 else float("nan")
+
+    @cached_property
+    def chance(self) -> float:
+        """Probability of residuals as large by the noise alone."""
+        if self.freedom <= 0:
+            return 1.0
+        return float(chi2_tail(self.chi2, self.redundancy.sum()))
+
+    @cached_property
+    def scales(self) -> FloatArray:
+        """Residuals over noise of each kind ``(K,)``; 1 where nothing can be said."""
+        free = np.maximum(self.redundancy, 1e-9)
+        return np.where(self.redundancy > 1.0, np.sqrt(self.squares / free), 1.0)
+
+    @cached_property
+    def found(self) -> FloatArray:
+        """What the noise of each kind ``(K,)`` has to be multiplied by: that of doubted ones."""
+        out = np.ones(len(self.squares))
+        out[self.doubted] = self.scales[self.doubted]
+        return out
+
+    @cached_property
+    def doubted(self) -> list[int]:
+        """Kinds whose residuals are larger than their noise explains."""
+        tested = np.flatnonzero(self.redundancy > 1.0).tolist()
+        chances = chi2_tail(self.squares, np.maximum(self.redundancy, 1.0))
+        found = [k for k in tested if chances[k] < MODEL_DOUBT]
+        if self.chance < MODEL_DOUBT and not found:  # a little in each of several kinds
+            return tested
+        return found
+
+
+def noise_test(linear: Linearisation, x: FloatArray) -> NoiseTest:
+    """Test the residuals of a fit to one set, weighted or not, at its solution ``(p,)``.
+
+    After an unweighted fit the residuals are larger than those of the weighted one, by what it
+    gives away, and would not have the distribution of chi²: what the parameters could still
+    explain is taken out.
+    """
+    rows, J = linear.stacked(x)
+    used = np.zeros(len(rows))
+    if J.shape[1]:
+        Q = orthonormal(J)
+        rows = rows - Q @ (Q.T @ rows)
+        used = np.sum(Q**2, axis=1)
+    count, m = linear.white_rows.shape
+    left = rows[: count * m].reshape(count, m)
+    free = 1.0 - used[: count * m].reshape(count, m)
+    if linear.view.setup.seen is not None:
+        free = free * linear.view.setup.seen
+    kinds = linear.view.setup.kind
+    squares, redundancy = [], []
+    for k, kind in enumerate(linear.model.measurements):
+        own = kinds == k
+        squares.append(float(np.sum(left[own, : kind.rows] ** 2)))
+        redundancy.append(float(np.sum(free[own, : kind.rows])))
+    return NoiseTest(np.array(squares), np.array(redundancy))

@@ -213,7 +213,7 @@ def _judged(
 ) -> Judged:
     data = table.data
     T = _tool_frames(cell, table, arm)
-    kinds = np.array(table.kinds, dtype=object)[data.setup.kind]
+    kinds = table.kind_of_each
     pose = data.pose
     errors, left = np.zeros((data.count, 3)), np.zeros((data.count, 3))
     turns: FloatArray | None = None

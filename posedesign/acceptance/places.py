@@ -27,7 +27,7 @@ from posedesign.acceptance.sampling import chance_to_pass, places_needed, spread
 from posedesign.candidates import box_of_cell, candidates_of
 from posedesign.candidates.postures import even_points
 from posedesign.cell import Cell, TaskBox, cone_rotations_at
-from posedesign.cell.measuring import noise_of_kind
+from posedesign.cell.models import noise_of_kind
 from posedesign.cell.observations import place_of, target_named
 from posedesign.constraints import nearest_postures
 from posedesign.identification.file import IdentifiedModel

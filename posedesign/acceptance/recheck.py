@@ -20,7 +20,7 @@ from calib.se3 import FloatArray
 from posedesign.acceptance.drift import Cause, Pool, Recheck, Whitened, choose, judge_change, whiten
 from posedesign.candidates import CandidatePoses, away_from_singularities, candidates_of
 from posedesign.cell import Cell
-from posedesign.cell.measuring import noise_of_kind
+from posedesign.cell.models import noise_of_kind
 from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.file import IdentifiedModel, Noise
 from posedesign.identification.models import model_of

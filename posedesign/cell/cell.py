@@ -23,25 +23,25 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.file import parse_text, read_config
-from posedesign.cell.measuring import (
+from posedesign.cell.models import (
     board_view,
     camera_pose,
     free_tool_axes,
     hand_eye_model,
+    measuring_model,
     noise_of_kind,
     touching_model,
+    true_set_up,
     truth_of,
 )
 from posedesign.cell.observations import (
     Observation,
     mark_named,
     mark_sight,
-    measuring_model,
     observations_of,
     place_of,
     setup_of,
     touched_by_tool,
-    true_set_up,
     which_observations,
 )
 from posedesign.cell.schema import BasePoseSection, CellConfig, RobotSection

@@ -15,28 +15,17 @@ import numpy as np
 from calib.errors import InputError, near_names
 from calib.geometry import Scene
 from calib.model import CalibrationModel, Setup
-from calib.model.measurements import KINDS, Measurement
-from calib.model.parameters import (
-    ParameterBlock,
-    TargetFrame,
-    TargetPlane,
-    TargetPoints,
-    ToolFrame,
-    ToolPoint,
-    ToolPoints,
-)
+from calib.model.measurements import KINDS
 from calib.se3 import FloatArray, IntArray, rotation_from_wpr, transform
-from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.data import CellData
-from posedesign.cell.measuring import noise_of_kind
 from posedesign.cell.schema import CellConfig
 from posedesign.cell.schema_sections import TargetSection
 from posedesign.constraints.checker import Situation
 from posedesign.constraints.mark_sight import Mark, MarkSight
 from posedesign.files.measurements import OWN_PAYLOAD, TOOL
 
-_FRAMES = ("point", "pose", "camera-pose")
-_POSES = ("pose", "camera-pose")
+POSES = ("pose", "camera-pose")
+"""Kinds that turn with the tool: it is a frame."""
 _FARTHEST_MM = 50_000.0
 """Range of an instrument that the cell says nothing of: that of laser trackers."""
 
@@ -76,7 +65,7 @@ def observations_of(config: CellConfig) -> tuple[Observation, ...]:
         for target in config.targets:
             kind = kind_of(config, target)
             together = [marks] if kind == "point" else [(mark,) for mark in marks]
-            if kind in _POSES:
+            if kind in POSES:
                 together = [(TOOL,)]
             found += [Observation(kind, tools, target.name, payload) for tools in together]
     return tuple(found)
@@ -153,48 +142,6 @@ def miss_m(cell: CellData, seen: Observation, postures: FloatArray) -> FloatArra
     return np.asarray(np.linalg.norm(off, axis=1))
 
 
-def set_up_blocks(
-    cell: CellData,
-    tools: Sequence[tuple[str, set[str]]],
-    targets: Sequence[tuple[str, set[str], FloatArray]],
-) -> list[ParameterBlock]:
-    """Blocks that place tools and targets, in the order given.
-
-    ``tools``: label, and the kinds that it is measured by. ``targets``: the same, and where the
-    nominal tool points were ``(N, 3)`` [m] when it was measured: the first guess of what the cell
-    does not place.
-    """
-    blocks: list[ParameterBlock] = []
-    for label, met in tools:
-        point = mark_named(cell, label).point_m
-        if met & set(_POSES):
-            blocks.append(ToolFrame(transform(np.eye(3), point), label))
-        else:
-            blocks.append(ToolPoints([point], [label], _tool_axes(cell, label, met)))
-    return blocks + [_target(cell, *target) for target in targets]
-
-
-def _tool_axes(cell: CellData, label: str, met: set[str]) -> str:
-    """Axes along which a tool point can be seen: not along a view line."""
-    asked = cell.config.parameters.tool_axes
-    if label == TOOL and asked is not None:
-        return asked
-    return "xy" if met == {"view-line"} else "xyz"
-
-
-def _target(cell: CellData, label: str, met: set[str], points: FloatArray) -> ParameterBlock:
-    known = target_named(cell.config, label)
-    if met & set(_FRAMES):
-        return TargetFrame(np.eye(4) if known is None else instrument_frame(cell, known), label)
-    if met == {"plane"}:
-        if known is not None:
-            return TargetPlane(place_of(cell, known), normal_of(known), label)
-        middle = points.mean(axis=0)
-        normal = np.linalg.svd(points - middle)[2][-1]
-        return TargetPlane(middle, normal if normal[2] >= 0 else -normal, label)
-    return TargetPoints([points.mean(axis=0) if known is None else place_of(cell, known)], [label])
-
-
 def normal_of(target: TargetSection) -> FloatArray:
     """Direction ``(3,)`` out of a plane, in base axes; upwards where nothing is said."""
     return np.array([0.0, 0.0, 1.0] if target.normal is None else target.normal)
@@ -203,34 +150,6 @@ def normal_of(target: TargetSection) -> FloatArray:
 def instrument_frame(cell: CellData, target: TargetSection) -> FloatArray:
     """Pose ``(4, 4)`` of the frame that an instrument reads in, in the base frame."""
     return transform(rotation_from_wpr(np.deg2rad(target.wpr_deg)), place_of(cell, target))
-
-
-def measuring_model(cell: CellData, observations: Sequence[Observation]) -> CalibrationModel:
-    """Model of what the cell plans for: the arm's errors, tools and targets of observations."""
-    words = cell.config.parameters.planned
-    arm = robot_blocks(cell, words)
-    return CalibrationModel(
-        cell.robot, [*arm, *_set_up(cell, observations)], _kinds(cell, observations)
-    )
-
-
-def _kinds(cell: CellData, observations: Sequence[Observation]) -> list[Measurement]:
-    return [noise_of_kind(cell, kind) for kind in dict.fromkeys(o.kind for o in observations)]
-
-
-def _set_up(cell: CellData, observations: Sequence[Observation]) -> list[ParameterBlock]:
-    """Tools and targets; a tool point that is not measured itself is first, and not free."""
-    tools: dict[str, set[str]] = {}
-    targets: dict[str, set[str]] = {}
-    for seen in observations:
-        targets.setdefault(seen.target, set()).add(seen.kind)
-        for label in seen.tools:
-            tools.setdefault(label, set()).add(seen.kind)
-    nowhere = np.zeros((1, 3))  # all are of the cell: none is guessed from points
-    blocks = set_up_blocks(
-        cell, list(tools.items()), [(label, met, nowhere) for label, met in targets.items()]
-    )
-    return blocks if TOOL in tools else [ToolPoint(cell.tool_m, free=""), *blocks]
 
 
 def setup_of(
@@ -321,31 +240,3 @@ def _undecided(
         hint="name them in the columns target, tool and payload, as plan writes them",
         name="target",
     )
-
-
-def true_set_up(
-    cell: CellData, observations: Sequence[Observation]
-) -> tuple[list[ParameterBlock], list[FloatArray], list[Measurement]]:
-    """Tools and targets as they are in the simulated cell: blocks, their values, and the kinds.
-
-    All are off by the errors of ``[truth]``.
-    """
-    truth = cell.config.truth
-    blocks = _set_up(cell, observations)
-    values = []
-    for block in blocks:
-        value = block.nominal.copy()
-        if isinstance(block, (ToolFrame, TargetFrame, TargetPlane)):
-            error = truth.tool_error_mm if block.tools else truth.target_error_mm
-            turned = (0.0, 0.0, 0.0) if block.tools else truth.target_turn_deg
-            off = transform(rotation_from_wpr(np.deg2rad(turned)), np.zeros(3))
-            T = block.T_nominal[0] @ off
-            T[:3, 3] += np.array(error) / 1e3
-            if isinstance(block, TargetPlane):
-                value[0] = float(np.array(error) / 1e3 @ block.T_nominal[0, :3, 2])
-            else:
-                value = block.values_at(T, 0, value)
-        elif value.size == 3:
-            value += np.array(truth.tool_error_mm if block.tools else truth.target_error_mm) / 1e3
-        values.append(value)
-    return blocks, values, _kinds(cell, observations)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, model_validator
 
-from calib.identification.noise import Loss
+from calib.identification.result import Loss
 from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE
 
 

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import Workplace, predict_accuracy, tool_motion
+from calib.identification import predict_accuracy, tool_motion
 from calib.identification.prediction import reference_frame
 from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, transform
 from calib.shown import Shown
 from posedesign.cell.cell import Cell
-from posedesign.constraints import Checker, Postures, nearest_postures
-from posedesign.files.measurements import MeasurementTable
+from posedesign.constraints import Postures, nearest_postures
 
 MOST_POINTS = 20_000
 LARGEST_MM = 1e6
@@ -232,50 +231,3 @@ def reached_points(cell: Cell, box: TaskBox) -> Postures:
             name="task_box",
         )
     return found
-
-
-WORK_POSTURES = 60
-"""Postures that an identified arm is judged at: twice as many change the expected error by some
-three per cent."""
-
-_TRIED = 10
-"""Points drawn for each of them: of the box about joints that turned everywhere most are beyond
-reach."""
-
-
-def workplace(cell: Cell, table: MeasurementTable, box: TaskBox | None) -> Workplace:
-    """Postures over the volume that an arm will work in, its tool turned as it was measured.
-
-    Points are drawn in the box, or where there is none in the one about all that was measured and a
-    little beyond; each is reached with the tool turned as at a measurement, by the posture inside
-    the limits that is nearest to the middle of all. Where hardly any can be reached, half-way
-    postures between pairs of measurements take their place.
-    """
-    data, robot = table.data, cell.robot
-    rng = np.random.default_rng(0)
-    state = robot.state(data.postures)
-    words = "the task box"
-    if box is None:
-        points = state.point(cell.tool_m)
-        beyond = BOX_OF_REACH * robot.chain.reach_m
-        box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
-        words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
-    middle = np.median(data.postures, axis=0)
-    near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
-    checker = Checker(robot, (), cell.margin)
-    q, like = np.empty((0, robot.n)), np.empty(0, dtype=np.intp)
-    for _ in range(_TRIED):
-        row = rng.integers(data.count, size=WORK_POSTURES)
-        at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
-        R = state.R_base_tip[row]
-        found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
-        q = np.concatenate([q, found.q[found.feasible]])[:WORK_POSTURES]
-        like = np.concatenate([like, row[found.feasible]])[:WORK_POSTURES]
-        if 2 * len(q) >= WORK_POSTURES:
-            break
-    else:
-        like, other = rng.integers(data.count, size=(2, WORK_POSTURES))
-        q = (data.postures[like] + data.postures[other]) / 2.0
-        words = "half-way between measurements"
-    setup = Setup.of(len(q), tool=data.setup.tool[like], payload=data.setup.payload[like])
-    return Workplace(q, setup, words)

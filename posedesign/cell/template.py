@@ -15,7 +15,7 @@ from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import makers_like, presets_like, unshaped_links
 from calib.se3 import FloatArray
 from posedesign.cell.cell import usual_offset_joints
-from posedesign.cell.measuring import usual_offsets
+from posedesign.cell.models import usual_offsets
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 from posedesign.cell.schema import Mount
 

@@ -135,7 +135,7 @@ def identify(
         note(rehearsed)
         show_file(file.read_text(encoding="utf-8"))
     else:
-        beside = ("joined.csv", "residuals.csv") if identified.measured else ()
+        beside = ("joined.csv", "residuals.csv") if identified.table.facts else ()
         named = (file, file.with_suffix(".png"), *(out / name for name in beside))
         files = [str(path) for path in named if path.is_file()]
         then = command_line("correct", cell, file, "--out", out) if good else ""

@@ -342,6 +342,12 @@ def a_few(names: Sequence[str], what: str = "") -> str:
     return shown + (f" and {more} more {what}".rstrip() if more > 0 else "")
 
 
+def summed_up(lines: Sequence[str], what: str) -> list[str]:
+    """A few lines, and in another one how many more there are of what."""
+    more = len(lines) - MOST_LISTED
+    return [*lines[:MOST_LISTED], *([f"and {more} more {what}"] if more > 0 else [])]
+
+
 def first_like(keys: Iterable[Hashable]) -> list[int]:
     """Where each of the keys stands first: itself, or what it repeats."""
     first: dict[Hashable, int] = {}

@@ -29,6 +29,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import FileFormatError, InputError, near_names
 from calib.model import Setup
@@ -91,6 +92,13 @@ class MeasurementTable:
     notes: tuple[str, ...] = ()  # what is odd in it
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """By name of the column, the cells of columns that posedesign does not know."""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    """What the file of an instrument has, in words by what it is about."""
+
+    @property
+    def kind_of_each(self) -> NDArray[np.object_]:
+        """Name of the kind of each measurement, ``(N,)``."""
+        return np.array(self.kinds, dtype=object)[self.data.setup.kind]
 
     def of_kind(self, *names: str) -> IntArray:
         """Rows of the data that are of these kinds."""

@@ -36,8 +36,8 @@ from calib.robots import (
 from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
-from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cell.data import CameraFound
+from posedesign.cell.models import robot_blocks
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.pictures import read_grey

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,22 +19,19 @@ from calib.identification import (
     compare,
     fit_reference,
 )
-from calib.identification.diagnosis import Finding
-from calib.identification.noise import WEIGHED_DOWN
-from calib.identification.report import ANOTHER_ROBOT_M
+from calib.identification.diagnosis import diagnose
+from calib.identification.held import Finding
+from calib.identification.robust import WEIGHED_DOWN
+from calib.identification.solver import ANOTHER_ROBOT_M
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
-from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
-from posedesign.cell.task_box import workplace
-from posedesign.files.csv_tables import MOST_LISTED, a_few, first_like
+from posedesign.files.csv_tables import MOST_LISTED
 from posedesign.files.measurements import MeasurementTable
-from posedesign.identification.findings import diagnose_table, in_words, is_gross, is_of_the_model
-from posedesign.identification.measurement_set_up import nominal_distances, seen_once
-from posedesign.identification.models import OFFSETS, candidates, held_only, left_out, reference
-
-_PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
-"""Names that plans give to poses."""
+from posedesign.identification.checks import oddities
+from posedesign.identification.findings import in_words
+from posedesign.identification.instruments import goes_with_temperature
+from posedesign.identification.models import OFFSETS, Models, left_out
 
 BELIEVABLE: dict[Unit, float] = {
     "m": ANOTHER_ROBOT_M,
@@ -51,9 +47,6 @@ a metre off."""
 FAR_M, FAR_FITTED_M = 0.1, 0.01
 """Distances of the nominal tool point from its target, as described and with tool and targets
 placed, that say where to look when nothing can be identified: most likely it is another arm."""
-
-PLANNED_M = 1e-7
-"""Distance of the nominal tool point from its target that no measured arm comes down to."""
 
 BEYOND_PRIOR = 4.0
 """Standard deviations known beforehand beyond which a parameter, or a distance, contradicts them:
@@ -82,23 +75,35 @@ class Identified:
 
     comparison: Comparison
     table: MeasurementTable
-    warnings: tuple[str, ...]
+    nominal_m: FloatArray
+    """(N,): distance at each measurement with everything as described [m]; NaN where the set-up is
+    not."""
     findings: tuple[Finding, ...] = ()  # what explains the residuals by name, the likeliest first
-    contradictions: tuple[Contradiction, ...] = ()
-    """What the recommended model says against what is known of such arms."""
-    workplace: str = ""
-    """Where the errors of the models are expected, in words; empty where they are not."""
     held_only: tuple[str, ...] = ()
     """Models that were not tried, since nothing measured sees the scale of their links."""
-    probabilities: dict[str, float] = field(default_factory=dict)
-    """Of errors that the arm may have, as models with priors: what the others were judged by."""
-    measured: dict[str, str] = field(default_factory=dict)
-    """What the file of an instrument has, in words by what it is about."""
+    judge: Reference | None = None
+    """An arm with everything that it may be off by, which the models were judged by."""
+    warnings: tuple[str, ...] = ()
 
     @property
     def nominal_rms_m(self) -> float:
         """Root mean square distance with everything as described [m]; NaN where that says none."""
-        return _rms(self.comparison.nominal_m)
+        return _rms(self.nominal_m)
+
+    @property
+    def workplace(self) -> str:
+        """Where the errors of the models are expected, in words; empty where they are not."""
+        return "" if self.judge is None else self.judge.arms.workplace.words
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Of errors that the arm may have, as models with priors: what others were judged by."""
+        return {} if self.judge is None else self.judge.probabilities
+
+    @cached_property
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """What the recommended model says against what is known of such arms."""
+        return () if self.judge is None else tuple(_contradictions(self.judge, *self.shown))
 
     @property
     def best(self) -> IdentificationResult:
@@ -116,14 +121,14 @@ class Identified:
         tested = [pair for pair in found if pair[1].degrees_of_freedom > 0]
         return (named or tested[1:2] or found[:1])[0]
 
-    @property
+    @cached_property
     def is_of_this_robot(self) -> bool:
         """Whether what explains the measurements best is an arm as described, but for its errors.
 
         Where no model is recommended, whether any is that. Not where all rows suffer from the same
         mistake.
         """
-        if is_gross(self.findings) or self.priors_contradict:
+        if any(finding.is_gross for finding in self.findings) or self.priors_contradict:
             return False
         if self.comparison.recommended is not None:
             return is_believable(self.best)
@@ -138,6 +143,16 @@ class Identified:
         """
         beyond = any(each.kind == "arm" for each in self.contradictions)
         return beyond and self.best.rms_m > LEFT_OVER_M
+
+    @property
+    def recommended(self) -> str | None:
+        """Name of the model to take; None where there is none, or these are of another robot."""
+        return self.comparison.recommended if self.is_of_this_robot else None
+
+    @property
+    def reason(self) -> str:
+        """Why it is that one, in a sentence; or why these are measurements of another robot."""
+        return self.comparison.reason if self.is_of_this_robot else _why_another(self)
 
 
 def is_believable(result: IdentificationResult) -> bool:
@@ -165,64 +180,63 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     baseline or where all else is refused; measurements that contradict each other, with no mistake
     that explains it.
     """
-    section = cell.config.parameters
+    models, section = Models(cell, table), cell.config.parameters
+    weighted = cell.config.measurement.weighted
     # otherwise the fit is to be the paper's
-    judged = section.method == "gauss-newton" and cell.config.measurement.weighted
-    judge = _reference(cell, table) if judged else None
-    kinds = None if judge is None else judge.fitted.model.measurements
-    robust = judge is not None and judge.loss in WEIGHED_DOWN
-    held = tuple(held_only(cell, table))
-    tried = candidates(cell, table, kinds, without=held, own_noise=robust)
+    judged = section.method == "gauss-newton" and weighted
+    judge = _judge(models) if judged else None
+    loss = judge.loss if judge is not None else section.loss_given or "least-squares"
+    tried = models.candidates(
+        None if judge is None else judge.fitted.model.measurements,
+        own_noise=judge is not None and loss in WEIGHED_DOWN,
+    )
     # before the baseline, which has fewer parameters and would be refused for another reason
     for candidate in reversed(tried):
         if not candidate.notes:  # a reduced one has as many as there are equations for
             check_enough(candidate.model, table.data)
-    nominal = nominal_distances(cell, table)
+    nominal_m = models.nominal_m()
     try:
         comparison = compare(
             tried,
             table.data,
-            nominal_m=nominal,
-            weighted=cell.config.measurement.weighted,
+            weighted=weighted,
             method=section.method,
-            loss=judge.loss if judge is not None else section.loss_given or "least-squares",
+            loss=loss,
             reference=judge,
         )
         _refuse_if_asked_for(cell, comparison)
         if judge is None and judged:
             comparison = _unexplained(comparison)
     except CalibError as error:
-        far = _rms(nominal)
+        far = _rms(nominal_m)
         if far > FAR_M:
             error.hint = _another(far, "as described")
-        mistakes = [f for f in diagnose_table(cell, table) if not is_of_the_model(f)]
+        mistakes = [f for f in diagnose(models.of_arm(), table.data) if not f.is_of_the_model]
         if mistakes:  # the likeliest first
             error.hint = in_words(mistakes[0], table)
         raise
-    said = [*table.notes, *missing_poses(table.data.names)]
-    if _rms(nominal) < PLANNED_M:
-        said.append(
-            "the tool point of the arm as described is exactly on its target: these postures were "
-            "planned, not measured"
-        )
-    once = seen_once(table.data)
-    if once:
-        said.append(
-            f"measured once, which says nothing but where they are: {a_few(once, 'targets')}"
-        )
-    said += left_out(cell)
-    findings = diagnose_table(cell, table)
-    if judge is None:
-        return Identified(comparison, table, tuple(said), findings, held_only=held)
-    if all(map(is_of_the_model, findings)):  # otherwise that is what the residuals show
-        said += noise_found(judge)
-    words = judge.arms.workplace.words
-    found = Identified(
-        comparison, table, tuple(said), findings, (), words, held, judge.probabilities
-    )
-    found = replace(found, contradictions=tuple(contradictions(judge, found)))
-    _refuse_unexplained(judge, found)
-    return found
+    findings = diagnose(models.of_arm(), table.data)
+    found = Identified(comparison, table, nominal_m, findings, models.held_only, judge)
+    said = [*table.notes, *oddities(table.data, found.nominal_rms_m), *left_out(cell)]
+    if judge is not None:
+        if all(
+            finding.is_of_the_model for finding in findings
+        ):  # otherwise that is what the residuals show
+            said += noise_found(judge)
+        _refuse_unexplained(judge, found)
+    said += goes_with_temperature(table, found.best.residuals)
+    return replace(found, warnings=tuple(said))
+
+
+def _judge(models: Models) -> Reference | None:
+    """The model that all are judged by; None where it cannot be fitted."""
+    loss = models.cell.config.parameters.loss_given
+    try:
+        at = models.workplace()
+        everything, others = models.reference()
+        return fit_reference(everything, models.table.data, at, others, loss=loss)
+    except CalibError:
+        return None
 
 
 def noise_found(judge: Reference) -> list[str]:
@@ -240,9 +254,10 @@ def noise_found(judge: Reference) -> list[str]:
     return said
 
 
-def contradictions(judge: Reference, identified: Identified) -> list[Contradiction]:
-    """What the recommended model has that cannot be, or that arms of the cell's kind have not."""
-    trial, result = identified.shown
+def _contradictions(
+    judge: Reference, trial: Trial, result: IdentificationResult
+) -> list[Contradiction]:
+    """What a model has that cannot be, or that arms of the cell's kind have not."""
     known = dict(zip(judge.given.names, judge.given.prior, strict=True))
     prior = np.array([known.get(name, np.inf) for name in result.names])
     beyond = np.abs(result.values - result.nominal) / np.hypot(
@@ -282,18 +297,6 @@ def contradictions(judge: Reference, identified: Identified) -> list[Contradicti
     return said
 
 
-def _reference(cell: Cell, table: MeasurementTable) -> Reference | None:
-    """The model that all are judged by; None where it cannot be fitted."""
-    box = None if cell.config.task_box is None else box_of_cell(cell)[0]
-    try:
-        at = workplace(cell, table, box)
-        loss = cell.config.parameters.loss_given
-        everything, others = reference(cell, table)
-        return fit_reference(everything, table.data, at, others, loss=loss)
-    except CalibError:
-        return None
-
-
 def _refuse_unexplained(judge: Reference, identified: Identified) -> None:
     """Raise where an arm with everything that may be off leaves what no arm leaves, unnamed."""
     result = judge.fitted.result
@@ -324,12 +327,6 @@ def _unexplained(comparison: Comparison) -> Comparison:
     return replace(comparison, recommended=None, reason=reason, criterion="")
 
 
-def summed_up(lines: Sequence[str], what: str) -> list[str]:
-    """A few lines, and in another one how many more there are of what."""
-    more = len(lines) - MOST_LISTED
-    return [*lines[:MOST_LISTED], *([f"and {more} more {what}"] if more > 0 else [])]
-
-
 def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
     """Raise what kept a model from being identified that the cell asks for joint by joint.
 
@@ -356,43 +353,10 @@ def _another(far_m: float, when: str) -> str:
     )
 
 
-def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str]]:
-    """The table without rows that repeat another number by number, and what was left out.
-
-    A measurement that was made twice differs in its last digits; a row that was pasted twice does
-    not, and would count double.
-    """
-    data, setup, lines = table.data, table.data.setup, table.lines
-    read = np.zeros((data.count, 0)) if data.observed is None else data.observed
-    of = np.stack([setup.kind, setup.tool, setup.target, setup.payload], axis=1)
-    rows = zip(of.tolist(), data.postures, read, strict=True)
-    first = np.array(first_like((*k, q.tobytes(), r.tobytes()) for k, q, r in rows))
-    kept = first == np.arange(data.count)
-    if kept.all():
-        return table, []
-    again = [f"line {lines[i]} as line {lines[first[i]]}" for i in np.flatnonzero(~kept)]
-    said = f"rows that repeat another number by number are left out: {a_few(again, 'rows')}"
-    return table.some(np.flatnonzero(kept)), [said]
-
-
-def missing_poses(names: Sequence[str]) -> list[str]:
-    """What a numbered plan has between its first and its last pose, and the data have not."""
-    found = [_PLANNED.fullmatch(name) for name in dict.fromkeys(names)]
-    if not names or not all(found):
-        return []
-    numbers = {int(match[1]) for match in found if match}
-    width = min(len(match[1]) for match in found if match)
-    gaps = [k for k in range(1, max(numbers)) if k not in numbers]
-    if not gaps:
-        return []
-    absent = a_few([f"P{k:0{width}d}" for k in gaps], "poses")
-    return [f"of the poses up to P{max(numbers):0{width}d} there are no measurements of {absent}"]
-
-
-def why_another(identified: Identified) -> str:
+def _why_another(identified: Identified) -> str:
     """In a sentence, why these are not measurements of the robot of the cell."""
     for finding in identified.findings:
-        if not is_of_the_model(finding):
+        if not finding.is_of_the_model:
             return in_words(finding, identified.table)
     best = identified.best
     name = beyond_belief(best)

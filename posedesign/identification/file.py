@@ -19,14 +19,14 @@ from calib.model.measurements import Measurements
 from calib.robots import ExternalAxes
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
+from posedesign.cell.models import payloads_of
 from posedesign.files import plain
 from posedesign.files.csv_tables import as_read
 from posedesign.files.json_files import Number, ReadFromFile, Text, read_json
 from posedesign.files.postures import external_as_dict
-from posedesign.identification.comparison import Identified, why_another
+from posedesign.identification.comparison import Identified
 from posedesign.identification.findings import as_dict
-from posedesign.identification.measurement_set_up import frames_of
-from posedesign.identification.models import arm_as_dict, model_of
+from posedesign.identification.models import frames_of, model_of
 
 MOST_PARAMETERS = 1000
 _LONGEST_SHOWN = 60
@@ -168,7 +168,7 @@ def read_identification(
             key="robot",
             hint="give the cell that was identified",
         )
-    for key, value in arm_as_dict(cell).items():  # gives the parameters their meaning
+    for key, value in _arm_as_dict(cell).items():  # gives the parameters their meaning
         if content.arm.get(key, value) != value:
             raise FileFormatError(
                 f"was identified with another {key}",
@@ -270,6 +270,15 @@ def _shown(text: str) -> str:
     return repr(text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "...")
 
 
+def _arm_as_dict(cell: Cell) -> dict[str, Any]:
+    """What of the cell gives parameters their meaning, besides the robot."""
+    return {
+        "lost_motion_nm": cell.config.parameters.lost_motion_nm,
+        "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
+        "link_masses_kg": cell.robot.link_mass.tolist(),
+    }
+
+
 def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
     """The content of ``identification.json``: degrees and millimetres."""
     comparison, data = identified.comparison, identified.table.data
@@ -277,7 +286,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "robot": cell.robot.name,
         "joints": list(cell.robot.joint_names),
         **external_as_dict(cell.robot.external),
-        "arm": arm_as_dict(cell),
+        "arm": _arm_as_dict(cell),
         "measurements": data.count,
         "kinds": list(identified.table.kinds),
         "targets": list(data.targets),
@@ -285,8 +294,8 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "weighted": cell.config.measurement.weighted,
         "loss": cell.config.parameters.loss,
         "nominal_rms_mm": 1e3 * identified.nominal_rms_m,
-        "recommended": comparison.recommended if identified.is_of_this_robot else None,
-        "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
+        "recommended": identified.recommended,
+        "reason": identified.reason,
         "criterion": comparison.criterion,
         "reference": comparison.reference,
         "workplace": identified.workplace,
@@ -294,7 +303,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "not_tried": list(identified.held_only),
         "contradictions": [each.said for each in identified.contradictions],
         "warnings": list(identified.warnings),
-        "measured": identified.measured,
+        "measured": identified.table.facts,
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
     }

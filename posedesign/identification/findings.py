@@ -1,4 +1,4 @@
-"""What went wrong with measurements, by name: :mod:`calib.identification.diagnosis` of a cell."""
+"""What :mod:`calib.identification.diagnosis` finds, in words and for ``identification.json``."""
 
 from __future__ import annotations
 
@@ -7,52 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from calib.identification.diagnosis import GROSS, MODEL, Cause, Finding, diagnose
-from calib.identification.report import UNSEEN_SCALE
-from calib.model import CalibrationModel
-from posedesign.cell import Cell
-from posedesign.cell.arm_errors import PRIORS, robot_blocks
+from calib.identification.held import Cause, Finding
 from posedesign.files.measurements import MeasurementTable
-from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of
 
 _CLEARLY_LESS = 0.8
 """Residual over that as measured, from which its size says what was found."""
 
 _MOST_SHOWN = 99.0
-
-
-def diagnose_table(cell: Cell, table: MeasurementTable) -> tuple[Finding, ...]:
-    """Name what explains the residuals of a table, if anything does; the likeliest first."""
-    return diagnose(model_of_arm(cell, table), table.data)
-
-
-def model_of_arm(cell: Cell, table: MeasurementTable) -> CalibrationModel:
-    """All that may be off in the arm of a cell, held by priors, with the set-up of a table."""
-    words = ["geometry", "harmonics", PRIORS]
-    if cell.robot.link_mass.any():
-        words.append("compliance")
-    return CalibrationModel(
-        cell.robot,
-        [*robot_blocks(cell, words), *set_up_blocks(cell, table)],
-        kinds_of(cell, table.kinds, before_measuring=True),
-    )
-
-
-def is_gross(findings: tuple[Finding, ...]) -> bool:
-    """Whether all rows suffer from what was found: nothing identified with it is of the robot.
-
-    Of a scale, where it is off by more than arms are built: a model would take it for long links.
-    """
-    return any(
-        abs(finding.size) > UNSEEN_SCALE if finding.cause == "scale" else finding.cause in GROSS
-        for finding in findings
-    )
-
-
-def is_of_the_model(finding: Finding) -> bool:
-    """Whether the arm has what its model leaves out; nothing went wrong in measuring then."""
-    return finding.cause in MODEL
 
 
 def in_words(finding: Finding, table: MeasurementTable) -> str:

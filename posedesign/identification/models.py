@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.identification import Candidate, PriorGroup, reduce
-from calib.identification.report import UNSEEN_SCALE, unseen_scale
-from calib.identification.start import first_guess
-from calib.model import CalibrationModel, KnownDistance
+from calib.identification import Candidate, Workplace, reduce
+from calib.identification.evidence import groups_of
+from calib.identification.identifiability import UNSEEN_SCALE, unseen_scale
+from calib.identification.least_squares import first_guess
+from calib.model import CalibrationModel, KnownDistance, Setup
 from calib.model.measurements import KINDS, Measurement
 from calib.model.parameters import (
     BearingCompliance,
+    Frames,
     JointCompliance,
     JointHarmonics,
     JointScale,
@@ -28,13 +31,23 @@ from calib.model.parameters import (
     ToolFrame,
     ZeroOffsets,
 )
+from calib.robots import ChainState
 from calib.se3 import FloatArray, transform
+from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
-from posedesign.cell.arm_errors import PRIORS, WEIGH, has_weight, payloads_of, robot_blocks
-from posedesign.cell.measuring import measured_with
-from posedesign.cell.observations import instrument_frame, target_named
+from posedesign.cell.models import (
+    PRIORS,
+    WEIGH,
+    has_weight,
+    measured_with,
+    payloads_of,
+    robot_blocks,
+    set_up_blocks,
+)
+from posedesign.cell.observations import instrument_frame, place_of, target_named
+from posedesign.cell.task_box import BOX_OF_REACH, TaskBox
+from posedesign.constraints import Checker, nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
-from posedesign.identification.measurement_set_up import set_up_blocks
 
 FRAMES_ONLY = "frames only"
 """The baseline: errors of the set-up are not the robot's."""
@@ -60,13 +73,13 @@ SIZES = 0.05, 2.0
 the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
 the likeliest arm may be one that has shrunk."""
 
-_KINDS = {
-    ("zero_offset", "rad"): "offsets",
-    ("link", "m"): "lengths",
-    ("link", "rad"): "angles",
-    ("lost_motion", "rad"): "lost motion",
-}
-"""What parameters of one size are called in reports, where not by the first word of their name."""
+WORK_POSTURES = 60
+"""Postures that an identified arm is judged at: twice as many change the expected error by some
+three per cent."""
+
+_TRIED = 10
+"""Points drawn for each of them: of the box about joints that turned everywhere most are beyond
+reach."""
 
 _WAVE = re.compile(r"harmonic\..+\.(?:sin|cos)(\d+(?:\.\d+)?)", re.ASCII)
 _TOOL_AXIS = re.compile(r"tool(?:\.(.+))?\.r?[xyz]", re.ASCII)
@@ -101,108 +114,207 @@ def kinds_of(
     return found
 
 
-def arm_as_dict(cell: Cell) -> dict[str, Any]:
-    """What of the cell gives parameters their meaning, besides the robot."""
-    return {
-        "lost_motion_nm": cell.config.parameters.lost_motion_nm,
-        "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
-        "link_masses_kg": cell.robot.link_mass.tolist(),
-    }
+@dataclass(frozen=True, eq=False)
+class Models:
+    """Models of one table of measurements, in the words of a cell."""
 
+    cell: Cell
+    table: MeasurementTable
 
-def candidates(
-    cell: Cell,
-    table: MeasurementTable,
-    kinds: Sequence[Measurement] | None = None,
-    *,
-    without: Sequence[str] = (),
-    own_noise: bool = False,
-    before_measuring: bool = False,
-) -> list[Candidate]:
-    """The baseline and every model that the cell asks for, smallest first.
+    @cached_property
+    def set_up(self) -> list[ParameterBlock]:
+        """Blocks that place the tools and targets of the table, in the order of its labels.
 
-    Models that free what these measurements cannot tell are reduced, and say so; zero offsets
-    that the cell lists by name are not left out in silence: their model is refused.
+        What was measured says what there must be: a touched target or a ball bar's foot is a point,
+        what points and poses are read in is a frame, what a plane contact meets is a plane. Where
+        the cell does not say where they are, the nominal arm does: any guess is good enough for a
+        fit that places the set-up first.
+        """
+        data = self.table.data
+        kinds, points = self.table.kind_of_each, self._nominal.point(self.cell.tool_m)
+        tools = [(name, set(kinds[data.setup.tool == k])) for k, name in enumerate(data.tools)]
+        of_targets = [data.setup.target == k for k in range(len(data.targets))]
+        targets = [
+            (name, set(kinds[own]), points[own])
+            for name, own in zip(data.targets, of_targets, strict=True)
+        ]
+        return set_up_blocks(self.cell, tools, targets)
 
-    ``kinds``: with their noise; by default that of the cell. ``without``: names of models that are
-    not to be tried, such as those of :func:`held_only`. ``own_noise``: where the noise was found,
-    estimate that of models without priors anew, each its own: a robust loss would weigh down most
-    of what a model that leaves much of the arm out misses. ``before_measuring``: see
-    :func:`kinds_of`.
-    """
-    if kinds is None:
-        kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
-    alone = [k.of_unknown_noise() if own_noise and k.found else k for k in kinds]
-    baseline = _model(cell, table, (), alone)
-    found = [Candidate(FRAMES_ONLY, baseline)]
-    sized = cell.config.parameters.tune_priors and not before_measuring
-    for words in asked_for(cell):
-        name = name_of(words)
-        if name in without:
-            continue
-        whole = _model(cell, table, words, kinds if PRIORS in words else alone)
-        if words == ("zero_offsets",):
-            found.append(Candidate(name, whole))
-            continue
-        reduced = reduce(whole, table.data)
-        if reduced.model.p > baseline.p:  # something of the arm is left
-            groups = size_groups(reduced.model) if PRIORS in words and sized else ()
-            found.append(Candidate(name, reduced.model, reduced.merged, groups))
-    return sorted(found, key=lambda candidate: candidate.model.p)
+    @cached_property
+    def _nominal(self) -> ChainState:
+        """The arm as described at all measurements."""
+        return self.cell.robot.state(self.table.data.postures)
 
+    @cached_property
+    def distances(self) -> list[KnownDistance]:
+        """Distances between targets that the cell knows.
 
-def reference(cell: Cell, table: MeasurementTable) -> tuple[Candidate, list[Candidate]]:
-    """Everything that may be off on an arm, or that the cell asks for, held by priors.
+        Raises InputError: one of a target that was not measured.
+        """
+        targets = self.table.data.targets
+        for section in self.cell.config.known_distance:
+            for name in section.targets:
+                if name not in targets:
+                    raise InputError(
+                        f"a distance to the target {name!r} is known, and it was not measured",
+                        hint=f"in the cell's [[known_distance]], {near_names(name, targets)}",
+                        name="known_distance",
+                    )
+        return [
+            KnownDistance(*known.targets, known.length_mm / 1e3, known.three_sigma_mm / 3e3)
+            for known in self.cell.config.known_distance
+        ]
 
-    Nothing is left out of it: priors hold what the measurements do not tell. And its alternatives:
-    arms that have not all of it.
-    """
-    asked = {word for words in cell.config.parameters.models for word in words}
-    every = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
-    if not has_weight(cell):
-        every = tuple(word for word in every if word not in WEIGH)
-    kinds = kinds_of(cell, table.kinds)
+    def of(self, words: Sequence[str], kinds: Sequence[Measurement]) -> CalibrationModel:
+        """The model that frees what words say, besides the set-up."""
+        blocks = [*robot_blocks(self.cell, words), *self.set_up]
+        return CalibrationModel(self.cell.robot, blocks, kinds, self.distances)
 
-    def without(absent: Sequence[str]) -> Candidate:
-        words = tuple(word for word in every if word not in absent)
-        if "geometry" in absent:
-            words = ("zero_offsets", *words)
-        model = _model(cell, table, words, kinds)
-        return Candidate(name_of(words) if absent else EVERYTHING, model, (), size_groups(model))
+    @cached_property
+    def held_only(self) -> tuple[str, ...]:
+        """Names of models that the cell asks for, and that need priors: nothing sees the scale.
 
-    absences = dict.fromkeys(tuple(w for w in absent if w in every) for absent in _ABSENT)
-    return without(()), [without(absent) for absent in absences if absent]
+        Models are asked before they are reduced: a link that is left out of one would hold the
+        scale, and a short one holds it badly.
+        """
+        kinds, data, found = kinds_of(self.cell, self.table.kinds), self.table.data, []
+        for words in asked_for(self.cell):
+            if "geometry" in words and PRIORS not in words:
+                whole = self.of(words, kinds)
+                x = first_guess(whole, data)
+                if unseen_scale(whole.linearise_at(data, x), x) > UNSEEN_SCALE:
+                    found.append(name_of(words))
+        return tuple(found)
 
+    def candidates(
+        self,
+        kinds: Sequence[Measurement] | None = None,
+        *,
+        own_noise: bool = False,
+        before_measuring: bool = False,
+    ) -> list[Candidate]:
+        """The baseline and every model that the cell asks for, smallest first.
 
-def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:
-    """Parameters with a prior that are of one kind, to be found how large they are."""
-    members: dict[tuple[str, str], list[int]] = {}
-    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
-        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
-    return tuple(
-        PriorGroup(
-            _KINDS.get(kind, kind[0]),
-            tuple(model.names[k] for k in own),
-            SIZES[0] * usual,
-            SIZES[1] * usual,
-            usual,
-        )
-        for kind, own in members.items()
-        for usual in [float(np.sqrt(np.mean(model.prior[own] ** 2)))]
-    )
+        Models that free what these measurements cannot tell are reduced, and say so; zero offsets
+        that the cell lists by name are not left out in silence: their model is refused. Without
+        those of :attr:`held_only`.
+
+        ``kinds``: with their noise; by default that of the cell. ``own_noise``: where the noise was
+        found, estimate that of models without priors anew, each its own: a robust loss would weigh
+        down most of what a model that leaves much of the arm out misses. ``before_measuring``: all
+        of them, with the noise and the priors that the cell gives.
+        """
+        cell, data = self.cell, self.table.data
+        if kinds is None:
+            kinds = kinds_of(cell, self.table.kinds, before_measuring=before_measuring)
+        alone = [k.of_unknown_noise() if own_noise and k.found else k for k in kinds]
+        baseline = self.of((), alone)
+        found = [Candidate(FRAMES_ONLY, baseline)]
+        sized = cell.config.parameters.tune_priors and not before_measuring
+        for words in asked_for(cell):
+            name = name_of(words)
+            if not before_measuring and name in self.held_only:
+                continue
+            whole = self.of(words, kinds if PRIORS in words else alone)
+            if words == ("zero_offsets",):
+                found.append(Candidate(name, whole))
+                continue
+            reduced = reduce(whole, data)
+            if reduced.model.p > baseline.p:  # something of the arm is left
+                groups = groups_of(reduced.model, *SIZES, usual=True) if sized else ()
+                found.append(Candidate(name, reduced.model, reduced.merged, groups))
+        return sorted(found, key=lambda candidate: candidate.model.p)
+
+    def reference(self) -> tuple[Candidate, list[Candidate]]:
+        """Everything that may be off on an arm, or that the cell asks for, held by priors.
+
+        Nothing is left out of it: priors hold what the measurements do not tell. And its
+        alternatives: arms that have not all of it.
+        """
+        asked = {word for words in self.cell.config.parameters.models for word in words}
+        every = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
+        if not has_weight(self.cell):
+            every = tuple(word for word in every if word not in WEIGH)
+        kinds = kinds_of(self.cell, self.table.kinds)
+
+        def without(absent: Sequence[str]) -> Candidate:
+            words = tuple(word for word in every if word not in absent)
+            if "geometry" in absent:
+                words = ("zero_offsets", *words)
+            name, model = name_of(words) if absent else EVERYTHING, self.of(words, kinds)
+            return Candidate(name, model, (), groups_of(model, *SIZES, usual=True))
+
+        absences = dict.fromkeys(tuple(w for w in absent if w in every) for absent in _ABSENT)
+        return without(()), [without(absent) for absent in absences if absent]
+
+    def of_arm(self) -> CalibrationModel:
+        """All that may be off in the arm, held by priors: what mistakes are told apart from."""
+        words = ["geometry", "harmonics", PRIORS]
+        if has_weight(self.cell):
+            words.append("compliance")
+        kinds = kinds_of(self.cell, self.table.kinds, before_measuring=True)
+        blocks = [*robot_blocks(self.cell, words), *self.set_up]
+        return CalibrationModel(self.cell.robot, blocks, kinds)
+
+    def nominal_m(self) -> FloatArray:
+        """How far the tool point is off with arm and set-up as the cell has them, ``(N,)`` [m].
+
+        Touched targets that the cell does not place stand where the nominal arm sees them on
+        average. NaN for what an instrument has read: where that stands the cell does not say.
+        """
+        data, kinds = self.table.data, self.table.kind_of_each
+        points = self._nominal.point(self.cell.tool_m)
+        out = np.full(data.count, np.nan)
+        for k, label in enumerate(data.targets):
+            own = (data.setup.target == k) & np.isin(kinds, ("touch-up", "view-line"))
+            if own.any():
+                known = target_named(self.cell.config, label)
+                place = points[own].mean(axis=0) if known is None else place_of(self.cell, known)
+                out[own] = np.linalg.norm(points[own] - place, axis=1)
+        return out
+
+    def workplace(self) -> Workplace:
+        """Postures over the volume that the arm will work in, its tool turned as it was measured.
+
+        Points are drawn in the task box of the cell, or where there is none in the one about all
+        that was measured and a little beyond; each is reached with the tool turned as at a
+        measurement, by the posture inside the limits that is nearest to the middle of all. Where
+        hardly any can be reached, half-way postures between pairs of measurements take their place.
+        """
+        cell, data, robot = self.cell, self.table.data, self.cell.robot
+        rng = np.random.default_rng(0)
+        if cell.config.task_box is not None:
+            box, words = box_of_cell(cell)[0], "the task box"
+        else:
+            points = self._nominal.point(cell.tool_m)
+            beyond = BOX_OF_REACH * robot.chain.reach_m
+            box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
+            words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
+        middle = np.median(data.postures, axis=0)
+        near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
+        checker = Checker(robot, (), cell.margin)
+        q, like = np.empty((0, robot.n)), np.empty(0, dtype=np.intp)
+        for _ in range(_TRIED):
+            row = rng.integers(data.count, size=WORK_POSTURES)
+            at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
+            R = self._nominal.R_base_tip[row]
+            found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
+            q = np.concatenate([q, found.q[found.feasible]])[:WORK_POSTURES]
+            like = np.concatenate([like, row[found.feasible]])[:WORK_POSTURES]
+            if 2 * len(q) >= WORK_POSTURES:
+                break
+        else:
+            like, other = rng.integers(data.count, size=(2, WORK_POSTURES))
+            q = (data.postures[like] + data.postures[other]) / 2.0
+            words = "half-way between measurements"
+        setup = Setup.of(len(q), tool=data.setup.tool[like], payload=data.setup.payload[like])
+        return Workplace(q, setup, words)
 
 
 def asked_for(cell: Cell) -> list[tuple[str, ...]]:
     """Models that the cell asks for and can have, in its words."""
     asked = cell.config.parameters.models
     return [words for words in asked if has_weight(cell) or not set(words) & set(WEIGH)]
-
-
-def _model(
-    cell: Cell, table: MeasurementTable, words: Sequence[str], kinds: Sequence[Measurement]
-) -> CalibrationModel:
-    blocks = [*robot_blocks(cell, words), *set_up_blocks(cell, table)]
-    return CalibrationModel(cell.robot, blocks, kinds, _distances(cell, table))
 
 
 def left_out(cell: Cell) -> list[str]:
@@ -212,38 +324,17 @@ def left_out(cell: Cell) -> list[str]:
     return [f"{', '.join(names)}: the masses of the links are not known"] if names else []
 
 
-def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
-    """Names of models that the cell asks for, and that need priors: nothing sees the scale.
-
-    Models are asked before they are reduced: a link that is left out of one would hold the scale,
-    and a short one holds it badly.
-    """
-    kinds, data, found = kinds_of(cell, table.kinds), table.data, []
-    for words in asked_for(cell):
-        if "geometry" in words and PRIORS not in words:
-            whole = _model(cell, table, words, kinds)
-            x = first_guess(whole, data)
-            linear = whole.linearise_at(data, x)
-            if unseen_scale(linear, x) > UNSEEN_SCALE:
-                found.append(name_of(words))
+def frames_of(
+    blocks: Sequence[ParameterBlock], values: FloatArray, names: tuple[str, ...]
+) -> dict[str, dict[str, FloatArray]]:
+    """Poses of tools and targets ``(4, 4)`` [m] by label, at identified values of all names."""
+    found: dict[str, dict[str, FloatArray]] = {"tools": {}, "targets": {}}
+    for block in blocks:
+        if isinstance(block, Frames):
+            own = np.array([values[names.index(name)] for name in block.names])
+            for label, T in zip(block.labels, block.poses(own), strict=True):
+                found["tools" if block.tools else "targets"][label] = T
     return found
-
-
-def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
-    known = []
-    for section in cell.config.known_distance:
-        missing = next((name for name in section.targets if name not in table.data.targets), None)
-        if missing is not None:
-            raise InputError(
-                f"a distance to the target {missing!r} is known, and it was not measured",
-                hint=f"in the cell's [[known_distance]], {near_names(missing, table.data.targets)}",
-                name="known_distance",
-            )
-        first, second = section.targets
-        known.append(
-            KnownDistance(first, second, section.length_mm / 1e3, section.three_sigma_mm / 3e3)
-        )
-    return known
 
 
 def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:

@@ -6,6 +6,7 @@ costs that they are given.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -21,6 +22,14 @@ answer could differ from run to run: those for 28, 60, 100 and 150 poses of a pl
 six sets of each, nor by twice and four times as much time or half of it; those for 200 did in
 some."""
 
+ENOUGH = 0.5
+"""Share of that time in which the library has to have had the processor. On a busy machine it gets
+a small part of it, and orders of 27 to 60 places differed from run to run; it is then asked again,
+with more time."""
+
+_MOST_WAITING = 1000
+"""Times the library's time after which its answer is taken as it is, whatever it got."""
+
 WORTH = 1e-4
 """Share by which the library's order must be shorter to be taken: an order that depends on no clock
 is better than one that is shorter by rounding."""
@@ -28,6 +37,9 @@ is better than one that is shorter by rounding."""
 MANY = 200
 """Places beyond which an order is not sought from the nearest place next: that takes minutes to
 improve for thousands of places, and the library's takes seconds and is shorter."""
+
+_EXACT_TO = 20
+"""Places up to which the library's answer is the best, whatever its time."""
 
 _STEPS = 65535
 """Largest whole number that the library takes for a cost."""
@@ -181,8 +193,6 @@ def _by_library(cost: FloatArray, path: IntArray, closed: bool) -> IntArray:
     Costs of there and back are averaged. An open way is a round through one more place, which is
     next to place 0 and from which every other place is equally far.
     """
-    import fast_tsp
-
     end = len(cost) - 1
     legs = cost[path[:-1], path[1:]]
     blocked = cost.max()
@@ -198,7 +208,7 @@ def _by_library(cost: FloatArray, path: IntArray, closed: bool) -> IntArray:
         whole[end, 1:end] = whole[1:end, end] = _STEPS
         whole[0, end] = whole[end, 0] = 0
     seconds = len(whole) * min(LIBRARY_S_PER_PAIR * len(whole), LIBRARY_S_PER_PLACE)
-    tour = fast_tsp.find_tour(whole, seconds, max_threads=1, candidates="nearest")
+    tour = _worked_on(whole, seconds)
     start = tour.index(0)
     tour = [*tour[start:], *tour[:start]]
     if not closed:
@@ -207,6 +217,21 @@ def _by_library(cost: FloatArray, path: IntArray, closed: bool) -> IntArray:
             return path
         tour = tour[:-1]
     return np.array([*tour, end], dtype=np.intp)
+
+
+def _worked_on(whole: IntArray, seconds: float) -> list[int]:
+    """The library's round for costs ``(N, N)``, after enough seconds of a processor."""
+    import fast_tsp
+
+    budget = seconds
+    while True:
+        start = time.thread_time()
+        tour: list[int] = fast_tsp.find_tour(whole, budget, max_threads=1, candidates="nearest")
+        worked = time.thread_time() - start
+        exact = len(whole) <= _EXACT_TO  # done sooner
+        if exact or worked >= ENOUGH * seconds or budget > _MOST_WAITING * seconds:
+            return tour
+        budget *= 4.0
 
 
 def legs_of(order: list[int], *, closed: bool) -> list[tuple[int, int]]:

@@ -50,7 +50,7 @@ from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.files.postures import joint_columns, pendant_columns
 from posedesign.identification.file import IdentifiedModel, read_identification
-from posedesign.identification.models import candidates, model_of
+from posedesign.identification.models import Models, model_of
 from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
@@ -355,7 +355,7 @@ def predict(
 def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel:
     """A model of ``parameters.models``, less what touch-ups do not tell."""
     table = MeasurementTable(data, (cell.config.measurement.kind,), tuple(range(data.count)))
-    tried = candidates(cell, table, before_measuring=True)
+    tried = Models(cell, table).candidates(before_measuring=True)
     known = {candidate.name: candidate.model for candidate in tried}
     if name not in known:
         raise InputError(

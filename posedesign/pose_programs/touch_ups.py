@@ -20,7 +20,7 @@ from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 from posedesign.cell import Cell
 from posedesign.files import head_of, read_bytes_bounded
-from posedesign.identification import summed_up
+from posedesign.files.csv_tables import summed_up
 from posedesign.planning import NEAR_TARGET_M, fingerprint, off_target, outside_limits
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs.from_plan import (

@@ -33,68 +33,40 @@ from posedesign.programs.writing import NameRule
 class Dialect:
     """A controller's program format: one subclass, in one package, a controller.
 
-    Attributes
-    ----------
-    name : str
-        What a user calls it, e.g. ``fanuc-ls``.
-    title : str
-        What it is, in words.
-    maker : str or None
-        Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``; None: any robot.
-    suffixes : tuple of str
-        Endings of its files in lower case, e.g. ``.ls``; that of the file with the positions first.
-    companions : tuple of str
-        Endings of its files that hold no positions, where one with the first of ``suffixes`` does.
-    in_folder : bool
-        Whether a program is a folder of files, and not files of one name.
-    forms : tuple of {"joint", "cartesian"}
-        How it can write positions.
-    external_axes : int
-        How many external axes its joint positions can have.
-    turning_axes : bool
-        Whether these may turn: those of a positioner.
-    names : NameRule
-        What it takes for the name of a program.
-    newline, encoding : str
-        Of its files.
-    numbered_frames : bool
-        Whether poses are stored in frames of which programs have only the numbers.
-    joint_step_deg : float
-        Step that the controller stores joint values in [deg]; 0 where it does not matter.
-    passes : bool
-        Whether it has postures that the arm only passes through.
-    remark : (str, str)
-        Pattern of what one more comment is put behind, and its line, of ``words`` and, where lines
-        are numbered, of their ``number``. Empty for none.
-    begins : pattern or None
-        What stands in all of its programs, where other dialects have the same ending.
-    notation : Notation
-        How it writes the numbers of a position.
-    writer, reader, rules : callable
-        What `render`, `parse` and `check` do.
+    The first of ``suffixes`` is that of the file with the positions.
     """
 
-    name: ClassVar[str]
-    title: ClassVar[str]
+    name: ClassVar[str]  # what a user calls it, e.g. ``fanuc-ls``
+    title: ClassVar[str]  # what it is, in words
     maker: ClassVar[str | None]
-    suffixes: ClassVar[tuple[str, ...]]
+    """Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``; None: any robot."""
+    suffixes: ClassVar[tuple[str, ...]]  # endings of its files in lower case, e.g. ``.ls``
     companions: ClassVar[tuple[str, ...]] = ()
-    in_folder: ClassVar[bool] = False
-    forms: ClassVar[tuple[Form, ...]] = get_args(Form)
-    external_axes: ClassVar[int] = 0
-    turning_axes: ClassVar[bool] = False
-    names: ClassVar[NameRule]
+    """Endings of its files without positions, where one with the first of ``suffixes`` has them."""
+    in_folder: ClassVar[bool] = False  # a program is a folder of files, and not files of one name
+    forms: ClassVar[tuple[Form, ...]] = get_args(Form)  # how it can write positions
+    keeps: ClassVar[bool] = True  # touched-up positions can be kept apart from the planned ones
+    switches: ClassVar[bool] = True  # an output can be pulsed
+    external_axes: ClassVar[int] = 0  # how many of them its joint positions can have
+    turning_axes: ClassVar[bool] = False  # these may turn, as those of a positioner do
+    names: ClassVar[NameRule]  # what it takes for the name of a program
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
     numbered_frames: ClassVar[bool] = False
+    """Poses are stored in frames of which programs have only the numbers."""
     joint_step_deg: ClassVar[float] = 0.0
-    passes: ClassVar[bool] = True
+    """Step that the controller stores joint values in [deg]; 0 where it does not matter."""
+    passes: ClassVar[bool] = True  # it has postures that the arm only passes through
     remark: ClassVar[tuple[str, str]] = ("", "")
+    """Pattern of what one more comment is put behind, and its line, of ``words`` and, where lines
+    are numbered, of their ``number``. Empty for none."""
     begins: ClassVar[re.Pattern[bytes] | None] = None
+    """What stands in all of its programs, where other dialects have the same ending."""
     notation: ClassVar[Notation] = Notation()
     writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
     reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
     rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
+    """writer, reader, rules: what `render`, `parse` and `check` do."""
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         r"""Text of each file of a program by its name, lines ended by ``\n``.
@@ -175,17 +147,24 @@ class Dialect:
                 name="form",
                 value=program.options.form,
             )
+        if program.options.keep == "register" and not self.keeps:
+            raise InputError(
+                f"{self.title}s keep no registers",
+                hint='keep positions with keep = "position"',
+                name="keep",
+                value=program.options.keep,
+            )
+        if program.options.measure_output is not None and not self.switches:
+            raise InputError(
+                f"a {self.title} switches no output",
+                hint="leave out measure_output, or write a program for the controller",
+                name="measure_output",
+                value=program.options.measure_output,
+            )
         self.names.check(program.name)
         arm = self._arm_of(program)
         if arm.n_external > self.external_axes:
-            key = {"mm": "held_mm", "deg": "held_deg"}[arm.external_units[-1]]
-            raise InputError(
-                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
-                "not written",
-                hint=f"hold it where it is: robot.{key}",
-                name="format",
-                value=self.name,
-            )
+            raise self._cannot_move(arm, "are not written")
         if arm.n_external and program.options.form != "joint" and not arm.world_stands:
             raise InputError(
                 f"{arm.joint_names[-1]} {_does(arm)}: where its controller has the world is not "
@@ -206,14 +185,8 @@ class Dialect:
         """Write the files of a program into a folder, which is made; see :meth:`files`.
 
         Files of an older program of the name give way: in a folder whatever they are, in results
-        only where they are as they were written.
-
-        Raises
-        ------
-        InputError
-            The program cannot be said in this dialect.
-        OutputError
-            A file cannot be written, or is there and must not be replaced.
+        only where they are as they were written. Raises OutputError: a file cannot be written, or
+        is there and must not be replaced.
         """
         results = out if isinstance(out, Results) else None
         folder = results.folder if results else Path(out)  # type: ignore[arg-type]
@@ -236,29 +209,14 @@ class Dialect:
         return claim_set(name, parts, endings, results, in_folder=self.in_folder, new=files)
 
     def read(self, path: Path) -> RecordedProgram:
-        """Read a program of this controller.
-
-        Raises
-        ------
-        FileFormatError
-            The file is not such a program, or holds no positions.
-        """
+        """Read a program of this controller; see `parse`."""
         with _uncollected():
             return self.parse(read_program_bytes(path), path)
 
     def validate(self, path: Path, levels: Collection[Level] | None = None) -> list[Problem]:
-        """Check a file against the controller's rules; an empty list is a good file.
+        """Problems of a file, of these levels or those of `levels_of`; none of a good one.
 
-        Parameters
-        ----------
-        path : Path
-        levels : collection of {"error", "measuring", "note"}, optional
-            Of the problems that are told; see `levels_of` for the default.
-
-        Raises
-        ------
-        FileFormatError
-            The file cannot be opened or is far too large.
+        Raises FileFormatError: the file cannot be opened or is far too large.
         """
         told = self.levels_of(path) if levels is None else levels
         with _uncollected():
@@ -286,13 +244,7 @@ class Dialect:
         external axes of the dialect only slide.
         """
         if arm.controller.external.positioner and self.external_axes and not self.turning_axes:
-            raise InputError(
-                f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} are "
-                "not written, nor read, but for those that slide",
-                hint="hold it where it is: robot.held_deg",
-                name="format",
-                value=self.name,
-            )
+            raise self._cannot_move(arm, "are not written, nor read, but for those that slide")
         if self.maker is None:
             # the description's joints, whatever a pendant shows
             return replace(
@@ -309,6 +261,14 @@ class Dialect:
                 value=self.name,
             )
         return arm
+
+    def _cannot_move(self, arm: Arm, why: str) -> InputError:
+        return InputError(
+            f"{arm.joint_names[-1]} {_does(arm)}, and the external axes of {self.title} {why}",
+            hint=f"hold it where it is: robot.held_{arm.external_units[-1]}",
+            name="format",
+            value=self.name,
+        )
 
     def _arm_of(self, program: PoseProgram) -> Arm:
         """The program's arm, or the maker's usual one, as this dialect shows it."""

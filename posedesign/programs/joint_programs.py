@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.errors import FileFormatError, InputError
+from calib.errors import FileFormatError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
@@ -34,7 +34,7 @@ from posedesign.programs.writing import (
     plain,
     plain_all,
     shown_deg,
-    warning_lines,
+    title_lines,
 )
 
 TEXT_LENGTH = 100
@@ -71,7 +71,7 @@ class JointDialect(Dialect, ABC):
     Attributes
     ----------
     phrases : Phrases
-        Moves are of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s].
+        Moves are of ``name``, ``number``, ``target``, joints [deg], ``percent``, ``speed`` [deg/s].
     head : tuple of str
         Steps behind the first remarks, of ``name``, ``percent``, ``speed``.
     most_output : int
@@ -79,6 +79,7 @@ class JointDialect(Dialect, ABC):
     """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
+    keeps: ClassVar[bool] = False
     phrases: ClassVar[Phrases]
     head: ClassVar[tuple[str, ...]] = ()
     most_output: ClassVar[int] = 4096
@@ -89,10 +90,7 @@ class JointDialect(Dialect, ABC):
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """Text of the file; InputError for what cannot stand in it."""
-        options = program.options
-        if options.keep == "register" and not self.phrases.keep:
-            raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
-        check_call(self.names, options, program.name)
+        check_call(self.names, program.options, program.name)
         replace(LIMITS, outputs=(1, self.most_output)).check(program)
         lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
@@ -103,17 +101,13 @@ class JointDialect(Dialect, ABC):
 
     def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
         options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)
-        notes = [text for text in (options.comment, program.mark) if text]
-        for note in notes + warning_lines(program, TEXT_LENGTH):
+        for note in title_lines(program, TEXT_LENGTH):
             yield phrases.note.format(note)
         percent, speed = options.speed_percent, _speed(arm, options)
         own = {"name": program.name, "percent": percent, "speed": speed}
         yield from (line.format(**own) for line in self.head)
-        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
-        for number, pose, shown in rows:
-            joints = ", ".join(plain_all(shown, 6))
-            name = pose.name if LIMITS.fits(pose.name) else ""
-            yield from phrases.at_pose(options, pose, number, name, joints=joints, **own)
+        joints = (", ".join(plain_all(row, 6)) for row in shown_deg(arm, program.poses))
+        yield from phrases.visit(program, LIMITS, joints, **own)
 
 
 @dataclass

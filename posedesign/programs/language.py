@@ -153,38 +153,23 @@ NOTHING: Tree[Token] = Tree("fault", [])
 
 @dataclass
 class Language:
-    """A language of robot programs.
+    """A language of robot programs."""
 
-    Parameters
-    ----------
-    package : str
-        Of the dialect, whose folder holds ``grammar.lark``.
-    joined : callable, optional
-        Makes one statement of several lines, or several of one.
-    divided : callable, optional
-        Finds the statements in a text, where lines say nothing.
-    start : str
-        Rule of a statement.
-    others : tuple of str
-        Rules that `statement` can be asked for besides: sections with a syntax of their own.
-    name : str
-        File of the grammar.
-    signed : bool
-        Numbers behind a bracket, a comma or an equals sign may have a minus sign anywhere: then
-        they are parsed once as well, and the sign is in the number.
-    letters : str
-        Characters of names, as in a set of a regular expression. None of them can stand behind a
-        keyword then; empty where words are not separated, as in ``CNT50``.
-    """
-
-    package: str
+    package: str  # of the dialect, whose folder holds ``grammar.lark``
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
+    """Makes one statement of several lines, or several of one."""
     divided: Callable[[str], Iterator[Line]] | None = None
-    start: str = "statement"
+    """Finds the statements in a text, where lines say nothing."""
+    start: str = "statement"  # rule of a statement
     others: tuple[str, ...] = ()
-    name: str = "grammar.lark"
+    """Rules that `statement` can be asked for besides: sections with a syntax of their own."""
+    name: str = "grammar.lark"  # file of the grammar
     signed: bool = False
+    """Numbers behind a bracket, a comma or an equals sign may have a minus sign anywhere: then they
+    are parsed once as well, and the sign is in the number."""
     letters: str = ""
+    """Characters of names, as in a set of a regular expression. None of them can stand behind a
+    keyword then; empty where words are not separated, as in ``CNT50``."""
     _builders: dict[tuple[str, str, int], Build] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)

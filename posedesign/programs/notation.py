@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib.se3 import (
     FloatArray,
@@ -20,26 +19,26 @@ from calib.se3 import (
     rotation_log,
     wpr_from_rotation,
 )
+from posedesign.programs.arm import Arm
+from posedesign.programs.configurations import configuration_of
+from posedesign.programs.program import PoseProgram, ProgramPose
+from posedesign.programs.writing import plain_all, shown_deg
 
 _MOST_DECIMALS = 12
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])", re.ASCII)
 
 
-def _euler(
-    R: FloatArray, angles: Callable[[ArrayLike], FloatArray], near: FloatArray
-) -> FloatArray:
-    """Angles [deg] of a rotation, of the two triples the one nearer to ``near``."""
-    first = np.rad2deg(angles(R))
+def _euler(first: FloatArray, near: FloatArray) -> FloatArray:
+    """Of the two triples of angles [deg] that mean the same the one nearer to ``near``."""
     both = np.stack([first, [first[0] + 180.0, 180.0 - first[1], first[2] + 180.0]])
     both = 180.0 - (180.0 - both) % 360.0
     apart = np.abs(180.0 - (180.0 - (both - near)) % 360.0).max(axis=1)
     return np.asarray(both[int(np.argmin(apart))])
 
 
-def _vector(R: FloatArray, near: FloatArray) -> FloatArray:
-    """Rotation vector [rad], of the two below a whole turn the one nearer to ``near``."""
-    first = rotation_log(R)
+def _vector(first: FloatArray, near: FloatArray) -> FloatArray:
+    """Of the two rotation vectors [rad] below a whole turn the one nearer to ``near``."""
     angle = float(np.linalg.norm(first))
     if angle == 0.0:
         return first
@@ -47,41 +46,43 @@ def _vector(R: FloatArray, near: FloatArray) -> FloatArray:
     return min(first, other, key=lambda v: float(np.linalg.norm(v - near)))
 
 
-def _quaternion(R: FloatArray, near: FloatArray) -> FloatArray:
-    found = quaternion_from_rotation(R)
-    return np.asarray(-found if found @ near < 0 else found)
+def _quaternion(first: FloatArray, near: FloatArray) -> FloatArray:
+    return np.asarray(-first if first @ near < 0 else first)
 
 
 @dataclass(frozen=True)
 class Turn:
-    """How a rotation is written: how many numbers, and to a rotation matrix ``(3, 3)`` and back.
-
-    ``write`` is given the numbers that are there, too, and stays near to them.
-    """
+    """How a rotation is written: in so many numbers, angles in radians or, ``in_deg``, degrees."""
 
     count: int
-    read: Callable[[FloatArray], FloatArray]
-    write: Callable[[FloatArray, FloatArray], FloatArray]
+    numbers: Callable[[FloatArray], FloatArray]  # (..., count) of rotation matrices (..., 3, 3)
+    read: Callable[[FloatArray], FloatArray]  # and back, of one
+    nearest: Callable[[FloatArray, FloatArray], FloatArray] = _euler
+    """Of the numbers that mean the same those nearest to others."""
     in_deg: bool = True
+
+    def write(self, R: FloatArray, near: FloatArray) -> FloatArray:
+        """Numbers of a rotation ``(3, 3)`` that stay near to those that are there."""
+        return self.nearest(self.numbers(R), near)
 
 
 WPR = Turn(
     3,
+    lambda R: np.rad2deg(wpr_from_rotation(R)),
     lambda v: rotation_from_wpr(np.deg2rad(v)),
-    lambda R, near: _euler(R, wpr_from_rotation, near),
 )
 ABC = Turn(
     3,
+    lambda R: np.rad2deg(wpr_from_rotation(R))[..., ::-1],
     lambda v: rotation_from_wpr(np.deg2rad(v[::-1])),
-    lambda R, near: _euler(R, wpr_from_rotation, near[::-1])[::-1],
 )
 MOVING_XYZ = Turn(
     3,
+    lambda R: np.rad2deg(moving_xyz_from_rotation(R)),
     lambda v: rotation_from_moving_xyz(np.deg2rad(v)),
-    lambda R, near: _euler(R, moving_xyz_from_rotation, near),
 )
-QUATERNION = Turn(4, rotation_from_quaternion, _quaternion, in_deg=False)
-VECTOR = Turn(3, rotation_exp, _vector, in_deg=False)
+QUATERNION = Turn(4, quaternion_from_rotation, rotation_from_quaternion, _quaternion, in_deg=False)
+VECTOR = Turn(3, rotation_log, rotation_exp, _vector, in_deg=False)
 
 
 @dataclass(frozen=True)
@@ -135,3 +136,47 @@ class Notation:
     """Where the numbers that count turns begin, from the first one of a pose on; 0: nowhere."""
     repeated: bool = False
     """Whether a position can stand there again before the next one: the arm stands at it."""
+
+    def pose_texts(self, T: FloatArray) -> list[list[str]]:
+        """Coordinates and rotation of transforms ``(N, 4, 4)`` [m], as they are written."""
+        turned = self.turn.numbers(T[:, :3, :3])
+        if self.turn.in_deg:  # half a turn has one name
+            turned = np.round(turned, self.turned)
+            turned = np.where(turned <= -180.0, 180.0, turned)
+        places = T[:, :3, 3] * self.place_unit
+        return [
+            plain_all(place, self.place) + plain_all(turn, self.turned)
+            for place, turn in zip(places, turned, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The numbers of one position as they are written."""
+
+    number: int
+    pose: ProgramPose
+    joints: list[str]
+    external: list[str]
+    placed: list[str]  # coordinates and rotation; empty in the joint form
+    words: str  # of the arm position; empty without a pose, or where a maker has none
+
+
+def texts_of(program: PoseProgram, arm: Arm, notation: Notation, external: int) -> list[Texts]:
+    """Texts of all positions in the order of the visit, ``external`` with so many decimals.
+
+    Raises InputError: a joint is beyond +-720 deg, or poses cannot be said of this arm.
+    """
+    rows = shown_deg(arm, program.poses)
+    n = rows.shape[1] - arm.n_external
+    joints = [plain_all(row, notation.joint) for row in rows[:, :n] * notation.joint_units]
+    placed: list[list[str]] = [[]] * len(rows)
+    words = [""] * len(rows)
+    if program.options.form == "cartesian":
+        postures = program.postures_rad
+        placed = notation.pose_texts(arm.tool_poses(postures))
+        if configuration_of(arm.controller.maker):
+            words = [found.words for found in arm.configurations(postures)]
+    beside = [plain_all(row, external) if arm.n_external else [] for row in rows[:, n:]]
+    listed = zip(program.numbers, program.poses, joints, beside, placed, words, strict=True)
+    return [Texts(*each) for each in listed]

@@ -39,27 +39,13 @@ _FINGERPRINT = re.compile(r"[0-9a-f]{4,16}")
 class ProgramPose:
     """One measuring pose, as the posture that takes it.
 
-    Parameters
-    ----------
-    name : str
-        Name of the pose, e.g. the target it measures.
-    posture_rad : array_like (n,)
-        Joint values [rad], in the signs of the URDF.
-    comment : str
-        A remark for the operator, shown before the move.
-    via : bool
-        The arm only passes through, and does not measure.
-
-    Raises
-    ------
-    InputError
-        The posture is not one row of finite numbers.
+    Raises InputError: the posture is not one row of finite numbers.
     """
 
-    name: str
-    posture_rad: FloatArray
-    comment: str = ""
-    via: bool = False
+    name: str  # of the pose, e.g. the target it measures
+    posture_rad: FloatArray  # (n,): joint values [rad], in the signs of the URDF
+    comment: str = ""  # a remark for the operator, shown before the move
+    via: bool = False  # the arm only passes through, and does not measure
 
     def __post_init__(self) -> None:
         posture = np.array(self.posture_rad, dtype=float)
@@ -85,67 +71,35 @@ class ProgramPose:
 class ProgramOptions:
     """How the poses are visited and measured.
 
-    Parameters
-    ----------
-    form : {"joint", "cartesian"}
-        How positions are written.
-    user_frame, tool_frame : int
-        Numbers of the frames that are active at each pose.
-    speed_percent : int
-        Joint speed, 1 to 100 percent.
-    settle_s : float
-        Time the arm stands still before it is measured [s]; 0 for none.
-    measure_call : str or None
-        Program called at each pose. None calls nothing.
-    measure_argument : "number", int or None
-        What it is called with: the pose's number, counted from 1 in the order of the visit; always
-        the same whole number; or nothing.
-    measure_output : int or None
-        Number of a digital output that is pulsed at each pose, before the call.
-    measure_pulse_s : float
-        How long [s].
-    keep : {"position", "register"}
-        Where the touched-up position is kept.
-    first_register : int
-        Number of the register of the first pose.
-    guided : bool
-        Whether the tool is brought to its target by hand during the call, where the call itself is
-        written (UR, Doosan); otherwise the arm stands still, and only the question differs.
-    comment : str
-        Title of the program.
-    fingerprint : str
-        Short hexadecimal mark of the plan, 4 to 16 digits, which the program carries back with
-        its measurements. Empty for none.
-    pulses_per_deg : tuple of float
-        Encoder pulses of each joint in one degree, signed: for controllers that store pulses.
-    pulses_per_mm : tuple of float
-        The same of each external axis that slides, in one millimetre.
-    written : datetime
-        Date in the program's header.
-
-    Raises
-    ------
-    InputError
-        A number out of its range, or a fingerprint that is not hexadecimal.
+    Raises InputError: a number out of its range, or a fingerprint that is not hexadecimal.
     """
 
-    form: Form = "joint"
+    form: Form = "joint"  # how positions are written
     user_frame: int = 0
     tool_frame: int = 1
-    speed_percent: int = 10
-    settle_s: float = 1.0
-    measure_call: str | None = "MEASURE"
+    """user_frame, tool_frame: numbers of the frames that are active at each pose."""
+    speed_percent: int = 10  # joint speed, 1 to 100
+    settle_s: float = 1.0  # time the arm stands still before it is measured [s]; 0 for none
+    measure_call: str | None = "MEASURE"  # program called at each pose; None: nothing is called
     measure_argument: Literal["number"] | int | None = "number"
+    """What it is called with: the pose's number, counted from 1 in the order of the visit; always
+    the same whole number; or nothing."""
     measure_output: int | None = None
-    measure_pulse_s: float = 0.5
-    keep: Keeping = "position"
-    first_register: int = 1
+    """Number of a digital output that is pulsed at each pose, before the call."""
+    measure_pulse_s: float = 0.5  # how long [s]
+    keep: Keeping = "position"  # where the touched-up position is kept
+    first_register: int = 1  # number of the register of the first pose
     guided: bool = True
-    comment: str = ""
+    """The tool is brought to its target by hand during the call, where the call itself is written
+    (UR, Doosan); otherwise the arm stands still, and only the question differs."""
+    comment: str = ""  # title of the program
     fingerprint: str = ""
+    """Short hexadecimal mark of the plan, 4 to 16 digits, which the program carries back with its
+    measurements; empty for none."""
     pulses_per_deg: tuple[float, ...] = ()
-    pulses_per_mm: tuple[float, ...] = ()
-    written: datetime = FIXED_DATE
+    """Encoder pulses of each joint in one degree, signed: for controllers that store pulses."""
+    pulses_per_mm: tuple[float, ...] = ()  # the same of each external axis that slides
+    written: datetime = FIXED_DATE  # date in the program's header
 
     @property
     def question(self) -> str:
@@ -211,46 +165,24 @@ class Planned(Protocol):
 class PoseProgram:
     """A program that visits measuring poses in order.
 
-    Parameters
-    ----------
-    name : str
-        Name of the program on the controller; each dialect has its rule for it.
-    poses : sequence of ProgramPose
-        The poses in the order in which they are visited.
-    options : ProgramOptions
-        How they are visited and measured.
-    arm : Arm, optional
-        The arm as its controller knows it; by default each dialect takes its maker's usual one.
-    first : int
-        Number of the first measured pose: parts of a plan go on counting.
-    in_all : int, optional
-        Measured poses of the whole plan, where this is a part of it.
-    not_checked : tuple of str
-        What nobody looked at before the program was written; stands in its head.
-    forced : tuple of str
-        Poses that are written although they break a constraint, each with the reason; the same.
-    simulated, made_from : tuple of str
-        The files that it was made from, in words, those of a simulated robot apart; the same.
-    short_m : float
-        How far before the target the poses stop [m]; the same.
-
-    Raises
-    ------
-    InputError
-        No poses, or poses of different joint counts.
+    Raises InputError: no poses, or poses of different joint counts.
     """
 
-    name: str
-    poses: tuple[ProgramPose, ...]
+    name: str  # on the controller; each dialect has its rule for it
+    poses: tuple[ProgramPose, ...]  # in the order in which they are visited
     options: ProgramOptions = field(default_factory=ProgramOptions)
-    arm: Arm | None = None
-    first: int = 1
-    in_all: int | None = None
+    arm: Arm | None = None  # None: each dialect takes its maker's usual one
+    first: int = 1  # number of the first measured pose: parts of a plan go on counting
+    in_all: int | None = None  # measured poses of the whole plan, where this is a part of it
     not_checked: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
     simulated: tuple[str, ...] = ()
     made_from: tuple[str, ...] = ()
     short_m: float = 0.0
+    """not_checked, forced, simulated, made_from, short_m: what its head says. What nobody looked at
+    before it was written; poses that are written although they break a constraint, each with the
+    reason; the files that it was made from, in words, those of a simulated robot apart; how far
+    before the target the poses stop [m]."""
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -296,6 +228,13 @@ class PoseProgram:
             counts[pose.via] += 1
             numbers.append(counts[pose.via])
         return tuple(numbers)
+
+    @property
+    def registers(self) -> range:
+        """Registers that its touched-up positions are kept in; none where they stay in place."""
+        first = self.options.first_register + self.first - 1
+        own = sum(not pose.via for pose in self.poses)
+        return range(first, first + own * (self.options.keep == "register"))
 
     @property
     def mark(self) -> str:

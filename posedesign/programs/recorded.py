@@ -56,51 +56,30 @@ class PlanMark:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPosition:
-    """One position as a controller stores it: joint values, or a pose of the tool.
+    """One position as a controller stores it: joint values, or a pose of the tool."""
 
-    Parameters
-    ----------
-    number : int
-        The number it has in the program, e.g. 3 for FANUC's ``P[3]``; counted from 1.
-    name : str
-        Its name on the controller; empty where it has none.
-    line : int
-        Line of the file where it starts, counted from 1.
-    shown_deg : ndarray (n,) or None
-        Joint values as the controller shows them [deg].
-    T_user_tool : ndarray (4, 4) or None
-        The tool frame in the user frame [m].
-    configuration : Configuration or None
-        Which arm position takes the pose; None where the file does not say.
-    user_frame, tool_frame : int or None
-        Numbers of the frames it was recorded in; None where the file leaves them open.
-    T_world_user, T_tip_tool : ndarray (4, 4) or None
-        These frames, where the file gives them by value [m].
-    joint_names : tuple of str
-        Joints of ``shown_deg`` in their order, where the file names them.
-    external_shown : tuple of float
-        Values of external axes beside the joints, E1 first [mm]; of those that turn [deg].
-    external_units : tuple of str
-        Units of these, where the file gives them.
-    carried : mapping of int to FileFormatError
-        What says that an external axis stands elsewhere than in the first position, by its index
-        from 0 on. Raised for an arm that has no such axis in its description.
-    """
-
-    number: int
-    name: str
-    line: int
-    shown_deg: FloatArray | None = None
-    T_user_tool: FloatArray | None = None
+    number: int  # that it has in the program, e.g. 3 for FANUC's ``P[3]``; counted from 1
+    name: str  # on the controller; empty where it has none
+    line: int  # of the file where it starts, counted from 1
+    shown_deg: FloatArray | None = None  # (n,): joint values as the controller shows them [deg]
+    T_user_tool: FloatArray | None = None  # (4, 4): the tool frame in the user frame [m]
     configuration: Configuration | None = None
+    """Which arm position takes the pose; None where the file does not say."""
     user_frame: int | None = None
     tool_frame: int | None = None
+    """user_frame, tool_frame: numbers of the frames it was recorded in; None where the file leaves
+    them open."""
     T_world_user: FloatArray | None = None
     T_tip_tool: FloatArray | None = None
+    """T_world_user, T_tip_tool: (4, 4): these frames, where the file gives them by value [m]."""
     joint_names: tuple[str, ...] = ()
+    """Joints of ``shown_deg`` in their order, where the file names them."""
     external_shown: tuple[float, ...] = ()
-    external_units: tuple[str, ...] = ()
+    """Values of external axes beside the joints, E1 first [mm]; of those that turn [deg]."""
+    external_units: tuple[str, ...] = ()  # of these, where the file gives them
     carried: Mapping[int, FileFormatError] = field(default_factory=dict)
+    """What says that an external axis stands elsewhere than in the first position, by its index
+    from 0 on. Raised for an arm that has no such axis in its description."""
 
     @property
     def label(self) -> str:
@@ -110,32 +89,19 @@ class RecordedPosition:
 
 @dataclass(frozen=True, eq=False)
 class RecordedProgram:
-    """A program read back from a controller's file.
-
-    Parameters
-    ----------
-    name, comment : str
-        Name and title of the program.
-    mark : PlanMark
-        The plan it was written from, where it says so.
-    positions : tuple of RecordedPosition
-        At least one, in the order of the file.
-    maker : str or None
-        Whose controller shows the joint values; None: they are those of the description.
-    in_registers : bool
-        Positions are numbered as the registers that they were kept in.
-    empty_registers : bool
-        The program keeps touched-up positions in registers of its own, and none holds a value yet:
-        the positions are the planned ones.
-    """
+    """A program read back from a controller's file."""
 
     name: str
-    comment: str
-    mark: PlanMark
-    positions: tuple[RecordedPosition, ...]
+    comment: str  # its title
+    mark: PlanMark  # the plan it was written from, where it says so
+    positions: tuple[RecordedPosition, ...]  # at least one, in the order of the file
     maker: str | None
+    """Whose controller shows the joint values; None: they are those of the description."""
     in_registers: bool = False
+    """Positions are numbered as the registers that they were kept in."""
     empty_registers: bool = False
+    """The program keeps touched-up positions in registers of its own, and none holds a value yet:
+    the positions are the planned ones."""
 
     @property
     def fingerprint(self) -> str:
@@ -278,25 +244,14 @@ def _in_frames_of(arm: Arm, position: RecordedPosition) -> FloatArray:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something in a program that a controller would refuse, or run in another way than meant.
+    """Something in a program that a controller would refuse, or run in another way than meant."""
 
-    Parameters
-    ----------
-    line : int
-        Line of the file, counted from 1 as an editor shows it.
-    rule : str
-        Name of the rule it breaks.
-    message : str
-        What is wrong.
-    level : {"error", "measuring", "note"}
-        ``error``: a controller would refuse it, or move in another way than meant. ``measuring``:
-        it runs, but may not measure what was planned. ``note``: cannot be known from the file.
-    """
-
-    line: int
-    rule: str
-    message: str
+    line: int  # of the file, counted from 1 as an editor shows it
+    rule: str  # name of the rule it breaks
+    message: str  # what is wrong
     level: Level = "error"
+    """``error``: a controller would refuse it, or move in another way than meant. ``measuring``: it
+    runs, but may not measure what was planned. ``note``: cannot be known from the file."""
 
     def __str__(self) -> str:
         return f"line {self.line}: {self.message} [{self.rule}]"

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 
 from posedesign.programs.language import Statement
 from posedesign.programs.recorded import Level, Problem
+
+measuring = partial(Problem, level="measuring")
+"""Something that runs, but may not measure what was planned."""
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""

@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,10 @@ from posedesign.programs.recorded import PlanMark
 
 LONGEST_WARNING = 300
 """Characters of one warning in the head of a program: ten lines of a FANUC remark."""
+
+
+LIST_LENGTH = 90
+"""Characters of a line of what the head of a list of joint values warns of."""
 
 
 def plain(value: float, decimals: int) -> str:
@@ -106,6 +111,22 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
     )
 
 
+def comment_text(what: str, text: str) -> str:
+    """A text in any letters that can stand in a comment of a list, and comes back as it is.
+
+    Raises InputError: it has line ends or other characters that cannot be seen, or spaces around
+    it.
+    """
+    if not text.isprintable() or text != text.strip():
+        raise InputError(
+            f"{what} {text!a} cannot stand in a comment",
+            hint="use one line of printable characters, without spaces around it",
+            name=what,
+            value=text,
+        )
+    return text
+
+
 @dataclass(frozen=True)
 class Limits:
     """What a controller takes of the options of a program."""
@@ -164,6 +185,10 @@ class Limits:
                 bound=most,
             )
 
+    def name_of(self, pose: ProgramPose) -> str:
+        """Name of a pose where it can stand in a comment; else empty."""
+        return pose.name if self.fits(pose.name) else ""
+
     def fits(self, name: str, length: int | None = None) -> bool:
         """Whether a name of a pose can stand in a comment."""
         legal = re.fullmatch(r"[ -~]*", name) and not set(name) & set(self.forbidden)
@@ -187,15 +212,32 @@ class Phrases:
     that does not only leave a gap."""
     keep: str = ""  # A step of ``register``. Empty where a language keeps none.
     least_s: float = 0.001  # shortest time: none that is asked for must round to nothing [s]
+    after: tuple[str, ...] = ()  # steps of ``number`` behind all that is done at a pose
+    named: str = "POSE "  # what the note of a pose begins with, in front of its number and name
+    unnamed: bool = True  # poses without a name have such a note, too
     always: bool = False  # waits where no time to settle is asked for, too
     still: str = ""  # A step where no time is asked for, and the arm has to stand. Empty for none.
+
+    def visit(
+        self, program: PoseProgram, limits: Limits, targets: Iterable[str] = (), /, **given: object
+    ) -> Iterator[str]:
+        """Steps at all poses; where each move has a ``target`` of its own, with that."""
+        stops = zip(program.numbers, program.poses, targets or repeat(""), strict=False)
+        for number, pose, target in stops:
+            own, name = {"target": target, **given}, limits.name_of(pose)
+            yield from self.at_pose(program.options, pose, number, name, **own)
 
     def at_pose(
         self, options: ProgramOptions, pose: ProgramPose, number: int, name: str, /, **given: object
     ) -> Iterator[str]:
         """Steps at a pose; its name is given as it fits, empty for none."""
-        yield self.note.format(f"POSE {number} {name}".rstrip())
+        yield from self.note_of(number, name)
         yield from self.steps(options, pose, number, **given)
+
+    def note_of(self, number: int, name: str) -> list[str]:
+        """What the program says of a pose in front of its steps."""
+        said = f"{self.named}{number} {name}".rstrip()
+        return [self.note.format(said)] if name or self.unnamed else []
 
     def steps(
         self, options: ProgramOptions, pose: ProgramPose, number: int, /, **given: object
@@ -220,6 +262,7 @@ class Phrases:
             yield from (line.format(**call) for line in steps)
         if options.keep == "register" and self.keep:
             yield self.keep.format(register=options.first_register + number - 1, **given)
+        yield from (line.format(number=number) for line in self.after)
 
     def _times(self, seconds: float) -> dict[str, float]:
         time = max(seconds, self.least_s)
@@ -238,6 +281,12 @@ def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> lis
         kept = "".join(c if c.isprintable() and c not in forbidden else " " for c in plain_text)
         lines += textwrap.wrap(textwrap.shorten(kept, LONGEST_WARNING), length - 2)
     return [f"* {line}" for line in lines]
+
+
+def title_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
+    """What the head of a program says: its title, the mark of its plan, and warnings."""
+    told = [text for text in (program.options.comment, program.mark) if text]
+    return told + warning_lines(program, length, forbidden)
 
 
 def check_call(

@@ -42,22 +42,20 @@ _COLUMNS = (
 
 def answer_of_identification(identified: Identified, files: Sequence[str] = ()) -> Answer:
     """The answer of all models side by side: which to take, and what error it leaves."""
-    from posedesign.identification.comparison import why_another
-    from posedesign.identification.findings import in_words, is_of_the_model
+    from posedesign.identification.findings import in_words
 
     warnings: list[str] = []
     notes: list[str] = []
     details: list[str] = []
     for finding in identified.findings:
         said = in_words(finding, identified.table)
-        (notes if is_of_the_model(finding) else warnings).append(said)
+        (notes if finding.is_of_the_model else warnings).append(said)
     models = models_table(identified)
     if not identified.is_of_this_robot:
-        another = why_another(identified)
         return Answer(
             "no model: these measurements do not fit the robot of the cell",
             {},
-            warnings=warnings or [another],
+            warnings=warnings or [identified.reason],
             notes=notes,
             tables=[models],
             files=files,
@@ -81,7 +79,7 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
             "expected error": comparison.reason,
             "expected over": over,
             "noise": result.message,
-            **identified.measured,
+            **identified.table.facts,
             "largest residuals": _residuals(result),
             **_of_the_fit(result),
         },

@@ -389,14 +389,14 @@ def _improved(copies: Copies, rows: IntArray) -> IntArray:
         free = _free(copies, state)
         order = np.argsort(copies.objective.costs(state, free, -1.0), kind="stable")
         for row in free[order].tolist():
-            if row not in _free(copies, state):
+            if row not in free:
                 continue
             before = state.snapshot
             state.drop(row)
             worth = (1.0 - NO_GAIN) * cost
             new = _fill(copies, state, int(copies.owner[row]), worth)
             if new < worth:
-                cost, helped = new, True
+                cost, helped, free = new, True, _free(copies, state)
             else:
                 state.snapshot = before
         state.refresh()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,17 +109,25 @@ class Limits:
     def keeps(self, sums: FloatArray) -> BoolArray:
         """Which sums ``(K, ...)`` of rows and times are within the limits, ``(...)``."""
         shape = (-1, *[1] * (sums.ndim - 1))
-        below = sums <= (self.upper + self._slack(self.upper)).reshape(shape)
-        above = sums >= (self.lower - self._slack(self.lower)).reshape(shape)
+        below = sums <= self._highest.reshape(shape)
+        above = sums >= self._lowest.reshape(shape)
         return np.asarray((below & above).all(axis=0))
 
     def lacking(self, sums: FloatArray) -> BoolArray:
         """Which of the rows ``(K,)`` are below their lower limit."""
-        return np.asarray(sums < self.lower - self._slack(self.lower))
+        return np.asarray(sums < self._lowest)
 
     def not_above(self, sums: FloatArray) -> BoolArray:
         """Which sums ``(K, n)`` are not above the upper limits, ``(n,)``."""
-        return np.asarray((sums <= (self.upper + self._slack(self.upper))[:, None]).all(axis=0))
+        return np.asarray((sums <= self._highest[:, None]).all(axis=0))
+
+    @cached_property
+    def _lowest(self) -> FloatArray:
+        return self.lower - self._slack(self.lower)
+
+    @cached_property
+    def _highest(self) -> FloatArray:
+        return self.upper + self._slack(self.upper)
 
     @staticmethod
     def _slack(limit: FloatArray) -> FloatArray:

@@ -169,6 +169,33 @@ def run_grid(
         return store.assemble(total)
 
 
+def each(function: Callable[[Any], Any], items: Sequence[Any], workers: Workers) -> list[Any]:
+    """What a function gives for each of a few items, by processes of this machine if there are any.
+
+    ``function``: as :data:`Simulate`. For what comes before a grid: its workers are started by it.
+    """
+    if min(workers.jobs, len(items)) == 1:
+        return [function(item) for item in items]
+    import joblib
+
+    with _processes():
+        parallel = joblib.Parallel(n_jobs=workers.jobs, batch_size=1)
+        return list(parallel(joblib.delayed(function)(item) for item in items))
+
+
+def _processes() -> Any:
+    """How processes of this machine work."""
+    import joblib
+
+    # matrices are small: one thread a worker
+    return joblib.parallel_config(
+        backend="loky",
+        inner_max_num_threads=1,
+        initializer=_end_with_parent,
+        initargs=(os.getpid(),),
+    )
+
+
 def _results(
     simulate: Simulate, tasks: Sequence[Task], workers: Workers
 ) -> Iterator[tuple[int, Columns]]:
@@ -205,13 +232,7 @@ def _of_processes(
                 handed_out.append(task.number)
                 yield joblib.delayed(_numbered)(simulate, task)
 
-        # matrices are small: one thread a worker
-        with joblib.parallel_config(
-            backend="loky",
-            inner_max_num_threads=1,
-            initializer=_end_with_parent,
-            initargs=(os.getpid(),),
-        ):
+        with _processes():
             parallel = joblib.Parallel(
                 n_jobs=count,
                 return_as="generator_unordered",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from posedesign.report.drawing import (
 )
 from posedesign.simulation import SimulatedRobot, effective_truth, spread_interval
 from posedesign.simulation.accuracy import improving_rounds, to_the_widest
-from posedesign.study import Options, Task
+from posedesign.study import Options, Task, Workers, call, each
 from posedesign.workflow import camera_noise
 from studies import writing
 from studies.writing import save, trials_by_grid, trials_of, write_figures, write_rows
@@ -57,20 +57,25 @@ def _cell(given: Mapping[str, Any], preset: str) -> Cell:
     return cell_of(preset, given["start_deg"], given["step_deg"], given["largest_deg"])
 
 
-def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """One for each preset and threshold, with the poses that the loop returns for it.
+def conditions(settings: Mapping[str, Any], workers: Workers) -> list[dict[str, Any]]:
+    """One for each preset and threshold, with the poses that the loop returns for it."""
+    given = [{**settings, "preset": preset} for preset in settings["presets"]]
+    found = each(partial(call, HERE.name, "conditions_of"), given, workers)
+    return [condition for of_preset in found for condition in of_preset]
 
-    It is run once, to the widest angles. Thresholds lie in equal ratios, from just above the first
-    C_G to just above the least.
+
+def conditions_of(given: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The conditions of a preset: the loop is run once, to the widest angles.
+
+    Thresholds lie in equal ratios, from just above the first C_G to just above the least.
     """
+    rounds = improving_rounds(plan(to_the_widest(_cell(given, given["preset"]))))
+    first, least = rounds[0][0].c_g, rounds[-1][0].c_g
     found = []
-    for preset in settings["presets"]:
-        rounds = improving_rounds(plan(to_the_widest(_cell(settings, preset))))
-        first, least = rounds[0][0].c_g, rounds[-1][0].c_g
-        for threshold in (1.001 * np.geomspace(first, least, settings["thresholds"])).tolist():
-            turn, postures = next(each for each in rounds if each[0].c_g < threshold)
-            own = {"preset": preset, "threshold": threshold, "postures": postures.tolist()}
-            found.append({**settings, **own, "c_g": turn.c_g, "d_deg": turn.variation_deg[0]})
+    for threshold in (1.001 * np.geomspace(first, least, given["thresholds"])).tolist():
+        turn, postures = next(turn for turn in rounds if turn[0].c_g < threshold)
+        own = {"threshold": threshold, "postures": postures.tolist()}
+        found.append({**given, **own, "c_g": turn.c_g, "d_deg": turn.variation_deg[0]})
     return found
 
 
@@ -334,7 +339,8 @@ def study(options: Options) -> dict[str, Any]:
 
     settings = SETTINGS | {"trials": trials_of(options, SETTINGS["trials"])}
     options.advance("planning", 0.0)
-    trials = trials_by_grid(options, HERE.name, settings, conditions(settings))
+    planned = conditions(settings, options.workers)
+    trials = trials_by_grid(options, HERE.name, settings, planned)
     rows = summary(trials, settings["solvers"])
     write_rows(options.out, SETS, rows)
     related = relations(pd.DataFrame(rows), settings["solvers"])

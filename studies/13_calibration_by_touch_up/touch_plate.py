@@ -18,7 +18,7 @@ from calib.vision.camera.observers import Kind
 from posedesign.cell import touching_poses
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.simulation import PLATE_PITCH_M, PlateTest, effective_truth, spread_interval
-from posedesign.simulation.plate import PLATE_POINTS, plate_points
+from posedesign.simulation.accuracy import PLATE_POINTS, plate_points
 
 from .touch_bench import Bench, DataSets, PoseSet
 

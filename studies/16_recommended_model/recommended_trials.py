@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from calib.errors import CalibError
 from calib.identification import IdentificationResult, identify
-from calib.identification.diagnosis import MODEL
+from calib.identification.held import MODEL
 from calib.model import CalibrationModel, Setup
 from calib.model import simulate as measure
 from calib.model.measurements import Measurements

@@ -12,8 +12,8 @@ from typing import get_args
 import pytest
 from rich.table import Table
 
-from calib.identification.diagnosis.held import Cause
-from calib.identification.noise import Loss
+from calib.identification.held import Cause
+from calib.identification.result import Loss
 from calib.identification.solver import Method
 from calib.model.measurements import KINDS
 from calib.robot_world import METHODS

@@ -44,6 +44,8 @@ def test_help_does_not_wait_for_the_robot_libraries():
     each = ["import posedesign, calib", *(f"{run}run({typed})" for typed in words)]
     assert modules_after("\n".join(each)).isdisjoint((*HEAVY, "click"))
     small = "posedesign.plan\nrun(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])"
+    small += "\nfrom posedesign.cell import Cell, cell_template"
+    small += "\nCell.from_text(cell_template()).model()"
     unused = {"scipy", "pandas", "matplotlib", "cvxpy", "cv2", "joblib"}
     assert modules_after(f"import posedesign\n{run}{small}").isdisjoint(unused)
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.identification.diagnosis import MODEL
-from calib.identification.diagnosis.held import tuned
-from posedesign.identification.findings import diagnose_table, model_of_arm
+from calib.identification.diagnosis import diagnose
+from calib.identification.held import MODEL, tuned
+from posedesign.identification.models import Models
 from tests.fault_trials import (
     ARMS,
     FAULTS,
@@ -32,14 +32,15 @@ def named(fault: str, kind: str, seed: int) -> str:
     rng = np.random.default_rng([seed, CASES.index((fault, kind))])
     arm = draw_arm(ARMS[seed % len(ARMS)], kind, rng)
     data, wanted = FAULTS[fault](arm, np.random.default_rng([seed, 1]), rng)
-    found = diagnose_table(arm.cell, table_of(arm, data))
+    model = Models(arm.cell, table_of(arm, data)).of_arm()
+    found = diagnose(model, data)
     causes = {each.cause for first in found[:1] for each in (first, *first.also)}
     if causes & set(wanted):
         return "named"
     if causes:
         return "other"
     bare = FAULTS[fault](arm, np.random.default_rng([seed, 1]), None)[0]
-    usual = tuned(model_of_arm(arm.cell, table_of(arm, data)), arm.measured(rng))
+    usual = tuned(model, arm.measured(rng))
     assert usual is not None
     return "unseen" if noncentrality(arm, bare, usual.held) < SEEN else "silent"
 
@@ -71,7 +72,8 @@ def test_nothing_is_named_that_is_not_there(count):
             trials += 1
             rng = np.random.default_rng([seed, 99, MEASURED.index(kind)])
             arm = draw_arm(ARMS[seed % len(ARMS)], kind, rng, **SETS[how])
-            found = diagnose_table(arm.cell, table_of(arm, arm.measured(rng)))
+            data = arm.measured(rng)
+            found = diagnose(Models(arm.cell, table_of(arm, data)).of_arm(), data)
             false += any(finding.cause not in MODEL for finding in found)
             false += bool(found) and how == "plain"
     assert false <= 0.02 * trials

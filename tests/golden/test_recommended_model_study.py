@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp
-from posedesign.identification.models import candidates
+from posedesign.identification.models import Models
 from posedesign.study import Options
 from posedesign.study.library import find_study
 from studies.intervals import wilson
@@ -70,7 +70,7 @@ def test_qr_keeps_what_the_measurements_tell(arms, peers):
     bench = arms.bench_of("irb120", "tracker")
     arm = bench.arm(0)
     table, q, how = bench.measured(arm, 0)
-    whole = peers.all_links(candidates(bench.cell, table)[0].model)
+    whole = peers.all_links(Models(bench.cell, table).candidates()[0].model)
     few = peers.reduced_by_qr(whole, table.data, q, 1e-6)
     J = whole.linearise(q, whole.nominal, how, table.data.observed).white_jacobian
     J = J.reshape(-1, whole.p)

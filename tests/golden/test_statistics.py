@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from calib.identification import covariance_of, identify, identify_batch
-from calib.identification.report import MODEL_DOUBT
+from calib.identification.solver import MODEL_DOUBT
 from calib.model.measurements import touch_ups
 from calib.robot_world import METHODS, solve
 from calib.se3 import FloatArray, inverse, rotation_angle

@@ -11,7 +11,7 @@ from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, so
 from tests.marks import rest_in_full
 
 seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=25, deadline=None)
+many = settings(max_examples=15, deadline=None)
 quick = settings(max_examples=2, deadline=None)
 kinds = st.sampled_from(["one axis", "translations", "identical", "two poses", "still target"])
 sides = st.sampled_from(["A", "B", "both"])

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib import CalibrationModel, identify
+from calib import identify
 from calib.identification import reduce
 from posedesign.cell import Cell
-from posedesign.cell.arm_errors import robot_blocks
 from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
-from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of
+from posedesign.identification.models import Models, kinds_of
 
 pytestmark = pytest.mark.real_data
 
@@ -58,8 +56,7 @@ def test_the_references_are_reproduced(found, tables, words, parameters, out_mm,
     del found  # it has written the tables
     cell = Cell.load(tables / NOISES["given"])
     table = read_measurements(tables / "measurements.csv", cell.robot.n)
-    blocks = [*robot_blocks(cell, words), *set_up_blocks(cell, table)]
-    whole = CalibrationModel(cell.robot, blocks, kinds_of(cell, table.kinds))
+    whole = Models(cell, table).of(words, kinds_of(cell, table.kinds))
     result = identify(reduce(whole, table.data).model, table.data)
     assert len(result.names) == parameters
     assert 1e3 * result.leave_one_out_rms_m == pytest.approx(out_mm, abs=1e-3)

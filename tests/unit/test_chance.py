@@ -23,6 +23,7 @@ def test_quantiles_are_those_of_scipy(p: float) -> None:
 
 @pytest.mark.parametrize("value", [0.0, 0.3, 2.0, 40.0])
 def test_tails_are_those_of_scipy(value: float) -> None:
+    np.testing.assert_allclose(chance.normal_below(-value), stats.norm.cdf(-value), rtol=1e-12)
     np.testing.assert_allclose(chance.chi2_tail(value, FREEDOM), stats.chi2.sf(value, FREEDOM))
     np.testing.assert_allclose(chance.chi2_below(value, FREEDOM), stats.chi2.cdf(value, FREEDOM))
     for n in FREEDOM:

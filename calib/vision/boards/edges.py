@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
+from calib.chance import normal_below
 from calib.se3 import BoolArray, FloatArray
 from calib.vision.boards.board import Board, CircleGrid
 from calib.vision.boards.board_map import BoardMap
@@ -284,7 +284,7 @@ def _fit_steps(
     the others.
     """
     scaled = distance / sigma[..., None]
-    step = ndtr(scaled)
+    step = normal_below(scaled)
     bell = _INV_SQRT_2PI * np.exp(-0.5 * scaled * scaled) / sigma[..., None]
     columns = [np.ones_like(step), step, -bell]
     if free:

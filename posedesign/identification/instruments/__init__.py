@@ -1,6 +1,6 @@
 """Files of trackers, measuring arms and motion capture, and the joints that go with them."""
 
-from posedesign.identification.instruments.reading import (
+from posedesign.identification.instruments.measured import (
     Measured,
     goes_with_temperature,
     is_of_instrument,

@@ -44,8 +44,7 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.postures import find_form, joint_columns, postures_in_any_form
-from posedesign.identification.instruments.layouts import SECONDS, near, text_of
-from posedesign.identification.instruments.readings import seconds_of
+from posedesign.identification.instruments.readings import SECONDS, near, seconds_of, text_of
 from posedesign.programs.reading import EXTERNAL_AT_REST
 from posedesign.programs.registry import read_joints
 

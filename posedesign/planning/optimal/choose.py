@@ -81,15 +81,13 @@ def refined_with_way(
     router: Router,
     chosen: CandidatePoses,
     refine: Callable[[CandidatePoses], CandidatePoses],
-    *,
-    in_doubt: bool,
 ) -> tuple[CandidatePoses, Route]:
     """Poses refined as far as a clear way leads to them then, and the way.
 
-    ``in_doubt``: look for the way through the poses as they are first: refinement takes long. Those
-    that were given come back where no way leads through them either; the route then says to which.
+    Those that were given come back where no way leads through them either; the route then says to
+    which.
     """
-    if in_doubt:
+    if not router.reached(chosen.postures).all():  # in doubt; and refinement takes long
         plain = router.route(chosen.postures, chosen.loads)
         if plain.lost:
             return chosen, plain
@@ -212,9 +210,7 @@ class Planning:
             chosen = pool.take(selection.indices)
             if self._request.refine:
                 self._advance("refining", 0.6)
-                chosen, route = refined_with_way(
-                    self._router, chosen, self._refined, in_doubt=attempt > 0
-                )
+                chosen, route = refined_with_way(self._router, chosen, self._refined)
             else:
                 route = self._router.route(chosen.postures, chosen.loads)
             if not route.lost or attempt == ATTEMPTS - 1:

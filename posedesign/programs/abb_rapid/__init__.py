@@ -6,9 +6,8 @@ import re
 
 from posedesign.programs.abb_rapid.reader import parse_abb_rapid
 from posedesign.programs.abb_rapid.rules import check_abb_rapid
-from posedesign.programs.abb_rapid.writer import NAMES, render_abb_rapid
+from posedesign.programs.abb_rapid.writer import NAMES, NOTATION, render_abb_rapid
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.notation import QUATERNION, Notation
 
 __all__ = ["AbbRapid"]
 
@@ -25,7 +24,7 @@ class AbbRapid(Dialect):
     turning_axes = True
     names = NAMES
     newline = "\r\n"
-    notation = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)
+    notation = NOTATION
     begins = re.compile(rb"^[ \t]*MODULE[ \t]", re.IGNORECASE | re.MULTILINE)
     writer = render_abb_rapid
     reader = parse_abb_rapid

@@ -174,14 +174,18 @@ def calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
     for call in statement.all("call"):
         found: list[Argument] = []
         for argument in call.children[1:]:
-            value, switches = None, {}
+            value: Node | None = None
+            switches: dict[str, Node | None] = {}
             for node in argument.children:  # type: ignore[union-attr]
                 if isinstance(node, Tree) and node.data == "switch":
                     name, *inner = node.children
                     switches[str(name).upper()] = inner[0] if inner else None
                 else:
                     value = node
-            found.append((value, switches))
+            if value is None and found:  # switches behind a comma are of the argument before it
+                found[-1][1].update(switches)
+            else:
+                found.append((value, switches))
         yield str(call.children[0]).upper(), found
 
 

@@ -47,6 +47,7 @@ from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
 from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
 from posedesign.programs.language import words as token_texts
 from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.rules import measuring
 from posedesign.programs.sets import set_mark
 
 MOST_NAME, MOST_STRING = 32, 80
@@ -265,8 +266,7 @@ class _Checker:
                 return
             norm = math.hypot(*numbers[3:])
             if abs(norm - 1.0) > WRITTEN_WITHIN:
-                reason = f"{label}: the quaternion's norm is {norm:.6g}"
-                yield Problem(row, "position", reason, "measuring")
+                yield measuring(row, "position", f"{label}: the quaternion's norm is {norm:.6g}")
             if all(re.fullmatch(r"[-+]?\d{1,4}", text) for text in position.parts[2]):
                 level = "measuring"  # of an arm of another kind
             position.details("")
@@ -293,8 +293,7 @@ class _Checker:
         for data in self.data:
             numbered = data.kind in SHAPES and _NAMED_POSITION.fullmatch(data.name)
             if numbered and data.name.upper() not in used:
-                reason = f"{data.name} is never used"
-                yield Problem(data.row, "position-used", reason, "measuring")
+                yield measuring(data.row, "position-used", f"{data.name} is never used")
 
     def _find(self, name: str) -> tuple[str, Data | None] | None:
         return self.names.get((self.routine, name)) or self.names.get((0, name))
@@ -341,20 +340,13 @@ class _Checker:
         self, row: int, word: str, given: list[module.Argument]
     ) -> Iterator[Problem]:
         """The arguments of an instruction whose signature is known."""
-        taken = [(value, dict(switches)) for value, switches in given[:1]]
-        for value, switches in given[1:]:
-            if value is None:  # a switch behind a comma is of the argument before it
-                taken[-1][1].update(switches)
-            else:
-                taken.append((value, dict(switches)))
-        wanted = [pair for pair in words.SIGNATURES[word] if pair[0]]
-        if taken and taken[0][0] is None:
-            wanted = [pair for pair in words.SIGNATURES[word][:1] if not pair[0]] + wanted
-        if len(taken) != len(wanted):
-            reason = f"{word} has {len(taken)} arguments, not {len(wanted)}"
-            yield Problem(row, "argument", reason)
+        alone = given[:1] and given[0][0] is None  # switches in front of the first argument
+        wanted = [pair for pair in words.SIGNATURES[word] if pair[0] or alone]
+        if len(given) != len(wanted):
+            said = f"{word} has {len(given)} arguments, not {len(wanted)}"
+            yield Problem(row, "argument", said)
             return
-        for (value, switches), (kind, known) in zip(taken, wanted, strict=True):
+        for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():
                 if switch not in known:
                     yield Problem(row, "argument", f"\\{switch[:30]} is no switch there")
@@ -413,11 +405,12 @@ class _Checker:
             if s.kind == "assignment":
                 called = {str(node.children[0]).upper() for node in s.all("function")}
                 acts = bool(called & {"CJOINTT", "CROBT"})
-            if acts and not (stands and stopped):
-                reason = "no WaitTime\\InPos between the motion and this: the arm may still move"
-                if not stopped:
-                    reason = "the motion before it has no stop point (fine)"
-                yield Problem(s.row, "standstill", reason, "measuring")
+            if acts and not stopped:
+                said = "the motion before it has no stop point (fine)"
+                yield measuring(s.row, "standstill", said)
+            elif acts and not stands:
+                said = "no WaitTime\\InPos between the motion and this: the arm may still move"
+                yield measuring(s.row, "standstill", said)
 
 
 def _is_name(node: Node) -> bool:

@@ -25,9 +25,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.se3 import FloatArray, quaternion_from_rotation
+from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm, Load
-from posedesign.programs.program import Form, PoseProgram, ProgramPose
+from posedesign.programs.notation import QUATERNION, Notation, texts_of
+from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.writing import (
     Limits,
     NameRule,
@@ -35,8 +36,7 @@ from posedesign.programs.writing import (
     check_call,
     plain,
     plain_all,
-    shown_deg,
-    warning_lines,
+    title_lines,
 )
 
 _RESERVED = """
@@ -66,13 +66,15 @@ FASTEST = 5000, 500, 5000, 1000
 LEAST_MASS_KG = 0.001
 """The controller refuses a tool without mass."""
 
-JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
+NOTATION = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)
 """The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
 0.0001."""
 
 _TO_POSE = f"    MoveJ p{{number}},{SPEED},fine,{{tool}}\\WObj:={{frame}};"
 _PHRASES = Phrases(
     note="    ! {}",
+    named="P",
+    unnamed=False,
     move=(f"    MoveAbsJ jp{{number}}\\NoEOffs,{SPEED},fine,{{tool}};",),
     wait="    WaitTime\\InPos,{time:.2f};",
     pulse=("    PulseDO\\PLength:={time:.3f},do{output};",),
@@ -107,8 +109,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
     tool = _tool_name(arm, options.form)
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
-    lines += [f"  ! {text}" for text in (options.comment, program.mark) if text]
-    lines += [f"  ! {line}" for line in warning_lines(program, TEXT_LENGTH)]
+    lines += [f"  ! {text}" for text in title_lines(program, TEXT_LENGTH)]
     lines += (
         _frames(arm, tool, work_object, options.form)
         + _positions(program, arm)
@@ -121,9 +122,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
     if options.form == "cartesian":
         lines.append("    ConfJ\\On;")
     phrases = _PHRASES if options.form == "joint" else replace(_PHRASES, move=(_TO_POSE,))
-    for number, pose in zip(program.numbers, program.poses, strict=True):
-        lines += _named(number, pose, "    ")
-        lines += phrases.steps(options, pose, number, tool=tool, frame=work_object)
+    lines += phrases.visit(program, LIMITS, tool=tool, frame=work_object)
     lines += ["  ENDPROC", "ENDMODULE", ""]
     return {f"{program.name}.mod": "\n".join(lines)}
 
@@ -151,7 +150,8 @@ def _frame_name(T: FloatArray, name: str, usual: str) -> str:
 
 def _frames(arm: Arm, tool: str, work_object: str, form: Form) -> list[str]:
     """Declarations of the frames that are not the usual ones; joints need no work object."""
-    place_tool, place_user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
+    frames = NOTATION.pose_texts(np.stack([arm.T_tip_tool, arm.T_world_user]))
+    place_tool, place_user = map(_pose, frames)
     lines = []
     if tool == TOOL and arm.load is None:
         lines.append(f"  ! the load of {TOOL} is not known: set its mass and centre")
@@ -178,56 +178,33 @@ def _load(load: Load | None) -> str:
 
 
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:
-    rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
-    n = rows.shape[1] - arm.n_external
-    external = [_connected(row[n:]) for row in rows]
-    if program.options.form == "joint":
-        head = "jointtarget jp"
-        values = [f"[{','.join(plain_all(row[:n], JOINT_DECIMALS))}]" for row in rows]
-    else:
-        head = "robtarget p"
-        postures = program.postures_rad
-        words = arm.configurations(postures)
-        placed = _poses(arm.tool_poses(postures))
-        values = [f"{pose},{at.words}" for pose, at in zip(placed, words, strict=True)]
     lines = []
-    stored = zip(program.numbers, program.poses, values, external, strict=True)
-    for number, pose, value, axes in sorted(stored, key=lambda entry: entry[0]):
-        lines += _named(number, pose, "  ")
-        lines.append(f"  LOCAL CONST {head}{number}:=[{value},{axes}];")
+    for texts in sorted(texts_of(program, arm, NOTATION, NOTATION.place), key=lambda t: t.number):
+        if texts.placed:
+            kind, value = "robtarget p", f"{_pose(texts.placed)},{texts.words}"
+        else:
+            kind, value = "jointtarget jp", f"[{','.join(texts.joints)}]"
+        # external axes, eax_a first; the others are not connected
+        axes = ",".join([*texts.external, *["9E9"] * (6 - len(texts.external))])
+        name = LIMITS.name_of(texts.pose)
+        lines += [note[2:] for note in _PHRASES.note_of(texts.number, name)]
+        lines.append(f"  LOCAL CONST {kind}{texts.number}:=[{value},[{axes}]];")
     return lines
 
 
-def _connected(values: FloatArray) -> str:
-    """External axes with values [mm, deg], eax_a first; the others are not connected."""
-    there = plain_all(values, PLACE_DECIMALS)
-    return f"[{','.join([*there, *['9E9'] * (6 - len(there))])}]"
-
-
-def _named(number: int, pose: ProgramPose, indent: str) -> list[str]:
-    return [f"{indent}! P{number} {pose.name}"] if pose.name and LIMITS.fits(pose.name) else []
-
-
-def _poses(T: FloatArray) -> list[str]:
-    """``[x,y,z],[q1,q2,q3,q4]`` of transforms ``(N, 4, 4)`` [mm]."""
-    quaternions = quaternion_from_rotation(T[:, :3, :3])
-    return [
-        f"[{','.join(plain_all(place, PLACE_DECIMALS))}],"
-        f"[{','.join(plain_all(turn, QUATERNION_DECIMALS))}]"
-        for place, turn in zip(1e3 * T[:, :3, 3], quaternions, strict=True)
-    ]
+def _pose(texts: list[str]) -> str:
+    """``[x,y,z],[q1,q2,q3,q4]`` [mm]."""
+    return f"[{','.join(texts[:3])}],[{','.join(texts[3:])}]"
 
 
 def _measured(program: PoseProgram) -> list[str]:
     """The array of touched-up positions, without values at first."""
-    options = program.options
-    measured = [n for n, pose in zip(program.numbers, program.poses, strict=True) if not pose.via]
-    if options.keep != "register" or not measured:
+    if not program.registers:
         return []
-    first, last = (options.first_register + n - 1 for n in (measured[0], measured[-1]))
+    first, last = program.registers[0], program.registers[-1]
     empty = f"[{_NOT_CONNECTED},{_NOT_CONNECTED}]"
     return [
-        f"  ! {MEASURED}{{{first}}} IS P{measured[0]}",
+        f"  ! {MEASURED}{{{first}}} IS P{program.first}",
         f"  LOCAL PERS jointtarget {MEASURED}{{{last}}}:=[",
         *[f"    {empty},"] * (last - 1),
         f"    {empty}];",

@@ -10,8 +10,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
+from posedesign.programs.configuration import EXACT_DEG, Configuration, beside
 from posedesign.programs.configurations.geometry import arm_positions
 
 
@@ -37,6 +36,7 @@ class AbbConfiguration(Configuration):
         r"\[" + r",".join([r"\s*([+-]?\d{1,3})\s*"] * 3) + r",\s*([0-7])\s*\]"
     )
     counts: ClassVar[tuple[str, ...]] = ("cf1", "cf4", "cf6")
+    exact: ClassVar[tuple[str, ...]] = ("cfx",)
     cf1: int
     cf4: int
     cf6: int
@@ -46,7 +46,6 @@ class AbbConfiguration(Configuration):
     """Bit 0: axis 5 negative. Bit 1: wrist centre behind the line through axes 2 and 3, "behind the
     lower arm". Bit 2: wrist centre behind axis 1."""
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
-    """Quadrants on the other side of a boundary nearby (:mod:`.boundaries`); empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
@@ -54,11 +53,7 @@ class AbbConfiguration(Configuration):
         angles = arm.pendant_deg[:, [0, 3, 5]]
         negative = arm.pendant_deg[:, 4] < -EXACT_DEG
         cfx = 1 * negative + 2 * arm.behind_line + 4 * arm.behind_axis_1
-        columns = *quadrants(angles).T, cfx, beside(quadrants, angles)
-        return [
-            cls(cf1, cf4, cf6, bits, tuple(other))
-            for cf1, cf4, cf6, bits, other in zip(*(c.tolist() for c in columns), strict=True)
-        ]
+        return cls._of_columns(*quadrants(angles).T, cfx, beside(quadrants, angles))
 
     @property
     def words(self) -> str:
@@ -69,17 +64,6 @@ class AbbConfiguration(Configuration):
     def _of_groups(cls, *groups: str) -> Self:
         cf1, cf4, cf6, cfx = map(int, groups)
         return cls(cf1, cf4, cf6, cfx)
-
-    def allows(self, other: Configuration) -> bool:
-        return (
-            isinstance(other, AbbConfiguration)
-            and self.cfx == other.cfx
-            and agree(self._quadrants, self.beside, other._quadrants, other.beside)
-        )
-
-    @property
-    def _quadrants(self) -> tuple[int, int, int]:
-        return self.cf1, self.cf4, self.cf6
 
 
 def quadrants(angles_deg: FloatArray) -> IntArray:

@@ -10,8 +10,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
+from posedesign.programs.configuration import EXACT_DEG, Configuration, beside
 from posedesign.programs.configurations.geometry import arm_positions
 
 _TOLERANCE_DEG = 5e-4
@@ -40,6 +39,7 @@ class FanucConfiguration(Configuration):
         r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?"
     )
     counts: ClassVar[tuple[str, ...]] = ("turns",)
+    exact: ClassVar[tuple[str, ...]] = ("flip", "down", "back")
     flip: bool  # F: J5 > 0. N: J5 < 0, which is the usual posture with the tool down, and J5 = 0.
     down: bool
     """D: the wrist centre is behind the line from axis 2 to axis 3. U: in front of it, the elbow
@@ -49,23 +49,18 @@ class FanucConfiguration(Configuration):
     """Of J1, J4, J6. Turn 0 is (-180, 180) deg, open at both ends: +180 is turn 1, and -180 is
     taken for turn -1. Turn t is the same 360 t deg further."""
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
-    """Turns on the other side of a boundary nearby (:mod:`.boundaries`); empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg[:, [0, 3, 5]]
-        columns = (
+        return cls._of_columns(
             arm.pendant_deg[:, 4] > EXACT_DEG,
             arm.behind_line,
             arm.behind_axis_1,
             turn_numbers(angles),
             beside(turn_numbers, angles),
         )
-        return [
-            cls(flip, down, back, tuple(turns), tuple(other))
-            for flip, down, back, turns, other in zip(*(c.tolist() for c in columns), strict=True)
-        ]
 
     @property
     def words(self) -> str:
@@ -78,13 +73,6 @@ class FanucConfiguration(Configuration):
         flip, down, back, *turns = groups
         j1, j4, j6 = map(int, turns)
         return cls(flip == "F", down == "D", back == "B", (j1, j4, j6))
-
-    def allows(self, other: Configuration) -> bool:
-        return (
-            isinstance(other, FanucConfiguration)
-            and (self.flip, self.down, self.back) == (other.flip, other.down, other.back)
-            and agree(self.turns, self.beside, other.turns, other.beside)
-        )
 
 
 def turn_numbers(angles_deg: FloatArray) -> IntArray:

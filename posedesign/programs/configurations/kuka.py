@@ -10,8 +10,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import EXACT_DEG, ROUNDING_DEG
+from posedesign.programs.configuration import EXACT_DEG, ROUNDING_DEG, Configuration
 from posedesign.programs.configurations.geometry import arm_positions
 
 _NUMBER = r"(\d{1,3}|'B[01]{1,8}')"
@@ -55,8 +54,8 @@ class KukaConfiguration(Configuration):
     nothing of the arm, and are written as zero."""
     turn: int  # bit i - 1: axis i negative, for A1 to A6
     loose: int = field(default=0, compare=False, repr=False)
-    """Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign
-    (:mod:`.boundaries`); zero when read."""
+    """Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign;
+    zero when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
@@ -67,8 +66,7 @@ class KukaConfiguration(Configuration):
         bit = 1 << np.arange(angles.shape[1])
         turn = (angles < -EXACT_DEG) @ bit
         loose = (np.abs(angles) < ROUNDING_DEG) @ bit
-        columns = zip(status.tolist(), turn.tolist(), loose.tolist(), strict=True)
-        return [cls(*numbers) for numbers in columns]
+        return cls._of_columns(status, turn, loose)
 
     @property
     def words(self) -> str:

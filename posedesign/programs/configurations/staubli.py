@@ -8,8 +8,7 @@ from typing import ClassVar, Self
 
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import EXACT_DEG
+from posedesign.programs.configuration import EXACT_DEG, Configuration
 from posedesign.programs.configurations.geometry import arm_positions
 
 SHOULDER = {"righty": True, "lefty": False, "sfree": None}
@@ -43,6 +42,7 @@ class StaubliConfiguration(Configuration):
     form: ClassVar[re.Pattern[str]] = re.compile(
         r'(?:shoulder=")?(\w+)(?:"\s+elbow="|[\s,]+)(\w+)(?:"\s+wrist="|[\s,]+)(\w+)"?'
     )
+    exact: ClassVar[tuple[str, ...]] = ("righty", "elbow_negative", "wrist_negative")
     righty: bool | None  # wrist centre behind axis 1; lefty: in front of it. None: free.
     elbow_negative: bool | None
     """Wrist centre behind the line through axes 2 and 3, which is joint 3 negative where axes 3 and
@@ -52,15 +52,15 @@ class StaubliConfiguration(Configuration):
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
         arm = arm_positions(robot, postures, cls.maker)
-        columns = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < -EXACT_DEG
-        return [cls(*flags) for flags in zip(*(c.tolist() for c in columns), strict=True)]
+        negative = arm.pendant_deg[:, 4] < -EXACT_DEG
+        return cls._of_columns(arm.behind_axis_1, arm.behind_line, negative)
 
     @property
     def words(self) -> str:
         """As a point of a data file has it: ``shoulder="lefty" elbow="..." wrist="..."``."""
         shoulder, elbow, wrist = (
-            next(word for word, value in table.items() if value is flag)
-            for table, flag in zip(_TABLES, self._flags, strict=True)
+            next(word for word, value in table.items() if value is getattr(self, name))
+            for table, name in zip(_TABLES, self.exact, strict=True)
         )
         return f'shoulder="{shoulder}" elbow="{elbow}" wrist="{wrist}"'
 
@@ -69,13 +69,3 @@ class StaubliConfiguration(Configuration):
         if not all(word in table for word, table in zip(groups, _TABLES, strict=True)):
             return None
         return cls(*(table[word] for word, table in zip(groups, _TABLES, strict=True)))
-
-    def allows(self, other: Configuration) -> bool:
-        return isinstance(other, StaubliConfiguration) and all(
-            wanted is None or wanted is found
-            for wanted, found in zip(self._flags, other._flags, strict=True)
-        )
-
-    @property
-    def _flags(self) -> tuple[bool | None, bool | None, bool | None]:
-        return self.righty, self.elbow_negative, self.wrist_negative

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
@@ -11,8 +10,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
+from posedesign.programs.configuration import EXACT_DEG, Configuration, beside
 from posedesign.programs.configurations.geometry import arm_positions
 
 LENGTHS = (6, 8, 24)
@@ -43,6 +41,8 @@ class YaskawaConfiguration(Configuration):
         "write 6, 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0"
     )
     form: ClassVar[re.Pattern[str]] = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
+    exact: ClassVar[tuple[str, ...]] = ("lower", "rear")
+    near: ClassVar[tuple[str, ...]] = ("no_flip", "r_beyond", "t_beyond", "s_beyond")
     no_flip: int
     """0, flip: R in (-90, 90] deg, or the same a turn further. 1, no flip: R elsewhere."""
     lower: int
@@ -52,56 +52,31 @@ class YaskawaConfiguration(Configuration):
     r_beyond: int
     t_beyond: int
     s_beyond: int  # r_beyond, t_beyond, s_beyond: 0: R, T, S in (-180, 180] deg. 1: beyond.
+    beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
     length: int = field(default=LENGTHS[-1], compare=False)
     """Number of values to write, the rest are zero: one of :data:`LENGTHS`."""
-    beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
-    """``no_flip`` and the last three on the other side of a boundary nearby (:mod:`.boundaries`);
-    empty when read."""
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
         arm = arm_positions(robot, postures, cls.maker)
         r, turning = arm.pendant_deg[:, [3]], arm.pendant_deg[:, [3, 5, 0]]
-        numbers = (
-            flip_numbers(r),
-            arm.behind_line[:, None],
-            arm.behind_axis_1[:, None],
-            beyond_numbers(turning),
-        )
         other = np.hstack([beside(flip_numbers, r), beside(beyond_numbers, turning)])
-        rows = zip(np.hstack(numbers).tolist(), other.tolist(), strict=True)
-        return [cls(*_six(row), beside=tuple(sides)) for row, sides in rows]
+        where = 1 * arm.behind_line, 1 * arm.behind_axis_1
+        return cls._of_columns(*flip_numbers(r).T, *where, *beyond_numbers(turning).T, other)
 
     @property
     def words(self) -> str:
         """As a job has it behind ``///RCONF``: ``1,0,0,0,0,0,0,0``."""
-        return ",".join(map(str, [*self._numbers, *[0] * (self.length - len(self._numbers))]))
+        own = self.no_flip, self.lower, self.rear, self.r_beyond, self.t_beyond, self.s_beyond
+        return ",".join(map(str, [*own, *[0] * (self.length - len(own))]))
 
     @classmethod
     def _of_groups(cls, *groups: str) -> Self | None:
         values = [int(v) for v in groups[0].split(",")]
-        fits = len(values) in LENGTHS and max(values[:6]) <= 1 and not any(values[6:])
-        return cls(*_six(values), length=len(values)) if fits else None
-
-    def allows(self, other: Configuration) -> bool:
-        return (
-            isinstance(other, YaskawaConfiguration)
-            and (self.lower, self.rear) == (other.lower, other.rear)
-            and agree(self._of_angles, self.beside, other._of_angles, other.beside)
-        )
-
-    @property
-    def _numbers(self) -> tuple[int, ...]:
-        return (self.no_flip, self.lower, self.rear, self.r_beyond, self.t_beyond, self.s_beyond)
-
-    @property
-    def _of_angles(self) -> tuple[int, ...]:
-        return (self.no_flip, self.r_beyond, self.t_beyond, self.s_beyond)
-
-
-def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
-    no_flip, lower, rear, r, t, s = values[:6]
-    return no_flip, lower, rear, r, t, s
+        if len(values) not in LENGTHS or max(values[:6]) > 1 or any(values[6:]):
+            return None
+        no_flip, lower, rear, r, t, s = values[:6]
+        return cls(no_flip, lower, rear, r, t, s, length=len(values))
 
 
 def flip_numbers(r_deg: FloatArray) -> IntArray:

@@ -192,7 +192,7 @@ class DensoPac(JointDialect):
     newline = "\r\n"
     phrases = Phrases(
         note="  ' {}",
-        move=("  Move P, @E J({joints})",),
+        move=("  Move P, @E J({target})",),
         wait="  Delay {ms:.0f}",
         pulse=("  Set IO[{output}]", "  Delay {ms:.0f}", "  Reset IO[{output}]"),
         call=("  Call {call}({argument})",),

@@ -255,7 +255,7 @@ class DoosanDrl(JointDialect):
     names = NameRule("a DRL name", 32, small=True, reserved=_RESERVED)
     phrases = Phrases(
         note="# {}",
-        move=("movej(posj({joints}), vel={speed}, acc={speed})", "mwait()"),
+        move=("movej(posj({target}), vel={speed}, acc={speed})", "mwait()"),
         wait="wait({time:.3f})",
         pulse=(
             "set_digital_output({output}, ON)",

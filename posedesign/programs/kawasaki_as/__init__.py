@@ -234,6 +234,7 @@ class KawasakiAs(JointDialect):
     # names of variables have at most 15 characters, two of which are ".p"; case does not matter
     names = NameRule("a name of an AS program", 13, small=True)
     newline = "\r\n"
+    keeps = True
     phrases = Phrases(
         note="  ; {}",
         move=("  JMOVE #{name}.p[{number}]", "  BREAK"),

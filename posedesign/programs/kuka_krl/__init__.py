@@ -7,8 +7,7 @@ import re
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.kuka_krl.reader import parse_kuka_krl
 from posedesign.programs.kuka_krl.rules import check_kuka_krl
-from posedesign.programs.kuka_krl.writer import NAMES, render_kuka_krl
-from posedesign.programs.notation import ABC, Notation
+from posedesign.programs.kuka_krl.writer import NAMES, NOTATION, render_kuka_krl
 
 __all__ = ["KukaKrl"]
 
@@ -26,7 +25,7 @@ class KukaKrl(Dialect):
     turning_axes = True
     names = NAMES
     newline = "\r\n"
-    notation = Notation(joint=5, place=4, turned=5, turn=ABC, counts_at=7)
+    notation = NOTATION
     begins = re.compile(rb"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEFDAT|DEF|DEFFCT)[ \t]", re.I | re.M)
     writer = render_kuka_krl
     reader = parse_kuka_krl

@@ -14,7 +14,7 @@ from posedesign.programs.reading import poses_of
 
 _ENDS = {block.closes for block in BLOCKS.values()}
 _PARTS = {part for block in BLOCKS.values() for part in block.divides}
-_FIELDS = {"TOOL": "tool", "BASE": "base"}
+_KINDS = ("TOOL", "BASE")
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,11 @@ class ActiveFrames:
         kind, frames = statement.kind, self.frames
         if kind == "call":
             command, number = krl.bas_of(statement)
-            self.frames = frames.having(command, _of_number(number))
             if command == "FRAMES":
                 self.frames = replace(frames, tool=UNKNOWN, base=UNKNOWN)
-            return command in (*_FIELDS, "FRAMES")
+                return True
+            self.frames = frames.having(command, _of_number(number))
+            return command in _KINDS
         if kind == "assignment":
             variable, value = statement.tree.children
             return self._take_assignment(krl.key_of(variable), value)
@@ -79,9 +80,9 @@ class ActiveFrames:
             before = self._opened[-1] if self._opened else Frames()
             if kind in _ENDS and self._opened:
                 self._opened.pop()
-            for name, own in _FIELDS.items():
-                if getattr(before, own) != getattr(frames, own):
-                    self.frames = self.frames.having(name, UNKNOWN)
+            tool = frames.tool if frames.tool == before.tool else UNKNOWN
+            base = frames.base if frames.base == before.base else UNKNOWN
+            self.frames = replace(frames, tool=tool, base=base)
         return False
 
     def of_motion(self, statement: Statement) -> Frames:

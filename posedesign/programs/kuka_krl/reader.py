@@ -49,6 +49,9 @@ _MATTERS = re.compile(
 )
 """What a line may hold that cannot be passed over, although the grammar does not know the line."""
 
+_COMPUTED = re.compile(r"\[(?![\d,]*\]).*")
+"""An index of which nobody knows the element."""
+
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
 
 
@@ -220,7 +223,7 @@ class _Reader:
         """Add a position that is given its values; refuse what changes one in another way."""
         variable, value = statement.tree.children
         key = krl.key_of(variable)
-        plain = "." not in key and "?" not in key
+        plain = "." not in key and not _COMPUTED.search(key)
         if not plain or not krl.is_aggregate(value):
             self._forget(key, statement.row)
         if _is_frame(value) or key.partition("_DATA[")[1]:
@@ -272,8 +275,7 @@ class _Reader:
 
     def _forget(self, key: str, row: int) -> None:
         """A variable gets values that are not in the file; those at motions before stay."""
-        # of an index that is computed nobody knows which element it is
-        name = key.partition(".")[0].replace("[?]", "")
+        name = _COMPUTED.sub("", key).partition(".")[0]
         if self.is_data and name in self.variables:
             refuse(f"{name} is changed in part", self.path, row, "store the position whole")
         self.forgotten[name] = row

@@ -49,7 +49,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -62,6 +61,7 @@ from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXT
 from posedesign.programs.language import Block, Node, Statement, block_faults, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.rules import measuring
 
 MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
 """Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
@@ -94,6 +94,7 @@ _WORDS = _words(
     RETURN SCIRC SIGNAL SLIN SPLINE SPTP STRUC SWITCH TRIGGER TRUE UNTIL WAIT WHILE"""
 )
 _TRUTHS = _words("TRUE FALSE")
+_TRIVIAL = _words("NAN INF INFINITY")
 _CALLED = _WORDS | {"BAS", "PULSE"}
 _TYPES_OR_WORDS = _TYPES | _WORDS | {"PTP", "LIN"}
 _SYSTEM = _words(
@@ -101,7 +102,6 @@ _SYSTEM = _words(
     $H_POS $VEL_AXIS $ACC_AXIS"""
 )
 _KEPT = _words("$AXIS_ACT $POS_ACT $AXIS_ACT_MEAS $POS_ACT_MES")
-_FORM_WORDS = _words("IPO_FRAME APO_MODE ORI_TYP CIRC_TYP")
 _FORMS = {
     "FDAT": _words("TOOL_NO BASE_NO IPO_FRAME POINT2[] TQ_STATE"),
     "PDAT": _words("VEL ACC APO_DIST APO_MODE GEAR_JERK EXAX_IGN"),
@@ -109,18 +109,22 @@ _FORMS = {
         "VEL ACC APO_DIST APO_FAC AXIS_VEL AXIS_ACC ORI_TYP CIRC_TYP JERK_FAC GEAR_JERK EXAX_IGN"
     ),
 }
+"""Names in the data of inline forms. Their values are numbers, but for these."""
+
+_FORM_VALUES = {
+    "IPO_FRAME": ("#(BASE|TCP)", "#BASE or #TCP"),
+    "TQ_STATE": ("TRUE|FALSE", "TRUE or FALSE"),
+    "POINT2[]": (".*", "a text"),
+    **dict.fromkeys(("APO_MODE", "ORI_TYP", "CIRC_TYP"), ("#.*", "a name with #")),
+}
 _GLOBALS = _STATES | _words(
     """XHOME HOME FHOME PDEFAULT TOOL_DATA BASE_DATA LOAD_DATA SVEL_JOINT STOOL SBASE SLOAD
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
 _LARGEST = {"S": 31, "T": 63}
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
-_NOT_ASCII: rules.Asked = (
-    "ascii",
-    rb"[\x80-\xff]",
-    "the byte 0x{:02x} is not plain ASCII text",
-    "measuring",
-)
+_CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
+_NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")
 
 
 def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
@@ -130,7 +134,7 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
     dat, src = (module, other) if module.is_data else (other, module)
     return rules.told(
         rules.syntax(module.statements),
-        rules.check_bytes(module.text.encode("latin-1"), ("ascii", *rules.CONTROL[1:]), _NOT_ASCII),
+        rules.check_bytes(module.text.encode("latin-1"), _CONTROL, _NOT_ASCII),
         _check_length(module),
         _check_module(module, path),
         block_faults(module.statements, _BLOCKS),
@@ -197,23 +201,22 @@ def _companion(path: Path, module: _Module) -> tuple[_Module | None, list[Proble
     """The other file of the program, and what is wrong with it."""
     ending = ".src" if module.is_data else ".dat"
     files = (path.with_suffix(ending), path.with_suffix(ending.upper()))
-    found = next((file for file in files if file.is_file()), None)
-    reason = f"{path.stem}{ending} is not beside it"
-    if found is not None:
-        try:
-            other = _Module(read_program_bytes(found))
-        except FileFormatError as error:
-            reason = f"{found.name}: {error.message}"
-        else:
-            mine, its = module.name.upper(), other.name.upper()
-            if not mine or not its:
-                return None, []
-            if mine == its and module.is_data != other.is_data:
-                return other, []
-            reason = f"{found.name} is the module {its[:40]!a}, not the other file of {mine[:40]!a}"
-    elif not module.is_data and not any(map(_target, module.statements)):
-        return None, []  # all its positions stand in the motions
-    return None, [Problem(1, "companion", reason, "measuring")]
+    found = next(filter(Path.is_file, files), None)
+    if found is None:
+        if not module.is_data and not any(map(_target, module.statements)):
+            return None, []  # all its positions stand in the motions
+        return None, [measuring(1, "companion", f"{path.stem}{ending} is not beside it")]
+    try:
+        other = _Module(read_program_bytes(found))
+    except FileFormatError as error:
+        return None, [measuring(1, "companion", f"{found.name}: {error.message}")]
+    mine, its = module.name.upper(), other.name.upper()
+    if not mine or not its:
+        return None, []
+    if mine == its and module.is_data != other.is_data:
+        return other, []
+    said = f"{found.name} is the module {its[:40]!a}, not the other file of {mine[:40]!a}"
+    return None, [measuring(1, "companion", said)]
 
 
 def _target(statement: Statement) -> str:
@@ -227,8 +230,7 @@ def _check_length(module: _Module) -> Iterator[Problem]:
     for found in re.finditer(rf"[^\r\n]{{{most + 1},}}", module.text):
         if not _OF_THE_PENDANT.match(found[0][:1000]):
             row = module.text.count("\n", 0, found.start()) + 1
-            reason = f"{len(found[0])} characters, more than {most}"
-            yield Problem(row, "line-length", reason, "measuring")
+            yield measuring(row, "line-length", f"{len(found[0])} characters, more than {most}")
 
 
 def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
@@ -244,14 +246,13 @@ def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
         if begin is not first and "begin_data" in (first.kind, begin.kind):
             yield Problem(begin.row, "module", "a .dat holds one DEFDAT, a .src none")
         if len(name) > 24:
-            reason = f"{name[:40]} has {len(name)} characters, not 24"
-            yield Problem(begin.row, "module-name", reason)
+            said = f"{name[:40]} has {len(name)} characters, not 24"
+            yield Problem(begin.row, "module-name", said)
         if begin.kind != "begin_data" and begin.one("parameters") is None:
             yield Problem(begin.row, "module", f"no brackets behind the name {name}")
     if module.name.upper() != path.stem.upper():
         # a file that was renamed on its way runs under its own name
-        reason = f"{module.name} in the file {path.name}"
-        yield Problem(first.row, "module-name", reason, "measuring")
+        yield measuring(first.row, "module-name", f"{module.name} in the file {path.name}")
 
 
 def _check_places(module: _Module) -> Iterator[Problem]:
@@ -301,7 +302,7 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
         row, kind = statement.row, statement.kind
         if kind in _CHECKS:
             yield from _CHECKS[kind](statement, module.is_data)
-        if any(name.upper() in ("NAN", "INF", "INFINITY") for name in statement.words("NAME")):
+        if _TRIVIAL & {name.upper() for name in statement.words("NAME")}:
             yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
         for word, known in _spelt(statement):
             if not word or word in told or word in known:
@@ -378,8 +379,7 @@ def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]
     if of_type.startswith("DECL"):
         yield Problem(row, "word", "no blank behind DECL")
     for item in krl.items_of(statement):
-        size = next(filter(krl.is_index, item.children), None)
-        if is_data and of_type != "CHAR" and size is not None and not size.children:
+        if is_data and of_type != "CHAR" and krl.size_of(item) == "[]":
             yield Problem(row, "constant", "the size of the array is missing")
         for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
             fault = _form_fault(of_type, name, text)
@@ -396,39 +396,32 @@ _CHECKS = {
 
 
 def _form_fault(of_type: str, name: str, text: str) -> str:
-    known, said = _FORMS[of_type], f"is {text[:20]}, "
+    known = _FORMS[of_type]
     if name not in known:
         return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
-    if name in _FORM_WORDS and text[:1] != "#":
-        return said + "no name with #"
-    if name == "IPO_FRAME" and text.upper() not in ("#BASE", "#TCP"):
-        return said + "not #BASE or #TCP"
-    if name == "TQ_STATE" and text.upper() not in _TRUTHS:
-        return said + "not TRUE or FALSE"
-    is_number = name not in {"POINT2[]", "TQ_STATE", *_FORM_WORDS}
-    return said + "no number" if is_number and math.isnan(krl.as_number(text)) else ""
+    pattern, said = _FORM_VALUES.get(name, (krl.NUMBER, "a number"))
+    fits = re.fullmatch(pattern, text, re.IGNORECASE | re.ASCII | re.DOTALL)
+    return "" if fits else f"is {text[:20]}, not {said}"
 
 
 def _check_positions(module: _Module) -> Iterator[Problem]:
     """Rules ``position-format`` and ``number``."""
     for row, variable, of_type, aggregate in module.positions:
         label, fields = variable or "the position", krl.fields_of(aggregate)
-        counts = Counter(name for name, _ in fields)
-        found = counts.keys()
-        joints = bool(found & {*AXES})
-        needed = {*AXES} if joints else {*POSE}
-        listed = " ".join(name for name, _ in fields)[:60]
-        twice = min((name for name, times in counts.items() if times > 1), default="")
-        if twice:
+        names = [name for name, _ in fields]
+        found, joints = {*names}, not {*AXES}.isdisjoint(names)
+        needed, known = ({*AXES}, ()) if joints else ({*POSE}, CONFIGURATION)
+        listed = f"{label} has {' '.join(names)[:60]}"
+        if len(found) < len(names):
+            twice = min(name for name in names if names.count(name) > 1)
             yield Problem(row, "position-format", f"{label} has {twice} twice")
-        if not found <= {*needed, *EXTERNAL, *(() if joints else CONFIGURATION)}:
-            reason = f"{label} has {listed}, not A1 to A6 or X Y Z A B C S T"
-            yield Problem(row, "position-format", reason)
+        if not found <= {*needed, *EXTERNAL, *known}:
+            said = f"{listed}, not A1 to A6 or X Y Z A B C S T"
+            yield Problem(row, "position-format", said)
         elif of_type and joints != of_type.endswith("AXIS") and found - {*EXTERNAL}:
-            yield Problem(row, "position-format", f"{label}: {of_type} of {fields[0][0]}")
+            yield Problem(row, "position-format", f"{label}: {of_type} of {names[0]}")
         elif not needed <= found or len({*CONFIGURATION} & found) == 1:
-            reason = f"{label} has {listed}: the others stay as they are"
-            yield Problem(row, "position-format", reason, "measuring")
+            yield measuring(row, "position-format", f"{listed}: the others stay as they are")
         for name, text in fields:
             fault, level = _number_fault(name, text, module.is_data)
             if fault:
@@ -459,15 +452,14 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
         used = {name.upper() for s in src.statements for name in s.words("NAME")}
         for row, variable, _, _ in dat.positions:
             if re.fullmatch(r"X?P\d+", variable) and variable not in used:
-                yield Problem(row, "position-used", f"{variable} is never used", "measuring")
+                yield measuring(row, "position-used", f"{variable} is never used")
     known = {*src.names, *dat.names, *_GLOBALS}
     sizes = {
-        str(item.children[0]).upper(): int(text_of(size))
+        str(item.children[0]).upper(): int(size[1:-1])
         for declaring in (dat, src)
         for statement in declaring.of_kind("declaration")
         for item in krl.items_of(statement)
-        for size in filter(krl.is_index, item.children)
-        if re.fullmatch(r"[0-9]{1,7}", text_of(size))
+        if re.fullmatch(r"\[[0-9]{1,7}\]", size := krl.size_of(item))
     }
     for statement in module.of_kind("motion", "assignment", "call"):
         for node in statement.all("variable") if sizes else ():
@@ -479,8 +471,7 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
             if name[0] != "$" and name.upper() not in known:
                 # it may be global, of a file that is not here
                 known.add(name.upper())
-                reason = f"{name[:40]} is not defined"
-                yield Problem(statement.row, "position-defined", reason, "measuring")
+                yield measuring(statement.row, "position-defined", f"{name[:40]} is not defined")
 
 
 def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
@@ -515,10 +506,11 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
             name, text, acts = _setting(statement)
             ready |= {"TOOL", "BASE"} if name in ("FRAMES", "FDAT_ACT") else {name}
             yield from _check_setting(row, statement, name, text)
-        if acts and not (stands and not approximated):
-            reason = "no WAIT between the motion and this: the arm may still move"
-            reason = "the motion before it is approximated" if approximated else reason
-            yield Problem(row, "standstill", reason, "measuring")
+        if acts and approximated:
+            yield measuring(row, "standstill", "the motion before it is approximated")
+        elif acts and not stands:
+            said = "no WAIT between the motion and this: the arm may still move"
+            yield measuring(row, "standstill", said)
 
 
 def _setting(statement: Statement) -> tuple[str, str, bool]:
@@ -534,14 +526,13 @@ def _setting(statement: Statement) -> tuple[str, str, bool]:
 
 def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iterator[Problem]:
     if word not in ("PTP", "SPTP"):
-        yield Problem(row, "first-move", f"{word} is the first motion, not PTP", "measuring")
+        yield measuring(row, "first-move", f"{word} is the first motion, not PTP")
     elif fields and not ({*CONFIGURATION, *POSE} <= fields or "A1" in fields):
-        yield Problem(row, "first-move", "the first position has no S and T", "measuring")
+        yield measuring(row, "first-move", "the first position has no S and T")
     if "INITMOV" not in ready:
-        reason = "no BAS(#INITMOV,0) before the first motion"
-        yield Problem(row, "initialised", reason, "measuring")
+        yield measuring(row, "initialised", "no BAS(#INITMOV,0) before the first motion")
     for name in _FRAMES.keys() - ready:
-        yield Problem(row, "frame", f"${name} is not set before the first motion", "measuring")
+        yield measuring(row, "frame", f"${name} is not set before the first motion")
 
 
 def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iterator[Problem]:
@@ -555,12 +546,12 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
     if (called or text) and (value < 0 or value % 1):
         yield Problem(row, "frame-value", f"{name} {text}: frames are numbered from 0")
     elif value > _FRAMES[name]:
-        reason = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"
-        yield Problem(row, "frame-value", reason, "measuring")
+        said = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"
+        yield measuring(row, "frame-value", said)
     given = statement.tree.children[-1]
     if not called and isinstance(given, Tree):
         if any(map(_is_constant, given.children)):
             yield Problem(row, "frame-value", f"${name} has a value that is no number")
         if krl.is_aggregate(given) and {axis for axis, _ in krl.fields_of(given)} != {*POSE}:
-            reason = f"${name} has not X Y Z A B C: the others stay as they are"
-            yield Problem(row, "frame-value", reason, "measuring")
+            said = f"${name} has not X Y Z A B C: the others stay as they are"
+            yield measuring(row, "frame-value", said)

@@ -51,37 +51,21 @@ LANGUAGE = Language(
 )
 """The grammar; one for all files, so that it is made once."""
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?", re.IGNORECASE | re.ASCII)
+NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?"
+"""A plain decimal number."""
+
+_NUMBER = re.compile(NUMBER, re.IGNORECASE | re.ASCII)
 
 
 def name_of(node: Node) -> str:
-    """A variable as one word: ``XP1``, ``TABLE[2]``, ``$TOOL.X``, ``P[?]``; empty for no variable.
-
-    An index that is computed is a question mark: of which element nobody knows.
-    """
-    if not isinstance(node, Tree):
-        return str(node) if node.type == "NAME" else ""
-    if node.data != "variable":
-        return ""
-    name = ""
-    for child in node.children:
-        if not isinstance(child, Tree):
-            name += f".{child}" if name else str(child)
-        elif all(isinstance(i, Token) and i.isdigit() for i in child.children):
-            name += f"[{','.join(map(str, child.children))}]"
-        else:
-            name += "[?]"
-    return name
+    """A variable as one word: ``XP1``, ``TABLE[2]``, ``$TOOL.X``; empty for no variable."""
+    known = is_a(node, "variable") or (isinstance(node, Token) and node.type == "NAME")
+    return text_of(node) if known else ""
 
 
 def key_of(node: Node) -> str:
     """The same in capitals: letters of either case are the same."""
     return name_of(node).upper()
-
-
-def is_index(node: Node) -> TypeGuard[Tree[Token]]:
-    """Whether it is an index, or the size of an array."""
-    return is_a(node, "index")
 
 
 def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
@@ -91,22 +75,11 @@ def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
 
 def fields_of(node: Node) -> list[tuple[str, str]]:
     """Names in capitals and values as text of what stands between braces; none of another node."""
-    if not isinstance(node, Tree) or node.data != "aggregate":
+    if not is_aggregate(node):
         return []
-    every, other = node.children[::2], node.children[1::2]
-    if len(every) == len(other) and all(isinstance(c, Token) and c.type == "FIELD" for c in every):
-        return [(str(c).upper(), text_of(v)) for c, v in zip(every, other, strict=True)]
-    names: list[str] = []
-    values: list[str] = []
-    for child in node.children:
-        if not isinstance(child, Tree) and child.type == "FIELD":
-            names.append(child.upper())
-            values.append("")
-        elif isinstance(child, Tree) and child.data == "index":
-            names[-1] += "[]"
-        elif names:
-            values[-1] += text_of(child)
-    return list(zip(names, values, strict=True))
+    first = int(is_a(node.children[0], "kind"))
+    pairs = zip(node.children[first::2], node.children[first + 1 :: 2], strict=True)
+    return [(str(key).upper(), text_of(value)) for key, value in pairs]
 
 
 def as_number(text: str) -> float:
@@ -146,6 +119,11 @@ def items_of(declaration: Statement) -> list[Tree[Token]]:
     """What is declared: each has a name, and perhaps an index and a value."""
     children = declaration.tree.children
     return [c for c in children if isinstance(c, Tree) and c.data == "item"]
+
+
+def size_of(item: Tree[Token]) -> str:
+    """Size of an array that is declared: ``[8]``, ``[]``; empty for no array."""
+    return next((text_of(child) for child in item.children if is_a(child, "index")), "")
 
 
 def kind_of(node: Node) -> str:

@@ -24,20 +24,11 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.kuka_krl.syntax import AXES, EXTERNAL, MOST_BASE, MOST_TOOL
+from posedesign.programs.kuka_krl.syntax import AXES, EXTERNAL, MOST_BASE, MOST_TOOL, POSE
+from posedesign.programs.notation import ABC, Notation, Texts, texts_of
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.writing import (
-    Limits,
-    NameRule,
-    Phrases,
-    check_call,
-    plain_all,
-    rounded_deg,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import Limits, NameRule, Phrases, check_call, warning_lines
 
 _RESERVED = """
 AND ANIN ANOUT AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE
@@ -62,14 +53,16 @@ LIMITS = Limits(
     frames=(MOST_BASE, MOST_TOOL),
 )
 
-JOINT_DECIMALS, PLACE_DECIMALS, TURN_DECIMALS = 5, 4, 5
-"""Of degrees, millimetres and degrees. The controller computes with numbers of 24 bits, whose steps
-at 180 and at 2000 are 0.00002 and 0.0001."""
+NOTATION = Notation(joint=5, place=4, turned=5, turn=ABC, counts_at=7)
+"""The controller computes with numbers of 24 bits, whose steps at 180 and at 2000 are 0.00002 and
+0.0001."""
 
 _FOLD = re.compile(r"\s*(?:END)?FOLD", re.IGNORECASE)
 _POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
 _PHRASES = Phrases(
     note=";{}",
+    named="P",
+    unnamed=False,
     move=(
         ";FOLD PTP P{number} Vel={percent} % PDAT1 Tool[{tool}] Base[{base}]"
         ";%{{PE}}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P "
@@ -137,31 +130,23 @@ def _data(program: PoseProgram, arm: Arm) -> str:
         speed = f"VEL {options.speed_percent}.0,ACC 100.0,APO_DIST 100.0"
         lines.append(f"DECL PDAT PPDAT1={{{speed},GEAR_JERK 50.0,EXAX_IGN 0}}")
     frames = f"TOOL_NO {options.tool_frame},BASE_NO {options.user_frame},IPO_FRAME #BASE"
-    kind, aggregates = (
-        ("E6AXIS", _joint_aggregates(program, arm))
-        if forms
-        else ("E6POS", _pose_aggregates(program, arm))
-    )
-    stored = zip(program.numbers, program.poses, aggregates, strict=True)
-    for number, pose, aggregate in sorted(stored, key=lambda entry: entry[0]):
-        if pose.name and LIMITS.fits(pose.name):
-            lines.append(f";P{number} {pose.name}")
-        lines.append(f"DECL {kind} XP{number}={aggregate}")
+    for texts in sorted(texts_of(program, arm, NOTATION, NOTATION.joint), key=lambda t: t.number):
+        number = texts.number
+        lines += _PHRASES.note_of(number, LIMITS.name_of(texts.pose))
+        lines.append(f"DECL {'E6AXIS' if forms else 'E6POS'} XP{number}={_aggregate(texts)}")
         if forms:
             lines.append(f'DECL FDAT FP{number}={{{frames},POINT2[] " ",TQ_STATE FALSE}}')
-    measured = [n for n, pose in zip(program.numbers, program.poses, strict=True) if not pose.via]
-    if options.keep == "register" and measured:
-        first, last = (options.first_register + n - 1 for n in (measured[0], measured[-1]))
-        lines += [f";XM[{first}] IS P{measured[0]}", f"DECL E6AXIS XM[{last}]"]
+    if program.registers:
+        first, last = program.registers[0], program.registers[-1]
+        lines += [f";XM[{first}] IS P{program.first}", f"DECL E6AXIS XM[{last}]"]
     return "\n".join([*lines, "ENDDAT"]) + "\n"
 
 
 def _source(program: PoseProgram, arm: Arm) -> str:
     options = program.options
     lines = [*_head(program), f"DEF {program.name}( )"]
-    if program.mark:
-        lines.append(f";{program.mark}")
-    lines += [f";{line}" for line in warning_lines(program, TEXT_LENGTH)]
+    notes = [program.mark] if program.mark else []
+    lines += [f";{note}" for note in notes + warning_lines(program, TEXT_LENGTH)]
     lines += [
         "BAS(#INITMOV,0)",
         f"BAS(#VEL_PTP,{options.speed_percent})",
@@ -169,8 +154,8 @@ def _source(program: PoseProgram, arm: Arm) -> str:
         f"BAS(#BASE,{options.user_frame})",
     ]
     if options.form == "cartesian":
-        frames = np.stack([arm.T_tip_tool, arm.T_world_user])
-        tool, base = ("{" + fields + "}" for fields in _frames(frames))
+        frames = NOTATION.pose_texts(np.stack([arm.T_tip_tool, arm.T_world_user]))
+        tool, base = (f"{{{_fields(POSE, texts)}}}" for texts in frames)
         lines += [f"$TOOL={tool}", f"$BASE={base}"]
     given = {
         "percent": options.speed_percent,
@@ -178,42 +163,15 @@ def _source(program: PoseProgram, arm: Arm) -> str:
         "base": options.user_frame,
     }
     phrases = _PHRASES if options.form == "joint" else replace(_PHRASES, move=("PTP XP{number}",))
-    for number, pose in zip(program.numbers, program.poses, strict=True):
-        if pose.name and LIMITS.fits(pose.name):
-            lines.append(f";P{number} {pose.name}")
-        lines += phrases.steps(options, pose, number, **given)
+    lines += phrases.visit(program, LIMITS, **given)
     return "\n".join([*lines, "END"]) + "\n"
 
 
-def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
-    rows = shown_deg(arm, program.poses)
-    names = (*AXES, *EXTERNAL[: arm.n_external])
-    return ["{" + _fields(names, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
+def _aggregate(texts: Texts) -> str:
+    placed = _fields(POSE, texts.placed) if texts.placed else _fields(AXES, texts.joints)
+    beside = _fields(EXTERNAL, texts.external)
+    return "{" + ",".join(filter(None, [placed, texts.words, beside])) + "}"
 
 
-def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
-    rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
-    postures = program.postures_rad
-    placed = _frames(arm.tool_poses(postures))
-    words = arm.configurations(postures)
-    names = EXTERNAL[: arm.n_external]
-    external = [_fields(names, plain_all(r[len(r) - len(names) :], JOINT_DECIMALS)) for r in rows]
-    return [
-        "{" + ",".join(filter(None, [fields, at.words, beside])) + "}"
-        for fields, at, beside in zip(placed, words, external, strict=True)
-    ]
-
-
-def _frames(T: FloatArray) -> list[str]:
-    """X Y Z [mm] and A B C [deg] of transforms ``(N, 4, 4)``; A and C in (-180, 180]."""
-    turn = rounded_deg(wpr_from_rotation(T[:, :3, :3]), TURN_DECIMALS)[:, ::-1]
-    return [
-        _fields("XYZ", plain_all(place, PLACE_DECIMALS))
-        + ","
-        + _fields("ABC", plain_all(abc, TURN_DECIMALS))
-        for place, abc in zip(1e3 * T[:, :3, 3], turn, strict=True)
-    ]
-
-
-def _fields(names: tuple[str, ...] | str, values: list[str]) -> str:
-    return ",".join(f"{name} {value}" for name, value in zip(names, values, strict=True))
+def _fields(names: tuple[str, ...], values: list[str]) -> str:
+    return ",".join(f"{name} {value}" for name, value in zip(names, values, strict=False))

@@ -39,7 +39,6 @@ from calib.errors import FileFormatError
 from calib.robots import POSITIVE_AXES
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.lists import WARNING_LENGTH, check_options, comment_text
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import (
     MOST_JOINT_DEG,
@@ -50,7 +49,14 @@ from posedesign.programs.reading import (
 )
 from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import MOST_PROBLEMS
-from posedesign.programs.writing import NameRule, plain_all, shown_deg, warning_lines
+from posedesign.programs.writing import (
+    LIST_LENGTH,
+    NameRule,
+    comment_text,
+    plain_all,
+    shown_deg,
+    warning_lines,
+)
 
 __all__ = ["RobodkCsv"]
 
@@ -77,16 +83,14 @@ def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
     Poses that are only passed through are rows as well. The format has no speed, no time to settle
     and no call: the macro that moves the robot sets them.
 
-    Raises InputError: a text that cannot stand in a line, a joint beyond +-720 deg, an output to be
-    pulsed, or registers to be kept.
+    Raises InputError: a text that cannot stand in a line, or a joint beyond +-720 deg.
     """
-    check_options(program)
     name, title = program.name, program.options.comment
     rows = [",".join(plain_all(row, DECIMALS)) for row in shown_deg(arm, program.poses)]
     beside = [f"posedesign rows of {name}.csv", f"program: {name}"]
     beside += [f"title: {comment_text('comment', title)}"] if title else []
     beside += [program.mark] if program.mark else []
-    beside += [f"note: {line}" for line in warning_lines(program, WARNING_LENGTH)]
+    beside += [f"note: {line}" for line in warning_lines(program, LIST_LENGTH)]
     beside += [f"controller: {arm.maker or 'as described'}", f"rows: {len(rows)}"]
     stops = zip(program.numbers, program.poses, strict=True)
     for row, (number, pose) in enumerate(stops, start=1):
@@ -265,6 +269,7 @@ class RobodkCsv(Dialect):
     suffixes = (".csv",)
     companions = (".txt",)
     forms = ("joint",)
+    keeps = switches = False
     names = NameRule("a name for a list", 64, small=True)
     encoding = "utf-8"
     writer = render_robodk_csv

@@ -35,6 +35,7 @@ class _RosList(Dialect):
     external_axes = 6
     turning_axes = True
     forms = ("joint",)
+    keeps = switches = False
     names = NameRule("a name for a list", 64, small=True)
     encoding = "utf-8"
     passes = False

@@ -23,10 +23,9 @@ from calib.robots import shown_of
 from calib.robots.move_times import ACCELERATION_S, move_times
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.lists import WARNING_LENGTH, check_options, comment_text
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.ros.rules import Layout
-from posedesign.programs.writing import shown_deg, warning_lines
+from posedesign.programs.writing import LIST_LENGTH, comment_text, shown_deg, warning_lines
 
 DECIMALS = 12
 """Of joint values [rad]: they are rounded by at most 5e-13 rad."""
@@ -66,7 +65,6 @@ def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
     beyond +-720 deg, an output to be pulsed, registers to be kept, or a time that a trajectory
     cannot say.
     """
-    check_options(program)
     if not layout.timed and all(pose.via for pose in program.poses):
         raise InputError(
             f"program {program.name!r} has no poses to capture",
@@ -108,7 +106,7 @@ def _heading(program: PoseProgram, what: str) -> list[str]:
     notes = [program.mark] if program.mark else []
     frames = f"tool frame {options.tool_frame}, user frame {options.user_frame}"
     motion = f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"
-    notes += [*warning_lines(program, WARNING_LENGTH), f"{frames}, {motion}"]
+    notes += [*warning_lines(program, LIST_LENGTH), f"{frames}, {motion}"]
     return lines + [f"# {note}" for note in notes]
 
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-
 from calib.errors import InputError
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.notation import VECTOR, Notation
+from posedesign.programs.notation import Notation
 from posedesign.programs.ur_script.reader import is_log, parse_ur_script
 from posedesign.programs.ur_script.rules import check_ur_script
 from posedesign.programs.ur_script.spec import NAMES
-from posedesign.programs.ur_script.writer import render_ur_script
+from posedesign.programs.ur_script.writer import NOTATION, render_ur_script
 
 __all__ = ["UrScript"]
 
@@ -28,7 +26,7 @@ class UrScript(Dialect):
     suffixes = (".script", ".urscript", ".log", ".txt")
     remark = (r"", "# {words}")
     names = NAMES
-    notation = Notation(7, 7, 7, np.pi / 180, 1.0, VECTOR)
+    notation = NOTATION
     writer = render_ur_script
     reader = parse_ur_script
     rules = check_ur_script

@@ -126,24 +126,12 @@ def told_poses(
 ) -> Iterator[Told]:
     """Poses as a controller's program tells of them, until it has ended.
 
-    A connection that is lost is made anew; what was told meanwhile is not known.
+    A connection that is lost is made anew, which is ``tell``-ed; what was told meanwhile is not
+    known. ``register``: the output integer register that the program writes into. ``timeout_s``:
+    longest time without a pose [s].
 
-    Parameters
-    ----------
-    host : str
-        Name or address of the controller.
-    register : int
-        The output integer register that the program writes into.
-    timeout_s : float
-        Longest time without a pose [s].
-    tell : callable
-        Told of lost connections.
-
-    Raises
-    ------
-    InputError
-        ur_rtde is missing, a value is out of its range, nothing answers there, or no pose is told
-        in time.
+    Raises InputError: ur_rtde is missing, a value is out of its range, nothing answers there, or no
+    pose is told in time.
     """
     in_range("timeout_s", timeout_s, 1.0, LONGEST_S)
     if register not in REGISTERS:

@@ -32,6 +32,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lark import Token, Tree
@@ -352,39 +353,28 @@ class _Reader:
             refuse(reason, self.path, row, "move to a list of joints, or read the log of a run")
         found = self._found or self._listed()
         numbers = self.announced.numbered([(key, t.name) for key, t in found.items()], {})
-        posed = [target for target in found.values() if target.pose is not None]
-        out: list[RecordedPosition] = []
-        for (n, name), t in zip(numbers, found.values(), strict=True):
-            most = MOST_JOINT_RAD
-            joints = self._values(t.joints, f"position {n}", most, t.row) if t.joints else None
-            if t.pose is not None and t.frames != posed[0].frames:
-                reason = f"position {n} is in another frame than positions before"
+        targets = [(f"position {n}", t) for (n, _), t in zip(numbers, found.values(), strict=True)]
+        posed = [(t.pose, label, t.row) for label, t in targets if t.pose is not None]
+        frames = next((t.frames for _, t in targets if t.pose is not None), ())
+        for label, t in targets:
+            if t.pose is not None and t.frames != frames:
+                reason = f"{label} is in another frame than positions before"
                 refuse(reason, self.path, t.row, "use one frame in pose_trans, or joints")
-            shown_deg = None if joints is None else np.degrees(joints)
-            out.append(RecordedPosition(n, name, t.row, shown_deg))
-        if not posed:
-            return tuple(out)
-        pairs = list(zip(out, found.values(), strict=True))
-        frames = self._transforms([(f, "the frame", posed[0].row) for f in posed[0].frames])
-        T_world_user = reduce(np.matmul, frames, np.eye(4))
-        rows = {target.tcp: target.row for target in reversed(posed) if target.tcp is not None}
+        in_frames = self._transforms([(f, "the frame", posed[0][2]) for f in frames])
+        T_world_user = reduce(np.matmul, in_frames, np.eye(4))
+        rows = {t.tcp: t.row for _, t in reversed(targets) if t.pose is not None and t.tcp}
         tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
-        poses = iter(
-            self._transforms(
-                [(t.pose, f"position {p.number}", t.row) for p, t in pairs if t.pose is not None]
-            )
-        )
-        return tuple(
-            p
-            if t.pose is None
-            else replace(
-                p,
-                T_user_tool=next(poses),
-                T_world_user=T_world_user,
-                T_tip_tool=None if t.tcp is None else tools[t.tcp],
-            )
-            for p, t in pairs
-        )
+        poses = iter(self._transforms(posed))
+        out = []
+        for (n, name), (label, t) in zip(numbers, targets, strict=True):
+            joints = self._values(t.joints, label, MOST_JOINT_RAD, t.row) if t.joints else None
+            placed: dict[str, Any] = {}
+            if t.pose is not None:
+                placed = {"T_user_tool": next(poses), "T_world_user": T_world_user}
+                placed["T_tip_tool"] = tools[t.tcp] if t.tcp else None
+            shown = None if joints is None else np.degrees(joints)
+            out.append(RecordedPosition(n, name, t.row, shown, **placed))
+        return tuple(out)
 
     def _listed(self) -> dict[tuple[str, int], _Target]:
         """Lists of joints of a file without moves, each with the pose that PolyScope stores."""

@@ -44,6 +44,7 @@ from lark import Token, Tree
 from posedesign.programs import rules
 from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
+from posedesign.programs.rules import measuring
 from posedesign.programs.ur_script import reader
 from posedesign.programs.ur_script.reader import shown
 from posedesign.programs.ur_script.spec import (
@@ -77,7 +78,7 @@ _SHORTEST = 3
 _MOST_NAMES = 2000
 """Of a script in which misspelt ones are looked for."""
 
-_CALLS = ("call", "run")
+_ASKS = {"popup", "request_boolean_from_primary_client"}
 _DEFINES = ("define", "thread", "secondary")
 
 Call = tuple[str, list[tuple[str, Node]], int]
@@ -96,21 +97,6 @@ def check_ur_script(data: bytes, path: Path) -> list[Problem]:
         block_faults(found, BLOCKS),
         _Script(found).check(),
     )
-
-
-def _collect(tree: Tree[Token], trees: list[Tree[Token]], tokens: list[Token]) -> None:
-    """Take a tree with all in it, but for the names of functions, of parameters and of members."""
-    trees.append(tree)
-    children: Sequence[Node] = tree.children
-    if tree.data == "run" or (tree.data == "argument" and len(children) > 1):
-        children = children[2:]
-    elif tree.data == "call" and isinstance(children[0], Token):
-        children = children[1:]
-    for child in children:
-        if isinstance(child, Tree):
-            _collect(child, trees, tokens)
-        else:
-            tokens.append(child)
 
 
 class _Script:
@@ -143,31 +129,28 @@ class _Script:
         called: dict[str, int] = {}
         moved = False
         for statement in self.found:
-            row = statement.row
-            trees: list[Tree[Token]] = []
-            tokens: list[Token] = []
-            _collect(statement.tree, trees, tokens)
-            poses = [tree for tree in trees if tree.data == "pose"]
-            calls: list[Call] = []
-            for tree in trees:
-                called_by = tree.children[tree.data == "run"] if tree.data in _CALLS else None
-                if isinstance(called_by, Token):
-                    calls.append((str(called_by), reader.arguments(tree), row))
+            row, poses = statement.row, list(statement.all("pose"))
+            calls: list[Call] = [
+                (str(token), reader.arguments(tree), row)
+                for tree in statement.all("call", "run")
+                for token in tree.children[:2]
+                if isinstance(token, Token) and token.type == "FUNCTION"
+            ]
             moves = any(name in MOVES for name, *_ in calls)
             moved |= moves
-            for name in [str(t) for t in tokens if t.type == "NAME"]:
-                if name not in self.variables and statement.kind not in _DEFINES:
+            for name in statement.words("NAME") if statement.kind not in _DEFINES else ():
+                if name not in self.variables:
                     yield from self._unknown(name, row, "variable", matters=moves)
             for call in calls:
                 called.setdefault(call[0], row)
                 yield from self._check_call(*call)
             for pose in poses:
                 yield from _check_pose(pose, row)
-            texts = [str(token) for token in tokens if token.type == "STRING"]
+            texts = statement.words("STRING")
             yield from self._check_measuring(calls, texts, row, posed=bool(poses))
         if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:
-            reason = "freedrive is never ended: the arm does not move then"
-            yield Problem(called["freedrive_mode"], "freedrive", reason, "measuring")
+            said = "freedrive is never ended: the arm does not move then"
+            yield measuring(called["freedrive_mode"], "freedrive", said)
 
     def _unknown(self, name: str, row: int, rule: str, *, matters: bool) -> Iterator[Problem]:
         if name in self._told and not matters:
@@ -219,24 +202,20 @@ class _Script:
                 self._is_blended = radius is not None and not _ZERO.fullmatch(shown(radius))
                 self._moves += 1
                 if posed and not self._has_tcp:
-                    reason = "no set_tcp above: whose pose is it?"
-                    yield Problem(row, "tcp", reason, "measuring")
-        report = next((m for m in map(_REPORT.fullmatch, texts) if m), None)
-        if self._is_blended and (
-            report or names & {"popup", "request_boolean_from_primary_client"}
-        ):
-            reason = "the move before has a blend radius: the arm does not stop"
-            yield Problem(row, "stop-to-measure", reason, "measuring")
+                    yield measuring(row, "tcp", "no set_tcp above: whose pose is it?")
+        report = next(filter(None, map(_REPORT.fullmatch, texts)), None)
+        if self._is_blended and (report or names & _ASKS):
+            said = "the move before has a blend radius: the arm does not stop"
+            yield measuring(row, "stop-to-measure", said)
         if report is None:
             return
-        reasons = {
-            f"POSE {report[1]} is reported twice": report[1] in self._reported,
-            "no move since the report before": not self._moves,
-            "without the actual joint positions: get_actual_joint_positions()": (
-                "get_actual_joint_positions" not in names
-            ),
-        }
-        yield from (Problem(row, "report", r, "measuring") for r, holds in reasons.items() if holds)
+        if report[1] in self._reported:
+            yield measuring(row, "report", f"POSE {report[1]} is reported twice")
+        if not self._moves:
+            yield measuring(row, "report", "no move since the report before")
+        if "get_actual_joint_positions" not in names:
+            said = "without the actual joint positions: get_actual_joint_positions()"
+            yield measuring(row, "report", said)
         self._reported.add(report[1])
         self._moves = 0
 
@@ -279,7 +258,7 @@ def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Probl
         elif kind == "list" and key == "cog" and len(_numbers(value)) != 3:
             yield Problem(row, "arguments", f"{what}, not three numbers")
     if name == "get_inverse_kin" and "qnear" not in given:
-        yield Problem(row, "arm-position", "get_inverse_kin without qnear", "measuring")
+        yield measuring(row, "arm-position", "get_inverse_kin without qnear")
     n = _number(given.get("n")) if name == "set_standard_digital_out" else None
     if n is not None and not 0 <= n <= MOST_OUTPUT:
         yield Problem(row, "output", f"output {n:g}, not 0 to {MOST_OUTPUT}")
@@ -290,8 +269,8 @@ def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Probl
 def _check_movej(given: dict[str, Node], row: int) -> Iterator[Problem]:
     target = given.get("q")
     if isinstance(target, Tree) and target.data == "pose":
-        reason = "movej to a pose: the controller chooses the arm position"
-        yield Problem(row, "arm-position", reason, "measuring")
+        said = "movej to a pose: the controller chooses the arm position"
+        yield measuring(row, "arm-position", said)
     if not _ZERO.fullmatch(shown(given.get("t"))):
         return  # the time says how fast
     for key, most in _MOST_SPEEDS.items():

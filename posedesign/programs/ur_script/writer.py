@@ -32,8 +32,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, rotation_log
 from posedesign.programs.arm import Arm, Load
+from posedesign.programs.notation import VECTOR, Notation, texts_of
 from posedesign.programs.program import PoseProgram, in_range
 from posedesign.programs.ur_script.spec import MOST_JOINT_DEG, MOST_OUTPUT, NAMES
 from posedesign.programs.writing import (
@@ -43,7 +43,7 @@ from posedesign.programs.writing import (
     plain,
     plain_all,
     shown_deg,
-    warning_lines,
+    title_lines,
 )
 
 USUAL_SPEED_RAD_S = np.pi
@@ -81,14 +81,15 @@ _PHRASES = Phrases(
         "set_standard_digital_out({output}, False)",
     ),
     call=("{call}({argument})",),
+    after=(
+        'textmsg("POSE {number} q=", get_actual_joint_positions())',
+        f"write_output_integer_register({REGISTER}, {{number}})",
+        f"sleep({HELD_S})",
+        f"write_output_integer_register({REGISTER}, 0)",
+    ),
 )
 
-_REPORT = (
-    'textmsg("POSE {number} q=", get_actual_joint_positions())',
-    f"write_output_integer_register({REGISTER}, {{number}})",
-    f"sleep({HELD_S})",
-    f"write_output_integer_register({REGISTER}, 0)",
-)
+NOTATION = Notation(7, 7, 7, np.pi / 180, 1.0, VECTOR)
 
 MOST_MASS_KG = 1000.0
 """No arm carries so much."""
@@ -109,15 +110,9 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
     """
     LIMITS.check(program)
     check_call(NAMES, program.options, program.name)
-    lines = [*_head(program, arm)]
     speed = _speed(arm, program.options.speed_percent)
-    for number, pose, target in zip(
-        program.numbers, program.poses, _targets(program, arm), strict=True
-    ):
-        name = pose.name if LIMITS.fits(pose.name) else ""
-        given = {"target": target, "speed": speed}
-        lines += _PHRASES.at_pose(program.options, pose, number, name, **given)
-        lines += [] if pose.via else [line.format(number=number) for line in _REPORT]
+    steps = _PHRASES.visit(program, LIMITS, _targets(program, arm), speed=speed)
+    lines = [*_head(program, arm), *steps]
     body = "\n".join("  " + line for line in lines)
     text = f"def {program.name}():\n{body}\nend\n{program.name}()\n"
     return {f"{program.name}.script": text}
@@ -137,41 +132,33 @@ def _targets(program: PoseProgram, arm: Arm) -> Iterator[str]:
             value=float(shown[i, j]),
             bound=MOST_JOINT_DEG,
         )
-    joints = (f"[{', '.join(plain_all(row, 7))}]" for row in np.radians(shown))
-    if program.options.form == "joint":
-        yield from joints
-        return
     given = "{}" if _in_base(arm) else "pose_trans(user_frame, {})"
-    for pose, near in zip(_poses(arm.tool_poses(program.postures_rad)), joints, strict=True):
-        yield f"get_inverse_kin({given.format(pose)}, qnear={near})"
+    for texts in texts_of(program, arm, NOTATION, NOTATION.joint):
+        joints = _listed(texts.joints)
+        pose = given.format(f"p{_listed(texts.placed)}")
+        yield f"get_inverse_kin({pose}, qnear={joints})" if texts.placed else joints
+
+
+def _listed(texts: list[str]) -> str:
+    return f"[{', '.join(texts)}]"
 
 
 def _in_base(arm: Arm) -> bool:
     return np.array_equal(arm.T_world_user, np.eye(4))
 
 
-def _poses(poses: FloatArray) -> Iterator[str]:
-    turns = rotation_log(poses[:, :3, :3])
-    for xyz, turn in zip(poses[:, :3, 3], turns, strict=True):
-        yield f"p[{', '.join(plain_all(xyz, 7) + plain_all(turn, 7))}]"
-
-
 def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
     options = program.options
-    if options.comment:
-        yield f"# Title: {options.comment}"
-    if program.mark:
-        yield f"# {program.mark}"
-    for line in warning_lines(program, TEXT_LENGTH, LIMITS.forbidden):
-        yield f"# {line}"
+    for line in title_lines(program, TEXT_LENGTH, LIMITS.forbidden):
+        yield f"# Title: {line}" if line == options.comment else f"# {line}"
     if options.measure_call is not None:
         yield from _measuring(program)
-    tool, user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
-    yield f"set_tcp({tool})"
+    tool, user = map(_listed, NOTATION.pose_texts(np.stack([arm.T_tip_tool, arm.T_world_user])))
+    yield f"set_tcp(p{tool})"
     if arm.load is not None:
         yield _payload(arm.load)
     if options.form == "cartesian" and not _in_base(arm):
-        yield f"user_frame = {user}"
+        yield f"user_frame = p{user}"
     yield f'textmsg("PROGRAM {program.name} {program.mark}")'.replace(' ")', '")')
     yield f"write_output_integer_register({REGISTER}, 0)"
 
@@ -181,7 +168,7 @@ def _payload(load: Load) -> str:
     in_range("mass of the load", load.mass_kg, 0.0, MOST_MASS_KG)
     for value in load.com_m:
         in_range("centre of the load", float(value), -MOST_CENTRE_M, MOST_CENTRE_M)
-    return f"set_payload({plain(load.mass_kg, 4)}, [{', '.join(plain_all(load.com_m, 6))}])"
+    return f"set_payload({plain(load.mass_kg, 4)}, {_listed(plain_all(load.com_m, 6))})"
 
 
 def _measuring(program: PoseProgram) -> Iterator[str]:

@@ -124,7 +124,7 @@ def rechecks(found, watch, plan, change: dict[str, float], trials: int, seed: in
         yield watch.test(MeasurementTable(measured, ("point",), table.lines))
 
 
-@pytest.mark.parametrize("trials", by_stage(150, 700, 2000))
+@pytest.mark.parametrize("trials", by_stage(80, 700, 2000))
 def test_false_alarms_are_as_many_as_they_are_said_to_be(found, watch, plan, trials):
     alarms = sum(not each.same for each in rechecks(found, watch, plan, {}, trials, 5))
     low, high = stats.binom.ppf([0.0005, 0.9995], trials, FALSE_ALARM)
@@ -132,7 +132,7 @@ def test_false_alarms_are_as_many_as_they_are_said_to_be(found, watch, plan, tri
 
 
 @pytest.mark.parametrize("cause", ["joint_a2", "joint_a4", "joint_a6"])
-@pytest.mark.parametrize("trials", by_stage(150, 500, 1500))
+@pytest.mark.parametrize("trials", by_stage(80, 500, 1500))
 def test_power_is_as_predicted(found, watch, plan, cause, trials):
     """Within .05; within three standard deviations of few trials."""
     smallest = plan.told.smallest(f"zero of {cause}")

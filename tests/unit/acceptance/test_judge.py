@@ -51,7 +51,7 @@ def test_the_true_arm_passes_and_the_one_as_described_does_not(found, iso):
     assert {found.cycles for found in after.poses.values()} == {30}
 
 
-@pytest.mark.parametrize("trials", by_stage(100, 250, 600))
+@pytest.mark.parametrize("trials", by_stage(50, 250, 600))
 def test_the_chance_to_pass_is_the_share_of_arms_that_pass(found, trials):
     """Arms drawn from the identification, each measured and judged: within 3.5 deviations."""
     known, cell = found.identified, found.cell
@@ -170,10 +170,7 @@ def test_frames_are_refused_where_places_do_not_tell_them():
     ("change", "said"),
     [
         (lambda t: replace(t, kinds=("view-line",)), "a view-line does not tell where the tool is"),
-        (
-            lambda t: replace(t, data=replace(t.data, tools=("nose",))),
-            "there is no tool 'nose'",
-        ),
+        (lambda t: replace(t, data=replace(t.data, tools=("nose",))), "there is no tool 'nose'"),
         (
             lambda t: replace(t, data=replace(t.data, names=("Q1",) * t.data.count)),
             "Q1 is no pose of the test",

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from posedesign.acceptance.places import (
-    PLANES,
-    AcceptanceRequest,
-    iso_points,
-    plan_acceptance,
-)
+from posedesign.acceptance import places
+from posedesign.acceptance.places import PLANES, AcceptanceRequest, iso_points, plan_acceptance
 from posedesign.acceptance.sampling import spread_points
 from posedesign.cell import Cell, TaskBox, cell_template
 from tests.unit.acceptance.conftest import TRACKER_CELL
@@ -70,7 +66,8 @@ def test_places_that_prove_are_one_in_each_part_and_can_be_taken(found):
     assert not np.allclose(other.poses.kept, plan.poses.kept)
 
 
-def test_parts_out_of_reach_are_named_and_places_are_as_many_all_the_same():
+def test_parts_out_of_reach_are_named_and_places_are_as_many_all_the_same(monkeypatch):
+    monkeypatch.setattr(places, "TURNS", 3)
     text = TRACKER_CELL.replace("three_sigma_deg_if_pose", "")
     far = text.replace("highest_mm = [750.0", "highest_mm = [1250.0")
     plan = plan_acceptance(Cell.from_text(far), AcceptanceRequest("places", content=0.8))
@@ -78,7 +75,8 @@ def test_parts_out_of_reach_are_named_and_places_are_as_many_all_the_same():
     assert any("out of reach and no part of the statement" in note for note in plan.notes)
 
 
-def test_a_box_nobody_reaches_is_refused():
+def test_a_box_nobody_reaches_is_refused(monkeypatch):
+    monkeypatch.setattr(places, "TURNS", 3)
     text = TRACKER_CELL.replace("three_sigma_deg_if_pose", "")
     beyond = text.replace("[450.0, -200", "[5450.0, -200").replace("[750.0, 200", "[5750.0, 200")
     cell = Cell.from_text(beyond)

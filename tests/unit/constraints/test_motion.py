@@ -1,5 +1,8 @@
 """Orders against all orders; tours are short, along clear motions, with one-sided arrivals."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise, permutations
 
@@ -99,6 +102,32 @@ def test_the_library_finds_what_the_quick_search_does_not():
 def test_the_same_places_have_the_same_order():
     cost = costs(27, 1)
     assert len({tuple(shortest_order(cost, closed=True)) for _ in range(5)}) == 1
+
+
+ON_A_BUSY_PROCESSOR = """
+import os, subprocess, sys, time
+from tests.unit.constraints.test_motion import costs
+from posedesign.motion.order import shortest_order
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+try:
+    os.nice(10)
+    cost, start = costs(60, 2), time.thread_time()
+    shortest_order(cost, thorough=False)
+    quick = time.thread_time() - start
+    shortest_order(cost)
+    print(time.thread_time() - start - 2.0 * quick)
+finally:
+    for process in busy:
+        process.kill()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processors cannot be chosen here")
+def test_on_a_busy_machine_the_library_has_its_time():
+    run = [sys.executable, "-c", ON_A_BUSY_PROCESSOR]
+    worked = float(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
+    assert worked > sequence.ENOUGH * sequence.LIBRARY_S_PER_PAIR * 60**2
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.2])

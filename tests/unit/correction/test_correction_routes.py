@@ -13,12 +13,11 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell, TaskBox
-from posedesign.cell.arm_errors import robot_blocks
+from posedesign.cell.models import robot_blocks
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.file import IdentifiedModel
-from posedesign.identification.measurement_set_up import set_up_blocks
-from posedesign.identification.models import kinds_of, model_of
+from posedesign.identification.models import Models, kinds_of, model_of
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs.correction import correct
 from posedesign.pose_programs.correction_routes import (
@@ -217,7 +216,7 @@ class Arm:
         q = cell.base_posture + turned * rng.uniform(-1, 1, (45, cell.robot.n))
         empty = Measurements(q, Setup.of(45), ("tracker",))
         table = MeasurementTable(empty, ("point",), tuple(range(45)))
-        blocks = [*robot_blocks(cell, WORDS), *set_up_blocks(cell, table)]
+        blocks = [*robot_blocks(cell, WORDS), *Models(cell, table).set_up]
         self.truth = CalibrationModel(cell.robot, blocks, kinds_of(cell, ["point"]))
         spread = np.where(self.truth.nuisance, 2e-3, np.nan_to_num(self.truth.prior, posinf=0.0))
         self.x = self.truth.nominal + spread * rng.standard_normal(self.truth.p)
@@ -272,7 +271,7 @@ class Arm:
 def test_the_table_is_true_of_arms(tmp_path):
     """From measurements to files, and from the files to fresh poses: in the median within 15 %."""
     ratios: dict[str, list[float]] = {}
-    for seed in range(30):
+    for seed in range(20):
         arm = Arm(tmp_path / str(seed), seed)
         for name, error in arm.errors_m().items():
             expected = arm.done.routes[name].expected.rms_m

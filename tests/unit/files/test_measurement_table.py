@@ -12,7 +12,7 @@ from calib.model.measurements import KINDS
 from calib.se3 import rotation_angle, rotation_exp
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import read_measurements, write_measurements
-from posedesign.identification.measurement_set_up import check_readings
+from posedesign.identification.checks import check_readings
 
 EXACT = 4e-11
 """[rad, m]: nine decimals of mm and degrees, through W, P and R and back."""

@@ -117,7 +117,7 @@ def test_the_polytope_holds_the_mesh_a_flat_one_too(ring):
 @pytest.mark.parametrize("cut", [0, 40])
 def test_sides_of_a_surface_are_remembered_where_it_is_closed(ring, cut):
     mesh = Mesh(ring.vertices, ring.triangles[cut:])
-    points = np.random.default_rng(1).uniform(-0.42, 0.42, (300, 3)) * [1, 1, 0.25]
+    points = np.random.default_rng(1).uniform(-0.42, 0.42, (100, 3)) * [1, 1, 0.25]
     clear = to_surface(mesh, points)
     wanted = MeshSurface(mesh).encloses(points)
     remembers = MeshSurface(mesh)

@@ -65,7 +65,7 @@ def distance_of(one: Body, other: Body, chain) -> float:
 
 
 def test_distances_are_those_of_obstacles_moved_by_hand(robot):
-    scene, q = scene_of(robot), postures(robot, 6)
+    scene, q = scene_of(robot), postures(robot, 3)
     still = Robot.preset("ur10e").chain
     found = scene.distances(q, 10.0)
     assert {"post", "ground", "fixture"} <= {

@@ -29,11 +29,9 @@ from calib.robots.flange_poses import flange_robot, posture_of_pose
 from calib.se3 import rotation_exp, transform
 from studies.board_scenes import EXACT, LENS, SIGMA_PX, STOPS_OFF, Scene, draw_scene
 
-TRIALS = 60
+TRIALS = 30
 SURE = normal_quantile(1 - 1e-5)
 """Standard errors of a mean within which it is right."""
-
-BOTH = pytest.mark.parametrize("carried", ["camera", "board"])
 
 
 def model_of(scene: Scene, sigma_px: float = SIGMA_PX, lens: Lens = LENS) -> CalibrationModel:

@@ -13,16 +13,14 @@ from calib.identification import DISPLAY
 from calib.model import simulate
 from calib.model.parameters import LinkGeometry
 from posedesign.files import json_text
-from posedesign.files.csv_tables import a_few
+from posedesign.files.csv_tables import a_few, summed_up
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
-from posedesign.identification import identify_models, results_as_dict, summed_up
+from posedesign.identification import identify_models, results_as_dict
+from posedesign.identification.checks import missing_poses, without_repeats
 from posedesign.identification.comparison import (
     BELIEVABLE,
     beyond_belief,
     is_believable,
-    missing_poses,
-    why_another,
-    without_repeats,
 )
 from tests.marks import rest_in_full
 
@@ -143,8 +141,8 @@ def test_whose_arm_it_is(tmp_path, lab, make_cell, offset_deg, shift_m, model, n
         assert content["recommended"] == found.comparison.recommended
         return
     assert content["recommended"] is None
-    assert f"{name} off by" in why_another(found)
-    assert content["reason"] == why_another(found)
+    assert f"{name} off by" in found.reason
+    assert content["reason"] == found.reason
 
 
 def test_every_unit_has_a_bound():
@@ -163,7 +161,7 @@ def test_residuals_of_decimetres_are_of_another_arm(tmp_path, lab, make_cell):
     assert found.comparison.results[0].rms_m > 0.05
     assert not any(is_believable(result) for result in found.comparison.results)
     assert not found.is_of_this_robot
-    assert "not of this robot" in why_another(found)
+    assert "not of this robot" in found.reason
 
 
 def test_where_nothing_fits_the_hint_says_where_to_look(tmp_path, lab, make_cell):

@@ -226,8 +226,5 @@ def test_rigid_motions_are_orthonormal_and_of_a_body():
 def test_a_covariance_that_is_none_is_refused(robot):
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:]))
     for bad in (np.eye(3), np.full((model.p, model.p), np.nan)):
-        with pytest.raises(
-            InputError,
-            match=r"11 parameters|is not finite",
-        ):
+        with pytest.raises(InputError, match=r"11 parameters|is not finite"):
             Expectation(model, model.nominal, bad, postures(robot))

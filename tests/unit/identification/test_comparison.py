@@ -103,7 +103,7 @@ def test_the_rule_over_many_draws():
     x = truth.nominal.copy()
     x[:4], x[4:8] = 2e-3, 1e-4  # so little scale that chance decides whether it is seen
     names, taken = ("frames only", "offsets", "both"), []
-    for seed in range(30):
+    for seed in range(16):
         found = three(points(truth, x, seed, count=12))
         each = [squares(found, name) for name in names]
         best = min(each, key=np.mean)
@@ -226,7 +226,6 @@ def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error():
     assert np.isnan(refused.target_out_rms_m)
     assert found.recommended == "frames only"
     assert [result.model for result in found.results] == ["frames only"]
-    assert np.isnan(found.nominal_m).all()
     first = compare([Candidate("blind", blind), Candidate("frames only", model())], data)
     assert isinstance(first.trials[0].error, NotIdentifiableError)
     assert first.recommended == "frames only"
@@ -243,12 +242,10 @@ def test_where_every_candidate_is_refused_the_first_error_is_raised():
 def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model):
     frames = make_model((), TouchUp(NOISE_M))
     data = touch_ups(touching(3, seed=4))
-    far = np.full(3, 2e-3)
-    found = compare([Candidate("frames only", frames)], data, nominal_m=far)
+    found = compare([Candidate("frames only", frames)], data)
     assert found.recommended is None
     assert "no measurement can be left out of every model" in found.reason
     assert found.best.model == "frames only"
-    assert found.nominal_m is far
 
 
 def test_repeats_of_a_posture_are_one_witness():
@@ -292,7 +289,7 @@ def test_the_choice_is_in_units_of_the_noise():
     )
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy", "student-t", "graduated"])
+@pytest.mark.parametrize("loss", ["huber", "student-t", "graduated"])
 def test_gross_errors_do_not_choose(loss):
     """One in five is off by centimetres: what the loss weighs down is weighed down here, too."""
     truth = model(offsets(), scale())

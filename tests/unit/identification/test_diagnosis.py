@@ -9,8 +9,9 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
 from calib import Robot
-from calib.identification.diagnosis import diagnose
-from calib.identification.diagnosis.held import (
+from calib.identification.diagnosis import CHANCE, diagnose, likeliest
+from calib.identification.effects import alike, changes, incomplete, things_of
+from calib.identification.held import (
     Effect,
     Finding,
     Held,
@@ -21,13 +22,11 @@ from calib.identification.diagnosis.held import (
     score_of,
     tuned,
 )
-from calib.identification.diagnosis.naming import CHANCE, likeliest
-from calib.identification.diagnosis.sequence import alike, changes, incomplete, things_of
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements, Point
 from calib.model.parameters import TargetFrame, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray
-from posedesign.identification.findings import model_of_arm
+from posedesign.identification.models import Models
 from tests.fault_trials import Arm, draw_arm, table_of
 from tests.positioners import beside_positioner
 
@@ -41,7 +40,7 @@ def arm() -> Arm:
 @pytest.fixture(scope="module")
 def model(arm) -> CalibrationModel:
     """What may be off in it."""
-    return model_of_arm(arm.cell, table_of(arm, arm.measured(np.random.default_rng(6))))
+    return Models(arm.cell, table_of(arm, arm.measured(np.random.default_rng(6)))).of_arm()
 
 
 @pytest.fixture(scope="module")

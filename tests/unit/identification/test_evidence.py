@@ -11,7 +11,7 @@ from calib import CalibrationModel, Robot, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
 from calib.identification.evidence import linear_evidence
-from calib.identification.noise import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
+from calib.identification.robust import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose
 from calib.model.parameters import (
@@ -332,7 +332,7 @@ def test_uncertain_sizes_widen_what_rests_on_them():
     model, data = model_of(Point(None)), draw(6, 12)
     found = tune_priors(model, data, usual)
     problem, best = solved(model, data, found)
-    grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 13)] * 3), axis=-1).reshape(-1, 3) + best
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.6, 1.6, 9)] * 3), axis=-1).reshape(-1, 3) + best
 
     def log_density(theta: np.ndarray) -> float:
         off = (theta[:2] - np.log(8e-4)) / np.log(3.0)
@@ -357,9 +357,9 @@ def test_the_likelihood_over_all_sizes_is_its_integral() -> None:
     model, data = model_of(Point(None)), draw(8)
     found = tune_priors(model, data, groups)
     problem, best = solved(model, data, found, groups)
-    step = 0.1
-    grid = [m + step * np.arange(-16, 17) for m in best[:2]]
-    grid.append(best[2] + 0.5 * step * np.arange(-12, 13))
+    step = 0.2
+    grid = [m + step * np.arange(-8, 9) for m in best[:2]]
+    grid.append(best[2] + 0.5 * step * np.arange(-6, 7))
     points = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
     logs = np.array([problem.log_evidence(theta)[0] for theta in points])
     off = (points[:, 0] - np.log(8e-4)) / np.log(3.0)

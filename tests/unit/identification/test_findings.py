@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from calib.errors import NotIdentifiableError
-from calib.identification.diagnosis import Finding
-from calib.identification.diagnosis.held import Cause
+from calib.identification.held import Cause, Finding
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification import identify_models, results_as_dict
-from posedesign.identification.comparison import why_another
-from posedesign.identification.findings import as_dict, in_words, is_gross
+from posedesign.identification.findings import as_dict, in_words
 from posedesign.report.identification import answer_of_identification
 
 THINGS: dict[str, tuple[str, ...]] = {
@@ -64,9 +62,9 @@ def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table):
 def test_a_scale_that_no_arm_is_off_by(size, gross):
     """A tracker that is 1 % long has links identified that are 1 % long; warm arms grow by less."""
     finding = Finding("scale", ("point",), "instrument", (), size, "", 3e-5, 3e-5, 46.0)
-    assert is_gross((finding,)) == gross
-    assert not is_gross((replace(finding, cause="step", size=5e-3),))
-    assert is_gross((replace(finding, cause="sign", size=np.nan),))
+    assert finding.is_gross == gross
+    assert not replace(finding, cause="step", size=5e-3).is_gross
+    assert replace(finding, cause="sign", size=np.nan).is_gross
 
 
 @pytest.mark.slow
@@ -100,7 +98,7 @@ def test_a_joint_counted_the_other_way(table, make_cell, capsys):
     assert not found.is_of_this_robot
     content = results_as_dict(cell, found)
     assert content["recommended"] is None
-    assert content["reason"] == why_another(found) == content["findings"][0]["text"]
+    assert content["reason"] == found.reason == content["findings"][0]["text"]
     (warning,) = answer_of_identification(found).warnings
     assert warning.startswith("as if joint_3 were counted the other way: residual")
 

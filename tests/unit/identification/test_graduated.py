@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, identify
-from calib.identification.noise import distances2
+from calib.identification.robust import distances2
 from calib.model import Setup, simulate
 from calib.model.measurements import Distance, Point, Pose, TouchUp
 from calib.model.parameters import LinkGeometry, TargetFrame, ToolPoints, ZeroOffsets

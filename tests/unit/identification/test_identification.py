@@ -7,11 +7,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
-from calib.identification import (
-    check_identifiable,
-    covariance_of,
-    identify_batch,
-)
+from calib.identification import check_identifiable, covariance_of, identify_batch
 from calib.identification.identifiability import check_believable
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, TouchUp, ViewLine, touch_ups

@@ -61,8 +61,7 @@ def three_reflectors(robot, seed: int, poses: int = 9) -> tuple[CalibrationModel
     return model, replace(data, names=tuple(f"P{k // 4}" for k in range(4 * poses)))
 
 
-@pytest.mark.parametrize("weighted", [True, False])
-@pytest.mark.parametrize("count", [6, 20])
+@pytest.mark.parametrize(("count", "weighted"), [(6, True), (20, False)])
 def test_touch_ups_are_left_out_one_by_one(make_model, touching, weighted, count):
     model = make_model(measurement=TouchUp(np.array([0.02, 0.02, 0.12]) / 3e4))
     data = simulate(model, model.nominal, touching(count), np.random.default_rng(1))

@@ -8,8 +8,7 @@ import pytest
 from calib.errors import ConvergenceError, InputError
 from calib.identification import robust
 from calib.identification.identifiability import covariance_at
-from calib.identification.noise import WEIGHTS, consistency, variance_factor
-from calib.identification.robust import Solved, fit_robustly
+from calib.identification.robust import WEIGHTS, Solved, consistency, fit_robustly, variance_factor
 from calib.model import Setup, simulate
 from calib.model.measurements import Distance, Measurements, TouchUp
 from calib.se3 import FloatArray
@@ -31,7 +30,7 @@ def trials(make_model, touching):
     """Many sets of touch-ups with Gaussian noise."""
     model = make_model(measurement=TouchUp(SIGMA_M))
     rng = np.random.default_rng(0)
-    return model, simulate(model, model.nominal, touching(COUNT), rng, trials=400)
+    return model, simulate(model, model.nominal, touching(COUNT), rng, trials=200)
 
 
 @pytest.mark.parametrize("rows", [1, 3, 6])

@@ -13,19 +13,17 @@ from calib.model import CalibrationModel
 from calib.model.measurements import KINDS
 from calib.model.parameters import JointCompliance, gravity_torque
 from posedesign.cell import Cell, cell_template
-from posedesign.cell.arm_errors import WIND_UP, robot_blocks
+from posedesign.cell.models import WIND_UP, robot_blocks
 from posedesign.cell.schema_sections import Word
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification import identify_models
 from posedesign.identification.models import (
     FRAMES_ONLY,
-    candidates,
-    held_only,
+    Models,
     kinds_of,
     left_out,
     model_of,
     name_of,
-    reference,
 )
 
 WORDS = [word for word in get_args(Word) if word != "priors"]
@@ -109,7 +107,7 @@ def test_models_are_tried_from_small_to_large(table_of, lab, make_cell):
     models = [["geometry", "compliance"], ["zero_offsets"], ["zero_offsets", "bearings", "scale"]]
     cell = make_cell(parameters={"models": models})
     _, table = table_of(["point"])
-    found = candidates(cell, table)
+    found = Models(cell, table).candidates()
     assert found[0].name == FRAMES_ONLY
     assert found[0].model.nuisance.all()
     assert found[1].name == "offsets"
@@ -131,11 +129,13 @@ def test_what_needs_masses_is_left_out_without_them(table_of, lab, make_cell):
         truth={"deflection": False},
     )
     assert not light.robot.link_mass.any()
-    assert [c.name for c in candidates(light, table)] == [FRAMES_ONLY, "offsets"]
+    assert [c.name for c in Models(light, table).candidates()] == [FRAMES_ONLY, "offsets"]
     # one cause, one sentence
     assert left_out(light) == ["compliance, lost motion: the masses of the links are not known"]
     heavy = replace(light, config=make_cell(tool={"mass_kg": 50.0}).config)
-    assert not any(w in reference(heavy, table)[0].model.names for w in ("compliance.joint_2",))
+    assert not any(
+        w in Models(heavy, table).reference()[0].model.names for w in ("compliance.joint_2",)
+    )
 
 
 def test_links_are_not_free_where_nothing_sees_the_scale(table_of, lab, make_cell):
@@ -150,9 +150,9 @@ def test_links_are_not_free_where_nothing_sees_the_scale(table_of, lab, make_cel
     ):
         cell = make_cell(**models, **more)
         _, table = table_of([kind], 60, targets_each=each)
-        held = held_only(cell, table)
-        assert held == ([] if free else ["geometry"]), (kind, each)
-        names = [candidate.name for candidate in candidates(cell, table, without=held)]
+        held = Models(cell, table).held_only
+        assert held == (() if free else ("geometry",)), (kind, each)
+        names = [candidate.name for candidate in Models(cell, table).candidates()]
         assert ("geometry" in names) == free, (kind, each)
         assert "geometry with priors" in names
 
@@ -160,13 +160,15 @@ def test_links_are_not_free_where_nothing_sees_the_scale(table_of, lab, make_cel
 def test_the_reference_holds_everything_by_priors(table_of, lab, make_cell):
     cell = make_cell(parameters={"models": [["zero_offsets"], ["scale"]]})
     _, table = table_of(["touch-up"])
-    model = reference(cell, table)[0].model
+    model = Models(cell, table).reference()[0].model
     assert np.isfinite(model.prior[~model.nuisance]).all()
     stems = {name.partition(".")[0] for name in np.array(model.names)[~model.nuisance]}
     assert stems == {
         *("zero_offset", "link", "compliance", "bearing", "lost_motion", "harmonic", "scale")
     }
-    grouped = [name for group in reference(cell, table)[0].groups for name in group.parameters]
+    grouped = [
+        name for group in Models(cell, table).reference()[0].groups for name in group.parameters
+    ]
     assert sorted(grouped) == sorted(np.array(model.names)[~model.nuisance])
 
 
@@ -218,7 +220,7 @@ def test_known_distances_take_part(table_of, lab, make_cell):
         "three_sigma_mm": 0.003,
     }
     cell = make_cell(known_distance=[known], parameters={"models": [["zero_offsets"]]})
-    offsets = candidates(cell, table)[1]
+    offsets = Models(cell, table).candidates()[1]
     assert len(offsets.model.distances) == 1
     result = identify(offsets.model, table.data)
     for joint in lab.joints:
@@ -226,7 +228,7 @@ def test_known_distances_take_part(table_of, lab, make_cell):
         assert result.value(name) == pytest.approx(measured.value(name), abs=1e-8)
     assert result.rms_m < 1e-9
     wrong = make_cell(known_distance=[known | {"length_mm": known["length_mm"] + 0.1}])
-    found = identify(candidates(wrong, table)[1].model, table.data)
+    found = identify(Models(wrong, table).candidates()[1].model, table.data)
     assert not found.explains_data
     assert found.rms_m > 1e-6
 
@@ -235,13 +237,16 @@ def test_a_known_distance_to_nowhere(table_of, lab, make_cell):
     _, table = table_of(["touch-up"], 6)
     cell = make_cell(known_distance=[{"targets": ["A0", "A7"], "length_mm": 100.0}])
     with pytest.raises(InputError, match="distance to the target 'A7' is known") as caught:
-        candidates(cell, table)
+        Models(cell, table).candidates()
     assert "did you mean A0" in caught.value.hint
 
 
 def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel, CalibrationModel]]:
     """Every candidate with the model that its names give."""
-    return [(c.model, model_of(cell, c.model.names)) for c in candidates(cell, table)]
+    return [
+        (c.model, model_of(cell, c.model.names))
+        for c in Models(cell, table).candidates(before_measuring=True)
+    ]
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import InputError, NotIdentifiableError
-from calib.identification.noise import LEAST_NOISE
+from calib.identification.robust import LEAST_NOISE
 from calib.model import Setup, simulate
 from calib.model.measurements import Distance, Point, Pose, TouchUp
 from calib.model.parameters import (
@@ -18,7 +18,7 @@ from calib.model.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-TRIALS = 15
+TRIALS = 8
 T_TOOL = transform(rotation_exp([0.1, 0.2, -0.1]), [0.2, -0.05, 0.35])
 T_TRACKER = transform(rotation_exp([0.2, -0.1, 2.0]), [2.0, -1.0, 0.5])
 JOINTS = ["joint_2", "joint_3", "joint_4", "joint_5"]

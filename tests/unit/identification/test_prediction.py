@@ -11,7 +11,7 @@ from calib.model import Setup, simulate
 from calib.model.measurements import TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
-TRIALS = 1000
+TRIALS = 500
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, identify, se3
-from calib.identification.report import unseen_scale
+from calib.identification.identifiability import unseen_scale
 from calib.identification.result import STRONG_CORRELATION
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Distance, Measurement, Point, Pose, TouchUp, touch_ups
@@ -182,7 +182,10 @@ def scale_of(model: CalibrationModel) -> tuple[float, bool]:
     data = simulate(model, model.nominal, q, rng, setup=setup)
     result = identify(model, data)
     linear = model.linearise(data.postures, result.values, setup, data.observed)
-    return unseen_scale(linear, result.values), any("the scale of" in n for n in result.notes)
+    notes = [n for n in result.notes if "the scale of arm and set-up together is not seen" in n]
+    assert all("a known length" in n and n in result.summary() for n in notes)
+    assert len(notes) == sum("scale" in n for n in result.notes) <= 1
+    return unseen_scale(linear, result.values), len(notes) == 1
 
 
 def test_touch_ups_say_nothing_of_it():

@@ -12,13 +12,8 @@ from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolF
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
 from posedesign.identification import Identified, identify_models
-from posedesign.identification.measurement_set_up import (
-    far_rows,
-    frames_of,
-    nominal_distances,
-    seen_once,
-    set_up_blocks,
-)
+from posedesign.identification.checks import far_rows, seen_once
+from posedesign.identification.models import Models, frames_of
 
 MakeCell = Callable[..., Cell]
 
@@ -98,7 +93,7 @@ def test_places_of_tools_and_targets(tabled, lab, make_cell):
 
 def test_what_there_must_be(tabled, lab, make_cell):
     measured = lab.measure(list(KINDS), 8)
-    blocks = set_up_blocks(make_cell(), tabled(measured))
+    blocks = Models(make_cell(), tabled(measured)).set_up
     kinds = {label: type(block) for block in blocks for label in (*block.tools, *block.targets)}
     assert kinds["tool"] is ToolFrame  # poses are among them
     for k, kind in enumerate(KINDS):
@@ -113,7 +108,7 @@ def test_axes_of_the_tool(tabled, lab, make_cell):
 
     def axes(cell: Cell, *kinds: str) -> list[tuple[str, ...]]:
         measured = lab.measure(kinds, 4, tools=("tool", "ball"))
-        blocks = set_up_blocks(cell, tabled(measured))
+        blocks = Models(cell, tabled(measured)).set_up
         return [block.names for block in blocks if isinstance(block, ToolPoints)]
 
     every, across = ("tool.x", "tool.y", "tool.z"), ("tool.x", "tool.y")
@@ -130,11 +125,11 @@ def test_how_far_off_it_was_before(tabled, lab, make_cell):
     table = tabled(measured)
     cell = make_cell(target={"name": "A0", "position_mm": [1000.0, 0.0, 500.0]})
     points = cell.robot.state(table.data.postures[:12]).point(cell.tool_m)
-    off = nominal_distances(cell, table)
+    off = Models(cell, table).nominal_m()
     known = np.linalg.norm(points - [1.0, 0.0, 0.5], axis=1)
     np.testing.assert_allclose(off[:12], known, atol=1e-12)
     assert np.isnan(off[12:]).all()  # what a tracker reads is nothing that the cell could know
-    elsewhere = nominal_distances(make_cell(), table)
+    elsewhere = Models(make_cell(), table).nominal_m()
     around = np.linalg.norm(points - points.mean(axis=0), axis=1)
     np.testing.assert_allclose(elsewhere[:12], around, atol=1e-12)
 

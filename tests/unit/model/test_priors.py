@@ -7,15 +7,8 @@ from calib import CalibrationModel, identify
 from calib.errors import InputError
 from calib.identification import covariance_of
 from calib.model import KnownDistance, Setup, simulate
-from calib.model.measurements import Measurements, Point, Pose, TouchUp
-from calib.model.parameters import (
-    LinkGeometry,
-    TargetFrame,
-    TargetPoints,
-    ToolFrame,
-    ToolPoint,
-    ZeroOffsets,
-)
+from calib.model.measurements import Measurements, Point, TouchUp
+from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoint, ZeroOffsets
 
 SIGMA = np.array([1e-5, 2e-5, 5e-5])
 NAMES = ("A", "B", "C")
@@ -181,54 +174,6 @@ def test_a_distance_to_a_frame_that_turns_is_refused(reference_robot, target_m, 
     model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5), known)
     with pytest.raises(InputError, match="distance to target 'tracker' cannot be known"):
         identify(model, Measurements(touching(8), Setup.of(8), ("P", "tracker")))
-
-
-def scaled_study(robot, target_m, touching, distances=(), prior_m=1e-2):
-    """Touch-ups of an arm all of whose links are free, with weak priors."""
-    shifts = np.array([[0, 0, 0], [0, 0.3, 0.4], [0.2, -0.3, 0.3]])
-    q = np.concatenate([touching(14, seed=k, tilt=0.8, shift=s) for k, s in enumerate(shifts)])
-    setup = Setup.of(42, target=np.repeat([0, 1, 2], 14))
-    blocks = [
-        LinkGeometry(robot, prior_m=prior_m, prior_rad=1e-2),
-        ToolPoint([0.2, -0.05, 0.35]),
-        TargetPoints(target_m + shifts, NAMES),
-    ]
-    model = CalibrationModel(robot, blocks, TouchUp(2e-5), distances)
-    data = simulate(model, model.nominal, q, np.random.default_rng(6), setup=setup)
-    return identify(model, data)
-
-
-def test_touch_ups_do_not_see_the_scale_and_that_is_said(reference_robot, target_m, touching):
-    result = scaled_study(reference_robot, target_m, touching)
-    note = [n for n in result.notes if "the scale of arm and set-up together is not seen" in n]
-    assert len(note) == 1
-    assert "a known length" in note[0]
-    assert note[0] in result.summary()
-
-
-def test_a_known_distance_shows_the_scale(reference_robot, target_m, touching):
-    known = [KnownDistance("A", "B", 0.5, 1e-5)]
-    result = scaled_study(reference_robot, target_m, touching, known)
-    assert not [n for n in result.notes if "scale" in n]
-
-
-def test_an_instrument_shows_the_scale(reference_robot):
-    robot = reference_robot
-    blocks = [
-        LinkGeometry(robot, prior_m=1e-2, prior_rad=1e-2),
-        ToolFrame(np.eye(4)),
-        TargetFrame(np.eye(4)),
-    ]
-    model = CalibrationModel(robot, blocks, Pose([2e-5] * 3 + [1e-4] * 3))
-    rng = np.random.default_rng(7)
-    data = simulate(model, model.nominal, rng.uniform(-1, 1, (20, 6)), rng)
-    assert identify(model, data).notes == ()
-
-
-def test_links_that_are_held_carry_the_scale(make_model, touching):
-    model = make_model()
-    data = simulate(model, model.nominal, touching(20), np.random.default_rng(8))
-    assert identify(model, data).notes == ()
 
 
 def test_unweighted_rows_cannot_be_weighed_against_a_prior(make_model, touching):

@@ -28,14 +28,7 @@ from posedesign.planning.poses_file import PoseList
 from posedesign.selection import mean_deviation, select, select_fewest, shortened
 from posedesign.selection.criteria import criterion_by_name, wanted_deviations
 from posedesign.workflow import plan_next_poses
-from tests.board_cells import (
-    board_cell,
-    check_constraints,
-    inside,
-    pixels_of,
-    seen,
-    true_frames,
-)
+from tests.board_cells import board_cell, check_constraints, inside, pixels_of, seen, true_frames
 from tests.marks import rest_in_slow
 
 FIXED = pytest.mark.parametrize("fixed", [False, True], ids=["in hand", "to hand"])
@@ -324,7 +317,7 @@ def test_what_the_camera_sees_moves_as_it_does(fixed):
 
 @FIXED
 def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed):
-    cell = board_cell(fixed=fixed, pool={"candidates": 150})
+    cell = board_cell(fixed=fixed, pool={"candidates": 80})
     found = plan_optimal(cell, Request(count=COUNT, refine=fixed))
     q = found.postures
     assert len(q) == COUNT

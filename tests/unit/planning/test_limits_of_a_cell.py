@@ -15,7 +15,7 @@ ARM = "kr6r900sixx"
 
 
 def cell_with(more: str, kind: str = "two targets") -> Cell:
-    pool = "" if "[pool]" in more else "[pool]\ncandidates = 200\n"
+    pool = "" if "[pool]" in more else "[pool]\ncandidates = 80\n"
     return Cell.from_text(cell_text(kind, f'preset = "{ARM}"', ARMS[ARM]) + pool + more)
 
 
@@ -24,30 +24,29 @@ def targets_of(chosen: OptimalPlan) -> list[str]:
 
 
 def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
-    free = plan_optimal(cell_with(""), Request(count=16, beside=0, refine=False))
+    free = plan_optimal(cell_with(""), Request(count=10, beside=0))
     few = targets_of(free).count("high")
     limited = plan_optimal(
-        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 3}\n'),
-        Request(count=16, refine=False),
+        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 2}\n'), Request(count=10)
     )
-    assert targets_of(limited).count("high") == few - 3
+    assert targets_of(limited).count("high") == few - 2
     assert limited.selection.value >= free.selection.bound
     assert limited.selection.efficiency > 0.8
-    more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {20 - few}\n')
-    kept = plan_optimal(more, Request(count=16, beside=0, refine=False))
-    assert targets_of(kept).count("low") >= 20 - few
+    more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {12 - few}\n')
+    kept = plan_optimal(more, Request(count=10, beside=0))
+    assert targets_of(kept).count("low") >= 12 - few
 
 
 def test_sides_and_zones_are_kept():
     text = (
-        '[pool]\ncandidates = 200\nconfigurations = "all"\n'
+        '[pool]\ncandidates = 80\nconfigurations = "all"\n'
         '[[pool.limit]]\nside = "behind"\nmost = 2\n'
         "[[pool.limit]]\nlowest_mm = [-2000.0, -2000.0, {z}]\n"
         "highest_mm = [2000.0, 2000.0, 3000.0]\nleast = 9\n"
     )
     z = 1e3 * cell_with("").target_m[2]
     cell = cell_with(text.format(z=round(float(z) + 50.0, 1)))
-    chosen = plan_optimal(cell, Request(count=14, beside=0, refine=False))
+    chosen = plan_optimal(cell, Request(count=14, beside=0))
     front = in_front(chosen.postures[:, 0], float(cell.base_posture[0]))
     assert (~front).sum() <= 2
     height = cell.robot.state(chosen.postures).point(cell.tool_m)[:, 2]
@@ -55,12 +54,9 @@ def test_sides_and_zones_are_kept():
 
 
 def test_a_pose_is_measured_again_where_that_tells_more():
-    cell = cell_with("[pool]\nrepeats = 4\ncandidates = 200\n", "touch-up")
-    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D", refine=False))
-    once = plan_optimal(
-        cell_with("[pool]\ncandidates = 200\n", "touch-up"),
-        Request(count=16, beside=0, criterion="D", refine=False),
-    )
+    cell = cell_with("[pool]\nrepeats = 4\ncandidates = 80\n", "touch-up")
+    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D"))
+    once = plan_optimal(cell_with("", "touch-up"), Request(count=16, beside=0, criterion="D"))
     assert len(np.unique(chosen.postures, axis=0)) < 16
     assert chosen.selection.value > once.selection.value  # D: the larger the better
     assert len(chosen.postures) == 16
@@ -68,11 +64,11 @@ def test_a_pose_is_measured_again_where_that_tells_more():
 
 def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():
     """A tracker reads in 3 s what a touch-up takes 20 s for."""
-    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 100\n"
+    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 40\n"
     text = cell_text("mixed", f'preset = "{ARM}"', ARMS[ARM])
     text = text.replace('kind = "point"\n', 'kind = "point"\ndwell_s = 3.0\n', 1) + more
     cell = Cell.from_text(text)
-    chosen = plan_optimal(cell, Request(count=18, time_s=200.0))
+    chosen = plan_optimal(cell, Request(count=18, beside=0, time_s=200.0))
     assert chosen.cycle_time_s < 200.0
     of = targets_of(chosen)
     standing = sum(20.0 if target == "T1" else 3.0 for target in of)
@@ -112,11 +108,11 @@ def test_the_fewest_poses_are_not_looked_for_within_limits():
 def test_what_the_tracker_buys_against_the_pin_is_said():
     """Each target by itself, for as many poses: as a cell that has only that one."""
     cell = cell_with("", "mixed")
-    both = plan_optimal(cell, Request(count=16, refine=False))
+    both = plan_optimal(cell, Request(count=16))
     assert list(both.alone) == ["T1", "tracker"]
     for name, part in zip(both.alone, cell.parts, strict=True):
-        pool = part.config.pool.model_copy(update={"candidates": 100})
+        pool = part.config.pool.model_copy(update={"candidates": 40})
         own = replace(part, config=part.config.model_copy(update={"pool": pool}))
-        one = plan_optimal(own, Request(count=16, refine=False))
+        one = plan_optimal(own, Request(count=16))
         assert both.alone[name] == pytest.approx(one.accuracy.tcp_m, rel=0.02)
     assert both.of_pool.tcp_m < min(both.alone.values()) * 1.05

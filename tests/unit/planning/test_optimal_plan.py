@@ -21,7 +21,7 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
-from posedesign.planning.optimal.choose import without_unreached
+from posedesign.planning.optimal.choose import refined_with_way, without_unreached
 from posedesign.planning.optimal.outlook import advice_for, outlook_of
 from posedesign.planning.optimal.refinement import (
     TRIALS,
@@ -353,6 +353,16 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
     assert found.dropped == ("a wall",)
 
 
+def test_poses_that_no_way_leads_to_are_not_refined_first(make_cell):
+    cell = make_cell(pool={"candidates": 40})
+    cell.__dict__["ways"] = Blocked(lambda start, end: (start[:, 3] > 0.0) | (end[:, 3] > 0.0))
+    chosen = candidates_of(cell)
+    assert 0 < (chosen.postures[:, 3] > 0.0).sum() < len(chosen)
+    found, route = refined_with_way(Router.of_cell(cell), chosen, lambda _: pytest.fail("refined"))
+    assert found is chosen
+    assert route.lost
+
+
 def test_what_no_way_leads_to_goes_after_those_that_were_lost(make_cell):
     cell = make_cell(pool={"candidates": 40})
     pool, lost = candidates_of(cell), np.array([5, 7])
@@ -494,14 +504,14 @@ def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch)
 
     def losing(self, postures, loads=None):
         tries.append(postures)
-        lost = {0: "no clear way to it: a wall"} if len(tries) <= 3 else {}
+        lost = {0: "no clear way to it: a wall"} if len(tries) <= 2 else {}
         kept = route(self, np.delete(postures, list(lost), axis=0))
         return replace(kept, lost=lost)
 
     monkeypatch.setattr(Router, "route", losing)
-    monkeypatch.setattr(planning, "ATTEMPTS", 3)
+    monkeypatch.setattr(planning, "ATTEMPTS", 2)
     found = plan_fewest(camera_cell, WANTED_M)
-    assert len(tries) == 4
+    assert len(tries) == 3
     assert not found.reached
     assert found.dropped == ("no clear way to it: a wall",)
     count = found.selection.count - 1

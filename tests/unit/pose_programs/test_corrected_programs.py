@@ -322,10 +322,7 @@ def offset(name: str, joint: int, degrees: float) -> tuple[CalibrationModel, Flo
 
 @pytest.mark.parametrize(
     ("name", "before", "after"),
-    [
-        ("kuka-krl", r"S 2,T 2\b", r"S 2,T 3\b"),
-        ("abb-rapid", r"\[0,0,0,0\]", r"\[-1,0,0,0\]"),
-    ],
+    [("kuka-krl", r"S 2,T 2\b", r"S 2,T 3\b"), ("abb-rapid", r"\[0,0,0,0\]", r"\[-1,0,0,0\]")],
 )
 def test_counts_of_turns_are_those_of_the_command(name, before, after, tmp_path):
     """At zero a correction of any size crosses into another quadrant, or sign."""

@@ -36,64 +36,31 @@ USER = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, -0.05])
 
 @dataclass(frozen=True)
 class How:
-    """How a dialect says what all dialects say.
+    """How a dialect says what all dialects say."""
 
-    Attributes
-    ----------
-    joint_deg : float
-        Most that a joint value is rounded by [deg].
-    pose : tuple of float
-        Most that a place [m] and an element of a rotation matrix are rounded by.
-    name, text, remark : int
-        Most characters of a program's name, of its title and of a remark; 0: any number.
-    wait_s : float
-        Longest time to settle [s]; 0: any.
-    most_deg : float
-        Farthest joint value [deg].
-    told : bool
-        The stored arm position says which posture takes a pose, turns and all.
-    by_number : bool
-        Positions stand in the order of their numbers, and not in that of the visit.
-    passes : bool
-        Poses that are only passed through are in the file.
-    registers : bool
-        Touched-up positions can be kept apart from the planned ones.
-    asks : bool
-        Programs call another one, and pulse an output.
-    own_frames : bool
-        A file of poses gives their frames by value.
-    title, capitals : bool
-        The title is read back, and the name of the program in capitals.
-    ascii : bool
-        Texts are ASCII.
-    line : str
-        Pattern of a line where a position begins.
-    ends : bool
-        A file that is cut off lacks its end, which the reader notices.
-    fit, unfit : tuple of str
-        Names of poses that come back, and that are left out.
-    """
-
-    joint_deg: float
+    joint_deg: float  # most that a joint value is rounded by [deg]
     pose: tuple[float, float] = (0.0, 0.0)
+    """Most that a place [m] and an element of a rotation matrix are rounded by."""
     name: int = 64
     text: int = 0
     remark: int = 0
-    wait_s: float = 0.0
-    most_deg: float = 720.0
-    told: bool = False
-    by_number: bool = False
-    passes: bool = True
-    registers: bool = False
-    asks: bool = True
-    own_frames: bool = False
-    title: bool = True
-    capitals: bool = True
-    ascii: bool = True
-    line: str = ""
-    ends: bool = True
+    """name, text, remark: most characters of a program's name, its title, a remark; 0: any."""
+    wait_s: float = 0.0  # longest time to settle [s]; 0: any
+    most_deg: float = 720.0  # farthest joint value
+    told: bool = False  # the stored arm position says which posture takes a pose, turns and all
+    by_number: bool = False  # positions stand in the order of their numbers, not of the visit
+    passes: bool = True  # poses that are only passed through are in the file
+    registers: bool = False  # touched-up positions can be kept apart from the planned ones
+    asks: bool = True  # programs call another one, and pulse an output
+    own_frames: bool = False  # a file of poses gives their frames by value
+    title: bool = True  # the title is read back
+    capitals: bool = True  # and the name of the program in capitals
+    ascii: bool = True  # texts are ASCII
+    line: str = ""  # pattern of a line where a position begins
+    ends: bool = True  # a file that is cut off lacks its end, which the reader notices
     fit: tuple[str, ...] = ("T1",)
     unfit: tuple[str, ...] = ("é", "a\nb")
+    """fit, unfit: names of poses that come back, and that are left out."""
 
     def fits(self, name: str) -> bool:
         """Whether the name of a pose comes back."""

@@ -36,8 +36,10 @@ LANGUAGES = {
 
 
 def fresh(language: Language) -> Language:
-    """The same language without what it remembers."""
-    return replace(language, _builders={}, _trees={})
+    """The same language and parser without what it remembers."""
+    forgetful = replace(language, _builders={}, _trees={})
+    forgetful.parser = language.parser
+    return forgetful
 
 
 def test_a_position_0_is_not_taken_for_later_ones() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,17 +11,13 @@ from hypothesis import strategies as st
 
 from calib.errors import FileFormatError
 from posedesign.programs import PlanMark
-from posedesign.programs.numbering import Numbering
+from posedesign.programs.numbering import Named, Numbering
 
 PATH = Path("X.dat")
 
 
-@dataclass(eq=False)
-class Place:
-    variable: str
-    line: int = 1
-    name: str = ""
-    other: bool = False
+def stored(variable: str, line: int = 1) -> Named:
+    return Named(variable, line)
 
 
 def numbering(
@@ -45,9 +40,9 @@ def numbering(
     st.randoms(use_true_random=False),
 )
 def test_an_own_position_is_none_of_the_plan(measured, vias, deleted, extra, shuffle):
-    planned = [Place(f"P{n}") for n in range(1, measured + vias + 1) if n not in deleted]
+    planned = [stored(f"P{n}") for n in range(1, measured + vias + 1) if n not in deleted]
     taken = {p.variable for p in planned}
-    own = [Place(name) for name in extra if name in taken or not name.startswith("P")]
+    own = [stored(name) for name in extra if name in taken or not name.startswith("P")]
     mixed = planned + own
     shuffle.shuffle(mixed)  # type: ignore[attr-defined]
     found = numbering(measured, poses=measured + vias).of(mixed, PATH)
@@ -65,7 +60,7 @@ def test_an_own_position_is_none_of_the_plan(measured, vias, deleted, extra, shu
 
 
 def test_touched_up_positions_are_those_of_their_poses() -> None:
-    places = [Place("P1"), Place("P2"), Place("P3"), Place("R12", 5), Place("HOME")]
+    places = [stored("P1"), stored("P2"), stored("P3"), stored("R12", 5), stored("HOME")]
     rule = numbering(2, (11, 1), 3)
     found = rule.of(places, PATH)
     assert [(n, p.variable, p.name) for n, p in found] == [
@@ -82,5 +77,5 @@ def test_touched_up_positions_are_those_of_their_poses() -> None:
 def test_a_touched_up_position_of_no_pose_is_refused(place: str) -> None:
     # R13 would be the place of a position that is passed, and not measured
     with pytest.raises(FileFormatError, match="the place of no pose that is measured") as caught:
-        numbering(2, (11, 1)).of([Place("P3"), Place(place, 7)], PATH)
+        numbering(2, (11, 1)).of([stored("P3"), stored(place, 7)], PATH)
     assert caught.value.row == 7

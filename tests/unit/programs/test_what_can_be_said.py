@@ -157,7 +157,7 @@ REFUSED = [
         for name in ("ros-trajectory", "moveit-joints", "robot-calibration", "robodk-csv")
         for option, value, said in [
             ("measure_output", 3, "switches no output"),
-            ("keep", "register", "has no registers"),
+            ("keep", "register", "keep no registers"),
             ("pose", "a\nb", "name of a pose"),
             ("pose", "a\x85b", "name of a pose"),
         ]

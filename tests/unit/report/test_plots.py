@@ -13,12 +13,7 @@ from posedesign.cell.task_box import BoxAccuracy, TaskBox, predict_box
 from posedesign.identification.file import IdentificationFile
 from posedesign.report import figures
 from posedesign.report.pairs import figure_of_pairs
-from posedesign.report.plots import (
-    errors_of_fewer,
-    figure_of_identification,
-    figure_of_plan,
-    plot,
-)
+from posedesign.report.plots import errors_of_fewer, figure_of_identification, figure_of_plan, plot
 
 
 def lines_of(figure, label: str) -> np.ndarray:

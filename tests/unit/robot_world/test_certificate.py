@@ -62,22 +62,21 @@ def test_optimum_is_proven_at_usual_noise(side, cone_deg, pairs):
 def test_optimum_is_proven_in_99_of_100_problems(side, cone_deg, noise_deg, noise_m):
     rng = np.random.default_rng(2)
     noise = PairNoise(np.radians(noise_deg), noise_m, side)
+    proofs = []
     for pairs in (5, 10, 30):
-        problems, A, B = noisy(rng, noise, 100, pairs, cone_deg)
-        proofs = [
-            certify(a, b, X, Z, noise)
-            for a, b, X, Z in zip(A, B, problems.X, problems.Z, strict=True)
-        ]
-        assert sum(proof.certified for proof in proofs) >= 99
+        problems, A, B = noisy(rng, noise, 34, pairs, cone_deg)
+        each = zip(A, B, problems.X, problems.Z, strict=True)
+        proofs += [certify(a, b, X, Z, noise) for a, b, X, Z in each]
+    assert sum(proof.certified for proof in proofs) >= 0.99 * len(proofs)
 
 
 def test_a_wrong_optimum_is_never_certified():
     rng = np.random.default_rng(3)
     noise = PairNoise(np.radians(2.0), 4e-3, "B")
-    _, A, B = noisy(rng, noise, 25, 3, 40.0)
+    _, A, B = noisy(rng, noise, 15, 3, 40.0)
     best = best_of_many(rng, A, B, cost_weights(noise))
     wrong = 0
-    for t in range(25):
+    for t in range(15):
         proof = certify(A[t], B[t], anywhere(rng), anywhere(rng), noise)
         assert proof.bound <= best[t]
         assert proof.certified == (proof.cost <= best[t] * (1.0 + GAP_TOLERANCE))
@@ -91,7 +90,7 @@ def test_a_wrong_optimum_is_never_certified():
         assert proof.better.certified
         assert proof.better.cost == pytest.approx(best[t], rel=1e-6)
         assert f"{proof.better.cost:.5g}" in proof.message
-    assert wrong >= 5
+    assert wrong >= 3
 
 
 def stationary_points(rng, A, B, weights, tries):
@@ -220,8 +219,9 @@ def test_input_that_cannot_be_used_is_refused():
     noise = PairNoise(0.01, 0.001, "B")
     with pytest.raises(InputError, match="moves the origin of X"):
         certify(A, B, X, Z, PairNoise(0.01, 0.001, "both"))
-    with pytest.raises(InputError, match="no finite weight"):
-        certify(A, B, X, Z, PairNoise(0.0, 0.001, "B"))
+    for none in (PairNoise(0.0, 0.001, "B"), PairNoise(0.01, 0.0, "B")):
+        with pytest.raises(InputError, match="no finite weight"):
+            certify(A, B, X, Z, none)
     with pytest.raises(InputError, match="2 pose pairs cannot identify"):
         certify(A[:2], B[:2], X, Z, noise)
     with pytest.raises(InputError, match=r"A has shape \(4, 4, 4\) and B has \(3, 4, 4\)"):

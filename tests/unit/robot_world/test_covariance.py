@@ -80,7 +80,7 @@ def test_covariance_is_the_scatter_closely(method, cone_deg):
     problems = random_problems(rng, 1, 15, cone_deg)
     noise = PairNoise(**SMALL, on="both")
     result = solve(problems.A[0], problems.B[0], method, noise)
-    trials = 4000
+    trials = 2000
     assert_agrees(result.covariance, scatter(method, problems, noise, trials, rng), trials)
 
 

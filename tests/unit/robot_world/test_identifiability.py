@@ -33,7 +33,7 @@ def test_noise_does_not_hide_a_common_axis(on, sigma_deg):
     rng = np.random.default_rng(1)
     A = about([0, 1, 0], ANGLES)
     noise = PairNoise(np.radians(sigma_deg), 1e-4, on)
-    for _ in range(20):
+    for _ in range(8):
         measured = add_noise(rng, A, camera_of(A), noise)
         with pytest.raises(NotIdentifiableError, match="common axis") as caught:
             solve(*measured)
@@ -46,15 +46,6 @@ def test_rounding_of_a_file_does_not_hide_a_common_axis(decimals):
     A = about([0.6, 0.0, 0.8], ANGLES)
     with pytest.raises(NotIdentifiableError, match="common axis"):
         solve(A.round(decimals), camera_of(A).round(decimals))
-
-
-def test_noise_does_not_hide_pure_translations():
-    rng = np.random.default_rng(2)
-    measured = add_noise(
-        rng, PURE_TRANSLATION, camera_of(PURE_TRANSLATION), PairNoise(1e-3, 1e-4, "both")
-    )
-    with pytest.raises(NotIdentifiableError, match="translations only"):
-        solve(*measured)
 
 
 def test_small_rotations_about_two_axes_are_enough_where_the_noise_is_small():

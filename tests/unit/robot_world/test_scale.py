@@ -78,7 +78,7 @@ def test_a_scale_of_one_is_rarely_doubted():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("on", "sets"),
-    [("both", 200), *(pytest.param(on, 1000, marks=pytest.mark.full) for on in ("A", "B", "both"))],
+    [("both", 100), *(pytest.param(on, 1000, marks=pytest.mark.full) for on in ("A", "B", "both"))],
 )
 def test_a_scale_of_one_is_rarely_doubted_of_many(on, sets):
     """Noise on A as well, which the solver does not know of: at most 3 of 1,000 are named."""

@@ -54,7 +54,7 @@ def off(result, X, Z):
 def test_nothing_is_invented(pairs):
     """Squares of the sizes are those of 3 N - 6 normal numbers each, set by set and in the mean."""
     rng = np.random.default_rng(pairs)
-    freedom, trials = 3 * pairs - 6, 15
+    freedom, trials = 3 * pairs - 6, 10
     squares = []
     for _ in range(trials):
         problems = random_problems(rng, 1, pairs, cone_deg=40.0)
@@ -62,7 +62,7 @@ def test_nothing_is_invented(pairs):
         assert isinstance(noise, PairNoise)
         assert noise.on == "B"
         squares.append(np.square([noise.rotation_rad, noise.translation_m] / SIGMA[[0, 3]]))
-    # one of thirty numbers outside by chance: one in a hundred and fifty; one of two means likewise
+    # one of twenty numbers outside by chance: one in 250; one of two means likewise
     least, most = chi2.ppf([1e-4, 1.0 - 1e-4], freedom) / freedom
     assert least < np.min(squares)
     assert np.max(squares) < most

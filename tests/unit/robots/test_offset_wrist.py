@@ -124,16 +124,16 @@ def test_all_that_a_search_finds_is_found(robot):
 @pytest.mark.slow
 @pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
 def test_all_that_a_long_search_finds_is_found(robot, poses):
-    check_against_search(robot, poses, starts=20_000)
+    check_against_search(robot, poses, starts=8_000)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-4, 1e-3])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-3])
 def test_almost_singular_postures_are_found(robot, joint, angle):
     """Straight wrists and arms: two branches meet, and the polynomial has a double zero."""
     if robot.name == "oblique":
         angle += -np.pi / 2 if joint == 2 else 0.3
-    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (200, 6))
+    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (100, 6))
     q[:, joint] = angle
     off = missed(robot, q)
     assert np.quantile(off, 0.99) < 1e-6
@@ -146,24 +146,24 @@ def test_the_end_of_the_reach_is_reached(robot, fold, beyond):
     """The elbow stretched or folded: both its branches meet."""
     solver = robot._inverse
     flat = [np.arctan2(v[1], v[0]) for v in (solver._upper, solver._fore)]
-    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200, 6))
+    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (100, 6))
     way = solver._axes[2][2]  # of axis 3, along or against axis 2
     q[:, 2] = way * (flat[0] - flat[1]) + fold + beyond
     # the pose, rounded to 1e-16, leaves 1e-8 of the stretched elbow open
     assert np.quantile(missed(robot, q), 0.99) < 1e-5
 
 
-@pytest.mark.parametrize("beside", [0.0, 1e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize("beside", [0.0, 1e-8, 1e-4])
 def test_joint_1_is_found_where_the_wrist_is_above_the_base(robot, beside):
     """There any angle of joint 1 takes the wrist's point to its place, and its axes decide."""
     if robot.name == "oblique":
         pytest.skip("its wrist passes the first axis")
     at = {"crx10ial": [0.54, 0, 0], "hc10dt": [0, 0, -0.5], "crb15000": [0.47, 0, 0.11]}[robot.name]
-    q = np.random.default_rng(4).uniform(-np.pi, np.pi, (300, 6))
+    q = np.random.default_rng(4).uniform(-np.pi, np.pi, (100, 6))
     q[:, :2] = 0.0
     elbow = robot.state(q)
     x, _, z = (elbow.rotations[:, 2] @ at + elbow.origins[:, 2] - elbow.origins[:, 1]).T
-    q[:, 0] = np.random.default_rng(5).uniform(-np.pi, np.pi, 300)
+    q[:, 0] = np.random.default_rng(5).uniform(-np.pi, np.pi, 100)
     q[:, 1] = beside - np.arctan2(x, z)
     off = missed(robot, q)
     smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
@@ -191,7 +191,7 @@ def test_limits_and_turns_are_those_of_every_arm(robot):
         np.deg2rad([190, 100, 200, 350, 180, 400]),
     )
     robot = replace(robot, lower=lower, upper=upper)
-    q = np.random.default_rng(6).uniform(lower, upper, (60, 6))
+    q = np.random.default_rng(6).uniform(lower, upper, (25, 6))
     every = robot.inverse(robot.fk(q), every_turn=True)
     for i, posture in enumerate(q):
         assert np.abs(every.of(i) - posture).max(axis=1).min() < 1e-7  # in its own turn
@@ -223,7 +223,7 @@ def test_what_is_too_far_says_by_how_much(robot, place):
         return np.linalg.norm(state.rotations[2] @ local + state.origins[2] - W)
 
     rng = np.random.default_rng(0)
-    searched = min(minimize(short, start).fun for start in rng.uniform(-3, 3, (6, 4)))
+    searched = min(minimize(short, start).fun for start in rng.uniform(-3, 3, (3, 4)))
     assert answers.gap_m[0] == pytest.approx(searched, abs=1e-3)
 
 

@@ -149,19 +149,25 @@ def model_of(robot: Robot, joints: tuple[str, ...], targets_m: np.ndarray) -> Ca
     return CalibrationModel(robot, blocks, TouchUp(np.full(3, 1e-5)))
 
 
-def rank_of(robot: Robot, joints: tuple[str, ...]) -> tuple[int, int]:
-    """Rank and number of parameters of zero offsets, tool and two targets that are touched."""
-    model = model_of(robot, joints, TARGETS_M)
+def touches_of(robot: Robot) -> tuple[np.ndarray, Setup]:
+    """Postures that touch two targets, and which of them."""
     rng, q, which = np.random.default_rng(1), [], []
-    for k in range(60):
+    for k in range(30):
         R = rotation_exp(rng.uniform(-0.9, 0.9, (4, 3))) @ np.diag([1.0, -1.0, -1.0])
         tips = transform(R, TARGETS_M[k % 2] - R @ TOOL_M)
         near = rng.uniform(robot.lower, robot.upper)
         found, there = robot.inverse(tips, near=near).nearest()
         q += [*found[there]]
         which += [k % 2] * int(there.sum())
-    assert len(q) > 100
-    q, setup = np.array(q), Setup.of(len(q), target=np.array(which))
+    assert len(q) > 50
+    return np.array(q), Setup.of(len(q), target=np.array(which))
+
+
+def rank_of(
+    robot: Robot, joints: tuple[str, ...], touches: tuple[np.ndarray, Setup]
+) -> tuple[int, int]:
+    """Rank and number of parameters of zero offsets, tool and two targets that are touched."""
+    model, (q, setup) = model_of(robot, joints, TARGETS_M), touches
     J = model.jacobian(q, setup=setup).reshape(-1, model.p)
     return int(np.linalg.matrix_rank(J / np.linalg.norm(J, axis=0), tol=1e-9)), model.p
 
@@ -172,14 +178,15 @@ def test_zeros_that_targets_take_up_are_left_out_and_no_others(robot):
     usual = usual_offset_joints(robot)
     assert "turn" not in usual
     assert usual[-1] == robot.joint_names[-2]
-    rank, count = rank_of(robot, usual)
+    touches = touches_of(robot)
+    rank, count = rank_of(robot, usual, touches)
     assert rank == count
     assert robot.arm_joints[0] in usual
     assert ("tilt" in usual) == (robot.floor == 2)
     if "rail" in robot.joint_names:  # behind a table its zero is told, and may be listed
-        rank, count = rank_of(robot, (*usual, "rail"))
+        rank, count = rank_of(robot, (*usual, "rail"), touches)
         assert rank == count
-    rank, count = rank_of(robot, ("turn", *usual))
+    rank, count = rank_of(robot, ("turn", *usual), touches)
     assert rank == count - 1
 
 
@@ -193,7 +200,7 @@ def test_a_table_that_turns_about_the_arm_s_own_axis_does_not_tell_its_zero(tmp_
     path.write_text(text)
     robot = Robot.from_urdf(path, tip="tool0", base="plate")
     assert moved_as_base(robot) == ("turn", "shoulder_pan_joint")
-    rank, count = rank_of(robot, usual_offset_joints(robot))
+    rank, count = rank_of(robot, usual_offset_joints(robot), touches_of(robot))
     assert rank == count
 
 

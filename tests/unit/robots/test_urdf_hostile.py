@@ -50,7 +50,7 @@ def damaged(draw: st.DrawFn) -> str:
     return text[: draw(st.integers(0, len(text)))] if draw(st.booleans()) else text
 
 
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=damaged())
 def test_an_arm_or_an_error(capfd, text):
     with tempfile.TemporaryDirectory() as folder:

@@ -66,7 +66,7 @@ KINDS = ("D", "A", "E", "O5", "G", "C_G", "cond_2", "O2", "O4")
 FOUND = 0.95
 """Part of the problems in which the best of all choices is found."""
 
-PROBLEMS = dict.fromkeys(KINDS, 60) | {"D": 200, "A": 200, "C_G": 200}
+PROBLEMS = dict.fromkeys(KINDS, 60) | {"D": 100, "A": 100, "C_G": 100}
 
 
 def shares(kind: str, seeds: range) -> tuple[np.ndarray, np.ndarray]:

@@ -101,11 +101,11 @@ def is_told(blocks: np.ndarray, given: dict) -> bool:
         return True
 
 
-@pytest.mark.parametrize("part", rest_in_slow(range(8), [3]))
+@pytest.mark.parametrize("part", rest_in_slow(range(20), [7]))
 def test_bound_and_choice_against_all_choices(part):
     """200 small pools: nothing allowed beats the bound, and the choice is the best of all."""
     seen = 0
-    for seed in range(25 * part, 25 * part + 25):
+    for seed in range(10 * part, 10 * part + 10):
         blocks, given = problem(seed)
         cost_of, back = shown_cost(KINDS[seed % len(KINDS)], given, blocks.shape[2])
         best = best_value(blocks, given, SimpleNamespace(cost_by=cost_of))
@@ -119,7 +119,7 @@ def test_bound_and_choice_against_all_choices(part):
         np.testing.assert_allclose(back(found.value), best, rtol=1e-6, err_msg=str(seed))
         assert found.efficiency > 1.0 - 1e-4, seed
         seen += 1
-    assert seen > 17
+    assert seen > 4
 
 
 POOL = np.random.default_rng(0).standard_normal((60, 2, 4))
@@ -207,7 +207,7 @@ def test_at_least_and_at_most_of_groups():
 def test_a_large_pool():
     """Far more candidates than quadratic programmes take at once: the proof is over all."""
     rng = np.random.default_rng(2)
-    blocks, costs = rng.standard_normal((2000, 2, 5)), rng.uniform(1.0, 2.0, 2000)
+    blocks, costs = rng.standard_normal((1200, 2, 5)), rng.uniform(1.0, 2.0, 1200)
     found = select(blocks, costs=costs, budget=25.0)
     assert costs[found.indices].sum() <= 25.0
     assert found.efficiency > 0.95

@@ -104,8 +104,10 @@ LOGS: dict[str, tuple[files.Writer, str, float]] = {
 }
 
 
-@pytest.mark.parametrize("name", LOGS)
-@pytest.mark.parametrize("match", ["time", "order"])
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [*((name, "time") for name in LOGS), ("rsi telegrams", "order"), ("rostopic", "order")],
+)
 def test_logs_of_joints_give_what_the_arm_was_at(request, tmp_path, name, match):
     """By time on one clock, and in order without one; units and signs are those of the log."""
     write, arm, epoch = LOGS[name]
@@ -117,7 +119,7 @@ def test_logs_of_joints_give_what_the_arm_was_at(request, tmp_path, name, match)
     log = write(taken, tmp_path)
     found = read_measured(cell, files.creaform_like(taken, tmp_path), log)
     expected = taken.native("pose")
-    assert found.notes == ()
+    assert found.table.notes == ()
     np.testing.assert_allclose(found.table.data.postures, expected.postures, atol=1e-8)
     read = found.table.data.observed
     np.testing.assert_allclose(read[:, :3], expected.observed[:, :3], atol=2e-9)
@@ -230,8 +232,10 @@ def test_two_recordings_go_together_by_time(kuka, tmp_path):
     cell = Cell.load(kuka.cell(tmp_path, 'kind = "pose"\nclock_offset_s = 90.0'))
     found = read_measured(cell, files.motive(kuka, tmp_path), files.rsi_table(kuka, tmp_path))
     check_same(found.table, kuka.native("pose"))
-    assert "by time" in found.facts["measured"]
-    assert any("the arm was not at rest" in note and "left out" in note for note in found.notes)
+    assert "by time" in found.table.facts["measured"]
+    assert any(
+        "the arm was not at rest" in note and "left out" in note for note in found.table.notes
+    )
     counts = [int(n) for n in found.table.extra["readings"]]
     assert min(counts) >= 20  # of 41 in two seconds
 

@@ -15,7 +15,7 @@ from posedesign.identification.instruments import (
     is_of_instrument,
     read_measured,
 )
-from posedesign.identification.instruments.reading import Measured
+from posedesign.identification.instruments.measured import Measured
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
 
@@ -67,25 +67,25 @@ def test_repeats_are_averaged_and_their_scatter_said(read, taken):
     rng = np.random.default_rng(1)
     lines = repeated(taken, 4, 2e-5, rng)
     found = read(ALL + TABLE, lines)
-    assert found.notes == ()
+    assert found.table.notes == ()
     assert found.table.data.count == 72
     assert set(found.table.extra["readings"]) == {"4"}
     expected = taken.native("point", files.REFLECTORS).observed
     off = found.table.data.observed - expected
     assert off.std() == pytest.approx(1e-5, rel=0.2)
-    assert "(216 degrees of freedom), as [[noise]] says" in found.facts["repeats"]
-    assert found.facts["temperature"] == "20.0 to 22.3 deg C"
+    assert "(216 degrees of freedom), as [[noise]] says" in found.table.facts["repeats"]
+    assert found.table.facts["temperature"] == "20.0 to 22.3 deg C"
     assert found.table.extra["temperature_c"][3] == "20.100000"
 
 
 def test_another_scatter_than_stated_is_said_and_may_be_taken(read, taken):
     lines = repeated(taken, 4, 6e-5, np.random.default_rng(2))
-    (note,) = read(ALL + TABLE, lines).notes
+    (note,) = read(ALL + TABLE, lines).table.notes
     assert re.search(
         r"a reading scatters by 0\.0[56]\d*, .* another noise than the 0\.02[, ]", note
     )
     found = read(ALL + 'noise = "repeats"\n' + TABLE, lines)
-    assert found.notes == ()
+    assert found.table.notes == ()
     noise = next(n for n in found.cell.config.noise if n.kind == "point")
     np.testing.assert_allclose(noise.three_sigma_mm, 3 * 0.06 / 2, rtol=0.15)
     kept = [n for n in found.cell.config.noise if n.kind == "pose"]
@@ -110,12 +110,12 @@ def test_references_that_move_are_named(read, taken):
         for name, values in cells:
             lines.append(f"{taken.names[k]},{name}," + ",".join(f"{v:.6f}" for v in values))
     section = 'reflectors = ["SMR1"]\nreferences = ["REF1", "REF2", "REF3"]\n' + TABLE
-    notes = read(section, lines).notes
+    notes = read(section, lines).table.notes
     assert len(notes) == 2
     assert re.search(r"REF1 drifts by 0\.2\d* mm from line 3 to line 95 \(p = ", notes[0])
     assert re.search(r"REF2 steps by 0\.(29|30)\d* mm before line 64 \(p = ", notes[1])
     quiet = [line for line in lines if "REF1" not in line and "REF2" not in line]
-    facts = read(section, quiet).facts
+    facts = read(section, quiet).table.facts
     assert facts["drift"].startswith("none seen by the reference REF3, 0.0")
 
 
@@ -128,7 +128,7 @@ def test_a_posture_that_is_gone_back_to_is_a_reference(taken, tmp_path):
     found = read_measured(
         cell, files.points_text(again, tmp_path), files.joint_list(again, tmp_path)
     )
-    (note,) = found.notes
+    (note,) = found.table.notes
     assert "the reference tool at the posture of P01 drifts by 0.2" in note
 
 
@@ -136,8 +136,8 @@ def test_residuals_that_go_with_the_temperature_are_said(read, taken):
     table = read(ALL + TABLE, repeated(taken, 1, 2e-5, np.random.default_rng(4))).table
     T = np.array([float(cell) for cell in table.extra["temperature_c"]])
     noise = 1e-5 * np.random.default_rng(5).standard_normal((72, 3))
-    assert goes_with_temperature(table, noise) == ""
-    words = goes_with_temperature(table, noise + np.outer(T, [0, 0, 3e-5]))
+    assert goes_with_temperature(table, noise) == []
+    (words,) = goes_with_temperature(table, noise + np.outer(T, [0, 0, 3e-5]))
     slope = re.search(r"along z go with the temperature, by (\S+) mm/K", words)
     assert slope is not None
     assert float(slope[1]) == pytest.approx(0.03, rel=0.2)
@@ -184,11 +184,7 @@ BAD: dict[str, tuple[str, Callable[[list[str]], list[str]], str]] = {
         lambda x: ["pose,x_mm,y_mm,z_mm,z_mm", *(r + ",1" for r in x[1:])],
         "twi",
     ),
-    "no time": (
-        '[instrument.columns]\ntime = "pose"\n',
-        lambda x: x,
-        "'P01' is no time",
-    ),
+    "no time": ('[instrument.columns]\ntime = "pose"\n', lambda x: x, "'P01' is no time"),
     "by time without": ('match = "time"\n', lambda x: x, "has no times to match by"),
 }
 
@@ -303,7 +299,7 @@ def test_what_was_hidden_is_counted(taken, tmp_path):
     cell = Cell.load(taken.cell(tmp_path, 'kind = "pose"\nmatch = "order"\n'))
     path = files.motive(taken, tmp_path, hidden=7)
     found = read_measured(cell, path, files.joint_list(taken, tmp_path))
-    assert any(re.search(r"nothing was seen in 7 of \d+ readings", n) for n in found.notes)
+    assert any(re.search(r"nothing was seen in 7 of \d+ readings", n) for n in found.table.notes)
 
 
 def test_only_files_of_instruments_are_taken_for_such(taken, tmp_path):

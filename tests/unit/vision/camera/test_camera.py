@@ -8,15 +8,6 @@ from calib.vision.camera import PinholeCamera
 CAMERA = PinholeCamera(640, 480, 800.0)
 
 
-def test_a_point_on_the_axis_is_in_the_middle():
-    np.testing.assert_allclose(CAMERA.project(np.array([0.0, 0.0, 2.0])), [320.0, 240.0])
-
-
-def test_similar_triangles():
-    """25 mm to the right at 0.5 m: 800 * 25 / 500 = 40 px; 10 mm down: 16 px."""
-    np.testing.assert_allclose(CAMERA.project(np.array([0.025, 0.010, 0.5])), [360.0, 256.0])
-
-
 def test_against_opencv():
     cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
     points = np.random.default_rng(1).uniform([-0.2, -0.2, 0.3], [0.2, 0.2, 1.0], (20, 3))

@@ -9,7 +9,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.vision.camera import Camera, CircleTarget, Imaging, Occluder, pose_from_image, render
 
-TRIALS = 60
+TRIALS = 40
 
 
 def rough(T: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -44,7 +44,7 @@ def test_as_opencv_refines_it(target, looking):
 
 
 def test_covariance_by_monte_carlo(target, looking):
-    true, points, sigma, trials = looking(30.0, 0.02, -0.01, 0.3, 10.0), target.corners(), 0.05, 400
+    true, points, sigma, trials = looking(30.0, 0.02, -0.01, 0.3, 10.0), target.corners(), 0.05, 200
     rng = np.random.default_rng(9)
     clean = BENT.project(se3.apply(true, points))
     found = [

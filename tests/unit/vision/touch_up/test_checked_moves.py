@@ -176,7 +176,9 @@ def test_rounding_and_width_of_fine_positions_are_allowed():
         strict.to_posture(ONE, postures(1))
 
 
-@pytest.mark.parametrize("shown", [np.zeros(5), np.zeros(7), [np.nan] * 6, None, "home"])
+@pytest.mark.parametrize(
+    "shown", [np.zeros(5), np.zeros(7), np.zeros((2, 6)), [], [np.nan] * 6, None, "home"]
+)
 def test_joint_values_that_are_none(shown):
     robot = Lying(usual_posture("ur10e"), lambda q, before: shown, moves=1)
     with pytest.raises(InputError, match=r"joints\(\) of the robot's adapter gave"):

@@ -19,7 +19,7 @@ from calib.model.measurements import KINDS, Measurements
 from calib.model.measurements.data import same_posture
 from calib.se3 import FloatArray, IntArray, rotation_exp, rotation_log
 from posedesign.cell import Cell
-from posedesign.cell.measuring import noise_sigma
+from posedesign.cell.models import noise_sigma
 from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
@@ -39,8 +39,7 @@ from posedesign.identification.instruments.joining import (
     with_joints,
 )
 from posedesign.identification.instruments.joint_logs import read_joint_rows
-from posedesign.identification.instruments.layouts import is_known
-from posedesign.identification.instruments.readings import Readings, read_readings
+from posedesign.identification.instruments.readings import Readings, is_known, read_readings
 from posedesign.identification.instruments.scatter import (
     SIGNIFICANT,
     Scatter,
@@ -64,9 +63,6 @@ class Measured:
 
     cell: Cell  # with the noise of repeated readings, where they were to give it
     table: MeasurementTable
-    notes: tuple[str, ...]
-    """What is odd: what belongs to no pose, what drifts, noise that is another."""
-    facts: dict[str, str]  # what there is, in words by what it is about
 
 
 def is_of_instrument(cell: Cell, path: Path) -> bool:
@@ -105,7 +101,7 @@ def read_measured(
             controller=cell.robot.controller,
             trust_units=trust_units,
         )
-        return Measured(cell, table, table.notes, {})
+        return Measured(cell, table)
     section = _as_planned(cell)
     readings, notes = _once(read_readings(path, section))
     names, is_reference = _names_of(readings, section)
@@ -140,22 +136,22 @@ def read_measured(
     lost = stops.match.unmatched(of_tool.lines.tolist())
     notes += tuple(f"{path}: {said}, left out" for said in lost[:MOST_LISTED])
     grouped = _averaged(
-        _some(of_tool, np.flatnonzero(found)), tool[found], stops, section, each_visit=each_visit
+        *(_some(of_tool, np.flatnonzero(found)), tool[found], labels, stops, section),
+        each_visit=each_visit,
     )
-    table, scatter = grouped.table(path, labels, section, stops)
     facts = {
         "measured": f"{len(of_tool.lines)} readings of {a_few(labels)} at "
-        f"{len(set(grouped.stop.tolist()))} poses, joints {stops.match.how}"
+        f"{len(set(stops.match.stop[found].tolist()))} poses, joints {stops.match.how}"
     }
-    cell, said, odd = _judged(cell, section, scatter, grouped)
+    cell, said, odd = _judged(cell, section, grouped)
     facts |= said
-    drifts = _references(readings, names, is_reference, grouped, table, section)
+    drifts = _references(readings, names, is_reference, grouped, section)
     facts |= {"drift": drifts[0]} if drifts[0] else {}
     notes += (*odd, *drifts[1])
     if readings.temperatures is not None and np.isfinite(readings.temperatures).any():
         low, high = np.nanmin(readings.temperatures), np.nanmax(readings.temperatures)
         facts["temperature"] = f"{low:.1f} to {high:.1f} deg C"
-    return Measured(cell, table, (*readings.notes, *notes), facts)
+    return Measured(cell, replace(grouped.table, notes=(*readings.notes, *notes), facts=facts))
 
 
 def _some(readings: Readings, rows: IntArray) -> Readings:
@@ -247,47 +243,17 @@ def _names_of(
 class _Averaged:
     """Means of the readings of one reflector at one stop, in the order of the readings."""
 
-    values: FloatArray  # (G, 3) or (G, 6): places [m], rotation vectors [rad]
+    table: MeasurementTable  # of G measurements, with what is kept beside them
+    values: FloatArray  # (G, 3) or (G, 6): their places [m], rotation vectors [rad]
     count: IntArray  # (G,): readings of each
+    times: FloatArray  # (G,): of the first [s], or the order where there are no times
     scatter: Scatter | None
-    stop: IntArray
-    tool: IntArray
-    line: IntArray  # (G,): line of the first of each
-    times: FloatArray | None
-    temperatures: FloatArray | None  # times, temperatures (G,): of the first, and the mean
-
-    def table(
-        self, path: Path, labels: tuple[str, ...], section: InstrumentSection, stops: Joined
-    ) -> tuple[MeasurementTable, Scatter | None]:
-        """As a table of measurements, with what is kept beside them."""
-        count = len(self.stop)
-        if count > MOST_MEASUREMENTS:
-            raise FileFormatError(
-                f"holds {count} measurements, {MOST_MEASUREMENTS} are the most that are identified "
-                "at once",
-                path=path,
-                hint="give one reading a pose",
-            )
-        names = stops.names or tuple(f"P{k + 1:02d}" for k in range(len(stops.postures)))
-        extra = {REPEATS: tuple(str(n) for n in self.count.tolist())}
-        for column, values in ((TIME, self.times), (TEMPERATURE, self.temperatures)):
-            if values is not None:
-                extra[column] = tuple(f"{v:.6f}" if np.isfinite(v) else "" for v in values.tolist())
-        data = Measurements(
-            stops.postures[self.stop],
-            Setup.of(count, tool=self.tool),
-            (section.frame,),
-            labels,
-            self.values,
-            tuple(names[k] for k in self.stop),
-        )
-        lines = tuple(self.line.tolist())
-        return MeasurementTable(data, (section.kind,), lines, path, (), extra), self.scatter
 
 
 def _averaged(
     readings: Readings,
     tool: IntArray,
+    labels: tuple[str, ...],
     stops: Joined,
     section: InstrumentSection,
     *,
@@ -299,7 +265,14 @@ def _averaged(
     _, first, index = np.unique(
         np.stack([visit, tool], axis=1), axis=0, return_index=True, return_inverse=True
     )
-    index = index.ravel()
+    groups, index = len(first), index.ravel()
+    if groups > MOST_MEASUREMENTS:
+        raise FileFormatError(
+            f"holds {groups} measurements, {MOST_MEASUREMENTS} are the most that are identified "
+            "at once",
+            path=readings.path,
+            hint="give one reading a pose",
+        )
     values = readings.values
     if section.kind == "pose":  # about the first of each group, whose turns differ by little
         R = rotation_exp(values[:, 3:])
@@ -309,28 +282,36 @@ def _averaged(
         mean = np.concatenate([mean[:, :3], turned], axis=1)
     else:
         mean, count, scatter = pooled(values, index)
-    temperatures = None
+    kept: dict[str, FloatArray] = {}
+    if readings.times is not None:
+        kept[TIME] = readings.times[first]
     if readings.temperatures is not None:
         known = np.isfinite(readings.temperatures)
-        size = np.bincount(index[known], minlength=len(first))
-        total = np.bincount(index[known], readings.temperatures[known], minlength=len(first))
-        temperatures = np.where(size > 0, total / np.maximum(size, 1), np.nan)
-    return _Averaged(
+        size = np.bincount(index[known], minlength=groups)
+        total = np.bincount(index[known], readings.temperatures[known], minlength=groups)
+        kept[TEMPERATURE] = np.where(size > 0, total / np.maximum(size, 1), np.nan)
+    extra = {REPEATS: tuple(str(n) for n in count.tolist())}
+    for column, numbers in kept.items():
+        extra[column] = tuple(f"{v:.6f}" if np.isfinite(v) else "" for v in numbers.tolist())
+    names = stops.names or tuple(f"P{k + 1:02d}" for k in range(len(stops.postures)))
+    data = Measurements(
+        stops.postures[stop[first]],
+        Setup.of(groups, tool=tool[first]),
+        (section.frame,),
+        labels,
         mean,
-        count,
-        scatter,
-        stop[first],
-        tool[first],
-        readings.lines[first],
-        None if readings.times is None else readings.times[first],
-        temperatures,
+        tuple(names[k] for k in stop[first]),
     )
+    lines = tuple(readings.lines[first].tolist())
+    table = MeasurementTable(data, (section.kind,), lines, readings.path, (), extra)
+    return _Averaged(table, mean, count, kept.get(TIME, np.arange(groups, dtype=float)), scatter)
 
 
 def _judged(
-    cell: Cell, section: InstrumentSection, scatter: Scatter | None, grouped: _Averaged
+    cell: Cell, section: InstrumentSection, grouped: _Averaged
 ) -> tuple[Cell, dict[str, str], list[str]]:
     """The cell with its noise, and what is to be said of the scatter of repeated readings."""
+    scatter = grouped.scatter
     if scatter is None or not (scatter.sigma[:3] > 0).all():
         if section.noise == "repeats":
             raise InputError(
@@ -367,19 +348,19 @@ def _judged(
     return cell, {"repeats": words}, odd
 
 
-def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> str:
+def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> list[str]:
     """What is to be said of residuals ``(N, m)`` [m] that go with the temperature; else nothing."""
     cells = table.extra.get(TEMPERATURE, ())
     known = np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
     found = trend_with(residuals[:, :3], known) if len(known) else None
     if found is None or found.probability >= SIGNIFICANT:
-        return ""
+        return []
     axis = "xyz"[found.axis]
-    return (
+    return [
         f"residuals along {axis} go with the temperature, by {1e3 * found.slope:.3g} mm/K "
         f"(correlation {found.correlation:.2f}, p = {found.probability:.1g}): let arm and "
         "instrument warm up, or measure in less time"
-    )
+    ]
 
 
 def _references(
@@ -387,7 +368,6 @@ def _references(
     names: Sequence[str],
     is_reference: np.ndarray[tuple[int], np.dtype[np.bool_]],
     grouped: _Averaged,
-    table: MeasurementTable,
     section: InstrumentSection,
 ) -> tuple[str, list[str]]:
     """What is to be said of references, and of postures that the arm went back to."""
@@ -397,14 +377,14 @@ def _references(
         when = own.astype(float) if readings.times is None else readings.times[own]
         where = tuple(f"line {line}" for line in readings.lines[own])
         series.append((name, readings.values[own, :3], when, where))
-    postures, tools = same_posture(table.data.postures), table.data.setup.tool
+    data = grouped.table.data
+    postures, tools = same_posture(data.postures), data.setup.tool
     for key in np.unique(np.stack([postures, tools], axis=1), axis=0).tolist():
         own = np.flatnonzero((postures == key[0]) & (tools == key[1]))
-        when = own.astype(float) if grouped.times is None else grouped.times[own]
-        own, when = own[np.argsort(when)], np.sort(when)
-        where = tuple(table.data.names[i] for i in own)
-        name = f"{table.data.tools[key[1]]} at the posture of {where[0]}"
-        series.append((name, grouped.values[own, :3], when, where))
+        own = own[np.argsort(grouped.times[own])]
+        where = tuple(data.names[i] for i in own)
+        name = f"{data.tools[key[1]]} at the posture of {where[0]}"
+        series.append((name, grouped.values[own, :3], grouped.times[own], where))
     found = [(s, d) for s in series if (d := drift_of(s[1], s[2])) is not None]
     if not found:
         return "", []

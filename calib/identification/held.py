@@ -28,11 +28,14 @@ import numpy as np
 from calib.errors import CalibError
 from calib.identification.evidence import (
     LinearEvidence,
-    PriorGroup,
+    TunedPriors,
+    groups_of,
     linear_evidence,
+    members_of,
     noise_classes,
     tune_priors,
 )
+from calib.identification.identifiability import UNSEEN_SCALE
 from calib.identification.least_squares import column_lengths
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
@@ -218,9 +221,7 @@ class Tuned:
     """A solution with the noise and the priors that the measurements show."""
 
     held: Held
-    groups: tuple[PriorGroup, ...]
-    sigma: FloatArray  # (G,): standard deviation of each group [SI]
-    log_evidence: float  # logarithm of the marginal likelihood
+    priors: TunedPriors
 
 
 def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
@@ -230,27 +231,12 @@ def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
     """
     kinds = [kind.of_unknown_noise() for kind in model.measurements]
     try:
-        found = tune_priors(model.with_measurements(kinds), data, _groups(model))
+        groups = groups_of(model, 1.0 / _SMALLER, 1.0)
+        found = tune_priors(model.with_measurements(kinds), data, groups)
     except (CalibError, np.linalg.LinAlgError):
         return None
     held = held_at(found.model, data, found.x)
-    return Tuned(held, found.groups, found.sigma, found.log_evidence)
-
-
-def _groups(model: CalibrationModel) -> list[PriorGroup]:
-    """Parameters of the arm of one block and unit, whose priors have one size."""
-    groups = []
-    for block, part in zip(model.parameters, model.slices, strict=True):
-        for unit in () if block.nuisance else dict.fromkeys(block.units):
-            own = {
-                name: float(sigma)
-                for name, of, sigma in zip(block.names, block.units, model.prior[part], strict=True)
-                if of == unit and np.isfinite(sigma)
-            }
-            if own:
-                usual = float(np.sqrt(np.mean(np.square(list(own.values())))))
-                groups.append(PriorGroup(next(iter(own)), tuple(own), usual / _SMALLER, usual))
-    return groups
+    return Tuned(held, found)
 
 
 def log_odds(found: Tuned, effect: Effect) -> float:
@@ -259,15 +245,12 @@ def log_odds(found: Tuned, effect: Effect) -> float:
 
     held = found.held
     model, data = held.model, held.data
-    members = tuple(
-        np.array([model.names.index(name) for name in group.parameters], dtype=np.intp)
-        for group in found.groups
-    )
+    members = members_of(model, found.priors.groups)
     plain = linear_evidence(model, data, held.x, members, np.ones(data.count))
-    start = np.append(np.log(found.sigma), np.zeros(len(plain.counts)))
+    start = np.append(np.log(found.priors.sigma), np.zeros(len(plain.counts)))
     before = plain.log_evidence(start)[0]
     wider = _with(plain, held, effect)
-    bounds = [(np.log(group.lower), np.log(group.upper)) for group in found.groups]
+    bounds = [(np.log(group.lower), np.log(group.upper)) for group in found.priors.groups]
     bounds += [_NOISE] * len(plain.counts)
 
     def worse(theta: FloatArray) -> tuple[float, FloatArray]:
@@ -365,3 +348,16 @@ class Finding:
     """Natural logarithm of how much likelier the measurements are with the cause than without, what
     was tried besides considered."""
     also: tuple[Finding, ...] = ()  # other causes that explain the measurements as well
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether all rows suffer from it: nothing identified with it is of the robot.
+
+        A scale, where it is off by more than arms are built: a model would take it for long links.
+        """
+        return abs(self.size) > UNSEEN_SCALE if self.cause == "scale" else self.cause in GROSS
+
+    @property
+    def is_of_the_model(self) -> bool:
+        """Whether the arm has what its model leaves out; nothing went wrong in measuring then."""
+        return self.cause in MODEL

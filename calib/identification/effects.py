@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.batch_last import along
 from calib.batch_last import turn as rotate
-from calib.identification.diagnosis.held import (
+from calib.identification.held import (
     Cause,
     Effect,
     Finding,
@@ -39,6 +39,9 @@ APPROACHES = (0.1, 0.25)
 
 _MOST_ALIKE = 0.9
 
+_What = tuple[Cause, tuple[str, ...], str, tuple[int, ...], float, str]
+"""Of a finding, what it is of: cause, things, part, rows, size and unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Thing:
@@ -49,6 +52,13 @@ class Thing:
     columns: FloatArray
     """(N, m, k): change of the rows over the noise by its parameters, each in units of its usual
     change."""
+
+    def size(self, held: Held, changed: FloatArray, by: FloatArray) -> tuple[float, str]:
+        """Size of a change of the rows ``(N, m)`` by so many usual changes, and its unit."""
+        if self.part == "joint":
+            return float(np.abs(by[0])) * ZERO_RAD, "rad"
+        # where it is measured: the origin of an instrument's frame may be metres off
+        return float(held.lengths_m(changed).max(initial=0.0)), "m"
 
 
 def things_of(held: Held) -> list[Thing]:
@@ -122,9 +132,7 @@ def alike(rows: FloatArray) -> float:
 
 def changes(held: Held) -> Iterator[Effect]:
     """The likeliest change of each thing: its step, its drift, and its warming up."""
-    count = len(held.rows)
-    things = things_of(held)
-    starts = _starts(held)
+    count, starts, things = len(held.rows), _starts(held), things_of(held)
     tried = np.log(2 * len(things))
     for thing in things:
         if len(starts):
@@ -134,15 +142,18 @@ def changes(held: Held) -> Iterator[Effect]:
                 after = (np.arange(count) >= starts[best]).astype(float)
                 # of all places, the likeliest stands for the mean
                 more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
-                rows = (int(starts[best]),)
-                yield _change(held, thing, "step", after, found, best, more, neighbours, rows)
+                Z, rows = thing.columns * after[:, None, None], (int(starts[best]),)
+                size = thing.size(held, Z @ found.size[best], found.size[best])
+                what: _What = ("step", thing.names, thing.part, rows, *size)
+                yield _effect(held, Z, found, best, what, more, neighbours)
         trends = _trends(thing)
         for cause, course in trends:
             Z = thing.columns * course[:, None, None]
             neighbours = alike(held.after(Z, score_of(held, Z).size[0]))
             found = score_of(held, Z, neighbours)
-            more = float(tried + np.log(len(trends)))
-            yield _change(held, thing, cause, course, found, 0, more, neighbours)
+            size = thing.size(held, Z @ found.size[0], found.size[0])
+            what = (cause, thing.names, thing.part, (), *size)
+            yield _effect(held, Z, found, 0, what, float(tried + np.log(len(trends))), neighbours)
 
 
 def _trends(thing: Thing) -> list[tuple[Cause, FloatArray]]:
@@ -183,42 +194,18 @@ def _from(each: FloatArray) -> FloatArray:
     return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
 
 
-def _change(
-    held: Held,
-    thing: Thing,
-    cause: Cause,
-    course: FloatArray,
-    found: Scores,
-    best: int,
-    tried: float,
-    neighbours: float,
-    rows: tuple[int, ...] = (),
-) -> Effect:
-    Z, size = thing.columns * course[:, None, None], found.size[best]
-    # where it is measured: the origin of an instrument's frame may be metres off
-    far, unit = float(held.lengths_m(Z @ size).max(initial=0.0)), "m"
-    if thing.part == "joint":
-        far, unit = float(np.abs(size[0])) * ZERO_RAD, "rad"
-    return _effect(
-        held, Z, found, best, (cause, thing.names, thing.part), (far, unit), tried, neighbours, rows
-    )
-
-
 def _effect(
     held: Held,
     Z: FloatArray,
     found: Scores,
     best: int,
-    what: tuple[Cause, tuple[str, ...], str],
-    size: tuple[float, str],
-    tried: float = 0.0,
-    neighbours: float = 0.0,
-    rows: tuple[int, ...] = (),
+    what: _What,
+    tried: float,
+    neighbours: float,
 ) -> Effect:
-    """Effect of columns ``(N, m, k)`` by one of its scores; what it is of, and its size."""
+    """Effect of columns ``(N, m, k)`` by one of its scores."""
     before, after = held.rms_m(), held.rms_m(held.after(Z, found.size[best]))
-    odds = float(found.log_odds[best]) - tried
-    finding = Finding(*what, rows, *size, before, after, odds)
+    finding = Finding(*what, before, after, float(found.log_odds[best]) - tried)
     return Effect(finding, Z, float(found.usual[best]), tried, neighbours)
 
 
@@ -316,4 +303,4 @@ def _pattern(
     found = score_of(held, Z)
     size = found.size[0]
     far = float(size[0]) if len(size) == 1 else float(np.linalg.norm(size))
-    return _effect(held, Z, found, 0, what, (far * usual, unit), tried)
+    return _effect(held, Z, found, 0, (*what, (), far * usual, unit), tried, 0.0)

@@ -1,0 +1,468 @@
+"""Diagnosis by name: which mistake, change or gap of the model explains what a fit leaves over.
+
+All hypotheses against one set of measurements. Mistakes that a table may have, in conventions of
+the arm, of readings, of rows, are each a change of the table that would put it right. What all rows
+suffer from is tried by fitting the changed table; rows that are exchanged or have a wrong label are
+looked for among those that the others contradict, and fitted then. Changes in the course of the
+measurements, and gaps of the model, are effects on the residuals, see
+:mod:`calib.identification.effects`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from calib.identification.effects import changes, incomplete, scales
+from calib.identification.held import Cause, Effect, Finding, Held, Tuned, held_at, log_odds, tuned
+from calib.identification.least_squares import column_lengths, first_guess, minimise
+from calib.model import CalibrationModel
+from calib.model.measurements import Measurements
+from calib.model.parameters import ZeroOffsets
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    inverse,
+    rotation_exp,
+    rotation_log,
+    transform,
+)
+
+_RIGHT_ANGLES = {"+90": np.pi / 2, "-90": -np.pi / 2, "180": np.pi}
+
+_MOST_SUSPECT = 10
+"""Rows that stand out most, of which wrong ones are looked for."""
+
+_ITERATIONS, _FIRST = 25, 5
+"""Steps of a fit, and of one that has to show whether more are worth it."""
+
+UNLIKELY: dict[Cause, float] = {"zero": 2.0, "sign and zero": 4.0, "turned axes": 2.0}
+"""Logarithms of how much less often mistakes are made than others: some look the same, such as a
+first joint that counts the other way, and half a turn of the second where their axes meet."""
+
+_UNITS = {
+    "mm for m": 1e-3,
+    "m for mm": 1e3,
+    "cm for mm": 10.0,
+    "mm for cm": 0.1,
+    "inches for mm": 25.4,
+    "mm for inches": 1 / 25.4,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """A mistake, and the table with it put right."""
+
+    cause: Cause
+    part: str
+    things: tuple[str, ...]
+    rows: tuple[int, ...]
+    data: Measurements
+
+
+def fitted(model: CalibrationModel, data: Measurements, x: FloatArray | None = None) -> Held | None:
+    """The solution for a table; None where there is none."""
+    with np.errstate(all="ignore"):
+        try:
+            start = first_guess(model, data) if x is None else x
+            found = minimise(model, data.trials(None), start[None], iterations=_ITERATIONS)
+            if not np.isfinite(found.x).all():
+                return None
+            held = held_at(model, data, found.x[0])
+        except (np.linalg.LinAlgError, ValueError):
+            return None
+    return held if np.isfinite(held.squares) else None
+
+
+def squares_of(model: CalibrationModel, mistakes: Sequence[Mistake]) -> FloatArray:
+    """Sums of squares ``(M,)`` per equation, after a few steps of the fits of changed tables."""
+    out = np.full(len(mistakes), np.inf)
+    alike: dict[tuple[bytes, int], list[int]] = {}
+    for k, mistake in enumerate(mistakes):
+        key = (mistake.data.setup.target.tobytes(), mistake.data.count)
+        alike.setdefault(key, []).append(k)
+    for members in alike.values():
+        tables = [mistakes[k].data for k in members]
+        observed = [table.observed for table in tables if table.observed is not None]
+        every = Measurements(
+            np.array([table.postures for table in tables]),
+            tables[0].setup,
+            tables[0].targets,
+            tables[0].tools,
+            np.array(observed) if observed else None,
+            tables[0].names,
+        )
+        with np.errstate(all="ignore"):
+            x = np.array([_guess(model, table) for table in tables])
+            fit = minimise(model, every, x, iterations=_FIRST)
+        out[members] = fit.cost / model.equations(every.setup)
+    return np.where(np.isfinite(out), out, np.inf)
+
+
+def _guess(model: CalibrationModel, data: Measurements) -> FloatArray:
+    try:
+        return first_guess(model, data)
+    except (np.linalg.LinAlgError, ValueError):
+        return model.nominal
+
+
+def of_all_rows(data: Measurements, model: CalibrationModel) -> Iterator[Mistake]:
+    """Every mistake that is made in all rows alike."""
+    yield from _of_joints(data, model.robot.joint_names)
+    yield from _of_readings(data, model)
+    yield from _of_order(data)
+
+
+def _of_joints(data: Measurements, names: Sequence[str]) -> Iterator[Mistake]:
+    q, every = data.postures, list(range(len(names)))
+
+    def of(cause: Cause, things: tuple[str, ...], at: list[int], columns: FloatArray) -> Mistake:
+        changed = q.copy()
+        changed[:, at] = columns
+        return Mistake(cause, "joint", things, (), replace(data, postures=changed))
+
+    for j, name in enumerate(names):
+        for sign in (1.0, -1.0):
+            for zero, angle in {"": 0.0, **_RIGHT_ANGLES}.items():
+                if sign < 0 or angle:
+                    cause: Cause = "zero" if sign > 0 else "sign and zero" if angle else "sign"
+                    things = (name, zero) if zero else (name,)
+                    yield of(cause, things, [j], sign * q[:, [j]] + angle)
+    for way, words in ((1.0, "less"), (-1.0, "plus")) if len(names) >= 3 else ():
+        yield of("coupling", (names[2], names[1], words), [2], q[:, [2]] + way * q[:, [1]])
+    for a, b in combinations(every, 2):
+        yield of("swapped joints", (names[a], names[b]), [a, b], q[:, [b, a]])
+    yield of("all signs", (), every, -q)
+    yield of("joint unit", ("degrees for radians",), every, q * (np.pi / 180))
+    yield of("joint unit", ("radians for degrees",), every, q * (180 / np.pi))
+
+
+def _of_readings(data: Measurements, model: CalibrationModel) -> Iterator[Mistake]:
+    read, kind_of_each = data.observed, data.setup.kind
+    if read is None:
+        return
+    kinds = model.measurements
+    reads = np.array([kind.reads for kind in kinds])[kind_of_each]
+    lengths = np.array([kind.rows - kind.turns for kind in kinds])[kind_of_each]
+    places = reads & (lengths >= 3)
+    turns = reads & np.array([kind.turns == 3 for kind in kinds])[kind_of_each]
+
+    def of(
+        cause: Cause, things: tuple[str, ...], rows: BoolArray, at: list[int], values: FloatArray
+    ) -> Mistake:
+        changed = read.copy()
+        changed[np.flatnonzero(rows)[:, None], at] = values
+        return Mistake(cause, "axis", things, (), replace(data, observed=changed))
+
+    for words, factor in _UNITS.items():
+        scaled = np.arange(read.shape[1]) < (lengths * reads)[:, None]
+        changed = np.where(scaled, factor * read, read)
+        yield Mistake("reading unit", "axis", (words,), (), replace(data, observed=changed))
+    if not places.any():
+        return
+    place, pose = read[places], read[turns]
+    for k, axis in enumerate("xyz"):
+        yield of("mirrored axis", (axis,), places, [k], -place[:, [k]])
+        if not turns.any():
+            return  # any one axis mirrored, or two swapped: their frame is turned all the same
+    for a, b in combinations(range(3), 2):
+        yield of("swapped axes", ("xyz"[a], "xyz"[b]), places, [a, b], place[:, [b, a]])
+    for order in ([1, 2, 0], [2, 0, 1]):
+        words = "".join("xyz"[k] for k in order)
+        yield of("turned axes", (words,), places, [0, 1, 2], place[:, order])
+    yield of("inverted rotation", (), turns, [3, 4, 5], -pose[:, 3:6])
+    T = inverse(transform(rotation_exp(pose[:, 3:6]), pose[:, :3]))
+    values = np.concatenate([T[:, :3, 3], rotation_log(T[:, :3, :3])], axis=1)
+    yield of("inverted pose", (), turns, list(range(6)), values)
+
+
+def _of_order(data: Measurements) -> Iterator[Mistake]:
+    count = data.count
+    if count < 4:
+        return
+    for by, way in ((1, "later"), (-1, "earlier")):
+        ahead = np.arange(max(by, 0), count + min(by, 0))
+        if data.observed is not None:
+            yield Mistake(
+                "shifted rows",
+                "",
+                (way,),
+                (),
+                replace(data[ahead - by], observed=data.observed[ahead]),
+            )
+        if len(set(data.target.tolist())) > 1:
+            target = data.setup.target[ahead]
+            own = data[ahead - by]
+            setup = replace(own.setup, target=target)
+            yield Mistake("shifted labels", "target", (way,), (), replace(own, setup=setup))
+
+
+def of_some_rows(held: Held) -> Iterator[Mistake]:
+    """Rows that are exchanged, or have the label of another target: the likeliest few."""
+    data = held.data
+    suspect = np.argsort(-held.standing_out)[:_MOST_SUSPECT]
+    if data.observed is not None:
+        yield from _swapped_readings(held, data.observed, suspect)
+    if len(data.targets) > 1:
+        yield from _wrong_labels(held, suspect)
+
+
+def _swapped_readings(held: Held, observed: FloatArray, suspect: IntArray) -> Iterator[Mistake]:
+    """The best few exchanges of the readings of two rows: by how much the squares would shrink."""
+    data, model = held.data, held.model
+    reads = np.array([kind.reads for kind in model.measurements])[data.setup.kind]
+    pairs = {
+        (min(a, b), max(a, b))
+        for a, b in combinations(suspect.tolist(), 2)
+        if reads[a] and reads[b] and data.setup.kind[a] == data.setup.kind[b]
+    }
+    pairs |= {
+        (i, i + 1)
+        for i in range(data.count - 1)
+        if reads[i] and reads[i + 1] and data.setup.kind[i] == data.setup.kind[i + 1]
+    }
+    if not pairs:
+        return
+    both = np.array(sorted(pairs))
+    swapped = replace(data[both.ravel()], observed=observed[both[:, ::-1].ravel()])
+    white = model.white_residuals(swapped, held.x).reshape(len(both), 2, -1)
+    own = model.white_residuals(data, held.x)
+    change = white - own[both]
+    taken = held.Q[both]  # C, 2, m, r
+    inner = np.einsum("camr,cam->cr", taken, change)
+    after = (
+        2.0 * np.einsum("cam,cam->c", change, held.rows[both])
+        + np.einsum("cam,cam->c", change, change)
+        - np.einsum("cr,cr->c", inner, inner)
+    )
+    for c in np.argsort(after)[:3].tolist():
+        a, b = both[c].tolist()
+        if after[c] >= 0.0:
+            return
+        changed = observed.copy()
+        changed[[a, b]] = observed[[b, a]]
+        names = (data.names[a], data.names[b])
+        yield Mistake("swapped rows", "", names, (a, b), replace(data, observed=changed))
+
+
+def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
+    """The best few changes of one label, or exchanges of two, among rows that stand out."""
+    data, model = held.data, held.model
+    found: list[tuple[float, tuple[int, ...], tuple[int, ...]]] = []
+    fits: dict[int, tuple[float, int]] = {}
+    for i in suspect.tolist():
+        own = data.setup.target[i]
+        others = [t for t in range(len(data.targets)) if t != own]
+        x = _without_row(held, i)
+        same = data[np.full(len(others), i)]
+        setup = replace(same.setup, target=np.array(others, dtype=np.intp))
+        white = model.white_residuals(replace(same, setup=setup), x)
+        cost = np.einsum("tm,mn,tn->t", white, held.blocks[i], white)
+        best = int(np.argmin(cost))
+        gain = float(held.standing_out[i] - cost[best])
+        fits[i] = (gain, others[best])
+        found.append((gain, (i,), (others[best],)))
+    for i, j in combinations(suspect.tolist(), 2):
+        a, b = int(data.setup.target[i]), int(data.setup.target[j])
+        if a != b and fits[i][1] == b and fits[j][1] == a:
+            found.append((fits[i][0] + fits[j][0], (i, j), (b, a)))
+    found.sort(reverse=True)
+    for gain, rows, labels in found[:4]:
+        if gain <= 0.0:
+            return
+        target = data.setup.target.copy()
+        target[list(rows)] = labels
+        changed = replace(data, setup=replace(data.setup, target=target))
+        names = tuple(data.targets[t] for t in labels)
+        cause: Cause = "wrong label" if len(rows) == 1 else "swapped labels"
+        yield Mistake(cause, "target", names, rows, changed)
+
+
+def _without_row(held: Held, i: int) -> FloatArray:
+    """Parameters ``(p,)`` [SI] from all measurements but one, linearised."""
+    J = held.linear.stacked(held.x)[1]
+    # x without i: as if its rows had been predicted, r_i less what is predicted of it
+    right = np.zeros(len(J))
+    m = held.rows.shape[1]
+    right[i * m : (i + 1) * m] = held.left_out[i]
+    length = column_lengths(J)
+    step = np.linalg.lstsq(J / length, right, rcond=1e-10)[0] / length
+    return np.asarray(held.x + step)
+
+
+CHANCE = 2e-3
+"""Probability that something is named that is not there, where the model is complete."""
+
+ROUGH_M, ROUGH_RAD = 1e-3, 3e-3
+"""What an arm as described is off once tool, targets and zeros are placed [m, rad]."""
+
+ALMOST = 2.0
+"""Residual over that, with the parameters of the arm held by their priors, which is of no arm."""
+
+ROUGH_ZERO_RAD = float(np.radians(2.0))
+
+FAR = 4.0
+"""Squares of the residuals over those of a rough arm from which gross mistakes are tried."""
+
+MOST_RETUNED = 6
+"""Effects that look best, for which noise and priors are found again."""
+
+MOST_FITTED = 12
+"""Mistakes that look best after a few steps, which are fitted to the end."""
+
+FAR_BETTER = 0.1
+"""Squares left, over those as measured, of a mistake that is named."""
+
+LITTLE = 0.1
+"""Residual over the spread of the arm's places, of a mistake that is named: an arm that would
+hardly have moved explains any touch-up."""
+
+AS_WELL = 2.0
+"""Difference of logarithms of odds within which another cause explains as well."""
+
+
+def diagnose(model: CalibrationModel, data: Measurements) -> tuple[Finding, ...]:
+    """Name what explains the residuals of measurements, if anything does far better than chance.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+        All that may be off in the arm, held by priors: what it can explain is not held against the
+        measurements. Sizes of priors and noise are taken from the measurements, priors at most as
+        large as given.
+    data : Measurements
+        One set, in the order in which it was measured.
+
+    Returns
+    -------
+    tuple of Finding
+        The likeliest first; of gaps of the model only where nothing went wrong in measuring.
+    """
+    rough = _rough(model)
+    before = fitted(rough, data)
+    is_far = before is None or before.squares > FAR * before.freedom
+    if is_far:
+        found = _gross(rough, data, before)
+        if found:
+            return found
+    usual = tuned(model, data)
+    if usual is None:
+        return ()
+    held = usual.held
+    effects = _retuned(usual, [*changes(held), *scales(held)])
+    every = [*_rows(model, usual), *effects]
+    if not is_far:
+        return likeliest(every) or likeliest(incomplete(held))
+    # of another arm anything makes a little more: with what is named it has to be this one
+    return likeliest(found for found in every if found.after_m < ALMOST * ROUGH_M)
+
+
+def _rough(model: CalibrationModel) -> CalibrationModel:
+    """The arm as described but for its zeros, and noise of what it is off."""
+    blocks = [block for block in model.parameters if block.nuisance]
+    robot = model.robot
+    rough = CalibrationModel(
+        robot,
+        [ZeroOffsets(robot, robot.joint_names, ROUGH_ZERO_RAD, ROUGH_M), *blocks],
+        model.measurements,
+        model.distances,
+    )
+    kinds = []
+    for kind in model.measurements:
+        floor = np.full(kind.rows, ROUGH_M)
+        floor[kind.rows - kind.turns :] = ROUGH_RAD
+        kinds.append(kind.with_noise(np.maximum(kind.sigma, floor) / kind.sigma))
+    return rough.with_measurements(kinds)
+
+
+def _gross(model: CalibrationModel, data: Measurements, held: Held | None) -> tuple[Finding, ...]:
+    """Mistakes without which the measurements would be those of the arm as described."""
+    tried: list[Mistake] = list(of_all_rows(data, model))
+    if held is not None:
+        tried += of_some_rows(held)
+    equations = model.equations(data.setup)
+    before = np.inf if held is None else held.squares / equations
+    first = squares_of(model, tried)
+    found = []
+    for k in np.argsort(first)[:MOST_FITTED].tolist():
+        right = fitted(model, tried[k].data)
+        if right is None:
+            continue
+        places = right.linear.view.walk.p_base_tip
+        spread2 = np.sum((places - places.mean(axis=1)[:, None]) ** 2, axis=0)
+        if right.rms_m() < LITTLE * float(np.sqrt(np.mean(spread2))):
+            after = right.squares / model.equations(tried[k].data.setup)
+            weight = 0.5 * equations * after + UNLIKELY.get(tried[k].cause, 0.0)
+            found.append((weight, after, tried[k], right))
+    found = [each for each in found if each[1] < min(FAR_BETTER * before, FAR)]
+    found.sort(key=lambda each: each[0])
+    named = [_finding(mistake, held, right, len(tried)) for _, _, mistake, right in found]
+    as_well = [
+        other for other, each in zip(named, found, strict=True) if each[0] < found[0][0] + AS_WELL
+    ]
+    return tuple(replace(best, also=tuple(as_well[1:])) for best in named[:1])
+
+
+def _finding(mistake: Mistake, held: Held | None, right: Held, tried: int) -> Finding:
+    before = np.inf if held is None else held.squares / held.freedom
+    gain = 0.5 * right.freedom * np.log(before / (right.squares / right.freedom))
+    return Finding(
+        mistake.cause,
+        mistake.things,
+        mistake.part,
+        mistake.rows,
+        float("nan"),
+        "",
+        float("nan") if held is None else held.rms_m(),
+        right.rms_m(),
+        float(gain - np.log(tried)),
+    )
+
+
+def _retuned(found: Tuned, effects: Iterable[Effect]) -> list[Finding]:
+    """The likeliest effects with noise and priors as they are with them."""
+    order = sorted(effects, key=lambda effect: -effect.finding.log_odds)[:MOST_RETUNED]
+    return [
+        replace(effect.finding, log_odds=log_odds(found, effect))
+        for effect in order
+        if effect.finding.log_odds > 0.0
+    ]
+
+
+def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
+    """Rows that are exchanged or have a wrong label."""
+    named = []
+    held = found.held
+    count = held.data.count * max(len(held.data.targets), held.data.count)
+    for mistake in of_some_rows(held):
+        first = fitted(held.model, mistake.data, held.x)
+        if first is None or held.gain(held.squares - first.squares) < np.log(count):
+            continue
+        right = tuned(model, mistake.data)
+        if right is not None:
+            odds = right.priors.log_evidence - found.priors.log_evidence - float(np.log(count))
+            named.append(replace(_finding(mistake, held, right.held, 1), log_odds=odds))
+    return named
+
+
+def likeliest(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The likeliest finding, where all together are beyond chance, with those that explain as well.
+
+    A fault that several hypotheses explain about as well is one for each of them and for their sum.
+    """
+    order = sorted(findings, key=lambda found: -found.log_odds)
+    if np.logaddexp.reduce([found.log_odds for found in order]) < -np.log(CHANCE):
+        return ()
+    best = order[0]
+    also = tuple(
+        other
+        for other in order[1:]
+        if other.log_odds > best.log_odds - AS_WELL
+        and (other.cause, other.things) != (best.cause, best.things)
+    )
+    return (replace(best, also=also),)

@@ -34,7 +34,7 @@ def test_all_constraints_are_kept(preset, fixed):
         square_mm=SQUARE_MM[preset],
         camera={"nearest_mm": 60.0},
     )
-    for found in (plan_optimal(cell, Request(count=12, refine=True)), plan(cell)):
+    for found in (plan_optimal(cell, Request(count=12, refine=True, beside=0)), plan(cell)):
         assert len(found.postures) >= 12
         check_constraints(cell, found.postures)
 
@@ -46,7 +46,7 @@ def test_all_constraints_are_kept(preset, fixed):
 def test_what_is_predicted_is_what_calibrations_scatter_by(fixed, lens, trials):
     """Calibrations of simulated pictures at 15 chosen poses, arm and pixels noisy."""
     cell = board_cell(fixed=fixed, measurement={"estimate_lens": lens})
-    found = plan_optimal(cell, Request(count=15))
+    found = plan_optimal(cell, Request(count=15, beside=0))
     errors = calibration_errors(cell, found.postures, trials, np.random.default_rng(1))
     parts = {"X place": (0, 3), "X turn": (3, 6), "Z place": (6, 9), "Z turn": (9, 12)}
     if lens:
@@ -96,7 +96,7 @@ def test_chosen_poses_are_better_than_random_ones(fixed, times):
         errors = calibration_errors(cell, q, trials, rng)
         return float(np.sqrt((np.einsum("krp,tp->tkr", functions, errors) ** 2).sum(-1).mean()))
 
-    chosen = plan_optimal(cell, Request(count=20, refine=True))
+    chosen = plan_optimal(cell, Request(count=20, refine=True, beside=0))
     at_chosen = simulated(chosen.postures, 60)  # three numbers each: within 5 %
     assert at_chosen == pytest.approx(chosen.accuracy.tcp_m, rel=0.15)
     predicted, found = [], []

@@ -127,6 +127,12 @@ def test_text_and_file_are_read_alike(tmp_path):
     assert read_config(path) == parse_config(EXAMPLE, path)  # as Windows editors save it
 
 
+def test_bad_text_is_a_known_error():
+    with pytest.raises(FileFormatError, match="no valid TOML") as caught:
+        Cell.from_text("[robot\n", "here.toml")
+    assert caught.value.path == Path("here.toml")
+
+
 def test_too_large_a_file(tmp_path, monkeypatch):
     path = tmp_path / "cell.toml"
     path.write_text(cell_template())

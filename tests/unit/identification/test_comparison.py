@@ -289,7 +289,9 @@ def test_the_choice_is_in_units_of_the_noise():
     )
 
 
-@pytest.mark.parametrize("loss", ["huber", "student-t", "graduated"])
+@pytest.mark.parametrize(
+    "loss", ["huber", pytest.param("cauchy", marks=pytest.mark.slow), "student-t", "graduated"]
+)
 def test_gross_errors_do_not_choose(loss):
     """One in five is off by centimetres: what the loss weighs down is weighed down here, too."""
     truth = model(offsets(), scale())

@@ -115,7 +115,16 @@ def test_cost_is_that_of_the_weights(kind):
     assert found.bound <= found.cost * (1 + 1e-12)
 
 
-@pytest.mark.parametrize("kind", ["D", "E", "C_G", "O2"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "D",
+        "E",
+        "C_G",
+        "O2",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("A", "O5", "cond_2")),
+    ],
+)
 def test_a_parameter_that_few_of_a_large_pool_see(kind):
     """3 of 3,000: a working set drawn at random would not have any of them."""
     rng = np.random.default_rng(0)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from calib import mat_file
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
-from posedesign.hand_eye.pairs import Pairs, PairSource, stacks
+from posedesign.hand_eye.pairs import Pairs, PairSource, stacks, write_pairs
 from tests.marks import rest_in_slow
 
 
@@ -222,6 +222,13 @@ def test_options_that_do_not_go_together(case):
     keys, words = case
     with pytest.raises(InputError, match=words):
         PairSource(**keys)
+
+
+@pytest.mark.parametrize("keys", [{"unit": "m"}, {"variables": ["A", "B"]}])
+def test_options_of_matrices_with_a_table(tmp_path, keys):
+    path = write_pairs(tmp_path / "p.csv", some_pairs())
+    with pytest.raises(InputError, match=r"for files of matrices.*names of its columns"):
+        PairSource(path, **keys).read()
 
 
 HEADER = b"MATLAB 5.0 MAT-file, made by a test".ljust(124) + b"\x00\x01IM"

@@ -122,7 +122,7 @@ def _pictures() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def _small_outlook() -> Iterator[None]:
     """What other poses would be worth, half of most plans, is found in small pools, and once."""
     find, found = outlook._chosen_tcp_m, {}

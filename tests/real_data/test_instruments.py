@@ -60,7 +60,7 @@ def test_a_measuring_arm_with_three_points_a_pose(tables, data_folder, tmp_path)
     found = read_measured(
         Cell.load(path), measured / "CaliPosition.csv", measured / "CaliJointAngles.csv"
     )
-    assert found.notes == ()
+    assert found.table.notes == ()
     data = found.table.data
     assert (data.count, len(data.tools)) == (108, 3)
     np.testing.assert_array_equal(data.setup.tool, expected.setup.tool)
@@ -79,7 +79,7 @@ def test_motion_capture_with_joints_in_the_same_file(tables, data_folder, tmp_pa
     section = UR10.format(frame=expected.targets[0])
     path.write_text(path.read_text(encoding="utf-8") + section, encoding="utf-8")
     found = read_measured(Cell.load(path), measured / "calibration.csv")
-    assert found.notes == ()
+    assert found.table.notes == ()
     data = found.table.data
     assert data.count == expected.count == 23
     np.testing.assert_allclose(data.postures, expected.postures, atol=1e-11)

@@ -38,7 +38,7 @@ def libraries(monkeypatch) -> Libraries:
     ("module", "first", "run"),
     [
         ("posedesign.selection.select", "Candidates", lambda: select(np.ones((4, 1, 1)), 2)),
-        ("calib.identification.evidence", "_members", lambda: tune_priors(None, None, [])),
+        ("calib.identification.evidence", "members_of", lambda: tune_priors(None, None, [])),
     ],
     ids=["selection", "priors"],
 )

@@ -354,13 +354,13 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
 
 
 def test_poses_that_no_way_leads_to_are_not_refined_first(make_cell):
-    cell = make_cell(pool={"candidates": 40})
+    cell = make_cell(pool=POOL)
     cell.__dict__["ways"] = Blocked(lambda start, end: (start[:, 3] > 0.0) | (end[:, 3] > 0.0))
-    chosen = candidates_of(cell)
-    assert 0 < (chosen.postures[:, 3] > 0.0).sum() < len(chosen)
+    pool = candidates_of(cell)
+    chosen = pool.take(np.argsort(pool.postures[:, 3])[[0, 1, -1]])
     found, route = refined_with_way(Router.of_cell(cell), chosen, lambda _: pytest.fail("refined"))
     assert found is chosen
-    assert route.lost
+    assert list(route.lost) == [2]
 
 
 def test_what_no_way_leads_to_goes_after_those_that_were_lost(make_cell):

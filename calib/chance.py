@@ -37,6 +37,18 @@ def chi2_quantile(probability: ArrayLike, freedom: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * _special().gammaincinv(_array(freedom) / 2, _array(probability)))
 
 
+def spread_interval(spread: float, count: int) -> tuple[float, float]:
+    """95 % interval of a standard deviation that so many normal draws have; NaN of fewer than two.
+
+    By the χ² of their squares: s sqrt(f / χ²_0.975) to s sqrt(f / χ²_0.025) of f = count - 1.
+    """
+    if not np.isfinite(spread) or count < 2:
+        return np.nan, np.nan
+    freedom = count - 1
+    low, high = np.sqrt(freedom / chi2_quantile([0.975, 0.025], freedom)).tolist()
+    return spread * low, spread * high
+
+
 def chi2_below(value: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """Probability of a χ² below a value, also where it is tiny."""
     return np.asarray(_special().chdtr(_array(freedom), _array(value)))

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from posedesign.simulation.accuracy import accuracy_study as accuracy_study
     from posedesign.simulation.accuracy import effective_truth as effective_truth
     from posedesign.simulation.accuracy import pick as pick
-    from posedesign.simulation.accuracy import spread_interval as spread_interval
     from posedesign.simulation.rehearsal import SimulatedRobot as SimulatedRobot
     from posedesign.simulation.rehearsal import circle_target as circle_target
     from posedesign.simulation.rehearsal import target_of as target_of

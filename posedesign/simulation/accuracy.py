@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.chance import chi2_quantile
+from calib.chance import spread_interval
 from calib.errors import CalibError, InputError
 from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel
@@ -175,8 +175,6 @@ IDENTIFIED_ARM = ", identified arm"
 
 FEWEST_DRAWS = 10
 """As many data sets a pose set as the paper took."""
-
-CONFIDENCE = 0.95
 
 Advance = Callable[[str, float], None]
 
@@ -445,17 +443,6 @@ def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArra
         else:
             truth.append(shown[kind]["xyz".index(rest[-1])])
     return np.array(truth)
-
-
-def spread_interval(spread: float, count: int) -> tuple[float, float]:
-    """95 % interval of a standard deviation found from normal draws."""
-    if not np.isfinite(spread) or count < 2:
-        return np.nan, np.nan
-    tail = (1.0 - CONFIDENCE) / 2.0
-    freedom = count - 1
-    low = freedom / chi2_quantile(1.0 - tail, freedom)
-    high = freedom / chi2_quantile(tail, freedom)
-    return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
 
 
 def pick(findings: Sequence[Finding], truth: str, estimator: str, quantity: str) -> list[Finding]:

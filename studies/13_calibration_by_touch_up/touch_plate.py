@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.chance import spread_interval
 from calib.correction import compensate
 from calib.errors import UnreachableError
 from calib.identification import covariance_of, identify_batch
@@ -17,7 +18,7 @@ from calib.se3 import FloatArray, transform
 from calib.vision.camera.observers import Kind
 from posedesign.cell import touching_poses
 from posedesign.constraints import Checker, nearest_postures
-from posedesign.simulation import PLATE_PITCH_M, PlateTest, effective_truth, spread_interval
+from posedesign.simulation import PLATE_PITCH_M, PlateTest, effective_truth
 from posedesign.simulation.accuracy import PLATE_POINTS, plate_points
 
 from .touch_bench import Bench, DataSets, PoseSet

@@ -120,7 +120,7 @@ def run(
         options = Options(folder, trials, workers, restart=restart, advance=advance)
         figures = found.run(options)
     with found.writing_to(folder, PICTURES):
-        drawn = found.plot(folder)
+        drawn = found.plot(folder, workers)
     if as_json:
         print_json(figures)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import inspect
 import json
 import os
 import sys
@@ -62,9 +63,10 @@ class Study:
     """A folder ``NN_name`` with ``README.md``, ``study.toml``, ``run.py`` and ``expected.json``.
 
     ``run.py`` has ``study(options) -> key figures``, which writes the tables and ``figures.json``,
-    ``plot(folder) -> paths``, which draws what the tables of a folder say, and it may have
-    ``markdown(key figures) -> text``, the tables as its README has them. With the modules beside it
-    it is a package of ``studies``: they are imported with a dot before their names.
+    ``plot(folder) -> paths``, which draws what the tables of a folder say and may take ``workers``
+    beside it, and it may have ``markdown(key figures) -> text``, the tables as its README has them.
+    With the modules beside it it is a package of ``studies``: they are imported with a dot before
+    their names.
     """
 
     folder: Path
@@ -120,14 +122,16 @@ class Study:
             )
         return function(options)
 
-    def plot(self, folder: Path) -> list[Path]:
+    def plot(self, folder: Path, workers: Workers | None = None) -> list[Path]:
         """Draw the figures of the tables in a folder.
 
         Raises InputError: a table is not there. FileFormatError: a table is damaged, or another
         than the study left there.
         """
         try:
-            return list(self._function("plot")(folder))
+            function = self._function("plot")
+            shares = "workers" in inspect.signature(function).parameters
+            return list(function(folder, workers) if shares else function(folder))
         except FileNotFoundError as error:
             if not Path(str(error.filename)).is_relative_to(folder):
                 raise

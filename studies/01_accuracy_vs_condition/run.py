@@ -267,12 +267,23 @@ def study(options: Options) -> dict[str, Any]:
     return figures
 
 
-def plot(folder: Path) -> list[Path]:
-    """Draw what the tables of a folder say."""
+def plot(folder: Path, workers: Workers | None = None) -> list[Path]:
+    """Draw what the tables of a folder say, by workers of this machine if there are any."""
+    asked = [{"folder": str(folder), "figure": name} for name in FIGURES]
+    here = Workers(1 if workers is None else workers.jobs)
+    drawn = each(partial(call, HERE.name, "draw"), asked, here)
+    return [path for paths in drawn for path in paths]
+
+
+def draw(task: Task) -> list[Path]:
+    """Draw one of the figures."""
     import pandas as pd
 
-    rows = pd.read_csv(folder / SETS)
-    return [
-        *save(draw_identification(rows), folder, "accuracy_vs_condition"),
-        *save(draw_solvers(rows, SETTINGS["solvers"]), folder, "solvers_vs_condition"),
-    ]
+    folder, name = Path(task.condition["folder"]), task.condition["figure"]
+    return save(FIGURES[name](pd.read_csv(folder / SETS)), folder, name)
+
+
+FIGURES = {
+    "accuracy_vs_condition": draw_identification,
+    "solvers_vs_condition": lambda rows: draw_solvers(rows, SETTINGS["solvers"]),
+}

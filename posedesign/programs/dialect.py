@@ -149,14 +149,14 @@ class Dialect:
             )
         if program.options.keep == "register" and not self.keeps:
             raise InputError(
-                f"{self.title}s keep no registers",
+                f"programs in {self.name} keep no registers",
                 hint='keep positions with keep = "position"',
                 name="keep",
                 value=program.options.keep,
             )
         if program.options.measure_output is not None and not self.switches:
             raise InputError(
-                f"a {self.title} switches no output",
+                f"a program in {self.name} switches no output",
                 hint="leave out measure_output, or write a program for the controller",
                 name="measure_output",
                 value=program.options.measure_output,

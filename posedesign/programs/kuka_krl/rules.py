@@ -399,7 +399,7 @@ def _form_fault(of_type: str, name: str, text: str) -> str:
     known = _FORMS[of_type]
     if name not in known:
         return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
-    pattern, said = _FORM_VALUES.get(name, (krl.NUMBER, "a number"))
+    pattern, said = _FORM_VALUES.get(name, (rf"(?!.{{41}}){krl.NUMBER}", "a number"))
     fits = re.fullmatch(pattern, text, re.IGNORECASE | re.ASCII | re.DOTALL)
     return "" if fits else f"is {text[:20]}, not {said}"
 
@@ -543,7 +543,8 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
         yield Problem(row, "speed", f"{name} {text}: not from 1 to 100 percent")
     if name not in _FRAMES:
         return
-    if (called or text) and (value < 0 or value % 1):
+    is_whole = value >= 0 and value % 1 == 0 if called else text.isdigit()
+    if (called or text) and not is_whole:
         yield Problem(row, "frame-value", f"{name} {text}: frames are numbered from 0")
     elif value > _FRAMES[name]:
         said = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"

@@ -79,7 +79,7 @@ def fields_of(node: Node) -> list[tuple[str, str]]:
         return []
     first = int(is_a(node.children[0], "kind"))
     pairs = zip(node.children[first::2], node.children[first + 1 :: 2], strict=True)
-    return [(str(key).upper(), text_of(value)) for key, value in pairs]
+    return [(str(key).upper().replace(" ", ""), text_of(value)) for key, value in pairs]
 
 
 def as_number(text: str) -> float:

@@ -178,6 +178,8 @@ COMPUTED = [
             "home = b = c",
             "home: list = [1, 2, 3, 4, 5, 6]",
             "home.reverse()",
+            "n[home.pop()] = 3",
+            "n = home.pop() + 1",
             "home = other",
             "from mine import home",
             "for home in all:",

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 from lark import Token, Tree
 
@@ -77,6 +76,7 @@ _NAMED = ("name", "owner")
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
+_ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # what has a method called
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
 
@@ -150,21 +150,13 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
             yield f"{said!a}: no list of numbers"
 
 
-def _asked(tree: Tree[Token]) -> Iterator[str]:
-    """Names of what has a method called, anywhere in a statement."""
-    parts = subtrees(tree)
-    for part, behind in pairwise(parts):
-        is_method = behind.data == "trailer" and isinstance(behind.children[0], Token)
-        if part.data == "name" and is_method and subtrees(behind):
-            yield text_of(part)
-    for part in parts:
-        yield from _asked(part)
-
-
 def _change(s: Statement, variables: Variables) -> None:
     """Take the values that a statement gives to variables, and forget those it may change."""
     # a method may change what it is of
-    changed = [*map(text_of, nodes(s.tree, "parameter", "owner")), *_asked(s.tree)]
+    changed = [
+        *map(text_of, nodes(s.tree, "parameter", "owner")),
+        *_ASKED.findall(_QUOTED.sub("", s.text)),
+    ]
     for name in re.findall(r"\w+", s.text) if s.fault or s.kind == "import_" else changed:
         variables.pop(name, None)
     match s.tree.children:

@@ -93,11 +93,13 @@ def groups_of(
 ) -> tuple[PriorGroup, ...]:
     """Parameters with a prior that are of one kind, to be found how large they are.
 
+    Those of the robot: what is known of tool and targets is of this set-up, and stays as given.
+
     ``lower``, ``upper``: bounds of a standard deviation over the one of the prior. ``usual``: take
     that for what it is for such arms.
     """
     members: dict[tuple[str, str], list[int]] = {}
-    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
+    for k in np.flatnonzero(np.isfinite(model.prior) & ~model.nuisance).tolist():
         members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
     groups = []
     for kind, own in members.items():

@@ -66,8 +66,9 @@ WEIGH = ("compliance", "bearings", "lost_motion")
 
 WIND_UP = 3e-3
 """What a joint gives way by under the largest torque of gravity [rad], at most but for the spread
-of :data:`SIZES`. With the stiffness of RV reducers of its class an R-2000iC gives way by some 1.7
-mrad at the shoulder, and the joints of light arms with torque sensors by several."""
+that sizes of priors have where they are found. With the stiffness of RV reducers of its class an
+R-2000iC gives way by some 1.7 mrad at the shoulder, and the joints of light arms with torque
+sensors by several."""
 
 _WEIGHED = 300
 """Postures among which the largest torque is looked for."""

@@ -219,9 +219,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     found = Identified(comparison, table, nominal_m, findings, models.held_only, judge)
     said = [*table.notes, *oddities(table.data, found.nominal_rms_m), *left_out(cell)]
     if judge is not None:
-        if all(
-            finding.is_of_the_model for finding in findings
-        ):  # otherwise that is what the residuals show
+        if all(finding.is_of_the_model for finding in findings):  # else residuals show that
             said += noise_found(judge)
         _refuse_unexplained(judge, found)
     said += goes_with_temperature(table, found.best.residuals)

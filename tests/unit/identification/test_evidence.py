@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from calib import CalibrationModel, Robot, identify
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
-from calib.identification.evidence import linear_evidence
+from calib.identification.evidence import groups_of, linear_evidence
 from calib.identification.robust import STUDENT_FREEDOM, WEIGHTS, distances2, log_weights
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose
@@ -266,6 +266,14 @@ def test_priors_outside_the_groups_stay():
     )
     found = tune_priors(model, draw(8), groups)
     assert found.model.prior[model.names.index(offsets.names[0])] == 1e-5
+
+
+def test_what_is_known_of_the_set_up_has_no_size_to_be_found():
+    offsets = ZeroOffsets(ROBOT, ROBOT.joint_names[1:4], 1e-3)
+    tool, target = ToolPoint([0.0, 0.0, 0.2], "xyz", 1e-4), TargetPoints([[0.4, 0.2, 0.3]], ["a"])
+    model = CalibrationModel(ROBOT, [offsets, tool, target], Point(1e-4))
+    (group,) = groups_of(model, 0.1, 2.0)
+    assert group == PriorGroup("offsets", tuple(offsets.names), 1e-4, 2e-3)
 
 
 def test_a_size_that_is_not_there_stands_at_its_bound():

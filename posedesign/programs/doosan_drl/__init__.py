@@ -76,7 +76,9 @@ _NAMED = ("name", "owner")
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
-_ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # what has a method called
+_ASKED = re.compile(
+    r"([^\W\d]\w*)\s*\.\s*\w+\s*\("
+)  # what has a method called, which may change it
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
 
@@ -152,11 +154,8 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
 
 def _change(s: Statement, variables: Variables) -> None:
     """Take the values that a statement gives to variables, and forget those it may change."""
-    # a method may change what it is of
-    changed = [
-        *map(text_of, nodes(s.tree, "parameter", "owner")),
-        *_ASKED.findall(_QUOTED.sub("", s.text)),
-    ]
+    changed = _ASKED.findall(_QUOTED.sub("", s.text))
+    changed += map(text_of, nodes(s.tree, "parameter", "owner"))
     for name in re.findall(r"\w+", s.text) if s.fault or s.kind == "import_" else changed:
         variables.pop(name, None)
     match s.tree.children:

@@ -76,9 +76,7 @@ _NAMED = ("name", "owner")
 _NAMES = "ON OFF True False None len range print float int list abs round"
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
-_ASKED = re.compile(
-    r"([^\W\d]\w*)\s*\.\s*\w+\s*\("
-)  # what has a method called, which may change it
+_ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # a method may change what it is of
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
 

@@ -22,7 +22,7 @@ answer could differ from run to run: those for 28, 60, 100 and 150 poses of a pl
 six sets of each, nor by twice and four times as much time or half of it; those for 200 did in
 some."""
 
-ENOUGH = 0.5
+ENOUGH = 0.4
 """Share of that time in which the library has to have had the processor. On a busy machine it gets
 a small part of it, and orders of 27 to 60 places differed from run to run; it is then asked again,
 with more time."""

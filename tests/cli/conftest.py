@@ -122,6 +122,9 @@ def _pictures() -> Iterator[None]:
         yield
 
 
+_OUTLOOK = {name: getattr(outlook, name) for name in ("CANDIDATES", "_chosen_tcp_m")}
+
+
 @pytest.fixture(scope="package", autouse=True)
 def _small_outlook() -> Iterator[None]:
     """What other poses would be worth, half of most plans, is found in small pools, and once."""
@@ -136,6 +139,15 @@ def _small_outlook() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outlook, "CANDIDATES", 60)
         patch.setattr(outlook, "_chosen_tcp_m", once)
+        yield
+
+
+@pytest.fixture
+def whole_outlook() -> Iterator[None]:
+    """What other poses would be worth, found in the pools that users have."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, whole in _OUTLOOK.items():
+            patch.setattr(outlook, name, whole)
         yield
 
 

@@ -217,6 +217,7 @@ def was_printed(shown: str, line: str) -> bool:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("whole_outlook")
 @pytest.mark.parametrize("page", TUTORIALS)
 def test_a_tutorial_prints_what_it_shows(page, glance, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -125,20 +125,35 @@ def _pictures() -> Iterator[None]:
 _OUTLOOK = {name: getattr(outlook, name) for name in ("CANDIDATES", "_chosen_tcp_m")}
 
 
-@pytest.fixture(scope="package", autouse=True)
-def _small_outlook() -> Iterator[None]:
+_FOUND: dict[tuple[str, int], float | None] = {}
+"""What the poses of a cell that is described once would be worth, found in small pools."""
+
+
+@contextmanager
+def small_outlook() -> Iterator[None]:
     """What other poses would be worth, half of most plans, is found in small pools, and once."""
-    find, found = outlook._chosen_tcp_m, {}
+    find = _OUTLOOK["_chosen_tcp_m"]
 
     def once(cell: Cell, count: int) -> float | None:
         key = repr(cell.config), count
-        if cell.config.robot.urdf is not None or key not in found:
-            found[key] = find(cell, count)
-        return found[key]
+        if cell.config.robot.urdf is not None or key not in _FOUND:
+            _FOUND[key] = find(cell, count)
+        return _FOUND[key]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outlook, "CANDIDATES", 60)
         patch.setattr(outlook, "_chosen_tcp_m", once)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_outlook() -> Iterator[None]:
+    """Tests have small pools for that where they do not ask for ``whole_outlook``.
+
+    By module: a folder without ``__init__.py`` is no package to pytest, so that a fixture of
+    that scope would stay on for the tests of other folders.
+    """
+    with small_outlook():
         yield
 
 
@@ -283,7 +298,7 @@ def worked_on(folder: Path, text: str) -> Path:
     """A folder with a cell and what plan and simulate make of it."""
     (folder / "cell.toml").write_text(text)
     cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
-    with empty_pictures():
+    with empty_pictures(), small_outlook():
         assert run(["plan", cell, "--out", str(folder)]) == 0
     assert (
         run(["simulate", str(with_camera(folder / "cell.toml")), poses, "--out", str(folder)]) == 0

@@ -10,7 +10,7 @@ import pytest
 
 from posedesign.cli.main import run
 from posedesign.files.csv_tables import read_table
-from tests.cli.conftest import empty_pictures, strict_json
+from tests.cli.conftest import empty_pictures, small_outlook, strict_json
 from tests.unit.acceptance.conftest import TRACKER_CELL
 
 CELL = TRACKER_CELL.replace("three_sigma_deg_if_pose", "")
@@ -27,7 +27,7 @@ def _tracked(tmp_path_factory) -> Path:
             run([str(folder / w) if w in NAMES or w.endswith(ENDINGS) else w for w in words]) == 0
         )
 
-    with empty_pictures():
+    with empty_pictures(), small_outlook():
         typed(
             "plan",
             "cell.toml",

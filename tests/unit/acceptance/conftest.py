@@ -92,6 +92,6 @@ def identified_in(cell: Cell) -> Found:
     )
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="session")
 def found() -> Found:
     return identified_in(tracker_cell())

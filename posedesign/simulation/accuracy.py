@@ -22,7 +22,7 @@ from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints
-from calib.robot_world import PAPER_METHODS, solve_batch
+from calib.robot_world import PAPER_METHODS, solve_batch_by_each
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from calib.vision.camera import Observer
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, TrueCell, touch_up
@@ -405,8 +405,7 @@ class _SetStudy:
     def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
         X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera
         Z_shown = self.robot.T_shown_base @ self.robot.T_base_target
-        for solver in PAPER_METHODS:
-            found = solve_batch(A, B, solver)
+        for solver, found in solve_batch_by_each(A, B, PAPER_METHODS).items():
             for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
                 error = inverse(true) @ estimate
                 angle, shift = np.full((2, self.draws), np.nan)

@@ -64,6 +64,8 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
         (".dat", 'POINT2[] " "', 'POINT2 [ ] " "'),
         (".dat", "EXT BAS", "INT N=3\nSTRUC MY REAL A,B\nEXT BAS"),
+        (".dat", "EXT BAS", "CHANNEL :SER_1 :SER_1 $PSER_1\nEXT BAS"),
+        (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #NONE}\nEXT BAS"),
         (".dat", "EXT BAS", 'DECL CHAR N[2,24]\nN[1,]="gripper"\nEXT BAS'),
         (".dat", "A2 -90.00000", "A2 -9.0E+01"),
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
@@ -90,6 +92,8 @@ def test_what_controllers_and_people_write_too_is_accepted(tmp_path, which, old,
         ("DECL POSE P", "P=FUN(P)"),
         ("DECL SDAT S", "BASE(3)"),
         ("DECL INT I", "BAG(I)\nHALTE()"),
+        ("DECL E6POS POS", "POS=$POS_ACT"),
+        ("DECL CHAR T[9]", "T[]=NAME(1)\nD={S 1,NO 2}"),
     ],
 )
 def test_without_a_plan_any_name_may_be_one_of_another_file(tmp_path, declaration, code):

@@ -88,8 +88,10 @@ def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
 
 
 def _check_filled(text: str) -> Iterator[Problem]:
-    for found in module.placeholder(text):
-        yield measuring(found.row, "placeholder", f"the program stops at {found.text}")
+    found = next((f for f in module.LEFT_OUT.finditer(text) if f[0].startswith("<")), None)
+    if found:
+        row = text.count("\n", 0, found.start()) + 1
+        yield measuring(row, "placeholder", f"the program stops at {found[0]}")
 
 
 def _check_encoding(data: bytes) -> Iterator[Problem]:
@@ -148,7 +150,11 @@ class _Checker:
         self.statements, self.whole = statements, whole
         self.level: Level = "error" if whole else "note"
         self.data = list(module.declared(statements))
-        self.calls = list(_calls(statements))
+        self.calls: list[list[tuple[str, list[module.Argument]]]] = []
+        kind = ""
+        for s in statements:  # components of a record look like calls
+            kind = "record" if (kind, s.kind) == ("record", "call") else s.kind
+            self.calls.append([] if kind == "record" else list(module.calls(s)))
         self.called = {word for made in self.calls for word, _ in made}
         self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
         self.routines: list[int] = []
@@ -429,16 +435,6 @@ class _Checker:
             elif acts and not stands:
                 said = "no WaitTime\\InPos between the motion and this: the arm may still move"
                 yield measuring(s.row, "standstill", said)
-
-
-def _calls(
-    statements: Sequence[Statement],
-) -> Iterator[list[tuple[str, list[module.Argument]]]]:
-    """The calls of each statement; components of a record, which look like them, are none."""
-    inside = False
-    for s in statements:
-        inside = s.kind == "record" or (inside and s.kind == "call")
-        yield [] if inside else list(module.calls(s))
 
 
 def _is_name(node: Node) -> bool:

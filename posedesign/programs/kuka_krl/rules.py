@@ -442,10 +442,12 @@ def _check_positions(module: _Module) -> Iterator[Problem]:
 
 def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     if name in _LARGEST:
-        bits = re.fullmatch(r"(\d{1,9})|'B([01]{1,9})'", text, re.IGNORECASE | re.ASCII)
+        bits = re.fullmatch(
+            r"(\d{1,9})|'B ?([01]{1,9})'|'H ?([\dA-F]{1,9})'", text, re.IGNORECASE | re.ASCII
+        )
         if bits is None:
             return "is no whole number" if is_data else "", "error"
-        value = int(bits[1]) if bits[1] else int(bits[2], 2)
+        value = int(bits[bits.lastindex or 1], (10, 2, 16)[(bits.lastindex or 1) - 1])
         most = _LARGEST[name]
         return f"is not from 0 to {most}" if value > most else "", "measuring"
     number = krl.as_number(text)

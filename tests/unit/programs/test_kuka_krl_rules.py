@@ -71,6 +71,7 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
         (".dat", "E6AXIS " + P1, POSE),
         (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B010',T 'B100011'")),
+        (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B 010',T 'H23'")),
         (".dat", "DEFDAT CAL", "DEFDAT CAL PUBLIC"),
         (".dat", "ENDDAT", "XM[2]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nENDDAT"),
     ],

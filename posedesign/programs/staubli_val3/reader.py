@@ -228,9 +228,7 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
         T_tip_tool = _transforms([_values(tool, "tTool[0]", path)])[0]
     poses = iter(_transforms(points))
     return tuple(
-        replace(p, T_user_tool=next(poses), T_tip_tool=T_tip_tool)
-        if p.shown_deg is None
-        else p
+        replace(p, T_user_tool=next(poses), T_tip_tool=T_tip_tool) if p.shown_deg is None else p
         for p in out
     )
 

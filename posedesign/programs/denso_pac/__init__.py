@@ -15,9 +15,9 @@ of a plan; others in their order, behind all.
 Rules: ``syntax``: lines are as in the grammar, of 1024 characters at most; other commands are
 noted. ``block``: routines, loops and branches are closed. ``main``: to measure, there is a routine
 Main, or a program of PAC. ``arm``: the arm that is moved is taken; a note without Main, as others
-may have taken it. ``position``: ``J`` has six to eight plain numbers. ``range``: joints within +-720 deg,
-speeds from 0.1 to 100 percent. ``standstill``, ``wait-to-measure``: a move that stops (``@0``,
-``@E``), and a Delay, before an output is set or a program called.
+may have taken it. ``position``: ``J`` has six to eight plain numbers. ``range``: joints within
++-720 deg, speeds from 0.1 to 100 percent. ``standstill``, ``wait-to-measure``: a move that stops
+(``@0``, ``@E``), and a Delay, before an output is set or a program called.
 """
 
 from __future__ import annotations

@@ -14,9 +14,10 @@ letters.
 
 Rules: ``syntax``: lines are as in the grammar; other instructions are noted. ``block``: sections,
 loops and branches are closed. ``position``, ``range``: as many plain values each, six at least,
-joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. ``target``: to
-measure, moves go to positions that are in the file, where it has lists. ``standstill``, ``wait-to-measure``: BREAK
-behind each move, and a wait. ``speed``: set for each move. ``unused``: all of an array is moved to.
+joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. To measure,
+``target``: moves go to positions that are in the file, where it has lists. ``standstill``,
+``wait-to-measure``: BREAK behind each move, and a wait. ``speed``: set for each move. ``unused``:
+all of an array is moved to.
 """
 
 from __future__ import annotations

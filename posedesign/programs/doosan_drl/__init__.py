@@ -51,13 +51,12 @@ _FUNCTIONS = {
 """Least and most positional arguments, and the names of arguments."""
 
 _WORDS = (
-    "def if elif else while for try except return pass break continue from import in and or not on"
+    "def if elif else while for try except return pass break continue from import in and not on"
 )
 _RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
 _NAMES = """ON OFF True False None len range print float int list abs round min max sum time open
 type exit set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec amovec
-moveb amoveb movesx movesj amovesx amovesj posb trans fkin ikin set_tool set_tcp set_ref_coord
-get_digital_inputs"""
+moveb amoveb movesx movesj amovesx posb trans fkin ikin set_tool set_tcp get_digital_inputs"""
 _NAMED = ("name", "owner")
 _PURE = {*_FUNCTIONS, *_NAMES.split()}  # they change no list that they are given
 

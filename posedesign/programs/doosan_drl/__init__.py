@@ -50,9 +50,8 @@ _FUNCTIONS = {
 }
 """Least and most positional arguments, and the names of arguments."""
 
-_WORDS = (
-    "def if elif else while for try except return pass break continue from import in and not on"
-)
+_WORDS = """def if elif else while for try except return pass break continue from import in and or
+not on"""
 _RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
 _NAMES = """ON OFF True False None len range print float int list abs round min max sum time open
 type exit set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec amovec
@@ -66,9 +65,7 @@ _FORMATS = re.compile(r'"[^"%]*" *%|\) *% *"')  # a text without a place for wha
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
 _OPEN = language.open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}")
-LANGUAGE = language.Language(
-    __package__ or "", joined=_OPEN, signed=True, letters=r"\w", indented=True
-)
+LANGUAGE = language.Language(__package__ or "", _OPEN, signed=True, letters=r"\w", indented=True)
 
 
 def _without_blocks(text: str) -> str:

@@ -267,9 +267,41 @@ def test_several_tool_points_are_to_be_told_apart(cli, work, changed):
 def test_corrected_poses_become_a_program(cli, work, identified):
     out, cell = work / "out", work / "cell.toml"
     assert cli("correct", cell, identified, work / "poses.csv", "--out", out).code == 0
-    said = cli("program", out / "corrected_poses.csv", "--cell", cell, "--out", out)
+    corrected = out / "corrected_poses.csv"
+    said = cli("program", corrected, "--cell", cell, "--out", out)
     assert said.code == 0, said
-    assert "27 poses" in said.out
+    by = checksum(identified)
+    assert f"27 poses, CORRECTED BY {by}, not those of the plan" in said.out
+    (written,) = out.glob("*.LS")
+    assert f"!* CORRECTED BY {by}" in written.read_text()
+    assert f"corrected by the identification {by}" in cli("check", cell, corrected).err
+
+
+def test_corrected_poses_are_no_touch_ups_and_no_plan(cli, refuse, work, identified):
+    """All of them differ from the plan: as touch-ups they would be a perfect robot."""
+    out, cell, plan = work / "out", work / "cell.toml", work / "poses.csv"
+    typed = ("correct", cell, identified)
+    assert cli(*typed, plan, "--out", out).code == 0
+    corrected = out / "corrected_poses.csv"
+    by = f"corrected by the identification {checksum(identified)}"
+    refuse(*typed, corrected, "--out", work / "twice").says(by, "not those of the plan", "--again")
+    assert cli(*typed, corrected, "--again", "--out", work / "twice").code == 0
+    into = ("--out", work / "in")
+    cli("program", corrected, "--cell", cell, "--out", out)
+    (program,) = out.glob("*.LS")
+    for file in (corrected, program):
+        for given in ((), ("--poses", plan)):
+            refuse("import", cell, file, *given, *into).says(by, "touched up", "--keep-untouched")
+        said = cli("import", cell, file, "--poses", corrected, *into)
+        assert (said.code, "no position differs from the plan" in said.err) == (2, True)
+    cli("program", plan, "--cell", cell, "--form", "cartesian", "--name", "WELD", "--out", work)
+    assert cli(*typed, work / "WELD.LS", "--out", out).code == 0
+    typed = ("import", cell, out / "WELD.LS", "--poses", plan, *into)
+    refuse(*typed).says(by, "touched up")
+    assert by in cli(*typed, "--keep-untouched").err
+    # a list that a plan was written to is none, either
+    plan.write_text(f"# fingerprint: 0a1b2c3d\n{plan.read_text()}")
+    refuse("import", cell, plan, "--out", work / "list").says("was written from", "--poses")
 
 
 def test_a_model_can_be_named(cli, work, identified):
@@ -302,10 +334,10 @@ def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(cli, work, changed, ch
     assert said.code == 1
     assert "27 of 28 postures corrected" in said.out
     assert "joint_5 -126." in said.out
-    first = table(work / "out" / "corrected_poses.csv")[0]
-    assert first["status"] == "dropped"
-    assert first["reason"].startswith("not corrected: outside limits: joint_5 -126.")
-    assert first["j1_deg"] is None
+    last = table(work / "out" / "corrected_poses.csv")[-1]
+    assert last["status"] == "dropped"
+    assert last["reason"].startswith("not corrected: outside limits: joint_5 -126.")
+    assert last["j1_deg"] is None
 
 
 def test_ways_between_poses_are_corrected_too(cli, work, identified, change_csv):
@@ -323,7 +355,9 @@ def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli, work, chan
     said = cli("correct", work / "cell.toml", path, work / "poses.csv", "--out", work / "out")
     assert said.code == 0
     assert "the tool as identified is not the cell's" in said.err
-    moved = [row["reason"] for row in table(work / "out" / "corrected_poses.csv")]
+    said = [row["reason"] for row in table(work / "out" / "corrected_poses.csv")]
+    moved = [words for words in said if words.startswith("corrected by up to")]
+    assert len(moved) == 27
     assert all(float(words.split("up to ")[1].split(" ")[0]) < 1.0 for words in moved)
 
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, se3
+from calib.model import Setup
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
+from posedesign.cell.models import payloads_of
 from posedesign.files.origin import checksum
 from posedesign.identification.models import model_of
 from posedesign.planning.poses_file import read_poses
@@ -774,3 +776,43 @@ def test_other_forms_are_exported_beside_the_description(cli, refuse, work, iden
     assert "ZERO POSITION MASTER" in (work / "out" / "mastering.csv").read_text()
     assert cli(*typed).code == 0  # what was asked for the last time only is removed
     assert sorted(p.name for p in (work / "out").iterdir()) == ["corrected.urdf", "mastering.csv"]
+
+
+def test_poses_are_corrected_with_the_load_that_they_are_for(cli, refuse, work, changed):
+    """The arm gives way by what it carries: the tool, and a payload besides."""
+    cell_file, plan, out = work / "cell.toml", work / "poses.csv", work / "out"
+    cell_file.write_text(
+        cell_file.read_text()
+        + '[[payload]]\nname = "weight"\nmass_kg = 50.0\ncom_mm = [0.0, 0.0, 200.0]\n'
+    )
+    cell = Cell.load(cell_file)
+    loads = [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)]
+    path = changed(lambda content: content["arm"].update(payloads=loads))
+    rows = [line for line in plan.read_text().splitlines() if not line.startswith("#")]
+    carried = ["weight" if k % 2 else "" for k in range(len(rows) - 1)]
+    named = [f"{row},{load}" for row, load in zip(rows, ["payload", *carried], strict=True)]
+    plan.write_text("\n".join(named))
+    assert cli("correct", cell_file, path, plan, "--out", out).code == 0
+    found = read_poses(out / "corrected_poses.csv", 6)
+    assert list(found.extra["payload"]) == carried
+    model, x = as_identified(cell, json.loads(path.read_text()))
+    setup = Setup.of(len(carried), payload=[int(load == "weight") for load in carried])
+    wanted = cell.robot.state(read_poses(plan, 6).postures).point(cell.tool_m)
+    there = model.view(found.postures, x, setup).tool_points
+    np.testing.assert_allclose(there, wanted, atol=1e-9)
+    assert np.abs(model.view(found.postures, x).tool_points - wanted).max() > 1e-4
+    plan.write_text(plan.read_text().replace(",weight", ",wight"))
+    refuse("correct", cell_file, path, plan, "--out", out).says("no payload 'wight'", "weight")
+
+
+def test_an_identification_is_of_the_arm_as_it_was_described(cli, refuse, work, identified):
+    """Of the corrected description, too: its errors would be corrected twice."""
+    cell, out = work / "cell.toml", work / "out"
+    assert cli("correct", cell, identified, "--out", out).code == 0
+    text = cell.read_text()
+    same = text.replace('preset = "r2000ic165f"', f'urdf = "{out / "corrected.urdf"}"')
+    assert same != text
+    cell.write_text(same.replace("deflection = true", "deflection = false"))
+    refuse("correct", cell, identified, "--out", work / "twice").says(
+        "was identified with another kinematics_si", "as it was"
+    )

@@ -175,8 +175,11 @@ def _check_header(job: Job) -> Iterator[Problem]:
             reason = "///ATTR is SC or CJ, one of RW, RO, WO, and RJ where the job is relative"
             yield Problem(s.row, "header", reason)
     for s in of["comm"]:
-        if len(s.word("TEXT")) > MOST_COMMENT:
-            yield Problem(s.row, "header", "the job's comment is longer than 32 characters")
+        text = s.word("TEXT")
+        if len(text) > MOST_COMMENT:
+            # another editor may have saved letters of other scripts as several bytes
+            level: Level = "error" if text.isascii() else "measuring"
+            yield Problem(s.row, "header", "the job's comment is longer than 32 characters", level)
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:

@@ -124,6 +124,11 @@ def test_steps_of_others_have_no_errors(steps: str) -> None:
     assert [p for p in check(with_steps(steps)) if p.level == "error"] == []
 
 
+def test_comments_of_other_scripts_may_have_more_bytes() -> None:
+    problems = check(GOOD.replace("cell 7", "\xe5\xb7\xa5" * 11))
+    assert {p.level for p in problems if p.rule == "header"} == {"measuring"}
+
+
 @pytest.mark.parametrize("step", ["MEASURE_7 MJ#(0) ARGF8", "PI_CALIB", "SRVGRIP GRP#(1) F=3.0"])
 def test_what_an_option_may_know_is_noted(step: str) -> None:
     assert [(p.rule, p.level) for p in check(with_steps(step))] == [("instruction", "note")]

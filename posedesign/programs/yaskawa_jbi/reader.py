@@ -50,18 +50,7 @@ from posedesign.programs.yaskawa_jbi.spec import (
     found_in,
 )
 
-_OF_POS = (
-    "npos",
-    "tool",
-    "user",
-    "postype",
-    "pulse",
-    "angle",
-    "rectan",
-    "rconf",
-    "stored",
-    "heading",
-)
+_OF_POS = "npos tool user postype pulse angle rectan rconf stored heading".split()
 _MOST_NUMBER = 99_999
 _MOST_LINES = 100_000
 """Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
@@ -152,14 +141,8 @@ def read_job(text: str) -> Job:
     """Sort the lines of a job; never fails."""
     job = Job()
     part = job.head
-    parts = {
-        "job": job.head,
-        "pos": job.pos,
-        "arginfo": [],
-        "macro": [],
-        "inst": job.inst,
-        "end": job.after,
-    }
+    parts = {"job": job.head, "pos": job.pos, "inst": job.inst, "end": job.after}
+    parts |= {"arginfo": [], "macro": []}
     above = dict.fromkeys(("form", "frame", "tool", "user", "rconf"), "")
     for statement in INFORM.statements(text):
         kind, values = statement.kind, statement.tree.children
@@ -207,10 +190,8 @@ def faults_of(job: Job) -> Iterator[Problem]:
             yield Problem(stored.row, "position-unique", f"{stored.label} {what}")
         seen.add(stored.name)
         if not stored.form or (stored.form != stored.frame and not stored.posed):
-            reason = (
-                f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and ///PULSE, "
-            )
-            reason += "///ANGLE or ///RECTAN are due above"
+            reason = f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and "
+            reason += "///PULSE, ///ANGLE or ///RECTAN are due above"
             yield Problem(stored.row, "position-format", reason)
     yield from _count_faults(job)
 

@@ -66,18 +66,7 @@ _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
 """Values of a position of an arm, those of seven axes having more than six; of base axes."""
 
 _OF_INST = ("date", "comm", "attr", "frame", "group", "heading", "local")
-_NOT_OF_INST = {
-    "npos",
-    "tool",
-    "user",
-    "postype",
-    "pulse",
-    "angle",
-    "rectan",
-    "rconf",
-    "stored",
-    "name",
-}
+_NOT_OF_INST = "npos tool user postype pulse angle rectan rconf stored name".split()
 _NAME = re.compile(r"[\w\x80-\xff][\w\x80-\xff-]{0,31}", re.ASCII)
 _PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
 _DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)

@@ -50,7 +50,9 @@ from posedesign.programs.yaskawa_jbi.spec import (
     found_in,
 )
 
-_OF_POS = "npos tool user postype pulse angle rectan rconf stored heading".split()
+OF_POS = ("npos", "tool", "user", "postype", "pulse", "angle", "rectan", "rconf", "stored")
+"""Kinds of statements that only //POS has."""
+
 _MOST_NUMBER = 99_999
 _MOST_LINES = 100_000
 """Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
@@ -175,7 +177,7 @@ def faults_of(job: Job) -> Iterator[Problem]:
     for statement in job.pos:
         if statement.fault:
             yield Problem(statement.row, "syntax", statement.fault)
-        elif statement.kind not in _OF_POS:
+        elif statement.kind not in (*OF_POS, "heading"):
             yield Problem(statement.row, "sections", f"{statement.text[:30]!a} is not of //POS")
     for statement in (*job.pos, *job.kinds["heading"]):
         word = statement.word("HEADING") if statement.kind == "heading" else ""

@@ -66,7 +66,6 @@ _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
 """Values of a position of an arm, those of seven axes having more than six; of base axes."""
 
 _OF_INST = ("date", "comm", "attr", "frame", "group", "heading", "local")
-_NOT_OF_INST = "npos tool user postype pulse angle rectan rconf stored name".split()
 _NAME = re.compile(r"[\w\x80-\xff][\w\x80-\xff-]{0,31}", re.ASCII)
 _PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
 _DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)
@@ -117,7 +116,7 @@ def _check_sections(job: Job) -> Iterator[Problem]:
     first = steps[0].row if steps else 0
     strays = [s for s in job.head if s.kind != "name" and s.word("HEADING") != "///FOLDERNAME"]
     strays += job.after
-    strays += [s for kind in _NOT_OF_INST for s in job.kinds[kind]]
+    strays += [s for kind in (*reader.OF_POS, "name") for s in job.kinds[kind]]
     strays += [s for kind in _OF_INST for s in job.kinds[kind] if s.row > first > 0]
     strays += [m for k, m in enumerate(job.marks) if m.kind in ("arginfo", "macro") and k != 2]
     for statement in strays:

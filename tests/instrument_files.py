@@ -286,7 +286,9 @@ def joint_list(session: Session, folder: Path) -> Path:
 
 def _recorded(session: Session, rate: float = 50.0) -> list[tuple[float, FloatArray]]:
     taken = frames(session, rate)
-    return [(time, q) for (time, _), q in zip(taken, recorded(session, taken, session.q), strict=True)]
+    return [
+        (time, q) for (time, _), q in zip(taken, recorded(session, taken, session.q), strict=True)
+    ]
 
 
 def shown(session: Session, q: FloatArray) -> FloatArray:

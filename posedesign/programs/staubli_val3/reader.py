@@ -8,8 +8,8 @@ elements of all arrays of joints and points are taken, in the order of the file;
 lies beside it and says which of them are moved to, these, in the order of their moves.
 
 A controller leaves out attributes that are zero; an element of other arrays that is not there at
-all is refused, and so are points in several frames. Where the frame of the points is in the file,
-and the tool ``tTool`` of a project as it is written, they are taken by value. Points whose arm
+all is refused. Frames of points that are in the file, and the tool ``tTool`` of a project as it is
+written, are taken by value; points in several frames are refused where one is not. Points whose arm
 position is ``same`` or not said are taken without one. XML with a DTD or entities is refused.
 """
 
@@ -198,7 +198,7 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
     """Positions of elements; poses with the tool of the project where it is on the flange."""
     out: list[RecordedPosition] = []
     points: list[list[float]] = []
-    father = ""
+    frames: dict[str, FloatArray | None] = {}
     path = arrays.path
     for number, name, array, key in listed:
         element = array.elements.get(key)
@@ -212,24 +212,23 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
             out.append(replace(at, shown_deg=np.array(shown)))
             continue
         own = element.attributes.get("fatherId", "world[0]")
-        if own != (father or own):
-            reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
+        T_world_user = frames.setdefault(own, _frame(own, arrays))
+        if len(frames) > 1 and any(T is None for T in frames.values()):
+            reason = f"{label} is in {own[:30]!a}, points before in {next(iter(frames))[:30]!a}"
             arrays.refuse(reason, element.line, "teach all points in one frame")
-        father = own
+        at = replace(at, T_world_user=T_world_user)
         points.append(_values(element, label, path))
         out.append(replace(at, configuration=_configuration(element, label, path)))
     if not points:
         return tuple(out)
     _check_unit(path)
-    T_world_user, T_tip_tool = _frame(father, arrays), None
+    T_tip_tool = None
     on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
     if tool is not None and on_flange and arrays["tTool"].type == "tool":
         T_tip_tool = _transforms([_values(tool, "tTool[0]", path)])[0]
     poses = iter(_transforms(points))
     return tuple(
-        replace(p, T_user_tool=next(poses), T_world_user=T_world_user, T_tip_tool=T_tip_tool)
-        if p.shown_deg is None
-        else p
+        replace(p, T_user_tool=next(poses), T_tip_tool=T_tip_tool) if p.shown_deg is None else p
         for p in out
     )
 

@@ -345,7 +345,7 @@ class _Reader:
         self.announced.move(target.key, target.variable or "the target")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
-        """All positions, numbered: poses in one user frame."""
+        """All positions, numbered."""
         self.announced.end()
         if self._unknown is not None and not self.announced.found:
             text, row = self._unknown
@@ -355,13 +355,6 @@ class _Reader:
         numbers = self.announced.numbered([(key, t.name) for key, t in found.items()], {})
         targets = [(f"position {n}", t) for (n, _), t in zip(numbers, found.values(), strict=True)]
         posed = [(t.pose, label, t.row) for label, t in targets if t.pose is not None]
-        frames = next((t.frames for _, t in targets if t.pose is not None), ())
-        for label, t in targets:
-            if t.pose is not None and t.frames != frames:
-                reason = f"{label} is in another frame than positions before"
-                refuse(reason, self.path, t.row, "use one frame in pose_trans, or joints")
-        in_frames = self._transforms([(f, "the frame", posed[0][2]) for f in frames])
-        T_world_user = reduce(np.matmul, in_frames, np.eye(4))
         rows = {t.tcp: t.row for _, t in reversed(targets) if t.pose is not None and t.tcp}
         tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
         poses = iter(self._transforms(posed))
@@ -370,7 +363,9 @@ class _Reader:
             joints = self._values(t.joints, label, MOST_JOINT_RAD, t.row) if t.joints else None
             placed: dict[str, Any] = {}
             if t.pose is not None:
-                placed = {"T_user_tool": next(poses), "T_world_user": T_world_user}
+                frames = self._transforms([(f, "the frame", t.row) for f in t.frames])
+                placed = {"T_user_tool": next(poses)}
+                placed["T_world_user"] = reduce(np.matmul, frames, np.eye(4))
                 placed["T_tip_tool"] = tools[t.tcp] if t.tcp else None
             shown = None if joints is None else np.degrees(joints)
             out.append(RecordedPosition(n, name, t.row, shown, **placed))

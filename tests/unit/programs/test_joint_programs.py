@@ -167,7 +167,6 @@ COMPUTED = [
     "movej(home[0])",
     "movej(vel=10)",
     "movej(*home)",
-    f"if True: movej({Q})",
     *(f"movej({Q}, {mod})" for mod in ("mod=DR_MV_MOD_REL", "mod=1", "mod=m", "1, 1, 1, 1, 1")),
     *(
         f"home = {Q}\n{change}\nmovej(home)"
@@ -184,6 +183,11 @@ COMPUTED = [
             "from mine import home",
             "for home in all:",
             "def go(home):",
+            "go(home)",
+            "n = 1 + go(n, where=[home])",
+            "arm.go(home)",
+            "def go():\n    home[0] = 45\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
+            "def go():\n    global home\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
         )
     ),
     f'text = """\nmovej({Q})',

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from calib.robots.flange_poses import flange_robot as flange_robot
     from calib.robots.flange_poses import posture_of_pose as posture_of_pose
     from calib.robots.inverse import InverseSolutions as InverseSolutions
+    from calib.robots.model_chain import HeldJoint as HeldJoint
     from calib.robots.presets import find_preset as find_preset
     from calib.robots.presets import preset_info as preset_info
     from calib.robots.presets import preset_names as preset_names

@@ -182,6 +182,32 @@ def held_in_words(model: pin.Model, values: Mapping[int, float]) -> list[str]:
     ]
 
 
+class HeldJoint(NamedTuple):
+    """A joint that base or tip hang on, and that is held where it is."""
+
+    name: str
+    value: float  # [rad, m]
+    slides: bool
+
+    @property
+    def per_si(self) -> float:
+        """Degrees in a radian, or millimetres in a metre."""
+        return 1e3 if self.slides else math.degrees(1.0)
+
+
+def held_on_path(
+    model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int], at: Mapping[int, float]
+) -> tuple[HeldJoint, ...]:
+    """Held joints that base or tip hang on. ``at``: values other than zero [rad, m]."""
+    ends = (model.frames[i].parentJoint for i in (base_id, tip_id))
+    carrying = {i for end in ends for i in model.supports[end]}
+    return tuple(
+        HeldJoint(str(model.names[i]), at.get(i, 0.0), is_slide(model, i))
+        for i in locked
+        if i in carrying and model.joints[i].nv == 1
+    )
+
+
 def configuration(model: pin.Model, values: Mapping[int, float]) -> FloatArray:
     """A configuration of a whole model: joints at values [rad, m], all others at zero."""
     q = np.array(pin.neutral(model))

@@ -30,6 +30,7 @@ from calib.robots.inverse.on_external_axes import OnExternalAxes
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
+    HeldJoint,
     body_of,
     chain_of,
     check_joints,
@@ -38,6 +39,7 @@ from calib.robots.model_chain import (
     frame_id,
     gravity_at,
     held_in_words,
+    held_on_path,
     joints_between,
     joints_to_lock,
     link_names,
@@ -100,6 +102,8 @@ class Robot:
         Names of bodies that may touch, by the semantic description.
     controller : Controller or None
         What the pendant shows; None where the maker is not known.
+    held : tuple of HeldJoint
+        Joints of the description that base or tip hang on and that are held where they are.
     T_floor_world : array (4, 4)
         The frame that a cell describes its surroundings in, in that of the link on the floor [m]:
         the base frame, or behind a positioner the root of the description.
@@ -124,6 +128,7 @@ class Robot:
     coupled_limits: tuple[CoupledLimit, ...] = ()
     allowed_contacts: tuple[tuple[str, str], ...] = ()
     controller: Controller | None = None
+    held: tuple[HeldJoint, ...] = ()
     T_floor_world: FloatArray = field(default_factory=lambda: np.eye(4))
     model: pin.Model = field(default=None, repr=False, compare=False)
 
@@ -259,6 +264,7 @@ class Robot:
                 said.append(f"locked at zero, {why}: {', '.join(names_of(model, which))}")
         if at:
             said.append(f"held: {', '.join(held_in_words(model, at))}")
+        held = held_on_path(model, base_id, tip_id, locked, at)
         if locked:
             frames = model.frames[base_id].name, model.frames[tip_id].name
             model = pin.buildReducedModel(model, locked, configuration(model, at))
@@ -296,6 +302,7 @@ class Robot:
                 (link_number(model, name, path, base_id), name) for name in lost_shapes
             ),
             model=model,
+            held=held,
             T_floor_world=floor.homogeneous if path.positioner else np.eye(4),
         )
 

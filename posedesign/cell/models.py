@@ -75,10 +75,14 @@ _WEIGHED = 300
 
 
 def payloads_of(cell: CellData) -> list[Payload]:
-    """The tool's own payload, and those listed besides."""
+    """What the flange carries: the tool alone, and the tool with each of those listed besides."""
     own = cell.payload or Payload(0.0, np.zeros(3))
-    others = [Payload(p.mass_kg, np.array(p.com_mm) / 1e3) for p in cell.config.payload]
-    return [own, *others]
+    loads = [own]
+    for more in cell.config.payload:
+        mass, com_m = own.mass_kg + more.mass_kg, np.array(more.com_mm) / 1e3
+        both = own.mass_kg * own.com_m + more.mass_kg * com_m
+        loads.append(Payload(mass, both / mass if mass else com_m))
+    return loads
 
 
 def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:

@@ -271,7 +271,7 @@ class InstrumentSection(Section):
 
 
 class PayloadSection(Section):
-    """Something else that the flange carries in some of the measurements."""
+    """Something that the flange carries besides the tool in some of the measurements."""
 
     name: Name
     """Its name in the column ``payload`` of the measurements."""

@@ -208,7 +208,7 @@ estimate_lens = true              # from these pictures; false: it was calibrate
 # three_sigma_deg = 0.05          # poses only
 # along_three_sigma_mm_per_m = 0.002   # points only: what each metre from a tracker adds along the
 # across_three_sigma_mm_per_m = 0.01   # line of sight, and across it
-# [[payload]]                     # carried in measurements that name it
+# [[payload]]                     # carried besides the tool, in measurements that name it
 # name = "weight"
 # mass_kg = 50.0
 # com_mm = [0.0, 0.0, 150.0]

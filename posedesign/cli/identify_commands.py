@@ -261,7 +261,8 @@ def correct(
         str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
     ] = None,
     again: Annotated[
-        bool, typer.Option("--again", help="Correct a program that is corrected already.")
+        bool,
+        typer.Option("--again", help="Correct what is corrected already."),
     ] = False,
     export: Annotated[
         list[str] | None,
@@ -294,7 +295,7 @@ def correct(
     else:
         _check_for_nothing(
             "anything but a program",
-            {"joints": joints or None, "leave": leave, "again": again or None},
+            {"joints": joints or None, "leave": leave, "again": (again and poses is None) or None},
         )
     if poses is not None and of_program:
         with progress("correcting"):
@@ -323,6 +324,7 @@ def correct(
                 tool=tool,
                 box=None if box is None else box_of(loaded, box, None),
                 exports=export or (),
+                again=again,
                 trust_units=trust_units,
             )
         answer, content, ok = answer_of_correction(done), correction_as_dict(done), done.ok

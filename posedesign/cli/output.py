@@ -171,9 +171,9 @@ def poses_of(
 
 
 def note_misfit(path: Path, listed: PoseList, cell: Cell | None) -> None:
-    """Warn of a list of poses that was changed after it was planned, or looks like another's."""
+    """Warn of a list that was changed after planning, is corrected, or looks like another's."""
     other = listed.other_robot(cell.robot) if cell else ""
-    for said in (listed.misfit, other, *listed.mistyped):
+    for said in (listed.misfit, other, listed.corrected, *listed.mistyped):
         if said:
             note(f"warning: {path}: {said}")
 

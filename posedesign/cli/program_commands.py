@@ -116,7 +116,12 @@ def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
     from posedesign.report.answer import Answer
 
     count = f"{written.poses} poses"
-    figures = {"rounding": f"joints rounded by at most {written.largest_rounding_deg:.1g} deg"}
+    if written.corrected_by:
+        count += f", CORRECTED BY {written.corrected_by}, not those of the plan"
+    rounding = f"joints rounded by at most {written.largest_rounding_deg:.1g} deg"
+    if cell is not None and cell.robot.sliding.any():
+        rounding += f", slides by {written.largest_rounding_mm:.1g} mm"
+    figures = {"rounding": rounding}
     if written.c_g is not None and written.c_g_rounded is not None:
         figures["C_G"] = f"as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}"
     notes = [written.note] if written.note else []

@@ -301,10 +301,13 @@ def check_columns(
             f"there is no column {column}", path=path, row=1, hint=near_names(column, found)
         )
     if joints:
-        extra = [c for c in found if re.fullmatch(r"j\d+_deg|e\d+_(mm|deg)", c) and c not in needed]
+        shown = "pendant_" if needed[0].startswith("pendant_") else ""
+        joint = re.compile(rf"{shown}(j\d+_deg|e\d+_(mm|deg))")
+        extra = [c for c in found if joint.fullmatch(c) and c not in needed]
         if extra:
-            turns = extra[0].startswith("j")
-            count = sum(c[0] == extra[0][0] for c in needed)
+            kind = extra[0].removeprefix(shown)[0]
+            turns = kind == "j"
+            count = sum(c.removeprefix(shown)[0] == kind for c in needed)
             raise FileFormatError(
                 f"the robot has {count} {'joints' if turns else 'external axes'} only",
                 path=path,

@@ -9,7 +9,8 @@
 ``kind``                touch-up, view-line, plane, point, pose, camera-pose or distance; where it
                         is left out or empty, the kind of the cell
 ``tool``                point or frame of the tool; ``tool`` where it is left out
-``payload``             name of a ``[[payload]]`` of the cell; the tool's own where it is left out
+``payload``             name of a ``[[payload]]`` of the cell, carried besides the tool; where it is
+                        left out the tool alone
 ``x_mm, y_mm, z_mm``    what was read, for points and poses
 ``w_deg, p_deg, r_deg`` the same, for poses
 ``distance_mm``         the same, for distances

@@ -31,6 +31,9 @@ FLICKER_MM, LONGEST_RAIL_M = 0.05, 30.0
 """What is shown of a slide that stands changes by less, and stations along one are farther apart
 than this number of millimetres; rails are shorter than as many metres."""
 
+HELD_WITHIN = 0.1
+"""A held axis stands as far from where the cell has it, in mm or degrees, at most."""
+
 RADIAN_DECIMALS = 12
 """Of radians in a file: as fine as nine decimals of a degree."""
 
@@ -128,12 +131,59 @@ def postures_in_any_form(
         )
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
+    _check_held(path, columns, rows, robot)
     if form is JointForm.ROS and needed[-1].endswith("_rad"):
         return _values(path, rows, needed, trust_units, robot.external, "radians")
     shown = _values(path, rows, needed, trust_units, robot.external)
     if form is JointForm.ROBODK and robot.controller is not None:
         return robot.controller.posture(shown)
     return robot.of_shown(shown)
+
+
+def check_at_rest(
+    path: Path,
+    axis: str,
+    lines: Sequence[int],
+    values: FloatArray,
+    within: float = FLICKER_MM,
+    held: float | None = None,
+) -> None:
+    """Refuse an axis that moves, or stands elsewhere than held: it may carry the arm or its target.
+
+    ``values`` (R,): of an axis that no joint of the robot is, at these lines of the file [mm, deg].
+    ``within``: what is shown of an axis at rest differs by as much. ``held``: where the description
+    holds it; None: the description does not have it.
+    """
+    off = np.abs(values - values[:1]) > within
+    if off.any():
+        raise FileFormatError(
+            f"{axis} moves, and "
+            + ("the robot's description has no such axis" if held is None else "the cell holds it"),
+            path=path,
+            row=int(lines[int(off.argmax())]),
+            hint="measure with the external axes at rest, or describe them in the URDF"
+            if held is None
+            else "measure with it at rest, or do not hold it: robot.held_mm, held_deg, lock",
+        )
+    if held is not None and len(values) and abs(values[0] - held) > HELD_WITHIN:
+        raise FileFormatError(
+            f"{axis} stands at {values[0]:.6g}, and the cell holds it at {held:.6g} (mm or deg)",
+            path=path,
+            row=int(lines[0]),
+            hint="hold it where it stood: robot.held_mm, robot.held_deg",
+        )
+
+
+def _check_held(path: Path, columns: Sequence[str], rows: Sequence[Row], robot: Robot) -> None:
+    """Refuse joints that the cell holds and a table has elsewhere."""
+    lines = [row.line for row in rows]
+    for joint in robot.held:
+        units = {"m": 1e3, "mm": 1.0} if joint.slides else {"rad": joint.per_si, "deg": 1.0}
+        for unit, factor in units.items():
+            column = f"{joint.name}_{unit}"
+            if column in columns:
+                values = factor * numbers_of(path, rows, [column])[:, 0]
+                check_at_rest(path, column, lines, values, held=joint.value * joint.per_si)
 
 
 def joint_columns(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> list[str]:
@@ -178,7 +228,7 @@ def postures_of(
                 column=shown[0],
                 hint="set robot.controller in the cell",
             )
-        check_columns(path, columns, shown)
+        check_columns(path, columns, shown, joints=True)
         return controller.posture(_values(path, rows, shown, trust_units, external))
     check_columns(path, columns, own, joints=True)
     postures = _values(path, rows, own, trust_units, external) / shown_of(n, external)

@@ -16,7 +16,7 @@ from calib.errors import FileFormatError, InputError, near_names
 from calib.identification import DISPLAY, IdentificationResult, Trial
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.robots import ExternalAxes
+from calib.robots import ExternalAxes, Robot
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.cell.models import payloads_of
@@ -30,6 +30,11 @@ from posedesign.identification.models import frames_of, model_of
 
 MOST_PARAMETERS = 1000
 _LONGEST_SHOWN = 60
+KINEMATICS = "kinematics_si"
+
+SAME_ARM = 1e-6
+"""[m, rad]: descriptions that differ by less are of one arm, written with other digits."""
+
 _SYMMETRIC = 1e-6
 """Of a covariance over the standard deviations: how far it may be off its transpose, and below
 zero. Files have every digit."""
@@ -169,7 +174,8 @@ def read_identification(
             hint="give the cell that was identified",
         )
     for key, value in _arm_as_dict(cell).items():  # gives the parameters their meaning
-        if content.arm.get(key, value) != value:
+        given = content.arm.get(key, value)
+        if given != value and not (key == KINEMATICS and _alike(given, value)):
             raise FileFormatError(
                 f"was identified with another {key}",
                 path=path,
@@ -276,7 +282,25 @@ def _arm_as_dict(cell: Cell) -> dict[str, Any]:
         "lost_motion_nm": cell.config.parameters.lost_motion_nm,
         "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
         "link_masses_kg": cell.robot.link_mass.tolist(),
+        KINEMATICS: _kinematics(cell.robot).tolist(),
     }
+
+
+def _kinematics(robot: Robot) -> FloatArray:
+    """All that the arm as described is: its Jacobian and its tip with all joints at zero [SI]."""
+    zero = np.zeros(robot.n)
+    whole = np.concatenate([robot.jacobian(zero).ravel(), robot.fk(zero)[:3].ravel()])
+    return np.round(whole, 9) + 0.0
+
+
+def _alike(given: object, own: list[float]) -> bool:
+    """Whether two arms as described are one, but for how their numbers were written."""
+    return (
+        isinstance(given, list)
+        and len(given) == len(own)
+        and all(isinstance(v, int | float) for v in given)
+        and bool(np.abs(np.array(given, dtype=float) - own).max() <= SAME_ARM)
+    )
 
 
 def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:

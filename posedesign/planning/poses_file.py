@@ -133,6 +133,10 @@ NOT_CHECKED = "not checked"
 STOPS_SHORT = "stop short [mm]"
 """Begins the comment of a list that says how far before its poses programs are to stop."""
 
+CORRECTED_BY = "corrected by"
+"""Begins the comment of a list that says by which identification its commands are corrected: the
+first digits of its SHA-256."""
+
 ALL_CHECKED = "nothing that the cell asks for"
 """Said in their place where there are none, so that a list without any is one that nobody knows."""
 
@@ -275,7 +279,7 @@ class PoseList:
 
     @property
     def measured(self) -> PoseList:
-        return self._some(np.flatnonzero(~self.via).tolist())
+        return self.some(np.flatnonzero(~self.via).tolist())
 
     def of_payload(self, name: str | None) -> PoseList:
         """The tour with one payload, or the whole list where there is only one.
@@ -299,14 +303,15 @@ class PoseList:
                 hint="a program is of one load: name it with `payload`, none for the tool alone",
                 name="payload",
             )
-        part = self._some([i for i, load in enumerate(loads) if load == name])
+        part = self.some([i for i, load in enumerate(loads) if load == name])
         if self.misfit:
             return part
         own = f"fingerprint: {part.fingerprint}"  # as planned, though it is a part
         said = (own if line.startswith("fingerprint:") else line for line in self.comments)
         return replace(part, comments=tuple(said))
 
-    def _some(self, kept: Sequence[int]) -> PoseList:
+    def some(self, kept: Sequence[int]) -> PoseList:
+        """The stops of these rows, with all that stands before the header."""
         return replace(
             self,
             names=tuple(self.names[i] for i in kept),
@@ -351,6 +356,17 @@ class PoseList:
         the indices beside it are not theirs.
         """
         return self.header.get("fingerprint", "")
+
+    @property
+    def corrected_by(self) -> str:
+        """The identification that the postures are corrected by; empty for those of a plan."""
+        return self.header.get(CORRECTED_BY, "")
+
+    @property
+    def corrected(self) -> str:
+        """That the postures are corrected, in words; empty where they are not."""
+        by = self.corrected_by
+        return by and f"the poses are corrected by the identification {by}: not those of the plan"
 
     def other_robot(self, robot: Robot) -> str:
         """That the file says it is of another robot, in words; empty where it does not."""

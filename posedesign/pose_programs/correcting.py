@@ -42,7 +42,7 @@ from posedesign.programs import (
 )
 from posedesign.programs.configuration import Configuration
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import CORRECTED, corrected_by
+from posedesign.programs.recorded import CORRECTED
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.rewriting import Change, rewritten
 
@@ -169,7 +169,7 @@ def correct_program(
     identified = read_correcting(identification, cell, name)
     chosen = dialect_of(path, dialect).reading(*cell.config.program.pulses)
     data = read_program_bytes(path)
-    by = corrected_by(data)
+    by = chosen.corrected_by(path)
     if by and not again:
         raise InputError(
             f"{path}: its positions are {by} already",

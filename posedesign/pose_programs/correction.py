@@ -7,7 +7,8 @@
                          corrected, and what the pendant shows where a joint really is at zero
 ``corrected_poses.csv``  as ``poses.csv``: the commands that bring the real tool point to where
                          the poses have it; x, y, z, W, P, R are the Cartesian points to command.
-                         A pose that cannot be reached so is dropped, with the reason.
+                         A pose that cannot be reached so is dropped, with the reason. The comment
+                         ``corrected by`` says by which identification.
 =======================  ========================================================================
 
 Each says for which task box its values are the best, and what error to expect with it: see
@@ -41,19 +42,25 @@ from calib.identification.identifiability import check_identifiable_at
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
 from calib.robots import Robot
-from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
+from calib.se3 import BoolArray, FloatArray
 from posedesign.cell import Cell, TaskBox
 from posedesign.cell.cell import moved_as_base
 from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
 from posedesign.files import Results, rehearsed, write_bytes_atomic, write_text_atomic
-from posedesign.files.csv_tables import read_rows, write_table
-from posedesign.files.measurements import MeasurementTable
-from posedesign.files.postures import joint_columns, pendant_columns
+from posedesign.files.csv_tables import LONGEST_SHOWN, write_table
+from posedesign.files.measurements import OWN_PAYLOAD, MeasurementTable
+from posedesign.files.origin import checksum
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import Models, model_of
 from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
-from posedesign.planning.pose_plan import PoseStatus
-from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
+from posedesign.planning.poses_file import (
+    CORRECTED_BY,
+    STOPS_SHORT,
+    DroppedPose,
+    PoseList,
+    read_poses,
+    write_pose_list,
+)
 from posedesign.pose_programs.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
@@ -145,6 +152,7 @@ def correct(
     tool: str | None = None,
     box: TaskBox | None = None,
     exports: Sequence[str] = (),
+    again: bool = False,
     trust_units: bool = False,
 ) -> Correction:
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
@@ -155,7 +163,8 @@ def correct(
     reference of the identification. ``tool``: which tool point of the identification is that of the
     cell. ``box``: where the arm works; that of the cell by default. ``exports``: other forms of the
     corrected description that are wanted, keys of
-    :data:`posedesign.pose_programs.exports.EXPORTS`. ``trust_units``: see
+    :data:`posedesign.pose_programs.exports.EXPORTS`. ``again``: correct poses that are corrected
+    already. ``trust_units``: see
     :func:`posedesign.planning.poses_file.read_poses`. Raises FileFormatError: a file that cannot be
     used. InputError: a model that says nothing of the arm, a tool that the identification does not
     have. UnreachableError: no point of the box can be reached.
@@ -165,7 +174,7 @@ def correct(
     wanted += tuple((form.file, form.purpose) for form in forms)
     results = Results.of(out, "correct")
     claims = results.claim("computed", *wanted, inputs=[identification])
-    identified = read_correcting(identification, cell, name)
+    by, identified = checksum(identification), read_correcting(identification, cell, name)
     known = identified if name is None else _judge(identification, cell, identified)
     routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
     description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))
@@ -188,12 +197,19 @@ def correct(
             controller=cell.robot.controller,
             trust_units=trust_units,
         )
+        if listed.corrected and not again:
+            raise InputError(
+                f"{poses}: {listed.corrected}",
+                hint="give the poses as planned; or say that they are to be corrected `again`",
+                name="again",
+            )
         notes += [f"{poses}: {listed.misfit}"] if listed.misfit else []
+        loads = _payloads(cell, poses, listed)
         compensated = compensate(
             whole.model,
             whole.x,
             postures=listed.postures,
-            setup=Setup.of(len(listed.names), tool=routes.tool.index),
+            setup=Setup.of(len(listed.names), tool=routes.tool.index, payload=loads),
         )
     warned = rehearsed([identification])
     section, folder = cell.config.robot, cell_file.parent
@@ -211,8 +227,8 @@ def correct(
     rows = table.rows()
     files.append(write_table(claims[1], list(rows[0]), rows, heads[MASTERING]))
     if poses is not None and listed is not None and compensated is not None:
-        columns, corrected = _pose_rows(cell, poses, listed, compensated)
-        files.append(write_table(claims[2], columns, corrected, heads[POSES]))
+        corrected = _corrected_list(cell, listed, compensated, by, heads[POSES])
+        files.append(write_pose_list(claims[2], corrected, cell.robot, cell.tool_m))
     for claim, content in zip(claims[len(claims) - len(forms) :], texts, strict=True):
         files.append(write_text_atomic(claim, content))
     known_files = (*CORRECTION, *((form.file, form.purpose) for form in EXPORTS.values()))
@@ -286,39 +302,51 @@ def _notes(
     return [*notes, ONLY_ONE]
 
 
-def _pose_rows(
-    cell: Cell, path: Path, listed: PoseList, found: Compensated
-) -> tuple[list[str], list[dict[str, object]]]:
-    """Columns and rows of ``corrected_poses.csv``."""
-    robot = cell.robot
-    shown = robot.controller if robot.controller and robot.controller.differs else None
-    joints, pendant = joint_columns(robot.n, robot.external), []
-    if shown:
-        pendant = pendant_columns(robot.n, robot.external)
-    kept = [
-        status
-        for row in read_rows(path)[1]
-        if (status := row.cells.get("status", "").casefold()) != PoseStatus.DROPPED
-    ]
-    turned = np.abs(np.rad2deg(found.change[:, robot.n_external :])).max(axis=1)
-    rows: list[dict[str, object]] = []
-    for i, name in enumerate(listed.names):
-        row: dict[str, object] = {"name": name, "status": kept[i] or str(PoseStatus.GRID)}
-        if not found.ok[i]:
-            reason = f"not corrected: {found.status[i]}: {found.reasons[i]}"
-            rows.append(row | {"status": str(PoseStatus.DROPPED), "reason": reason})
-            continue
-        q, T = found.postures[i], found.T_base_tip[i]
-        row["reason"] = f"corrected by up to {turned[i]:.4f} deg in a joint"
-        row |= dict(zip(joints, robot.shown(q), strict=True))
-        numbers = np.concatenate(
-            [1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), np.rad2deg(wpr_from_rotation(T[:3, :3]))]
+def _payloads(cell: Cell, path: Path, listed: PoseList) -> list[int]:
+    """Which of the cell's payloads the arm carries at each stop; the tool alone is the first."""
+    known = [OWN_PAYLOAD, *(load.name for load in cell.config.payload)]
+    carried = [said.get("payload", OWN_PAYLOAD) for said in listed.labels]
+    strange = next((name for name in carried if name not in known), None)
+    if strange is not None:
+        raise InputError(
+            f"{path}: the cell has no payload {strange[:LONGEST_SHOWN]!r}",
+            hint=near_names(strange, known[1:]) if known[1:] else "list it as [[payload]]",
+            name="payload",
         )
-        row |= dict(zip(POSE_AXES, numbers, strict=True))
-        if shown:
-            row |= dict(zip(pendant, shown.pendant(q), strict=True))
-        rows.append(row)
-    return ["name", "status", "reason", *joints, *POSE_AXES, *pendant], rows
+    return [known.index(name) for name in carried]
+
+
+def _corrected_list(
+    cell: Cell, listed: PoseList, found: Compensated, by: str, said: Sequence[str]
+) -> PoseList:
+    """The list with the commands in place of the postures; what cannot be corrected is dropped.
+
+    ``by``: the identification that it is corrected by. ``said``: comments before all others.
+    """
+    turned = np.abs(np.rad2deg(found.change[:, cell.robot.n_external :])).max(axis=1)
+    kept, lost = np.flatnonzero(found.ok), np.flatnonzero(~found.ok)
+    words = [f"corrected by up to {most:.4f} deg in a joint" for most in turned]
+    reasons = [
+        was if via and was else now
+        for was, now, via in zip(listed.reasons, words, listed.via, strict=True)
+    ]
+    title = f"posedesign: corrected poses of {cell.robot.name}"
+    comments = [*said, title, f"{CORRECTED_BY}: {by}"]
+    comments += [c for c in listed.comments if c.startswith((STOPS_SHORT, "controller:"))]
+    dropped = [
+        DroppedPose(
+            listed.names[i],
+            f"not corrected: {found.status[i]}: {found.reasons[i]}",
+            {column: cells[i] for column, cells in listed.extra.items()},
+        )
+        for i in lost
+    ]
+    whole = replace(listed, postures=found.postures, reasons=tuple(reasons))
+    return replace(
+        whole.some(kept.tolist()),
+        dropped=(*dropped, *listed.dropped),
+        comments=tuple(comments),
+    )
 
 
 def predict(

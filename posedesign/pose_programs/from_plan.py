@@ -161,7 +161,9 @@ class WrittenProgram:
     poses: int  # that are measured
     problems: tuple[str, ...]  # what the strict validator objects to; empty is good
     largest_rounding_deg: float
-    """Largest joint difference between the plan and what is read back from the program."""
+    largest_rounding_mm: float
+    """largest_rounding_deg, largest_rounding_mm: largest difference of a joint between the plan and
+    what is read back from the program, of those that turn and those that slide."""
     c_g: float | None = None
     c_g_rounded: float | None = None
     """c_g, c_g_rounded: of the poses as planned, and as they stand in the program; None without a
@@ -173,8 +175,9 @@ class WrittenProgram:
     constraint; both stand in the head of the program."""
     simulated: tuple[str, ...] = ()
     made_from: tuple[str, ...] = ()
-    """simulated, made_from: the files that it was made from, those of a simulated robot apart; the
-    same."""
+    corrected_by: str = ""
+    """simulated, made_from, corrected_by: the files that it was made from, those of a simulated
+    robot apart, and the identification that its poses are corrected by; the same."""
 
     @property
     def warning(self) -> str:
@@ -385,6 +388,7 @@ def write_program(
         simulated=tuple(described(path) for path in files if is_simulated(path)),
         made_from=tuple(described(path) for path in files if not is_simulated(path)),
         short_m=cell.config.plan.stop_short_mm / 1e3 if cell is not None else 0.0,
+        corrected_by=poses.corrected_by,
     )
     paths = chosen.write(program, results)
     problems = [
@@ -395,11 +399,14 @@ def write_program(
     ]
     rounded = _read_back(chosen, program, paths)
     planned, labels = poses.measured.postures, poses.measured.labels
+    sliding = np.zeros(planned.shape[1], dtype=bool) if cell is None else cell.robot.sliding
+    off = np.abs(rounded - planned)
     return WrittenProgram(
         paths,
         len(planned),
         tuple(problems),
-        float(np.rad2deg(np.abs(rounded - planned).max())),
+        float(np.rad2deg(off[:, ~sliding].max())),
+        1e3 * float(off[:, sliding].max(initial=0.0)),
         None if cell is None else _c_g(cell, planned, labels),
         None if cell is None else _c_g(cell, rounded, labels),
         note,
@@ -407,6 +414,7 @@ def write_program(
         program.forced,
         program.simulated,
         program.made_from,
+        program.corrected_by,
     )
 
 

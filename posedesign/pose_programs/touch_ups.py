@@ -37,8 +37,8 @@ from posedesign.programs import (
     find_dialect,
     postures_of,
 )
-from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES, read_program_bytes
-from posedesign.programs.recorded import corrected_by
+from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES
+from posedesign.programs.recorded import CORRECTED, corrected_by
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.sets import set_mark
 
@@ -310,7 +310,9 @@ def _positions(
         listed = read_poses(
             path, cell.robot.n, external=cell.robot.external, controller=cell.robot.controller
         )
-        _check_plan(path, listed.fingerprint_written, plan, warnings)
+        by = corrected_by(CORRECTED.format(listed.corrected_by).encode())
+        written = listed.fingerprint_written
+        _check_plan(path, written, by, plan, warnings, keep_untouched=keep_untouched)
         measured = listed.measured
         if plan is not None:
             strange = next((n for n in measured.names if n not in plan.measured.names), None)
@@ -329,16 +331,8 @@ def _positions(
             hint="run the program, touch up, then save the backup",
             name=str(path),
         )
-    if program.fingerprint and plan is None and not keep_untouched:
-        raise InputError(
-            f"{path} was written from the plan {program.fingerprint}: without it nobody can say "
-            "what was touched up",
-            hint="pass its poses.csv with `poses`, or `keep_untouched` to take all as they are",
-            name=str(path),
-        )
-    _check_plan(path, program.fingerprint, plan, warnings)
-    if by := corrected_by(read_program_bytes(path)):
-        warnings.append(f"{path.name}: its positions are {by}")
+    by = chosen.corrected_by(path)
+    _check_plan(path, program.fingerprint, by, plan, warnings, keep_untouched=keep_untouched)
     return _of_program(cell, chosen, program, path, plan, warnings)
 
 
@@ -358,9 +352,37 @@ def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
     return dialect_of(path, name).reading(*cell.config.program.pulses)
 
 
-def _check_plan(path: Path, written: str, plan: PoseList | None, warnings: list[str]) -> None:
-    """Refuse a file of another plan; warn where it does not say which it is of."""
+def _check_plan(
+    path: Path,
+    written: str,
+    by: str,
+    plan: PoseList | None,
+    warnings: list[str],
+    *,
+    keep_untouched: bool,
+) -> None:
+    """Refuse a file of another plan, or that nobody can tell the touch-ups of; warn of an odd one.
+
+    ``written``: the plan that it says it is of. ``by``: what its positions are corrected by.
+    """
+    known = "" if plan is None else corrected_by(CORRECTED.format(plan.corrected_by).encode())
+    if by and by != known and not keep_untouched:
+        raise InputError(
+            f"{path}: its positions are {by}: nobody can say which were touched up",
+            hint="pass the corrected_poses.csv that it was written from with `poses`, or "
+            "`keep_untouched` to take all as they are",
+            name=str(path),
+        )
+    if by:
+        warnings.append(f"{path.name}: its positions are {by}")
     if plan is None:
+        if written and not keep_untouched:
+            raise InputError(
+                f"{path} was written from the plan {written}: without it nobody can say what was "
+                "touched up",
+                hint="pass its poses.csv with `poses`, or `keep_untouched` to take all as they are",
+                name=str(path),
+            )
         return
     own = fingerprint(plan.measured.postures)
     if not written:

@@ -13,14 +13,15 @@ from typing import ClassVar, get_args
 import numpy as np
 
 from calib.errors import InputError
-from posedesign.files import Results, encoded
+from posedesign.files import Results, encoded, head_of
 from posedesign.programs.arm import Arm
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import Form, PoseProgram
-from posedesign.programs.reading import read_program_bytes
+from posedesign.programs.reading import MOST_BYTES, read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram, corrected_by
 from posedesign.programs.sets import (
     MOST_PARTS,
+    beside,
     claim_set,
     marked_as_set,
     set_mark,
@@ -222,11 +223,21 @@ class Dialect:
         with _uncollected():
             found = self.check(read_program_bytes(path), path)
         found += [Problem(1, "set", said) for said in self.strangers(path)]
-        if by := corrected_by(read_program_bytes(path)):
+        if by := self.corrected_by(path):
             found.append(Problem(1, "corrected", f"positions are of the arm {by}", "note"))
         return sorted(
             (p for p in found if p.level in told), key=lambda p: (p.line, p.rule, p.message)
         )
+
+    def corrected_by(self, path: Path) -> str:
+        """By which identification the positions of a program are corrected; see `corrected_by`.
+
+        Its head says so, which another of its files may have.
+        """
+        endings = (*self.suffixes, *self.companions) if self.companions else ()
+        others = beside(path, endings, in_folder=self.in_folder)
+        heads = (head_of(other, MOST_BYTES) for other in others)
+        return corrected_by(read_program_bytes(path), *heads)
 
     @staticmethod
     def levels_of(path: Path) -> tuple[Level, ...]:

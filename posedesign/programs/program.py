@@ -14,7 +14,7 @@ from calib.errors import InputError, near_names
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.recorded import PlanMark
+from posedesign.programs.recorded import CORRECTED, PlanMark
 
 FIXED_DATE = datetime(2000, 1, 1)
 """Date written where none is given: the same plan then gives the same file, byte for byte."""
@@ -179,10 +179,12 @@ class PoseProgram:
     simulated: tuple[str, ...] = ()
     made_from: tuple[str, ...] = ()
     short_m: float = 0.0
-    """not_checked, forced, simulated, made_from, short_m: what its head says. What nobody looked at
-    before it was written; poses that are written although they break a constraint, each with the
-    reason; the files that it was made from, in words, those of a simulated robot apart; how far
-    before the target the poses stop [m]."""
+    corrected_by: str = ""
+    """not_checked, forced, simulated, made_from, short_m, corrected_by: what its head says. What
+    nobody looked at before it was written; poses that are written although they break a constraint,
+    each with the reason; the files that it was made from, in words, those of a simulated robot
+    apart; how far before the target the poses stop [m]; the checksum of the identification that the
+    poses are corrected by, empty for poses as planned."""
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -246,10 +248,12 @@ class PoseProgram:
     def warnings(self) -> tuple[str, ...]:
         """What the head of the program says to whoever runs it, at most so much of each kind."""
         short = (f"{self.short_m * 1e3:g} mm, jog in and touch up",) if self.short_m else ()
+        corrected = ("not the poses of the plan",) if self.corrected_by else ()
         return tuple(
             f"{word}: {text}"
             for word, texts in (
                 ("SIMULATED, NOT FOR A ROBOT", self.simulated),
+                (CORRECTED.format(self.corrected_by), corrected),
                 ("STOPS SHORT OF THE TARGET", short),
                 ("WRITTEN IN SPITE OF", self.forced),
                 ("NOT CHECKED", self.not_checked),

@@ -27,9 +27,9 @@ CORRECTED = "CORRECTED BY {}"
 _CORRECTED = re.compile(rb"\bCORRECTED BY ([0-9a-f]{8})\b")
 
 
-def corrected_by(data: bytes) -> str:
-    """By which identification the positions of a program are corrected, in words; empty: none."""
-    found = [mark.decode() for mark in _CORRECTED.findall(data)]
+def corrected_by(*files: bytes) -> str:
+    """By which identification the positions in files are corrected, in words; empty: none."""
+    found = dict.fromkeys(mark.decode() for data in files for mark in _CORRECTED.findall(data))
     return f"corrected by the identification {' and '.join(found)}" if found else ""
 
 

@@ -421,7 +421,7 @@ def test_trust_units_takes_small_degrees(cli, work):
 
 def test_new_of_a_xacro_file_with_arguments_and_packages(cli, tmp_path):
     """The cell reads the same again, wherever it is put, and a corrected description, too."""
-    pytest.importorskip("xacro")
+    pytest.importorskip("xacro", reason="needs xacro (posedesign[xacro])")
     package = tmp_path / "src" / "two" / "parts-main"
     (package / "meshes").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>parts</name></package>")

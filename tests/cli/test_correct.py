@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, se3
+from calib.model import Setup
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
+from posedesign.cell.models import payloads_of
 from posedesign.files.origin import checksum
 from posedesign.identification.models import model_of
 from posedesign.planning.poses_file import read_poses
@@ -267,9 +269,41 @@ def test_several_tool_points_are_to_be_told_apart(cli, work, changed):
 def test_corrected_poses_become_a_program(cli, work, identified):
     out, cell = work / "out", work / "cell.toml"
     assert cli("correct", cell, identified, work / "poses.csv", "--out", out).code == 0
-    said = cli("program", out / "corrected_poses.csv", "--cell", cell, "--out", out)
+    corrected = out / "corrected_poses.csv"
+    said = cli("program", corrected, "--cell", cell, "--out", out)
     assert said.code == 0, said
-    assert "27 poses" in said.out
+    by = checksum(identified)
+    assert f"27 poses, CORRECTED BY {by}, not those of the plan" in said.out
+    (written,) = out.glob("*.LS")
+    assert f"!* CORRECTED BY {by}" in written.read_text()
+    assert f"corrected by the identification {by}" in cli("check", cell, corrected).err
+
+
+def test_corrected_poses_are_no_touch_ups_and_no_plan(cli, refuse, work, identified):
+    """All of them differ from the plan: as touch-ups they would be a perfect robot."""
+    out, cell, plan = work / "out", work / "cell.toml", work / "poses.csv"
+    typed = ("correct", cell, identified)
+    assert cli(*typed, plan, "--out", out).code == 0
+    corrected = out / "corrected_poses.csv"
+    by = f"corrected by the identification {checksum(identified)}"
+    refuse(*typed, corrected, "--out", work / "twice").says(by, "not those of the plan", "--again")
+    assert cli(*typed, corrected, "--again", "--out", work / "twice").code == 0
+    into = ("--out", work / "in")
+    cli("program", corrected, "--cell", cell, "--out", out)
+    (program,) = out.glob("*.LS")
+    for file in (corrected, program):
+        for given in ((), ("--poses", plan)):
+            refuse("import", cell, file, *given, *into).says(by, "touched up", "--keep-untouched")
+        said = cli("import", cell, file, "--poses", corrected, *into)
+        assert (said.code, "no position differs from the plan" in said.err) == (2, True)
+    cli("program", plan, "--cell", cell, "--form", "cartesian", "--name", "WELD", "--out", work)
+    assert cli(*typed, work / "WELD.LS", "--out", out).code == 0
+    typed = ("import", cell, out / "WELD.LS", "--poses", plan, *into)
+    refuse(*typed).says(by, "touched up")
+    assert by in cli(*typed, "--keep-untouched").err
+    # a list that a plan was written to is none, either
+    plan.write_text(f"# fingerprint: 0a1b2c3d\n{plan.read_text()}")
+    refuse("import", cell, plan, "--out", work / "list").says("was written from", "--poses")
 
 
 def test_a_model_can_be_named(cli, work, identified):
@@ -302,10 +336,10 @@ def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(cli, work, changed, ch
     assert said.code == 1
     assert "27 of 28 postures corrected" in said.out
     assert "joint_5 -126." in said.out
-    first = table(work / "out" / "corrected_poses.csv")[0]
-    assert first["status"] == "dropped"
-    assert first["reason"].startswith("not corrected: outside limits: joint_5 -126.")
-    assert first["j1_deg"] is None
+    last = table(work / "out" / "corrected_poses.csv")[-1]
+    assert last["status"] == "dropped"
+    assert last["reason"].startswith("not corrected: outside limits: joint_5 -126.")
+    assert last["j1_deg"] is None
 
 
 def test_ways_between_poses_are_corrected_too(cli, work, identified, change_csv):
@@ -323,7 +357,9 @@ def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli, work, chan
     said = cli("correct", work / "cell.toml", path, work / "poses.csv", "--out", work / "out")
     assert said.code == 0
     assert "the tool as identified is not the cell's" in said.err
-    moved = [row["reason"] for row in table(work / "out" / "corrected_poses.csv")]
+    said = [row["reason"] for row in table(work / "out" / "corrected_poses.csv")]
+    moved = [words for words in said if words.startswith("corrected by up to")]
+    assert len(moved) == 27
     assert all(float(words.split("up to ")[1].split(" ")[0]) < 1.0 for words in moved)
 
 
@@ -740,3 +776,43 @@ def test_other_forms_are_exported_beside_the_description(cli, refuse, work, iden
     assert "ZERO POSITION MASTER" in (work / "out" / "mastering.csv").read_text()
     assert cli(*typed).code == 0  # what was asked for the last time only is removed
     assert sorted(p.name for p in (work / "out").iterdir()) == ["corrected.urdf", "mastering.csv"]
+
+
+def test_poses_are_corrected_with_the_load_that_they_are_for(cli, refuse, work, changed):
+    """The arm gives way by what it carries: the tool, and a payload besides."""
+    cell_file, plan, out = work / "cell.toml", work / "poses.csv", work / "out"
+    cell_file.write_text(
+        cell_file.read_text()
+        + '[[payload]]\nname = "weight"\nmass_kg = 50.0\ncom_mm = [0.0, 0.0, 200.0]\n'
+    )
+    cell = Cell.load(cell_file)
+    loads = [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)]
+    path = changed(lambda content: content["arm"].update(payloads=loads))
+    rows = [line for line in plan.read_text().splitlines() if not line.startswith("#")]
+    carried = ["weight" if k % 2 else "" for k in range(len(rows) - 1)]
+    named = [f"{row},{load}" for row, load in zip(rows, ["payload", *carried], strict=True)]
+    plan.write_text("\n".join(named))
+    assert cli("correct", cell_file, path, plan, "--out", out).code == 0
+    found = read_poses(out / "corrected_poses.csv", 6)
+    assert list(found.extra["payload"]) == carried
+    model, x = as_identified(cell, json.loads(path.read_text()))
+    setup = Setup.of(len(carried), payload=[int(load == "weight") for load in carried])
+    wanted = cell.robot.state(read_poses(plan, 6).postures).point(cell.tool_m)
+    there = model.view(found.postures, x, setup).tool_points
+    np.testing.assert_allclose(there, wanted, atol=1e-9)
+    assert np.abs(model.view(found.postures, x).tool_points - wanted).max() > 1e-4
+    plan.write_text(plan.read_text().replace(",weight", ",wight"))
+    refuse("correct", cell_file, path, plan, "--out", out).says("no payload 'wight'", "weight")
+
+
+def test_an_identification_is_of_the_arm_as_it_was_described(cli, refuse, work, identified):
+    """Of the corrected description, too: its errors would be corrected twice."""
+    cell, out = work / "cell.toml", work / "out"
+    assert cli("correct", cell, identified, "--out", out).code == 0
+    text = cell.read_text()
+    same = text.replace('preset = "r2000ic165f"', f'urdf = "{out / "corrected.urdf"}"')
+    assert same != text
+    cell.write_text(same.replace("deflection = true", "deflection = false"))
+    refuse("correct", cell, identified, "--out", work / "twice").says(
+        "was identified with another kinematics_si", "as it was"
+    )

@@ -97,7 +97,8 @@ def test_from_new_to_identify(cli, refuse, tmp_path):
     poses = tmp_path / "plan" / "poses.csv"
     found = read_poses(poses, 7, external=RAIL)
     assert found.postures.shape[1] == 7
-    cli("program", poses, "--cell", cell, "--format", "fanuc-ls", "--out", tmp_path / "ls")
+    said = cli("program", poses, "--cell", cell, "--format", "fanuc-ls", "--out", tmp_path / "ls")
+    assert "rounded by at most 0.001 deg, slides by 0 mm" in said.out
     (written,) = (tmp_path / "ls").glob("*.LS")
     assert "J6=" in written.read_text()
     assert "E1=" in written.read_text()
@@ -155,6 +156,8 @@ def test_programs_hold_the_external_axis_and_come_back(tmp_path, dialect):
     off = np.abs(back.postures - poses.measured.postures[order])
     assert off.max(axis=0)[0] <= 1e-6  # micrometres of the rail
     assert off.max() <= np.deg2rad(1.1e-3)
+    assert made.largest_rounding_mm == pytest.approx(1e3 * off[:, 0].max(), abs=1e-9)
+    assert made.largest_rounding_deg == pytest.approx(np.rad2deg(off[:, 1:].max()), abs=1e-9)
 
 
 def test_the_ends_of_a_rail_are_left_out_and_its_unit_is_looked_at(tmp_path):

@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError
-from calib.robots import Robot
+from calib.robots import HeldJoint, Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files.csv_tables import (
@@ -43,10 +43,14 @@ from posedesign.files.csv_tables import (
     numbers_of,
     parse_table,
 )
-from posedesign.files.postures import find_form, joint_columns, postures_in_any_form
+from posedesign.files.postures import (
+    check_at_rest,
+    find_form,
+    joint_columns,
+    postures_in_any_form,
+)
 from posedesign.identification.instruments.readings import SECONDS, near, seconds_of, text_of
 from posedesign.programs.reading import EXTERNAL_AT_REST
-from posedesign.programs.registry import read_joints
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".xml")
 """Endings of tables and logs; all others are of programs and lists."""
@@ -145,18 +149,25 @@ def _rows_of(
     columns = re.split(r"[,;\t]", first) if re.search("[,;\t]", first) else first.split()
     log, needed = _log_of([c.strip() for c in columns], robot)
     if log is not None:
-        kept = {*needed, log.time} | {c for c in columns if c.startswith("field.name")}
+        named = {
+            c.strip() for c in columns if re.fullmatch(r"field\.(name|position)\d+", c.strip())
+        }
+        kept = {*needed, log.time} | named
         beyond = _not_described(log, robot)
         table = parse_table(path, text, loose=True, only={*kept, *beyond})
         for axis in (c for c in beyond if c in table.columns):
             rows = [row for row in table.rows if is_number(row.cells[axis])]
-            _stands_still(path, axis, [(row.line, row.cells[axis]) for row in rows])
+            values = numbers_of(path, rows, [axis])[:, 0]
+            check_at_rest(path, axis, [row.line for row in rows], values, EXTERNAL_AT_REST)
         return _of_log(path, table, log, needed, robot)
     table = parse_table(path, text, loose=True)
     if section.columns.joints:
         return _of_columns(path, table, section, robot)
     ros = _plotjuggler(table, robot)
     if ros:
+        for joint in robot.held:
+            topic = (c for c in table.columns if c.endswith(f"/{joint.name}/position"))
+            _check_held(path, table, joint, next(topic, ""))
         return _with_times(path, table, table.rows, numbers_of(path, table.rows, ros), "__time")
     rows = [row for row in table.rows if row.cells.get("status") not in ("via", "dropped")]
     if not {*find_form(table.columns, robot)[1]} & {*table.columns}:
@@ -210,22 +221,6 @@ def _not_described(log: Log, robot: Robot) -> list[str]:
     return [log.external.format(k) for k in numbers] if log.external else []
 
 
-def _stands_still(path: Path, axis: str, cells: Sequence[tuple[int, str]]) -> None:
-    """Refuse an external axis that moves, and that no joint of the description is.
-
-    It may carry the arm, or what is measured. ``cells``: lines, and its values [mm, deg] there.
-    """
-    values = np.array([float(cell.replace(",", ".")) for _, cell in cells])
-    moved = np.abs(values - values[:1]) > EXTERNAL_AT_REST
-    if moved.any():
-        raise FileFormatError(
-            f"{axis} moves, and the robot's description has no such axis",
-            path=path,
-            row=cells[int(moved.argmax())][0],
-            hint="measure with the external axes at rest, or describe them in the URDF",
-        )
-
-
 def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot) -> JointRows:
     for column in needed:
         if column not in table.columns:
@@ -235,10 +230,11 @@ def _of_log(path: Path, table: Table, log: Log, needed: list[str], robot: Robot)
                 row=1,
                 hint=near(column, table.columns),
             )
-    values = numbers_of(path, table.rows, needed)
-    if not log.maker:
-        values = _by_names(path, table, values, robot)
-    postures = _of_controller(path, values, log, robot)
+    names = [c for c in table.columns if c.startswith("field.name")]
+    if names:  # all joints of the message, of which the robot's are some
+        needed = [name.replace("name", "position") for name in names]
+        needed = [needed[k] for k in _order(path, table, names, needed, robot)]
+    postures = _of_controller(path, numbers_of(path, table.rows, needed), log, robot)
     return _with_times(path, table, table.rows, postures, log.time, SECONDS[log.time_unit])
 
 
@@ -273,16 +269,21 @@ def _of_controller(path: Path, values: FloatArray, log: Log, robot: Robot) -> Fl
     return robot.controller.posture(values)
 
 
-def _by_names(path: Path, table: Table, values: FloatArray, robot: Robot) -> FloatArray:
-    """Joints in the robot's order, by the names that stand in every row."""
-    names = [
-        f"field.name{k}" for k in range(len(table.columns)) if f"field.name{k}" in table.columns
-    ]
-    return values[:, _order(path, table, names, robot)] if names else values
+def _check_held(path: Path, table: Table, joint: HeldJoint, column: str) -> None:
+    """Refuse a joint that the cell holds, and that is elsewhere in its column [rad, m]."""
+    if column:
+        values = joint.per_si * numbers_of(path, table.rows, [column])[:, 0]
+        held = joint.per_si * joint.value
+        check_at_rest(path, joint.name, [row.line for row in table.rows], values, held=held)
 
 
-def _order(path: Path, table: Table, columns: Sequence[str], robot: Robot) -> list[int]:
-    """Places of the robot's joints among those that every row names in these columns."""
+def _order(
+    path: Path, table: Table, columns: Sequence[str], values: Sequence[str], robot: Robot
+) -> list[int]:
+    """Places of the robot's joints among those that every row names in these columns.
+
+    ``values``: columns of their values. Joints that the cell holds are checked.
+    """
     said = [table.rows[0].cells[column] for column in columns]
     for row in table.rows:
         if [row.cells[column] for column in columns] != said:
@@ -295,6 +296,9 @@ def _order(path: Path, table: Table, columns: Sequence[str], robot: Robot) -> li
     for joint in robot.joint_names:
         if joint not in said:
             raise FileFormatError(f"has no joint {joint}", path=path, row=1, hint=near(joint, said))
+    for held in robot.held:
+        if held.name in said:
+            _check_held(path, table, held, values[said.index(held.name)])
     return [said.index(joint) for joint in robot.joint_names]
 
 
@@ -323,7 +327,7 @@ def _of_ros2(path: Path, text: str, width: int, robot: Robot) -> JointRows:
             row=table.rows[0].line,
             hint="record all of sensor_msgs/JointState: names, then positions",
         )
-    order = _order(path, table, header[3 : 3 + count], robot)
+    order = _order(path, table, header[3 : 3 + count], header[3 + count :], robot)
     values = numbers_of(path, table.rows, header[3 + count : 3 + 2 * count])[:, order]
     clock = numbers_of(path, table.rows, header[:2])
     rows = _with_times(path, table, table.rows, values, "")
@@ -336,7 +340,7 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
     times: list[float] = []
     lines: list[int] = []
     external: list[list[float]] = []
-    others: dict[str, list[tuple[int, str]]] = {}  # of axes that the description does not have
+    others: dict[str, list[tuple[int, float]]] = {}  # of axes that the description does not have
     line = at = 0
     for found in _TELEGRAM.finditer(text):
         line, at = line + text.count("\n", at, found.start()), found.start()
@@ -351,13 +355,15 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
             external.append(row)
             for axis, cell in _AXIS.findall(found[2]):
                 if int(axis[1]) > count and is_number(cell):
-                    others.setdefault(axis, []).append((line + 1, cell))
+                    value = float(cell.replace(",", "."))
+                    others.setdefault(axis, []).append((line + 1, value))
             continue
         values.append(row)
         times.append(np.nan)
         lines.append(line + 1)
     for axis, cells in others.items():
-        _stands_still(path, f"{axis} of EIPos", cells)
+        there = np.array([value for _, value in cells])
+        check_at_rest(path, f"{axis} of EIPos", [row for row, _ in cells], there, EXTERNAL_AT_REST)
     if not values:
         raise FileFormatError("has no AIPos with values", path=path, hint="is it a log of RSI?")
     timed = np.isfinite(times)
@@ -457,6 +463,8 @@ def joints_of(
 
 
 def _of_program(path: Path, robot: Robot, dialect: str | None) -> JointRows:
+    from posedesign.programs.registry import read_joints  # all dialects: a tenth of a start
+
     postures, lines = read_joints(path, robot, dialect, hint="write it with joint positions")
     return JointRows(path, np.array(lines), postures)
 

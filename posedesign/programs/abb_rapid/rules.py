@@ -10,13 +10,14 @@ declared is a note. A module with the mark of a plan was written whole: there it
 rule                  what it asks
 ====================  ===========================================================================
 ``syntax``            statements of the grammar
-``encoding``          text; in a ``.modx`` UTF-8
+``encoding``          text; in a ``.modx`` or ``.sysx`` UTF-8
+``placeholder``       measuring: nothing is left to be filled in, as <SMT> is
 ``module``            MODULE name ... ENDMODULE, and nothing before or behind
 ``block``             each block closed by its own end
 ``place``             instructions in routines; data in front of the instructions of a routine, and
                       of all routines
-``name``              names of at most 32 characters, none of a type; each declared once; words
-                      known, or not one letter beside a known one
+``name``              names of at most 32 characters; each declared once. In a module of a plan:
+                      none of a type; words known, or not one letter beside a known one
 ``string``            at most 80 characters
 ``position``          jointtarget [[6],[6]], robtarget [[3],[4],[4],[6]] of plain numbers, lists
                       complete; quaternions of norm 1; confdata. Measuring: the norm within 0.00001,
@@ -68,12 +69,14 @@ _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "nu
 
 def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    statements = module.LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
+    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
+    statements = module.LANGUAGE.statements(text)
     checker = _Checker(statements, whole=set_mark(data) is not None)
     return rules.told(
         rules.check_bytes(data, ("encoding", *rules.CONTROL[1:])),
-        _check_encoding(data) if path.suffix.lower() == ".modx" else (),
+        _check_encoding(data) if path.suffix.lower().endswith("x") else (),
         rules.syntax(statements),
+        _check_filled(text),
         _check_module(statements),
         block_faults(statements, _BLOCKS),
         _check_places(statements),
@@ -84,12 +87,17 @@ def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     )
 
 
+def _check_filled(text: str) -> Iterator[Problem]:
+    for found in module.placeholder(text):
+        yield measuring(found.row, "placeholder", f"the program stops at {found.text}")
+
+
 def _check_encoding(data: bytes) -> Iterator[Problem]:
     try:
         data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
-        yield Problem(row, "encoding", "a .modx is UTF-8, and this is not")
+        yield Problem(row, "encoding", "this ending says UTF-8, and this is not")
 
 
 def _check_module(statements: Sequence[Statement]) -> Iterator[Problem]:
@@ -171,7 +179,8 @@ class _Checker:
                 self.names.setdefault((self.routine, s.word("NAME").upper()), ("num", None))
             for where, name, known, declaration in new:
                 key = where, name.upper()
-                if len(name) > MOST_NAME or name.upper() in words.TYPES | {"TASK"}:
+                of_type = self.whole and name.upper() in words.TYPES | {"TASK"}
+                if len(name) > MOST_NAME or of_type:
                     reason = f"{name[:40]!a} is no name: at most 32 characters, none of a type"
                     yield Problem(s.row, "name", reason)
                 if key in seen:
@@ -299,10 +308,12 @@ class _Checker:
         return self.names.get((self.routine, name)) or self.names.get((0, name))
 
     def _unknown(self, row: int, name: str, known: frozenset[str], what: str) -> Iterator[Problem]:
-        """A word that is not known: a note, or an error where it is nearly a known one."""
-        near = words.misspelt(name, known, 4 if self.whole else 6)
+        """A word that is not known: a note, or an error in a module that is whole and if it is
+        nearly a known one.
+        """
+        near = words.misspelt(name, known)
         reason = f"{name[:40]} is no {what} that is known" + f": {near}?" * bool(near)
-        yield Problem(row, "name", reason, "error" if near else "note")
+        yield Problem(row, "name", reason, "error" if near and self.whole else "note")
 
     def _check_called(
         self, row: int, name: str, known: frozenset[str], others: frozenset[str]
@@ -310,7 +321,7 @@ class _Checker:
         if name in known or name in self.own or name in self.told:
             return
         what = "instruction" if known is words.INSTRUCTIONS else "function"
-        if self._find(name) or name in others:
+        if self._find(name) or (self.whole and name in others):
             yield Problem(row, "name", f"{name} is no {what}")
         else:
             self.told.add(name)
@@ -325,10 +336,10 @@ class _Checker:
                 yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
             if text.upper() in words.DATA.keys() | {"TRUE", "FALSE"}:
                 yield Problem(row, "argument", f"{text} is no index")
-        if found or name in words.DATA or name in self.told:
-            return
-        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own
-        if name in routines or (self.whole and name in self.called):
+        if found or name in words.DATA or name in self.told or not self.whole:
+            return  # data of another module may have any name
+        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own | self.called
+        if name in routines:
             yield Problem(row, "name", f"{name} is no value")
             return
         self.told.add(name)

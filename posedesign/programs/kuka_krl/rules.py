@@ -62,6 +62,7 @@ from posedesign.programs.language import Block, Node, Statement, block_faults, t
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
+from posedesign.programs.sets import set_mark
 
 MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
 """Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
@@ -122,6 +123,9 @@ _GLOBALS = _STATES | _words(
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
 _LARGEST = {"S": 31, "T": 63}
+_WHOLE = ("[]", ",]")
+"""How indices of a whole array or of one of its rows end."""
+
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
 _CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
 _NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")
@@ -156,6 +160,7 @@ class _Module:
 
     def __init__(self, data: bytes) -> None:
         self.text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
+        self.whole = set_mark(data) is not None
         self.statements = krl.LANGUAGE.statements(self.text)
         self.begins = [statement for statement in self.statements if statement.kind in BEGINS]
         self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
@@ -309,7 +314,9 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
                 continue
             near = rules.near(word, known)
             if near:
-                yield Problem(row, "word", f"{word} is no word that is known here: {near}?")
+                level: Level = "error" if module.whole or word[0] == "$" else "note"
+                said = f"{word} is no word that is known here: {near}?"
+                yield Problem(row, "word", said, level)
             elif known is _CALLED:
                 yield Problem(row, "routine", f"{word} stands in another file", "note")
             if near or known is _CALLED:
@@ -369,8 +376,8 @@ def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
 
 def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
     variable, value = map(krl.key_of, statement.tree.children)
-    given = _is_constant(statement.tree.children[1]) or value.endswith("[]")
-    if variable.endswith("[]") and not given:
+    given = _is_constant(statement.tree.children[1]) or value.endswith(_WHOLE)
+    if variable.endswith(_WHOLE) and not given:
         yield Problem(statement.row, "constant", "a whole array is given one value")
 
 
@@ -379,7 +386,7 @@ def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]
     if of_type.startswith("DECL"):
         yield Problem(row, "word", "no blank behind DECL")
     for item in krl.items_of(statement):
-        if is_data and of_type != "CHAR" and krl.size_of(item) == "[]":
+        if is_data and of_type != "CHAR" and krl.size_of(item).endswith(_WHOLE):
             yield Problem(row, "constant", "the size of the array is missing")
         for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
             fault = _form_fault(of_type, name, text)
@@ -544,7 +551,7 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
     if name not in _FRAMES:
         return
     is_whole = value >= 0 and value % 1 == 0 if called else text.isdigit()
-    if (called or text) and not is_whole:
+    if not is_whole and (not math.isnan(value) or (called and not text)):
         yield Problem(row, "frame-value", f"{name} {text}: frames are numbered from 0")
     elif value > _FRAMES[name]:
         said = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError, FileFormatError
+from calib.model.parameters.gravity import gravity_torque
 from posedesign.cell import Cell, CellConfig, cell_template
 from posedesign.cell import file as config
 from posedesign.cell.file import _section_in, parse_config, parse_text, read_config
+from posedesign.cell.models import payloads_of
 
 WHERE = Path("some/cell.toml")
 EXAMPLE = tomllib.loads(cell_template())
@@ -191,3 +194,21 @@ def test_any_value_anywhere_is_taken_or_refused(place, value):
             assert np.isfinite(cell.tool_m).all()
             assert np.isfinite(cell.target_m).all()
             assert np.isfinite(model.nominal).all()
+
+
+def test_a_payload_is_carried_besides_the_tool() -> None:
+    cell = Cell.from_text(
+        '[robot]\npreset = "ur10e"\n[base_pose]\nposture_deg = [0, -75, 100, -115, -90, 0]\n'
+        "[tool]\npoint_mm = [0.0, 0.0, 100.0]\nmass_kg = 2.0\ncom_mm = [10.0, 0.0, 60.0]\n"
+        '[[payload]]\nname = "weight"\nmass_kg = 8.0\ncom_mm = [0.0, 20.0, 120.0]\n'
+    )
+    robot = cell.robot
+    model = robot.model.copy()
+    tip = model.frames[model.getFrameId(robot.tip_frame)]
+    for mass, com in ((2.0, [0.01, 0.0, 0.06]), (8.0, [0.0, 0.02, 0.12])):
+        load = pin.Inertia(mass, np.array(com), np.zeros((3, 3)))
+        model.appendBodyToJoint(tip.parentJoint, load, tip.placement)
+    model.gravity.linear = robot.gravity
+    torque = pin.computeGeneralizedGravity(model, model.createData(), cell.base_posture)
+    found = gravity_torque(robot, cell.base_posture[None], payloads_of(cell)[1])
+    np.testing.assert_allclose(found[0], -torque, atol=1e-9)

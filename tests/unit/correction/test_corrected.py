@@ -374,7 +374,7 @@ def test_a_nominal_robot_writes_a_file_of_itself(tmp_path, reference_robot):
 
 
 def test_a_xacro_is_written_as_the_urdf_that_it_expands_to(tmp_path):
-    pytest.importorskip("xacro")
+    pytest.importorskip("xacro", reason="needs xacro (posedesign[xacro])")
     text = FILE.decode("latin-1").replace("ISO-8859-1", "utf-8")
     text = text.replace('xyz="0 0 1"', 'xyz="${h} 0 1"')
     text = text.replace(

@@ -53,6 +53,8 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".src", "PTP XP3", f"LIN {PLACE} C_DIS C_ORI\nPTP XP3"),
         (".src", "PTP XP3", f"CIRC {PLACE}, {PLACE}, CA 90.5 C_VEL\nPTP XP3"),
         (".src", "PTP XP3", f"LIN_REL {PLACE} #TOOL C_DIS\nPTP XP3"),
+        (".src", "PTP XP3", f"LIN_REL {PLACE} C_VEL #BASE\nPTP XP3"),
+        (".src", "BAS(#TOOL,1)", "$TOOL=TOOL_DATA[NO]\nBAS(#TOOL,NO)"),
         (".src", "BAS(#VEL_PTP,10)", "BAS(#VEL_PTP,N)\nBAS(#VEL_CP,0.2)\nBAS (#ACC_PTP, 100 )"),
         (".dat", "EXT BAS", f'DECL MODULEPARAM_T LAST_TP_PARAMS={{P[] "{"x" * 300}"}}\nEXT BAS'),
         (".dat", "EXT BAS", f'DECL TQM_SUGG_T L={{P[] "{"x" * 300}"}}\nEXT BAS'),
@@ -62,6 +64,7 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
         (".dat", 'POINT2[] " "', 'POINT2 [ ] " "'),
         (".dat", "EXT BAS", "INT N=3\nSTRUC MY REAL A,B\nEXT BAS"),
+        (".dat", "EXT BAS", 'DECL CHAR N[2,24]\nN[1,]="gripper"\nEXT BAS'),
         (".dat", "A2 -90.00000", "A2 -9.0E+01"),
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
         (".dat", "E6AXIS " + P1, POSE),
@@ -79,6 +82,19 @@ def test_what_controllers_and_people_write_too_is_accepted(tmp_path, which, old,
     # the home and other names may be those of another file
     assert [p for p in problems if p.rule not in ("position-used", "position-defined")] == []
     assert all(p.level == "measuring" for p in problems)
+
+
+@pytest.mark.parametrize(
+    ("declaration", "code"),
+    [
+        ("DECL POSE P", "P=FUN(P)"),
+        ("DECL SDAT S", "BASE(3)"),
+        ("DECL INT I", "BAG(I)\nHALTE()"),
+    ],
+)
+def test_without_a_plan_any_name_may_be_one_of_another_file(tmp_path, declaration, code):
+    src = f"DEF CAL( )\n{declaration}\n{code}\nEND\n"
+    assert check(tmp_path, None, src, ".src") == []
 
 
 ONE_RULE = [

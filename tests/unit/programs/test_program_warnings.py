@@ -20,7 +20,7 @@ from tests.unit.programs.dialects import PULSES, arm_of, dialect_of, middle, pro
 HOSTILE = "collisions with \"gun\" ; 'table' é ]]> \n END <a>& \\ and " + "x" * 400
 
 
-def program(name: str, **warnings: tuple[str, ...]) -> PoseProgram:
+def program(name: str, **warnings: tuple[str, ...] | str) -> PoseProgram:
     plain = program_of(name, [ProgramPose(f"P0{k}", middle(name) + 0.01 * k) for k in (1, 2, 3)])
     return replace(plain, arm=arm_of(name, frames=False), **warnings)  # type: ignore[arg-type]
 
@@ -39,12 +39,14 @@ def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
         not_checked=("collisions: constraints.collisions is false", HOSTILE),
         simulated=("corrected_poses.csv (0a1b2c3d), simulated corrected poses by correct",),
         made_from=("cell.toml (4e5f6a7b)",),
+        corrected_by="1a2b3c4d",
         forced=tuple(f"P{k:02d}: forearm and table run {k} mm into each other" for k in range(40)),
     )
     files = dialect.write(warned, tmp_path)
     said = words_of("\n".join(path.read_text() for path in files))
     assert said.startswith("SIMULATED, NOT FOR A ROBOT: corrected_poses.csv (0a1b2c3d), simulated")
     assert "FROM: cell.toml (4e5f6a7b)" in said
+    assert "CORRECTED BY 1a2b3c4d: not the poses of the plan" in said
     assert "NOT CHECKED: collisions: constraints.collisions is false" in said
     assert "WRITTEN IN SPITE OF: P03: forearm and table run 3 mm into each other" in said
     assert f"WRITTEN IN SPITE OF: and {41 - MOST_WARNINGS} more" in said
@@ -54,6 +56,8 @@ def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
     for path in files:
         if path.suffix.lower() in dialect.suffixes:
             assert not dialect.validate(path)
+            notes = " ".join(problem.message for problem in dialect.validate(path, ["note"]))
+            assert "corrected by the identification 1a2b3c4d" in notes
     one, two = reader.read(files[0]), reader.read(plain[0])
     assert (one.name, one.comment, one.mark) == (two.name, two.comment, two.mark)
     for ours, theirs in zip(one.positions, two.positions, strict=True):

@@ -121,7 +121,7 @@ def test_joints_of_several_values_and_blanks_about_names(load):
 
 
 def test_a_xacro_is_expanded(tmp_path):
-    pytest.importorskip("xacro")
+    pytest.importorskip("xacro", reason="needs xacro (posedesign[xacro])")
     path = tmp_path / "duo.srdf.xacro"
     path.write_text(
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="p" default="l_"/>'

@@ -11,7 +11,7 @@ from calib import Robot
 from calib.errors import RobotModelError
 from calib.robots.description import urdf
 
-pytest.importorskip("xacro")
+pytest.importorskip("xacro", reason="needs xacro (posedesign[xacro])")
 
 JOINT = """
 <xacro:macro name="turn" params="name parent child up:=${radians(90)} *pose">

@@ -8,7 +8,7 @@ import pytest
 
 from calib import Robot
 from calib.errors import FileFormatError
-from calib.se3 import rotation_exp
+from calib.se3 import FloatArray, rotation_exp
 from posedesign.cell import Cell
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.identification.instruments import read_measured
@@ -135,10 +135,10 @@ def on_a_rail(folder: Path, preset: str, maker: str) -> Robot:
     return Robot.from_urdf(path).controlled_by(maker)
 
 
-def railed_log(name: str, robot: Robot) -> list[str]:
+def railed_log(name: str, robot: Robot, q: FloatArray = ON_A_RAIL) -> list[str]:
     """Two rows of a log: what its controller shows, or joints by name in metres and radians."""
     assert robot.controller is not None
-    shown, names = robot.controller.pendant(ON_A_RAIL), robot.joint_names
+    shown, names = robot.controller.pendant(q), robot.joint_names
     if name == "rsi telegrams":
         return [
             "<Rob><AIPos "
@@ -152,10 +152,10 @@ def railed_log(name: str, robot: Robot) -> list[str]:
         head = ["R_FB_POS_EJ1", *(f"R_FB_POS_RJ{k}" for k in range(1, 7)), "TIMESTAMP"]
         rows = shown
     elif name == "plotjuggler":
-        head, rows = [*(f"/joint_states/{n}/position" for n in names), "__time"], ON_A_RAIL
+        head, rows = [*(f"/joint_states/{n}/position" for n in names), "__time"], q
     else:
         last = [*range(1, 7), 0]  # by the alphabet, the rail stands last
-        texts = [[f"{v:.12f}" for v in row] for row in ON_A_RAIL[:, last].tolist()]
+        texts = [[f"{v:.12f}" for v in row] for row in q[:, last].tolist()]
         order = [names[k] for k in last]
         if name == "ros2 topic":
             return [
@@ -217,6 +217,41 @@ def test_an_axis_of_a_log_that_moves_is_described_or_refused(tmp_path, name, pre
         read_joint_rows(path, robot, section)
     files.save(path, [line.replace("7.1", "7.005") for line in lines])
     assert len(read_joint_rows(path, robot, section).postures) == 2
+
+
+@pytest.mark.parametrize("name", ["rostopic", "ros2 topic", "plotjuggler", "table"])
+def test_a_joint_that_the_cell_holds_stands_there_in_the_log(tmp_path, name):
+    """It carries the arm: what is read elsewhere is of another base."""
+    robot = on_a_rail(tmp_path, "ur10e", "ur")
+    q, texts = ON_A_RAIL.copy(), []
+    for rail in ((1.25, 24.5), (1.25, 1.25), (1.0, 1.0)):
+        q[:, 0] = rail
+        lines = railed_log("plotjuggler" if name == "table" else name, robot, q)
+        if name == "table":
+            head = [f"{joint}_{'rad' if k else 'm'}" for k, joint in enumerate(robot.joint_names)]
+            lines[0] = ",".join([*head, "time_s"])
+        texts.append(lines)
+    held = Robot.from_urdf(tmp_path / "arm.urdf", held_m={"rail": 1.25}).controlled_by("ur")
+    path, section = tmp_path / "log.csv", InstrumentSection()
+    files.save(path, texts[0])
+    with pytest.raises(FileFormatError, match=r"rail(_m)? moves, and the cell holds it"):
+        read_joint_rows(path, held, section)
+    files.save(path, texts[1])
+    found = read_joint_rows(path, held, section).postures
+    np.testing.assert_allclose(found, ON_A_RAIL[:, 1:], atol=1e-9)
+    files.save(path, texts[2])
+    with pytest.raises(FileFormatError, match="stands at 1000, and the cell holds it at 1250"):
+        read_joint_rows(path, held, section)
+
+
+@pytest.mark.parametrize("shown", ["", "pendant_"])
+def test_an_external_axis_of_a_table_is_described_or_refused(tmp_path, shown):
+    columns = [f"{shown}{name}" for name in ("e1_mm", *(f"j{k}_deg" for k in range(1, 7)))]
+    path = files.save(
+        tmp_path / "q.csv", [",".join(["pose", *columns]), "P1,400,10,20,30,40,50,60"]
+    )
+    with pytest.raises(FileFormatError, match="e1_mm: the robot has 0 external axes only"):
+        read_joint_rows(path, Robot.preset("ur10e"), InstrumentSection())
 
 
 def test_a_log_without_external_axes_is_none_of_an_arm_on_a_rail(tmp_path):

@@ -144,7 +144,7 @@ def _change(s: Statement, variables: Variables) -> None:
     for name in names if s.fault or s.kind == "import_" else changed:
         if variables.get(name, ()) is not None:
             variables.pop(name, None)
-    if s.kind == "global" or re.match(r"\s+\w+ *[\[.]", s.text):
+    if re.match(r"\s+(global\b|\w+ *[\[.])", s.text):
         variables |= dict.fromkeys(names if s.kind == "global" else names[:1])
     match s.tree.children:
         # a name of another list is none: what changes that one changes it, too

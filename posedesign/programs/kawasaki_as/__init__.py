@@ -14,10 +14,10 @@ letters.
 
 Rules: ``syntax``: lines are as in the grammar; other instructions are noted. ``block``: sections,
 loops and branches are closed. ``position``, ``range``: as many plain values each, six at least,
-joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. To measure,
-``target``: moves go to positions that are in the file, where it has lists. ``standstill``,
-``wait-to-measure``: BREAK behind each move, and a wait. ``speed``: set for each move. ``unused``:
-all of an array is moved to.
+joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999 or from 2001 to 2960
+(in the controller). To measure, ``target``: moves go to positions that are in the file, where it
+has lists. ``standstill``, ``wait-to-measure``: BREAK behind each move, and a wait. ``speed``: set
+for each move. ``unused``: all of an array is moved to.
 """
 
 from __future__ import annotations
@@ -197,7 +197,8 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
         if s.kind == "speed" and not s.word("UNIT"):
             yield from check_range(s.row, first, "percent of the speed", 0.01, 100)
         if s.kind == "pulse":
-            yield from check_range(s.row, first, "number of an output", 1, 999, whole=True)
+            least, most = (2001, 2960) if re.fullmatch(r"2\d{3}", first) else (1, 999)
+            yield from check_range(s.row, first, "number of an output", least, most, whole=True)
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)

@@ -98,11 +98,12 @@ def _arrays(data: bytes, path: Path) -> _Data:
         root = project.parse_xml(data)
     except project.XmlFault as fault:
         refuse(fault.reason, path, fault.line, fault.hint)
-    if root.name != "Database":
+    if root.name not in ("Database", "dataList"):
         refuse("is no data file of a VAL 3 project", path, root.line, _NAME_DATA)
     arrays = _Data()
     arrays.path = path
-    for node in root.all("Data"):
+    old = (_renewed(array) for section in root.children for array in section.children)
+    for node in root.all("Data") if root.name == "Database" else old:
         name, kind, size = node.get("name"), node.get("type"), node.attributes.get("size", "1")
         if not name or name in arrays:
             reason = f"{name[:30]!a} is there twice" if name else "an array has no name"
@@ -121,6 +122,28 @@ def _arrays(data: bytes, path: Path) -> _Data:
                 refuse(f"{name}[{int(key)}] {reason}", path, value.line)
             array.elements[int(key)] = value
     return arrays
+
+
+def _renewed(array: Node) -> Node:
+    """An array of a data file of version 6 or before, as the versions since then write it.
+
+    Such files, as SRS saves them in public repositories: ``<point name="p1"><pFather name="fPart"
+    fatherIndex="0"/><valuePoint index="0"><tpValue x="366.58" .../><cpValue .../></valuePoint>``.
+    """
+    father: dict[str, str] = {}
+    values = []
+    for node in array.children:
+        if name := node.get("name"):
+            alias = f"{node.get('alias')}:" * bool(node.get("alias"))
+            father = {"fatherId": f"{alias}{name}[{node.get('fatherIndex')}]"}
+        elif node.name.startswith("value"):
+            merged = father | node.attributes
+            for part in node.children:
+                merged |= part.attributes if part.name.endswith("Value") else {}
+            merged["key"] = node.attributes.get("index", "0")
+            values.append(replace(node, name="Value", attributes=merged))
+    said = {"size": str(len(values)), **array.attributes, "type": array.name}
+    return replace(array, attributes=said, children=values)
 
 
 _Listed = list[tuple[int, str, _Array, int]]
@@ -240,8 +263,8 @@ def _check_unit(path: Path) -> None:
     """
     for file in sorted(path.parent.glob("*.pjx")) if path.is_file() else ():
         root = project.read_xml(file) or Node(1, "", "", {})
-        names = [node.get("file").lower() for node in root.all("Data")]
-        for node in root.all("Parameters"):
+        names = [node.get("file").lower() for node in root.all("Data", "data")]
+        for node in root.all("Parameters", "parameters"):
             if path.name.lower() in names and node.get("millimeterUnit") == "false":
                 hint = "save the application with lengths in millimetres"
                 refuse("the lengths of the project are not in millimetres", file, node.line, hint)
@@ -275,7 +298,7 @@ def _values(element: Node, label: str, path: Path) -> list[float]:
     return reading.pose_values(texts, POINT, label, path, element.line)
 
 
-_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*", re.ASCII)
+_TAG = re.compile(r"<[\w:]*Value\b[^<>]*", re.ASCII)
 _ATTRIBUTE = re.compile(
     rf"""(?<=\s)({"|".join((*JOINTS, *POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
 )

@@ -79,13 +79,27 @@ _IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
 _IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
 
-LANGUAGE = Language(
-    __package__,
-    joined=open_lines(
-        "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
-    ),
-    signed=True,
+_OPEN_LINES = open_lines(
+    "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
 )
+_NEXT = re.compile(
+    r"(?<=[)\]\d]) +(?=(?!(?:and|or|xor|not)\b)[A-Za-z_]\w* *(?:\(|=(?!=)))", re.ASCII
+)
+"""Between two statements on one line: ``open_gripper() w = -w turn(w)``."""
+
+
+def _one_by_one(lines: Iterator[Line]) -> Iterator[Line]:
+    for line in _OPEN_LINES(lines):
+        start = 0
+        for found in _NEXT.finditer(line.text) if line.text[0] != "$" else ():
+            before = line.text[start : found.start()]
+            if before.count("(") == before.count(")") and before.count('"') % 2 == 0:
+                yield Line(line.row, before)
+                start = found.end()
+        yield Line(line.row, line.text[start:])
+
+
+LANGUAGE = Language(__package__, joined=_one_by_one, signed=True)
 
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:

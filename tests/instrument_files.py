@@ -131,8 +131,8 @@ def save(path: Path, lines: Sequence[str]) -> Path:
     return path
 
 
-def _text(values: Sequence[float], decimals: int = 9) -> list[str]:
-    return [f"{value:.{decimals}f}" for value in values]
+def _text(values: FloatArray, decimals: int = 9) -> list[str]:
+    return [f"{value:.{decimals}f}" for value in values.tolist()]
 
 
 def quaternions(session: Session) -> FloatArray:
@@ -148,11 +148,17 @@ def frames(session: Session, rate: float) -> list[tuple[float, int]]:
     return list(zip(times.tolist(), np.where(standing, k, -1).tolist(), strict=True))
 
 
-def between(session: Session, values: FloatArray, time: float) -> FloatArray:
-    """What changes evenly from one pose to the next while the arm moves."""
+def recorded(
+    session: Session, taken: Sequence[tuple[float, int]], values: FloatArray
+) -> FloatArray:
+    """Values ``(T, k)`` at the frames of a recording, of those ``(N, k)`` at the poses.
+
+    They change evenly from one pose to the next while the arm moves.
+    """
+    times, of = (np.array(each) for each in zip(*taken, strict=True))
     knots = np.stack([session.starts, session.starts + 2.0], axis=1).ravel()
-    stood = np.repeat(values.reshape(len(values), -1), 2, axis=0)
-    return np.array([np.interp(time, knots, column) for column in stood.T])
+    moving = [np.interp(times, knots, np.repeat(column, 2)) for column in values.T]
+    return np.where(of[:, None] < 0, np.stack(moving, axis=1), values[of])
 
 
 def spatial_analyzer(session: Session, folder: Path) -> Path:
@@ -231,13 +237,11 @@ def motive(
         "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,X,Y,Z",
     ]
     turns = quaternions(session)
-    for i, (time, k) in enumerate(frames(session, rate)):
-        if k < 0:
-            place = between(session, session.poses[:, :3], time)
-            point = between(session, session.points[:, 0], time)
-            q = turns[0]
-        else:
-            place, point, q = session.poses[k, :3], session.points[k, 0], turns[k]
+    taken = frames(session, rate)
+    places = recorded(session, taken, session.poses[:, :3])
+    points = recorded(session, taken, session.points[:, 0])
+    for i, ((time, k), place, point) in enumerate(zip(taken, places, points, strict=True)):
+        q = turns[max(k, 0)]
         cells = [*_text(q[[1, 2, 3, 0]], 12), *_text(factor * place), "0.000100"]
         cells += ["9.0"] * 3 + _text(factor * point)
         if i < hidden:
@@ -258,8 +262,9 @@ def vicon(session: Session, folder: Path, quaternion: bool = False) -> Path:
         ",".join(["", "", *unit, "mm", "mm", "mm"]),
     ]
     turns = quaternions(session)
-    for time, k in frames(session, 20.0):
-        place = session.poses[k, :3] if k >= 0 else between(session, session.poses[:, :3], time)
+    taken = frames(session, 20.0)
+    places = recorded(session, taken, session.poses[:, :3])
+    for (time, k), place in zip(taken, places, strict=True):
         k = max(k, 0)
         turn = turns[k][[1, 2, 3, 0]] if quaternion else np.rad2deg(session.poses[k, 3:])
         frame = str(round((time - 90) * 20))
@@ -280,9 +285,9 @@ def joint_list(session: Session, folder: Path) -> Path:
 
 
 def _recorded(session: Session, rate: float = 50.0) -> list[tuple[float, FloatArray]]:
+    taken = frames(session, rate)
     return [
-        (time, session.q[k] if k >= 0 else between(session, session.q, time))
-        for time, k in frames(session, rate)
+        (time, q) for (time, _), q in zip(taken, recorded(session, taken, session.q), strict=True)
     ]
 
 

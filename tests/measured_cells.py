@@ -161,7 +161,7 @@ def planned(cell: Cell, poses: int = POSES) -> OptimalPlan:
 
 @cache
 def _planned(cell: Cell, poses: int) -> OptimalPlan:
-    return plan_optimal(cell, Request(count=poses))
+    return plan_optimal(cell, Request(count=poses, beside=0))
 
 
 def scatter_over_predicted(cell: Cell, poses: int = POSES) -> np.ndarray:

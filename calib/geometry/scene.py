@@ -114,11 +114,14 @@ class Scene:
         low, high = last_range
         turned = np.repeat(rest, _TURNS, axis=0)
         turned[:, -1] = np.linspace(low, min(high, low + 2.0 * np.pi), _TURNS)
-        touching = np.zeros(len(pairs), dtype=bool)
+        engine, touching = Engine(self.bodies, pairs), np.zeros(len(pairs), dtype=bool)
         own = (pairs[:, 1] < len(arm)) & ~self._across(pairs)
         for rows, postures in ((own, rest), (self._mounted(pairs), turned)):
-            touching[rows] = self._touching(pairs[rows], postures)
+            if rows.any():
+                some = engine.only(np.flatnonzero(rows))
+                touching[rows] = self._touching(some, postures)
         self.pairs: IntArray = pairs[~touching]
+        self._engine = engine.only(np.flatnonzero(~touching))
         self.excluded: tuple[tuple[str, str], ...] = tuple(
             dict.fromkeys((names[a], names[b]) for a, b in pairs[touching])
         )
@@ -365,9 +368,8 @@ class Scene:
         step = self._chunk if width is None else max(1, _CHUNK_ENTRIES // max(1, width))
         return (slice(first, first + step) for first in range(0, count, step))
 
-    def _touching(self, pairs: IntArray, postures: FloatArray) -> BoolArray:
-        """Which pairs touch at all of some postures."""
-        engine = Engine(self.bodies, pairs)
+    def _touching(self, engine: Engine, postures: FloatArray) -> BoolArray:
+        """Which pairs of an engine touch at all of some postures."""
         known = engine.bounds(engine.place(self._chain.forward(postures)))
         engine.settle_all(known, TOUCH_M)
         return np.asarray((known.distance_m < TOUCH_M).all(axis=0))

@@ -34,5 +34,6 @@ if TYPE_CHECKING:
     from calib.robot_world.solver import RobotWorldBatch as RobotWorldBatch
     from calib.robot_world.solver import solve as solve
     from calib.robot_world.solver import solve_batch as solve_batch
+    from calib.robot_world.solver import solve_batch_by_each as solve_batch_by_each
 else:
     __getattr__ = load_when_asked(__name__)

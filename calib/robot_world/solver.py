@@ -9,12 +9,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.errors import check_type
 from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.components import FEWEST_PAIRS as FEWEST_FOR_NOISE
 from calib.robot_world.components import shown_noise
 from calib.robot_world.diagnosis import ALIEN, drifting, suspicions
 from calib.robot_world.estimate import Estimate
-from calib.robot_world.identifiability import examine
+from calib.robot_world.identifiability import Motion, examine
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise, NoiseShown, check_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
@@ -172,22 +173,40 @@ def solve_batch(
     InputError
         As :func:`solve`.
     """
-    chosen = find_method(method)
+    return solve_batch_by_each(A, B, (method,), noise)[method]
+
+
+def solve_batch_by_each(
+    A: ArrayLike,
+    B: ArrayLike,
+    methods: Sequence[str],
+    noise: Noise | Literal["B"] | None = None,
+) -> dict[str, RobotWorldBatch]:
+    """Solve T problems by several methods, which share what all of them need of the pairs.
+
+    Parameters, results and errors are those of :func:`solve_batch`.
+    """
+    check_type(methods, (tuple, list), "methods")
+    chosen = [find_method(method) for method in methods]
     A, B = checked_pairs(A, B, dimensions=4)
     T, N = A.shape[:2]
     check_noise(noise, N)
     at_once = max(1, _PAIRS_AT_ONCE // N)
-    parts = [
-        _batch(chosen, PairSets(A[first : first + at_once], B[first : first + at_once]), noise)
-        for first in range(0, T, at_once)
-    ]
-    return parts[0] if len(parts) == 1 else RobotWorldBatch.joined(parts)
+    parts: list[list[RobotWorldBatch]] = []
+    for first in range(0, T, at_once):
+        motion = examine(PairSets(A[first : first + at_once], B[first : first + at_once]))
+        parts.append([_batch(method, motion, noise) for method in chosen])
+    joined = (
+        found[0] if len(parts) == 1 else RobotWorldBatch.joined(found)
+        for found in zip(*parts, strict=True)
+    )
+    return dict(zip(methods, joined, strict=True))
 
 
-def _batch(chosen: Method, pairs: PairSets, asked: Noise | NoiseShown | None) -> RobotWorldBatch:
+def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> RobotWorldBatch:
     """Solve some problems, whatever their motion."""
     noise = None if isinstance(asked, str) else asked
-    motion = examine(pairs)
+    pairs = motion.pairs
     every = np.arange(pairs.T)
     usable = every if chosen.robust else np.flatnonzero(~motion.rank_deficient)
     X, Z = np.full((2, pairs.T, 4, 4), np.nan)

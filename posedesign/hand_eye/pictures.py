@@ -35,7 +35,6 @@ from posedesign.files.csv_tables import (
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
 from posedesign.hand_eye.pairs.forms import POSE_COLUMNS, read_poses_of
-from posedesign.programs.registry import read_joints
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -319,6 +318,8 @@ class _Poses:
                 name="robot",
             )
         hint = "give joint values, or poses of the flange in a table"
+        from posedesign.programs.registry import read_joints  # all dialects: a tenth of a start
+
         postures, lines = read_joints(path, robot, dialect, hint=hint)
         return cls(path, True, postures, lines, [])
 

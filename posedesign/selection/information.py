@@ -92,8 +92,7 @@ class InformationState:
         self.chosen[row] = sign > 0.0
         for part in self.candidates.chunks(2 * self.candidates.m**2):
             moved = U.T @ self.candidates.by_row[:, :, part]  # (m, m, chunk)
-            for a in range(len(moved)):
-                self.S[a, :, part] -= sign * (moved[a] * moved).sum(axis=1)
+            self.S[:, :, part] -= sign * np.einsum("akn,bkn->abn", moved, moved)
 
     def change(
         self, part: slice | IntArray, sign: float, right: FloatArray | None = None

@@ -9,37 +9,31 @@ test of section 3.4 of Watanabe et al. 2006.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from calib.chance import spread_interval
-from calib.errors import CalibError, InputError
+from calib.errors import CalibError, ConvergenceError, InputError, UnreachableError
 from calib.identification import DISPLAY, covariance_of, identify_batch
-from calib.model import CalibrationModel
-from calib.model.measurements import Measurement, TouchUp, ViewLine
-from calib.robot_world import PAPER_METHODS, solve_batch
+from calib.model import CalibrationModel, Setup, simulate
+from calib.model.measurements import Measurements
+from calib.model.parameters import TargetPoints
+from calib.robot_world import PAPER_METHODS, solve_batch_by_each
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
-from posedesign.cell import Cell
+from calib.vision.camera import Observer
+from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, TrueCell, touch_up
+from posedesign.cell import Cell, touching_poses
+from posedesign.cell.models import make_touch_up, noise_of_kind
+from posedesign.constraints import Checker, nearest_postures
 from posedesign.planning import PosePlan, Round, check_not_hand_eye, check_plain, plan
 from posedesign.simulation.rehearsal import SimulatedRobot
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-from itertools import combinations
-
-from calib.errors import ConvergenceError, UnreachableError
-from calib.model import Setup, simulate
-from calib.model.parameters import TargetPoints
-from calib.vision.camera import Observer
-from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, TrueCell, touch_up
-from posedesign.cell import touching_poses
-from posedesign.cell.models import make_touch_up
-from posedesign.constraints import Checker, nearest_postures
 
 PLATE_POINTS = 5
 PLATE_PITCH_M = 0.1
@@ -162,12 +156,20 @@ def plate_points() -> FloatArray:
     return np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
 
 
-def try_plate(robot: SimulatedRobot, rng: np.random.Generator, trials: int) -> PlateTest | str:
-    """The plate test, or in words why this cell has no room for it."""
+class _Arm(NamedTuple):
+    """An arm of the study, and a plate as it touches it, or in words why it does not."""
+
+    cell: Cell
+    robot: SimulatedRobot
+    plate: PlateTest | str
+
+
+def _arm(cell: Cell, draws: int, rng: np.random.Generator) -> _Arm:
+    robot = SimulatedRobot.of(cell)
     try:
-        return PlateTest.measure(robot, rng, trials)
+        return _Arm(cell, robot, PlateTest.measure(robot, rng, draws))
     except CalibError as error:
-        return error.message
+        return _Arm(cell, robot, f"plate test left out: {error.message}")
 
 
 IDENTIFIED_ARM = ", identified arm"
@@ -262,15 +264,18 @@ def accuracy_study(
         raise InputError(
             "no pose set of this cell identifies the parameters", hint=history.advice, name="cell"
         )
+    arms = [
+        _arm(cell, draws, np.random.default_rng([seed, k])) for k, cell in enumerate(truths(cell))
+    ]
     findings: list[Finding] = []
-    notes: list[str] = []
+    notes = list(dict.fromkeys(a.plate for a in arms if isinstance(a.plate, str)))
     for done, (turn, postures) in enumerate(sets):
         if progress is not None:
             progress(f"D = {'/'.join(f'{d:g}' for d in turn.variation_deg)} deg", done / len(sets))
         # a seed for each set: a set added or left out changes no other
-        rng = np.random.default_rng([seed, done])
-        for truth in truths(cell):
-            study = _SetStudy(truth, turn, postures, draws, rng)
+        rng = np.random.default_rng([seed, len(arms), done])
+        for arm in arms:
+            study = _SetStudy(arm, turn, postures, draws, rng)
             findings += study.run()
             notes += [note for note in study.notes if note not in notes]
     return AccuracyStudy(tuple(findings), history, draws, seed, tuple(notes))
@@ -303,45 +308,68 @@ def to_the_widest(cell: Cell) -> Cell:
     return replace(cell, config=cell.config.changed(plan={"condition_threshold": 1.0}))
 
 
+class _Recorded(NamedTuple):
+    """A pose set as one kind of measurement recorded it."""
+
+    robot: SimulatedRobot
+    model: CalibrationModel  # that is identified
+    touched: Measurements  # a trial for each draw
+
+
+ESTIMATORS: tuple[tuple[str, str, bool], ...] = (
+    ("touch-up weighted", "touch-up", True),
+    ("touch-up unweighted", "touch-up", False),
+    ("view line", "view-line", True),
+)
+"""Identifications of a pose set: name, measurement, and whether rows are weighted by its noise."""
+
+
 class _SetStudy:
-    """Everything that is done with one pose set."""
+    """Everything that is done with one pose set on one arm."""
 
     def __init__(
-        self, cell: Cell, turn: Round, postures: FloatArray, draws: int, rng: np.random.Generator
+        self,
+        arm: _Arm,
+        turn: Round,
+        postures: FloatArray,
+        draws: int,
+        rng: np.random.Generator,
     ) -> None:
-        self.cell, self.turn, self.postures = cell, turn, postures
+        self.cell, self.robot, self.plate = arm
+        self.turn, self.postures = turn, postures
         self.draws, self.rng = draws, rng
         self.notes: list[str] = []
-        self._weighted = cell.config.measurement.weighted
-        self.robot = SimulatedRobot.of(cell)
-        self.plate = try_plate(self.robot, rng, draws)
-        if isinstance(self.plate, str):
-            self.notes.append(f"plate test left out: {self.plate}")
 
     def run(self) -> Iterator[Finding]:
-        sigma = np.array(self.cell.config.measurement.three_sigma_mm) / 3e3
-        for name, weighted, measurement in (
-            ("touch-up weighted", True, TouchUp(sigma)),
-            ("touch-up unweighted", False, TouchUp(sigma)),
-            ("view line", True, ViewLine(sigma[:2])),
-        ):
+        recorded = {kind: self._record(kind) for kind in ("touch-up", "view-line")}
+        identified: dict[tuple[str, bool], FloatArray] = {}
+        for name, kind, weighted in ESTIMATORS:
             try:
-                yield from self._identification(name, weighted, measurement)
+                identified[kind, weighted] = yield from self._identification(
+                    name, recorded[kind], weighted
+                )
             except CalibError as error:
                 self.notes.append(f"{name} left out: {error.message}")
         if isinstance(self.plate, PlateTest):
             model = self.cell.model()
             worst = self.plate.worst_error(model, model.nominal)
             yield from self._plate_findings("uncalibrated", worst)
-        yield from self._robot_world()
+        kind = self.cell.observations[0].kind
+        weighted = kind == "view-line" or self.cell.config.measurement.weighted
+        yield from self._robot_world(recorded[kind], identified.get((kind, weighted)))
+
+    def _record(self, kind: str) -> _Recorded:
+        measurement = noise_of_kind(self.cell, kind)
+        robot = SimulatedRobot.of(self.cell, measurement)
+        touched = robot.touch_up(self.postures, self.rng, trials=self.draws)
+        return _Recorded(robot, self.cell.model(measurement=measurement), touched)
 
     def _identification(
-        self, name: str, weighted: bool, measurement: Measurement
-    ) -> Iterator[Finding]:
-        robot = SimulatedRobot.of(self.cell, measurement)
-        model = self.cell.model(measurement=measurement)
-        touched = robot.touch_up(self.postures, self.rng, trials=self.draws)
-        values = identify_batch(model, touched, weighted=weighted)  # (T, p)
+        self, name: str, recorded: _Recorded, weighted: bool
+    ) -> Generator[Finding, None, FloatArray]:
+        """What is found of each parameter and on the plate; returns the parameters ``(T, p)``."""
+        robot, model, touched = recorded
+        values = identify_batch(model, touched, weighted=weighted)
         covariance = covariance_of(model, self.postures, weighted=weighted)
         truth = effective_truth(robot, model)
         for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
@@ -355,22 +383,20 @@ class _SetStudy:
             )
         if isinstance(self.plate, PlateTest):
             yield from self._plate_findings(name, self.plate.worst_error(model, values))
+        return values
 
     def _plate_findings(self, estimator: str, worst: FloatArray) -> Iterator[Finding]:
         for k, column in enumerate(worst.T):
             yield self._finding(estimator, f"plate distance {100 * (k + 1)} mm", "mm", 1e3 * column)
         yield self._finding(estimator, "plate distance worst", "mm", 1e3 * worst.max(axis=1))
 
-    def _robot_world(self) -> Iterator[Finding]:
+    def _robot_world(self, recorded: _Recorded, values: FloatArray | None) -> Iterator[Finding]:
         """Every solver, with the arm as its controller computes it and as it was identified."""
-        touched = self.robot.touch_up(self.postures, self.rng, trials=self.draws)
+        _, model, touched = recorded
         A, B = self.robot.camera_poses(touched.postures, self.rng)
         yield from self._solvers("", A, B)
-        model = self.cell.model()
-        try:
-            values = identify_batch(model, touched, weighted=self._weighted)
-        except CalibError as error:
-            self.notes.append(f"AX = ZB with the identified arm left out: {error.message}")
+        if values is None:
+            self.notes.append("AX = ZB with the identified arm left out: it was not identified")
             return
         good = np.isfinite(values).all(axis=1)
         identified = model.view(touched.postures[good], values[good]).T_base_tip
@@ -379,8 +405,7 @@ class _SetStudy:
     def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
         X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera
         Z_shown = self.robot.T_shown_base @ self.robot.T_base_target
-        for solver in PAPER_METHODS:
-            found = solve_batch(A, B, solver)
+        for solver, found in solve_batch_by_each(A, B, PAPER_METHODS).items():
             for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
                 error = inverse(true) @ estimate
                 angle, shift = np.full((2, self.draws), np.nan)
@@ -430,9 +455,8 @@ def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArra
     """
     cell = robot.cell
     offsets = robot.joint_errors(cell.base_posture[None])[0]
-    tool = np.array([robot.value(f"tool.{axis}") for axis in "xyz"])
     shown = {
-        "tool": apply(robot.T_shown_tip, tool),
+        "tool": apply(robot.T_shown_tip, robot.tool_m),
         "target": apply(robot.T_shown_base, robot.target_m),
     }
     truth = []

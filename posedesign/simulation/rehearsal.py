@@ -163,6 +163,15 @@ class SimulatedRobot:
         return float(self.values[self.model.names.index(name)])
 
     @property
+    def tool_m(self) -> FloatArray:
+        """Where the tool point really is on the tip ``(3,)`` [m]; a view line shows no depth."""
+        tool = self.cell.tool_m.copy()
+        for k, name in enumerate(("tool.x", "tool.y", "tool.z")):
+            if name in self.model.names:
+                tool[k] = self.value(name)
+        return tool
+
+    @property
     def target_m(self) -> FloatArray:
         """Where the target really is ``(3,)`` [m]."""
         name = self.cell.config.target.name

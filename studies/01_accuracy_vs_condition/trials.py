@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.identification import covariance_of, identify_batch
-from calib.robot_world import solve_batch
+from calib.robot_world import RobotWorldBatch, solve_batch_by_each
 from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell, cell_template
 from posedesign.planning import plan
@@ -86,9 +86,13 @@ def simulate(task: Task) -> dict[str, Any]:
         "x": robot.T_shown_tip @ robot.T_tip_camera,
         "z": robot.T_shown_base @ robot.T_base_target,
     }
+    solved: dict[str, RobotWorldBatch] = {}
+    for weighing in (False, True):
+        methods = [solver for solver in given["solvers"] if (solver == "ml") is weighing]
+        noise = camera_noise(cell) if weighing else None
+        solved |= solve_batch_by_each(identified, B[good], methods, noise)
     for solver in given["solvers"]:
-        noise = camera_noise(cell) if solver == "ml" else None
-        found = solve_batch(identified, B[good], solver, noise)
+        found = solved[solver]
         for letter, estimate in (("x", found.X), ("z", found.Z)):
             error = np.full((task.trials, 4, 4), np.nan)
             answered = np.flatnonzero(good)[found.ok]

@@ -45,7 +45,9 @@ def ur(tmp_path) -> Path:
 
 
 @pytest.fixture
-def record(cli, ur):
+def record(cli, ur, monkeypatch):
+    monkeypatch.setattr(live, "AGAIN_S", 0.1)
+
     def recorded(server: RtdeServer, *words: object):
         files = (ur / "cell.toml", ur / "poses.csv")
         return cli("record", *files, server.host, "--out", ur, *words)
@@ -54,9 +56,10 @@ def record(cli, ur):
 
 
 def told(number: int, q=None, **how) -> list[Stage]:
-    """A pose that is told of as the scripts do, and the way to the next one."""
+    """A pose that is told of as the scripts do, between half of the way there and the next one."""
     at = TOUCHED[number - 1] if q is None else q
-    return [Stage(0, at), Stage(number, at, **{"seconds": 0.3, **how}), Stage(0, at)]
+    way = Stage(0, at, seconds=0.06)
+    return [way, Stage(number, at, **{"seconds": 0.3, **how}), way]
 
 
 def kept(folder: Path) -> dict[str, np.ndarray]:

@@ -61,14 +61,19 @@ def test_scatter_of_many_draws_is_the_predicted_covariance(make_cell, weighted, 
     assert low < nees.mean() < high
 
 
-def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell):
+@pytest.mark.parametrize(("kind", "tool_axes"), [("touch-up", "xyz"), ("view-line", "xy")])
+def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell, kind, tool_axes):
     """The study's truth is what can be found: a bias of its own would pass for the method's.
 
     Offsets of the first and the last joint cannot be found: they turn base and tip, and with them
     the tool point, the target, X and Z that are found (section 3.2 of Watanabe et al. 2006).
     """
     offsets = [0.5, 0.1, -0.08, 0.05, 0.12, -0.7]
-    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": offsets})
+    cell = make_cell(
+        truth={"deflection": False, "zero_offsets_deg": offsets},
+        measurement={"kind": kind},
+        parameters={"tool_axes": tool_axes},
+    )
     robot, model = SimulatedRobot.of(cell), cell.model()
     touched = robot.touch_up(plan(cell).postures, None)
     found = identify(model, touched)

@@ -51,7 +51,6 @@ from posedesign.files.postures import (
 )
 from posedesign.identification.instruments.readings import SECONDS, near, seconds_of, text_of
 from posedesign.programs.reading import EXTERNAL_AT_REST
-from posedesign.programs.registry import read_joints
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".xml")
 """Endings of tables and logs; all others are of programs and lists."""
@@ -464,6 +463,8 @@ def joints_of(
 
 
 def _of_program(path: Path, robot: Robot, dialect: str | None) -> JointRows:
+    from posedesign.programs.registry import read_joints  # all dialects: a tenth of a start
+
     postures, lines = read_joints(path, robot, dialect, hint="write it with joint positions")
     return JointRows(path, np.array(lines), postures)
 

@@ -1,4 +1,4 @@
-"""ABB RAPID modules (``.mod``, ``.modx``): writer, reader and validator."""
+"""ABB RAPID modules (``.mod``, ``.modx``, ``.sys``): writer, reader and validator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class AbbRapid(Dialect):
     name = "abb-rapid"
     title = "ABB RAPID module"
     maker = "abb"
-    suffixes = (".mod", ".modx", ".prg")
+    suffixes = (".mod", ".modx", ".prg", ".sys", ".sysx")
     remark = (r"^[ \t]*MODULE[ \t][^\n]*\n", "  ! {words}")
     external_axes = 6
     turning_axes = True

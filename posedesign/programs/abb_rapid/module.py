@@ -52,17 +52,23 @@ _PLAIN = re.compile(
 _ELEMENT = re.compile(r",\s*\[\[[^][\";]{0,200}\](?:, ?\[[^][\";]{0,200}\])*\](?=,)")
 _PIECE = re.compile(r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.])[a-z]\w*', _I)
 _BEGIN = re.compile(r"\S")
-_LEFT_OUT = re.compile(r'\A\s*%%%(?:[^%]|%(?!%%))*+(?:%%%.*)?|("[^"\n]*"?)|!.*')
-"""Remarks, and what stands in front of modules of older controllers: %%% VERSION:1 ... %%%."""
+LEFT_OUT = re.compile(
+    r'\A\s*%%%(?:[^%]|%(?!%%))*+(?:%%%.*)?|("[^"\n]*"?)|!.*'
+    r"|<(?:(VAR|EXP|ARG|ID)|TDN|DDN|RDN|PAR|ALT|DIM|SMT|EIT|CSE)>"
+)
+"""Remarks, what stands in front of modules of older controllers (%%% VERSION:1 ... %%%), and
+placeholders, as the pendant puts them where a statement (<SMT>), a declaration (<DDN>) or a value
+(<EXP>) is to be filled in (RAPID kernel, 3HAC16585-1): modules with them are loaded."""
 
 
 def divided(text: str) -> Iterator[Line]:
     """Statements of a text: they end with a semicolon, headings of blocks with their last word.
 
-    Remarks are left out. A word that only begins statements ends one that lacks its semicolon, and
-    elements of a declared list come one by one, each behind its comma.
+    Remarks are left out, and placeholders of values are names. A word that only begins statements
+    ends one that lacks its semicolon, and elements of a declared list come one by one, each behind
+    its comma.
     """
-    text = _LEFT_OUT.sub(lambda found: found[1] or "\n" * found[0].count("\n"), text)
+    text = LEFT_OUT.sub(lambda found: found[1] or found[2] or "\n" * found[0].count("\n"), text)
     row, last, at, listed = 1, 0, 0, False
     while found := _BEGIN.search(text, at):
         start = found.start()

@@ -51,7 +51,11 @@ _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", 
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
 _MOST_NAME = 99
 _WHAT = "name a RAPID module saved as text: .mod or .modx"
-_MOTIONS = {"MOVEABSJ": "jointtarget", "MOVEJ": "robtarget", "MOVEL": "robtarget"}
+_MOTION = re.compile(
+    r"(?:(ARC|TRIGG)|(?:ARC)?MOVE)(?:(ABSJ)|[JL](?:START|END|[ADG]O|IOS|SYNC)?)", _FLAGS
+)
+"""Motions to one position, which is their first argument: of those of arc welding and of events
+the last one is the tool, of the others the fourth."""
 
 
 @dataclass(eq=False)
@@ -89,6 +93,11 @@ class StoredPosition(Stored):
         if self.cartesian:
             return set(self.parts[1]) == {"0"}
         return all(map(_UNCONNECTED.fullmatch, self.parts[0]))
+
+    @property
+    def has_fewer_axes(self) -> bool:
+        """Whether it is of an arm without all of the six joints."""
+        return not self.cartesian and any(map(_UNCONNECTED.fullmatch, self.parts[0]))
 
     @property
     def external(self) -> list[tuple[str, str, str, int]]:
@@ -216,10 +225,12 @@ class _Reader:
             values = [(value, switches) for value, switches in given if value is not None]
             if word == "MOVEC" and values and is_a(values[0][0], "list"):
                 refuse("MoveC: only MoveAbsJ, MoveJ and MoveL can be read", self.path, row)
-            motion = motion or word in (*_MOTIONS, "MOVEC")
-            if word in _MOTIONS and values and values[0][0] is not None:
-                last = values[3] if len(values) == 4 else None
-                self._take_motion(_MOTIONS[word], values[0][0], last, row)
+            found = _MOTION.fullmatch(word)
+            motion = motion or found is not None or word == "MOVEC"
+            if found and values and values[0][0] is not None:
+                last = values[-1 if found[1] else 3] if len(values) > 3 else None
+                kind = "jointtarget" if found[2] else "robtarget"
+                self._take_motion(kind, values[0][0], last, row)
         if not motion and "[" in statement.text:
             self._refuse_lost(statement.tree, row, statement.text)
 

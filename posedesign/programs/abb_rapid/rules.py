@@ -10,13 +10,14 @@ declared is a note. A module with the mark of a plan was written whole: there it
 rule                  what it asks
 ====================  ===========================================================================
 ``syntax``            statements of the grammar
-``encoding``          text; in a ``.modx`` UTF-8
+``encoding``          text; in a ``.modx`` or ``.sysx`` UTF-8
+``placeholder``       measuring: nothing is left to be filled in, as <SMT> is
 ``module``            MODULE name ... ENDMODULE, and nothing before or behind
 ``block``             each block closed by its own end
 ``place``             instructions in routines; data in front of the instructions of a routine, and
                       of all routines
-``name``              names of at most 32 characters, none of a type; each declared once; words
-                      known, or not one letter beside a known one
+``name``              names of at most 32 characters; each declared once. In a module of a plan:
+                      none of a type; words known, or not one letter beside a known one
 ``string``            at most 80 characters
 ``position``          jointtarget [[6],[6]], robtarget [[3],[4],[4],[6]] of plain numbers, lists
                       complete; quaternions of norm 1; confdata. Measuring: the norm within 0.00001,
@@ -68,13 +69,15 @@ _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "nu
 
 def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    statements = module.LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
+    text, suffix = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"), path.suffix.lower()
+    statements = module.LANGUAGE.statements(text)
     checker = _Checker(statements, whole=set_mark(data) is not None)
     return rules.told(
         rules.check_bytes(data, ("encoding", *rules.CONTROL[1:])),
-        _check_encoding(data) if path.suffix.lower() == ".modx" else (),
+        _check_encoding(data) if suffix.endswith("x") else (),
         rules.syntax(statements),
-        _check_module(statements),
+        _check_filled(text),
+        _check_module(statements, suffix),
         block_faults(statements, _BLOCKS),
         _check_places(statements),
         checker.check_names(),
@@ -84,22 +87,29 @@ def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     )
 
 
+def _check_filled(text: str) -> Iterator[Problem]:
+    found = next((f for f in module.LEFT_OUT.finditer(text) if f[0].startswith("<")), None)
+    if found:
+        row = text.count("\n", 0, found.start()) + 1
+        yield measuring(row, "placeholder", f"the program stops at {found[0]}")
+
+
 def _check_encoding(data: bytes) -> Iterator[Problem]:
     try:
         data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
-        yield Problem(row, "encoding", "a .modx is UTF-8, and this is not")
+        yield Problem(row, "encoding", "this ending says UTF-8, and this is not")
 
 
-def _check_module(statements: Sequence[Statement]) -> Iterator[Problem]:
+def _check_module(statements: Sequence[Statement], suffix: str) -> Iterator[Problem]:
     begins = [s for s in statements if s.kind == "module"]
     if not begins or statements[0] is not begins[0]:
         row = statements[0].row if statements else 1
         yield Problem(row, "module", "MODULE is not the first word")
     elif statements[-1].kind != "endmodule":
         yield Problem(statements[-1].row, "module", "ENDMODULE is not the last word")
-    elif len(begins) > 1:
+    elif len(begins) > 1 and suffix != ".prg":  # a whole program, of older controllers
         yield Problem(begins[1].row, "module", "a file holds one module")
 
 
@@ -110,7 +120,8 @@ def _check_places(statements: Sequence[Statement]) -> Iterator[Problem]:
         if kind in ("module", "endmodule", "record", *ROUTINES):
             if kind in ROUTINES and place != "module":
                 reason = "a routine in a routine"
-            place, begun, routines = kind, False, routines or kind in ROUTINES
+            place, begun = kind, False
+            routines = kind != "module" and (routines or kind in ROUTINES)
         elif kind in ("endproc", "endfunc", "endtrap", "endrecord"):
             place = "module"
         elif kind in ("declaration", "array"):
@@ -137,8 +148,13 @@ class _Checker:
 
     def __init__(self, statements: Sequence[Statement], *, whole: bool) -> None:
         self.statements, self.whole = statements, whole
+        self.level: Level = "error" if whole else "note"
         self.data = list(module.declared(statements))
-        self.calls = [list(module.calls(s)) for s in statements]
+        self.calls: list[list[tuple[str, list[module.Argument]]]] = []
+        kind = ""
+        for s in statements:  # components of a record look like calls
+            kind = "record" if (kind, s.kind) == ("record", "call") else s.kind
+            self.calls.append([] if kind == "record" else list(module.calls(s)))
         self.called = {word for made in self.calls for word, _ in made}
         self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
         self.routines: list[int] = []
@@ -171,7 +187,8 @@ class _Checker:
                 self.names.setdefault((self.routine, s.word("NAME").upper()), ("num", None))
             for where, name, known, declaration in new:
                 key = where, name.upper()
-                if len(name) > MOST_NAME or name.upper() in words.TYPES | {"TASK"}:
+                of_type = self.whole and name.upper() in words.TYPES | {"TASK"}
+                if len(name) > MOST_NAME or of_type:
                     reason = f"{name[:40]!a} is no name: at most 32 characters, none of a type"
                     yield Problem(s.row, "name", reason)
                 if key in seen:
@@ -191,8 +208,9 @@ class _Checker:
                 yield Problem(s.row, "position", "an element of no list")
             before = s.kind
             for string in s.words("STRING") if len(s.text) > MOST_STRING else ():
-                if len(string) - 2 > MOST_STRING:
-                    yield Problem(s.row, "string", f"a string of {len(string) - 2} characters")
+                length = len(re.sub(r'""|\\\\|[\xc0-\xff][\x80-\xbf]+', "_", string[1:-1]))
+                if length > MOST_STRING:
+                    yield Problem(s.row, "string", f"a string of {length} characters")
         for data in self.data:
             kind = data.kind.upper()
             if kind not in words.TYPES and kind not in self.types | self.told:
@@ -261,6 +279,8 @@ class _Checker:
             position = StoredPosition.of(label, row, kind, node, "")
             if position.is_empty or any(map(self._has_names, value)):
                 return
+            if position.has_fewer_axes and not self.whole:
+                level = "measuring"
             numbers = position.numbers("")
             if not position.cartesian:
                 return
@@ -299,10 +319,12 @@ class _Checker:
         return self.names.get((self.routine, name)) or self.names.get((0, name))
 
     def _unknown(self, row: int, name: str, known: frozenset[str], what: str) -> Iterator[Problem]:
-        """A word that is not known: a note, or an error where it is nearly a known one."""
-        near = words.misspelt(name, known, 4 if self.whole else 6)
+        """A word that is not known: a note, or an error in a module that is whole and if it is
+        nearly a known one.
+        """
+        near = words.misspelt(name, known)
         reason = f"{name[:40]} is no {what} that is known" + f": {near}?" * bool(near)
-        yield Problem(row, "name", reason, "error" if near else "note")
+        yield Problem(row, "name", reason, self.level if near else "note")
 
     def _check_called(
         self, row: int, name: str, known: frozenset[str], others: frozenset[str]
@@ -310,7 +332,7 @@ class _Checker:
         if name in known or name in self.own or name in self.told:
             return
         what = "instruction" if known is words.INSTRUCTIONS else "function"
-        if self._find(name) or name in others:
+        if self._find(name) or (self.whole and name in others):
             yield Problem(row, "name", f"{name} is no {what}")
         else:
             self.told.add(name)
@@ -325,10 +347,10 @@ class _Checker:
                 yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
             if text.upper() in words.DATA.keys() | {"TRUE", "FALSE"}:
                 yield Problem(row, "argument", f"{text} is no index")
-        if found or name in words.DATA or name in self.told:
-            return
-        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own
-        if name in routines or (self.whole and name in self.called):
+        if found or name in words.DATA or name in self.told or not self.whole:
+            return  # data of another module may have any name
+        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own | self.called
+        if name in routines:
             yield Problem(row, "name", f"{name} is no value")
             return
         self.told.add(name)
@@ -349,13 +371,15 @@ class _Checker:
         for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():
                 if switch not in known:
-                    yield Problem(row, "argument", f"\\{switch[:30]} is no switch there")
+                    said = f"\\{switch[:30]} is no switch there that is known"
+                    yield Problem(row, "argument", said, self.level)
                 elif inner is not None and switch in _TYPED:
                     yield from self._check_value(row, inner, _TYPED[switch])
             if value is not None:
                 yield from self._check_value(row, value, kind)
-            if word == "VELSET" and isinstance(value, Token) and not 0 < float(value) <= 10_000:
-                yield Problem(row, "argument", f"VelSet: {str(value)[:20]} is no speed")
+            text = module.nested(value) if isinstance(value, Token) and word == "VELSET" else "1"
+            if _is_number(text) and not 0 < float(str(text)) <= 10_000:
+                yield Problem(row, "argument", f"VelSet: {str(text)[:20]} is no speed")
 
     def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
         """The type of an argument, as far as it is known."""
@@ -372,8 +396,7 @@ class _Checker:
             return
         known, data = self._find(name) or (words.DATA.get(name, ""), None)
         if not known and kind not in ("num", "signaldo"):
-            level: Level = "error" if self.whole else "note"
-            yield Problem(row, "name", f"{name} is no {kind} of this module", level)
+            yield Problem(row, "name", f"{name} is no {kind} of this module", self.level)
         elif known != kind and known.upper() in words.TYPES and (known, kind) != ("dnum", "num"):
             yield Problem(row, "argument", f"{name} is a {known}, not a {kind}")
         elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
@@ -384,7 +407,8 @@ class _Checker:
             if data.storage != "PERS":
                 yield Problem(row, "argument", f"{name}: the {kind} of a motion is PERS")
             elif isinstance(mass, str) and _NUMBER.fullmatch(mass) and float(mass) <= 0:
-                yield Problem(row, "argument", f"{name} has no mass above 0")
+                level: Level = "error" if self.whole else "measuring"
+                yield Problem(row, "argument", f"{name} has no mass above 0", level)
 
     def check_standstill(self) -> Iterator[Problem]:
         """What is measured while the arm stands."""

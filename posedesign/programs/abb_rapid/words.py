@@ -52,20 +52,25 @@ TPWrite VelSet WaitDI WaitDO WaitRob WaitTime WaitUntil
 """Instructions that measure nothing and move nothing."""
 
 INSTRUCTIONS = QUIET | _names("""
-ActUnit ClkReset ClkStart ClkStop Close DeactUnit EOffsOff EOffsOn EOffsSet ErrWrite ExitCycle
-GripLoad IDelete ISignalDI ISignalDO ITimer Load MoveAbsJ MoveC MoveCDO MoveExtJ MoveJ MoveJDO MoveL
-MoveLDO Open PathResol PDispOff PDispOn PDispSet PulseDO RestoPath SearchC SearchL SocketClose
-SocketConnect SocketCreate SocketReceive SocketSend SpeedRefresh StartMove StopMove StorePath
-SyncMoveOff SyncMoveOn TPReadFK TPReadNum TPShow TriggEquip TriggIO TriggJ TriggL UIMsgBox UnLoad
-WaitAI WaitAO WaitGI WaitGO WaitSyncTask WorldAccLim Write
+ActUnit AliasIO BitClear BitSet BookErrNo CallByVar ClearPath ClearRawBytes ClkReset ClkStart
+ClkStop Close DeactUnit EOffsOff EOffsOn EOffsSet ErrWrite ExitCycle GripLoad IDelete IDisable
+IEnable InvertDO ISignalAI ISignalDI ISignalDO ISignalGI ISleep ITimer IWatch Load MotionSup
+MoveAbsJ MoveC MoveCDO MoveExtJ MoveJ MoveJDO MoveJSync MoveL MoveLDO MoveLSync Open PackRawBytes
+PathResol PDispOff PDispOn PDispSet PulseDO RestoPath Save SearchC SearchL SocketAccept SocketBind
+SocketClose SocketConnect SocketCreate SocketListen SocketReceive SocketSend SpeedRefresh StartLoad
+StartMove StopMove StorePath SyncMoveOff SyncMoveOn TPReadFK TPReadNum TPShow TriggC TriggEquip
+TriggInt TriggIO TriggJ TriggL UIMsgBox UnLoad UnpackRawBytes WaitAI WaitAO WaitGI WaitGO WaitLoad
+WaitSyncTask WorldAccLim Write WriteBin WriteStrBin WZFree
 """)
 
 FUNCTIONS = _names("""
-Abs ACos AInput ArgName ASin ATan ATan2 BitAnd BitCheck ByteToStr CalcJointT CalcRobT CDate CJointT
-ClkRead Cos CPos CRobT CTime CTool CWObj DefFrame Dim Distance DOutput EulerZYX GetTime GInput
-GOutput IsFile IsPers IsVar MirPos NOrient NumToStr Offs OpMode ORobT OrientZYX PoseInv PoseMult
-PoseVect Pow Present ReadMotor ReadNum ReadStr ReadStrBin RelTool RobOS Round RunMode Sin Sqrt
-StrFind StrLen StrMatch StrPart StrToByte StrToVal Tan TestDI Trunc UINumEntry ValToStr VectMagn
+Abs ACos AInput AOutput ArgName ASin ATan ATan2 BitAnd BitCheck BitNeg BitOr BitXOr ByteToStr
+CalcJointT CalcRobT CDate CJointT ClkRead Cos CPos CRobT CTime CTool CWObj DefFrame Dim DInput
+Distance DnumToNum DOutput EulerZYX GetSysInfo GetTime GInput GOutput IsFile IsPers IsVar MirPos
+NOrient NumToDnum NumToStr Offs OpMode OrientZYX ORobT PoseInv PoseMult PoseVect Pow Present
+RawBytesLen ReadBin ReadMotor ReadNum ReadStr ReadStrBin RelTool RobOS Round RunMode Sin
+SocketGetStatus SocketPeek Sqrt StrFind StrLen StrMap StrMatch StrMemb StrPart StrToByte StrToVal
+Tan TestDI Trunc UIAlphaEntry UIListView UIMessageBox UINumEntry ValToStr VectMagn
 """)
 
 TYPES = _names("""
@@ -96,7 +101,7 @@ _WITHOUT_MARK = {
 """Instructions that lack what stands in front of a switch: ``ConfJOn``."""
 
 
-def misspelt(word: str, known: Set[str], least: int = 4) -> str:
+def misspelt(word: str, known: Set[str]) -> str:
     """The known word that a word in capitals was meant to be; empty for none.
 
     Figures at the end, and added letters that double none, are none of a mistake: people number
@@ -108,4 +113,4 @@ def misspelt(word: str, known: Set[str], least: int = 4) -> str:
         return ""
     halved = {word[:i] + word[i + 1 :] for i in range(2, len(word)) if word[i] == word[i - 1]}
     longer = [other for other in known if len(other) >= len(word) or other in halved]
-    return rules.near(word, longer, least)
+    return rules.near(word, longer, 4)

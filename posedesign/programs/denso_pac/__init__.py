@@ -5,18 +5,19 @@ its encoders asked, before the next step. The measuring call is another program.
 positions are typed into the moves; positions in the controller's variables (``J[1]``) are not in
 the file. Nothing was loaded on a controller.
 
-Read are the joint values ``J(...)`` that ``Move`` goes to, there or in a variable of the program;
-moves to what is computed of these are refused. Positions in variables of the controller have no
+Read are the joint values ``J(...)`` that ``Move`` goes to, there or in a variable of the program,
+also as ``J2P(J(...))``, and those given to a variable ``J12``; moves to what is computed of these
+are refused. Positions in variables of the controller have no
 values in the file, and poses (``P(...)``) none that say which posture takes them: both are left
 out. Numbers are those of remarks ``' POSE n`` in front of the moves, where a program has the mark
 of a plan; others in their order, behind all.
 
 Rules: ``syntax``: lines are as in the grammar, of 1024 characters at most; other commands are
-noted. ``block``: routines, loops and branches are closed. ``main``: there is a routine Main, or a
-program. ``arm``: the arm is taken before it moves. ``position``: ``J`` has six to eight plain
-numbers. ``range``: joints within +-720 deg, speeds from 0.1 to 100 percent. ``standstill``,
-``wait-to-measure``: a move that stops (``@0``, ``@E``), and a Delay, before an output is set or a
-program called.
+noted. ``block``: routines, loops and branches are closed. ``main``: to measure, there is a routine
+Main, or a program of PAC. ``arm``: the arm that is moved is taken; a note without Main, as others
+may have taken it. ``position``: ``J`` has six to eight plain numbers. ``range``: joints within
++-720 deg, speeds from 0.1 to 100 percent. ``standstill``, ``wait-to-measure``: a move that stops
+(``@0``, ``@E``), and a Delay, before an output is set or a program called.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ from posedesign.programs.language import (
     without_remarks,
 )
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.recorded import Problem
+from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.rules import measuring
 from posedesign.programs.writing import NameRule, Phrases
 
 LANGUAGE = Language(
@@ -71,18 +73,19 @@ _OTHERS = "wait depart approach draw drive drivea rotate motor print printdbg ac
 _MOTION = re.compile(r"(depart|approach|draw|drivea?|rotateh?|archmove)\b", re.I)
 _BLOCKS = {
     "sub": Block("finish"),
+    "program": Block("halt"),
     "branch": Block("close", ("divide",)),
     "loop": Block("again"),
 }
 
 
-def _joints_in(tree: Tree[Token]) -> list[str] | None:
-    """Texts of the values of the ``J(...)`` that an expression is; None: it is no such."""
-    text = text_of(next(nodes(tree, "sum")))
-    group = next(nodes(tree, "group"), None)
-    if group is None or not re.fullmatch(r"[jJ]\([^()]*\)", text):
+def _joints_in(tree: Tree[Token], of: str = "") -> list[str] | None:
+    """Texts of the joint values that an expression is, given to a variable; None: it is no such."""
+    bare = r"|\([^()]*\)" if re.fullmatch(r"j\d+", of) else ""
+    text = text_of(next(nodes(tree, "sum"))).lower()
+    if not re.fullmatch(rf"j2p\(j?\([^()]*\)\)|j\([^()]*\){bare}", text):
         return None
-    return [text_of(value) for value in subtrees(group)]
+    return [text_of(value) for value in subtrees([*nodes(tree, "group")][-1])]
 
 
 def _targets(s: Statement) -> Iterator[tuple[str, str, list[str] | None]]:
@@ -101,7 +104,7 @@ def _bases(variables: Variables) -> set[str]:
 def _change(s: Statement, variables: Variables) -> None:
     """Take the values that a statement gives to variables, and forget those it may change."""
     text = s.text.lower()
-    if s.fault or s.kind in ("other", "call"):
+    if s.fault or s.kind in ("other", "call", "single"):
         words = set(_NAME.findall(text))
         variables |= dict.fromkeys(v for v in variables if v.partition("[")[0] in words)
         variables |= dict.fromkeys(re.findall(r"#define +(\w+) .*\bj *\(", text))
@@ -111,7 +114,7 @@ def _change(s: Statement, variables: Variables) -> None:
             continue
         name, value = text_of(place).lower(), next(iter(trees[k + 1 : k + 2]), place)
         base, _, index = name.partition("[")
-        values = _joints_in(value) if value.data == "sum" else None
+        values = _joints_in(value, name) if value.data == "sum" else None
         if index and not index[:-1].isdigit():
             variables |= dict.fromkeys(v for v in variables if v.partition("[")[0] == base)
             values = None
@@ -123,10 +126,10 @@ def _change(s: Statement, variables: Variables) -> None:
 
 def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
     """Joint values that a statement moves to, or why they are not read."""
-    low = s.text.lower() if s.fault else ""
+    low = s.text.lower() if s.fault or s.kind == "single" else ""
     moved = set(_NAME.findall(low)) & _bases(variables) if _MOVE.search(low) else ()
     if moved or _JOINT.search(low):
-        yield f"a position cannot be read: {s.fault}"
+        yield f"a position cannot be read: {s.fault or 'nobody knows whether it is moved to'}"
     for _, target, joints in _targets(s):
         name = target.lower()
         values = joints or variables.get(name) or ()
@@ -140,23 +143,24 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
-    if statements[0].text[:7].lower() != "program":
-        yield from block_faults(statements, _BLOCKS)
-        if not any(s.kind == "sub" and s.word("NAME").lower() == "main" for s in statements):
-            yield Problem(1, "main", "there is no routine Main")
+    yield from block_faults(statements, _BLOCKS)
+    has_main = any(s.kind == "sub" and s.word("NAME").lower() == "main" for s in statements)
+    if not has_main and all(s.kind != "program" for s in statements):
+        yield measuring(1, "main", "there is no routine Main")
     called = " ".join(s.word("NAME").lower() for s in statements if s.kind == "call")
-    standing, taken = Standing(("stop", "Delay")), False
+    standing, taken = Standing(("stop", "Delay")), any(s.kind == "arm" for s in statements)
     for s in statements:
         if s.fault or s.kind == "other" or len(s.text) > 1024:
             yield not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
-        taken = taken or s.kind == "arm"
         if s.kind == "move" and not taken:
-            yield Problem(s.row, "arm", "no TakeArm before this move")
+            level: Level = "error" if has_main else "note"
+            yield Problem(s.row, "arm", "nothing takes the arm that is moved", level)
         if s.kind == "speed":
-            yield from check_range(s.row, text_of(s.tree), "percent of the speed", 0.1, 100)
+            percent = text_of(subtrees(s.tree)[0])
+            yield from check_range(s.row, percent, "percent of the speed", 0.1, 100)
         targets = list(_targets(s))
         for _, text, values in targets:
-            if text[0] in '(-".' or text[0].isdigit():
+            if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):
                 yield Problem(s.row, "position", f"{text[:40]} is no position")
             if values is not None:
                 yield from check_joints(s.row, values, most=8)
@@ -168,12 +172,12 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
 
 
 class DensoPac(JointDialect):
-    """Programs of Denso arms with an RC8 or RC9 controller."""
+    """Programs of Denso arms with an RC8 or RC9 controller; those of PAC are read."""
 
     name = "denso-pac"
     title = "Denso PacScript program"
     maker = "denso"
-    suffixes = (".pcs",)
+    suffixes = (".pcs", ".pac")
     remark = (r"^[ \t]*(?:Sub|Program)[ \t][^\n]*\n", "  ' {words}")
     names = NameRule("a PacScript name", 32, small=True)  # no limit of its length is known
     newline = "\r\n"
@@ -187,7 +191,7 @@ class DensoPac(JointDialect):
     )
     head = ("  TakeArm Keep = 0", "  Speed {percent}")
     reader = in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"))
-    rules = judged(LANGUAGE, ("sub",), _check)
+    rules = judged(LANGUAGE, ("sub", "program"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The routine that a program begins with."""

@@ -10,12 +10,11 @@ Read are the joint values that ``movej`` and ``amovej`` go to: ``posj`` or a lis
 in a variable. Moves to values that are computed, and relative ones, are refused; poses of the tool
 (``posx``) are left out, since nothing says which posture takes them.
 
-Rules: ``syntax``: statements are as in the grammar. ``indent``: blocks are indented as in Python.
-``name``: functions and variables are known; others are noted where they are not nearly known.
-``arguments``: functions have those that they take. ``position``, ``range``: ``posj`` has six
-numbers within +-720 deg, outputs are from 1 to 16; moves to computed positions are noted.
-``standstill``, ``wait-to-measure``: a move that is not blended, and a wait, before an output is set
-or a function of the program called.
+Rules: ``syntax``, ``indent``: Python as in the grammar. ``name``: functions and variables are
+known; others are noted where they are not nearly known. ``arguments``: functions have those that
+they take. ``position``, ``range``: ``posj`` has six numbers within +-720 deg, outputs are from 1 to
+16; moves to computed positions are noted. ``standstill``, ``wait-to-measure``: a move that is not
+blended, and a wait, before an output is set or a function of the program called.
 """
 
 from __future__ import annotations
@@ -25,68 +24,48 @@ from collections.abc import Iterator, Sequence
 
 from lark import Token, Tree
 
+from posedesign.programs import joint_programs as joints
+from posedesign.programs import language
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import (
-    PLAIN,
-    JointDialect,
-    Standing,
-    Variables,
-    check_joints,
-    check_range,
-    in_moves,
-    judged,
-    level_of,
-)
-from posedesign.programs.language import (
-    Language,
-    Statement,
-    indent_faults,
-    nodes,
-    open_lines,
-    subtrees,
-    text_of,
-)
+from posedesign.programs.joint_programs import PLAIN, Variables
+from posedesign.programs.language import Statement, nodes, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem
+from posedesign.programs.rules import measuring
 from posedesign.programs.writing import NameRule, Phrases
 
 _MOVES = ("movej", "amovej")
 _MOTION = "pos vel acc time radius mod ra v a t r"
+_ONE = "wait:time tp_log:message sub_program_run:name set_velj:vel set_accj:acc"
 _FUNCTIONS = {
     **dict.fromkeys(_MOVES, (1, 3, _MOTION)),
-    "movel": (1, 3, _MOTION + " ref"),
-    **dict.fromkeys(("posj", "posx"), (0, 6, "")),
+    **dict.fromkeys(("movel", "amovel"), (1, 3, _MOTION + " ref app_type")),
+    **dict.fromkeys(("posx", "str"), (0, 8, "")),
+    **{name: (1, 1, given) for name, given in (one.split(":") for one in _ONE.split())},
+    "posj": (0, 6, ""),
     "mwait": (0, 1, "time"),
-    "wait": (1, 1, "time"),
     "set_digital_output": (1, 2, "index val time val2"),
-    "tp_log": (1, 1, "message"),
     "tp_popup": (1, 3, "message pm_type button_type"),
     "get_current_posj": (0, 0, ""),
-    "sub_program_run": (1, 1, "name"),
-    "set_velj": (1, 1, "vel"),
-    "set_accj": (1, 1, "acc"),
-    "str": (1, 1, ""),
 }
 """Least and most positional arguments, and the names of arguments."""
 
 _WORDS = """def if elif else while for try except return pass break continue from import in and or
 not on"""
 _RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
+_NAMES = """ON OFF True False None len range print float int list abs round min max sum time open
+type exit set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec amovec
+moveb amoveb movesx movesj amovesx posb trans fkin ikin set_tool set_tcp get_digital_inputs"""
 _NAMED = ("name", "owner")
-_NAMES = "ON OFF True False None len range print float int list abs round"
+_PURE = {*_FUNCTIONS, *_NAMES.split()}  # they change no list that they are given
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
 _ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # a method may change what it is of
+_FORMATS = re.compile(r'"[^"%]*" *%|\) *% *"')  # a text without a place for what is formatted
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
-
-LANGUAGE = Language(
-    __package__ or "",
-    joined=open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}"),
-    signed=True,
-    letters=r"\w",
-    indented=True,
-)
+_OPEN = language.open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}")
+LANGUAGE = language.Language(__package__ or "", _OPEN, signed=True, letters=r"\w", indented=True)
 
 
 def _without_blocks(text: str) -> str:
@@ -151,35 +130,51 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
 
 
 def _change(s: Statement, variables: Variables) -> None:
-    """Take the values that a statement gives to variables, and forget those it may change."""
+    """Take the values that a statement gives to variables, and forget those it may change.
+
+    What a function changes it changes when it is called: nobody knows such a list any more.
+    """
+    given = [trees for name, trees in _calls(s) if name not in _PURE]
+    given += [subtrees(t) for t in nodes(s.tree, "trailer") if t.children[:1] != ["format"]]
     changed = _ASKED.findall(_QUOTED.sub("", s.text))
     changed += map(text_of, nodes(s.tree, "parameter", "owner"))
-    for name in re.findall(r"\w+", s.text) if s.fault or s.kind == "import_" else changed:
-        variables.pop(name, None)
+    changed += [text_of(n) for trees in given for tree in trees for n in nodes(tree, "name")]
+    changed += [str(c).rstrip("= ") for c in s.tree.children if str(c)[-1:] == "="]
+    names = re.findall(r"\w+", s.text)
+    for name in names if s.fault or s.kind == "import_" else changed:
+        if variables.get(name, ()) is not None:
+            variables.pop(name, None)
+    if re.match(r"\s+(global\b|\w+ *[\[.])", s.text):
+        variables |= dict.fromkeys(names if s.kind == "global" else names[:1])
     match s.tree.children:
         # a name of another list is none: what changes that one changes it, too
         case Tree(data="places", children=[Tree() as place]), Token(value="="), Tree() as value:
-            variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
+            if variables.get(text_of(place), ()) is not None:
+                variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
     own = {s.word("NAME") for s in statements if s.kind == "define"}
-    known = {*_FUNCTIONS, *own, *_NAMES.split()}
-    known |= {text_of(p) for s in statements for p in nodes(s.tree, "parameter")}
-    known |= {text_of(n) for s in statements if s.kind == "assign" for n in nodes(s.tree, *_NAMED)}
+    known = {*_PURE, *own}
+    known |= {w for s in statements if s.kind in ("import_", "global") for w in s.words("NAME")}
+    for s in statements:
+        known |= {text_of(n) for n in nodes(s.tree, "parameter", *_NAMED * (s.kind == "assign"))}
     meant = " ".join([*known, _WORDS, *(named for _, _, named in _FUNCTIONS.values())])
-    standing = Standing(("mwait", "wait"))
+    standing = joints.Standing(("mwait", "wait"))
     for s in statements:
         if s.fault:
-            level = level_of(re.split(r"\W", s.text.strip())[0], meant)
-            level = "error" if any(name in s.text for name in (*_FUNCTIONS, *own)) else level
-            yield Problem(s.row, "syntax", s.fault, level)
+            level = joints.level_of(re.split(r"\W", s.text.strip())[0], meant)
+            said = any(name in s.text for name in {*_FUNCTIONS, *own} - {"str"})
+            yield Problem(s.row, "syntax", s.fault, "error" if said else level)
         called = list(_calls(s))
         for name in {*(text_of(n) for n in nodes(s.tree, *_NAMED)), *dict(called)} - known:
             if not re.fullmatch(r"DR_[A-Z_\d]+", name):
-                yield Problem(s.row, "name", f"{name[:40]} is not known", level_of(name, meant))
+                level = joints.level_of(name, meant, name * name[-1].isdigit())  # P_2 is not P_1
+                yield Problem(s.row, "name", f"{name[:40]} is not known", level)
         if s.kind == "call" and not any(nodes(s.tree, "arguments")):
-            yield Problem(s.row, "name", "a name alone does nothing")
+            yield measuring(s.row, "name", "a name alone does nothing")
+        if _FORMATS.search(s.text):
+            yield Problem(s.row, "arguments", "% formats nothing")
         for name, arguments in called:
             yield from _check_call(s.row, name, arguments)
             moves = re.fullmatch(r"a?move\w*", name) is not None
@@ -188,7 +183,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             measures = name in own | {"sub_program_run"}
             measures |= name == "set_digital_output" and "OFF" not in s.text
             yield from standing.check(s.row, moves, stops, name == "wait", measures)
-    yield from indent_faults(statements, "define", "block")
+    yield from language.indent_faults(statements, "define", "block")
 
 
 def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[Problem]:
@@ -202,17 +197,19 @@ def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[P
     if any(a.data == "spread" for a in arguments):
         return
     wrong = [word for word in words if name in _FUNCTIONS and word not in named.split()]
-    wrong += [value for value in values if re.match(r"\(|.+\WO(N|FF)\b", value)]
+    wrong += [value for value in values if re.match(r".+\WO(N|FF)\b", value)]
+    groups = [t for a in arguments for t in subtrees(a) if t.data == "group"]
+    wrong += ["(,)" for t in groups if subtrees(t)[1:]]
     if wrong or not least <= len(values) + len(words) or len(values) > most:
         yield Problem(row, "arguments", f"{name[:40]}: {', '.join(wrong)[:40] or 'not so many'}")
     if name == "posj" and len(values) > 1:
-        yield from check_joints(row, values)
+        yield from joints.check_joints(row, values)
     if name == "set_digital_output":
         output = next(filter(PLAIN.fullmatch, values), "1").lstrip("-")
-        yield from check_range(row, output, "number of an output", 1, 16)
+        yield from joints.check_range(row, output, "number of an output", 1, 16)
 
 
-class DoosanDrl(JointDialect):
+class DoosanDrl(joints.JointDialect):
     """Programs of Doosan arms."""
 
     name = "doosan-drl"
@@ -233,14 +230,14 @@ class DoosanDrl(JointDialect):
         call=("{call}({argument})",),
     )
     most_output = 16
-    reader = in_moves(LANGUAGE, _moved_to, _change, ("#", "doosan"), _without_blocks)
-    rules = judged(LANGUAGE, ("call",), _check, _without_blocks)
+    reader = joints.in_moves(LANGUAGE, _moved_to, _change, ("#", "doosan"), _without_blocks)
+    rules = joints.judged(LANGUAGE, ("call", "assign", "define"), _check, _without_blocks)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The measuring call, and the steps."""
-        measuring = (
+        call = (
             f"def {program.options.measure_call}(number=0):",
             f'    tp_popup("{program.options.question} Pose " + str(number))',
             '    tp_log("POSE " + str(number) + " q=" + str(get_current_posj()))',
         )
-        return [*(measuring if program.options.measure_call else ()), *steps]
+        return [*(call if program.options.measure_call else ()), *steps]

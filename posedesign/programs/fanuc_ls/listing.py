@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 
 from lark import Token, Tree
 
@@ -138,6 +138,11 @@ class Listing:
     broken: set[int] = field(default_factory=set)
     rows: int = 1
 
+    @property
+    def english(self) -> bool:
+        """Whether the controller speaks English."""
+        return any(name == "LINE_COUNT" for _, name, _ in self.attributes)
+
     @cached_property
     def instructions(self) -> list[Instruction]:
         """Instructions of /MN, as many as there are up to the thousandth fault."""
@@ -228,8 +233,24 @@ def _instructions(lines: list[Line]) -> Iterator[Instruction]:
         joined = [found[3] if found else ""]
 
 
+@cache
+def known_words() -> dict[str, str]:
+    """Keywords of the grammar and the letters of registers and signals, by their capitals."""
+    terminals = LANGUAGE.parser.terminals
+    items = next(str(t.pattern.value) for t in terminals if t.name == "ITEM")
+    words = [str(t.pattern.value) for t in terminals if t.pattern.type == "str"]
+    words += re.findall(r"[A-Za-z_]+", items)
+    return {w.upper(): w for w in words if re.fullmatch(r"[A-Za-z_]{2,}", w)}
+
+
 def _instruction(row: int, head: str, number: int | None, body: str) -> Instruction:
     closed = body.rstrip().endswith(";")
     code = body.rstrip().removesuffix(";").rstrip()
     statement = LANGUAGE.statement(Line(row, code.strip() or "!"))
+    if statement.kind in ("fault", "other"):
+        # controllers take words in any spelling, and store theirs
+        pattern, known = r"'[^']*'|:[^\]]*|[A-Za-z_]+", known_words()
+        spelled = re.sub(pattern, lambda word: known.get(word[0].upper(), word[0]), code.strip())
+        other = LANGUAGE.statement(Line(row, spelled))
+        statement = statement if other.kind in ("fault", "other") else other
     return Instruction(row, number, head, code, closed, statement, bool(_SUB_LINE.fullmatch(head)))

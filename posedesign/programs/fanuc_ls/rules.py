@@ -46,29 +46,33 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from lark import Token
 
 from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
-    LANGUAGE,
     Group,
     Instruction,
     Listing,
     Position,
+    known_words,
     read_listing,
 )
 from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
-from posedesign.programs.language import Block, block_faults, nodes, words
+from posedesign.programs.language import Block, block_faults, nodes
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
 from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
-_NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
+_NAME = re.compile(
+    r"[A-Z_-][A-Z0-9_-]{0,35}(?:[ \t]+(?:Macro|Cond|Process|Collection|System))?", re.IGNORECASE
+)
 _POSE = {*PLACE, *TURN}
 _KINDS = ({*JOINTS}, _POSE, RELATIVE)
-_OTHER_ARMS = [{f"J{j}" for j in range(1, n + 1)} for n in (3, 4, 5, 7, 8, 9)]
+_OTHER_ARMS = [{f"J{j}" for j in range(1, n + 1)} for n in (1, 2, 3, 4, 5, 7, 8, 9)]
 _CONFIG = re.compile(r"[FN] (?:[LR] )?[UD] [TB](?:, ?-?\d){3}")
+_OTHER_CONFIG = re.compile(r"(?:[FN] ?)?(?:[LR] ?)?(?:[UD] ?)?[TB]?(?:, ?-?\d)*|[*, ]*")
 _GERMAN = re.compile(
     r"(?<![\w$])(?:AUFRUF|WENN|WARTE|DANN|SONST|SPRUNG|MARKE|ENDE|PULS|AN|AUS|sek|WKZ_NUM"
     r"|BENUTZER_NUM|TRAGLST|ZEIT)(?!\w)"
@@ -76,15 +80,22 @@ _GERMAN = re.compile(
 _UNJUDGED = ("motion", "fault", "other")  # by how far they are from the colon
 _CHOSEN = "P[R]"  # of a position that a register chooses
 _BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
+_MACRO = re.compile(
+    r"(?!CALL|WAIT|AUFRUF|WARTE)[A-Z][\w./-]*(?: [\w./#&+-]+)+ *(?:\([^()]*\))?", re.IGNORECASE
+)
+"""Macros of several words can begin with a word of the language."""
 _UNKNOWN = re.compile(r"[A-Za-z][A-Za-z_-]{2,}[0-9]{0,3}")
 _ATTRIBUTE_NAMES = """
     OWNER COMMENT PROG_SIZE CREATE MODIFIED FILE_NAME VERSION LINE_COUNT MEMORY_SIZE PROTECT
     STORAGE STACK_SIZE TASK_PRIORITY TIME_SLICE BUSY_LAMP_OFF ABORT_REQUEST PAUSE_REQUEST
     DEFAULT_GROUP CONTROL_CODE LOCAL_REGISTERS SUB_TYPE INVISIBLE IGNORE_PAUSE
+"""
+_GERMAN_NAMES = """
     EIGN. KOMMENTAR ERSTELL DATEI_NAME ZEILEN SPEICHERGR. SCHUTZ ZEITSCHEIBE BUSY_LAMP_AUS
     ABORT_ANFRAGE HALT_ANFRAGE DEFAULT_GRUP KONTROLLCODE
 """
 _ATTRIBUTES = frozenset(_ATTRIBUTE_NAMES.split())
+_ALL_ATTRIBUTES = _ATTRIBUTES.union(_GERMAN_NAMES.split())
 _LONE_CR: rules.Asked = ("text", *rules.LONE_CR[1:])
 
 
@@ -92,7 +103,6 @@ def check_fanuc_ls(data: bytes) -> list[Problem]:
     """Problems in the content of a file, in the order of its lines."""
     listing = read_listing(data.decode("latin-1"))  # any byte is a character: none is lost
     lines = listing.instructions
-    english = any(name == "LINE_COUNT" for _, name, _ in listing.attributes)
     return rules.told(
         rules.check_line_ends(data),
         rules.check_bytes(data, rules.CONTROL, _LONE_CR, rules.FOREIGN),
@@ -100,7 +110,7 @@ def check_fanuc_ls(data: bytes) -> list[Problem]:
         _check_lines(listing),
         rules.each(lines, _line_faults),
         rules.each(lines, _code_faults),
-        rules.each(lines if english else (), _german_faults),
+        rules.each(lines if listing.english else (), _german_faults),
         block_faults([line.statement for line in lines], _BLOCKS),
         _check_labels(listing),
         _check_positions(listing),
@@ -123,16 +133,18 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
     for row, _ in listing.stray:
         yield Problem(row, "sections", "the line is in no section")
     for row, section, text in listing.headings:
-        if section == "PROG" and not _NAME.fullmatch(text):
+        if section == "PROG" and (not _NAME.fullmatch(text) or text.split()[0].upper() not in text):
             reason = "behind /PROG: a letter, then A-Z 0-9 _, 36 characters in all"
-            yield Problem(row, "program-name", reason)
+            level: Level = "measuring" if _NAME.fullmatch(text) else "error"
+            yield Problem(row, "program-name", reason, level)
         elif section != "PROG" and text:
             yield Problem(row, "sections", f"{text[:30]!a} stands behind /{section}")
     for row, fault in listing.unclear:
         yield Problem(row, "attribute", fault)
+    known = _ATTRIBUTES if listing.english else _ALL_ATTRIBUTES
     for row, name, _ in listing.attributes:
-        near = rules.near(name, _ATTRIBUTES, alike=0.75)
-        if name not in _ATTRIBUTES and near and name.isascii():
+        near = rules.near(name, known, alike=0.75)
+        if name not in known and near and name.isascii():
             yield Problem(row, "attribute", f"{name} is no attribute: {near} is")
 
 
@@ -142,7 +154,7 @@ def _check_lines(listing: Listing) -> Iterator[Problem]:
     for line in outer:
         if line.number not in (None, expected):
             reason = f"line number {line.number} where {expected} is due"
-            yield Problem(line.row, "line-number", reason)
+            yield Problem(line.row, "line-number", reason, "measuring")
         expected = (line.number or expected) + 1
     named = ("LINE_COUNT", "ZEILEN")
     counts = [(row, text.strip()) for row, key, text in listing.attributes if key in named]
@@ -176,16 +188,16 @@ def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
         reason = f"a negative constant stands in parentheses, (-1): {fault}"
         yield "negative-argument", reason, "error"
     elif fault:
-        yield "instruction", fault, "error"
+        yield "instruction", fault, "measuring" if _MACRO.fullmatch(line.code.strip()) else "error"
     elif line.kind == "other":
-        yield _unknown(line, s.word("OTHER"), s.word("REST"))
+        yield _unknown(line, *re.split(r"(?<=\w)(?![\w-])", line.code.strip(), maxsplit=1))
     if line.kind != "motion":
         return
     for option in s.all("other_option"):
         yield _unknown(line, str(option.children[0]), "")
     for tree in s.all("speed"):
         joint, unit = line.code.lstrip().startswith("J"), s.word("UNIT")
-        number = next(iter(words(tree, "INT", "DECIMAL")), "1")[:20]
+        number = next((w[:20] for w in tree.children[:1] if isinstance(w, Token)), "1")
         if unit == "%" and not 0 < float(number) <= 100:
             yield "speed", f"a speed of {number}%: from 1% to 100%", "error"
         if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
@@ -197,36 +209,28 @@ def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
 
 def _german_faults(line: Instruction) -> Iterator[rules.Fault]:
     """Of an instruction of an English program."""
-    mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'", "", line.code))
-    if mixed and line.kind not in ("remark", "message"):
+    mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'|(?:CALL|RUN) \S+", "", line.code))
+    if mixed and line.kind not in ("remark", "message", "other"):
         reason = f"{mixed[0]} is a word of German controllers, the program an English one"
         yield "instruction", reason, "error"
 
 
-def _unknown(line: Instruction, word: str, rest: str) -> rules.Fault:
-    """An instruction or option of an application, or a misspelt one of the language."""
-    known = _known_words()
-    begun = (w for w in known if word.upper().startswith(w.upper()) and len(w) > 3)
-    near = next(begun, "") or rules.near(word, known, least=2, alike=0.7)
+def _unknown(line: Instruction, word: str, rest: str = "") -> rules.Fault:
+    """A macro, an instruction or option of an application, or a misspelt one of the language."""
+    known = known_words()
+    begun = (w for w in known.values() if word.upper().startswith(w.upper()) and len(w) > 3)
+    near = next(begun, "") or rules.near(word, known.values(), least=2, alike=0.7)
     near = near or ("CALL" if f"{word}(" in line.code else "")
     opened = re.sub(r"'[^']*'|\[[^\[\]]*\]", "", rest)
-    if near or not _UNKNOWN.fullmatch(word) or opened.count("(") != opened.count(")"):
-        hint = f": {near} is" if near else ""
-        return "instruction", f"{word[:40]!a} is no instruction{hint}", "error"
-    if re.search(r"[\[\]]", opened) and "[" not in rest:
+    if opened.count("(") != opened.count(")") or (re.search(r"[\[\]]", opened) and "[" not in rest):
         return "instruction", f"a bracket is not closed: {rest[:40]!a}", "error"
+    if near or not _UNKNOWN.fullmatch(word):
+        hint = f": {near} is" if near else ""
+        # a macro has any name, and arguments in parentheses at most
+        wrong = re.match(r" ?[=\[,]", rest) if rest else word.upper() in known
+        level: Level = "error" if wrong else "measuring"
+        return "instruction", f"{word[:40]!a} is no instruction{hint}", level
     return "instruction", f"{word[:40]!a} is not known: an application's own is not checked", "note"
-
-
-def _known_words() -> list[str]:
-    """Keywords of the grammar, and the letters of registers and signals."""
-    items = re.findall(r"[A-Za-z_]+", _pattern("ITEM"))
-    words = [str(t.pattern.value) for t in LANGUAGE.parser.terminals if t.pattern.type == "str"]
-    return sorted({w for w in [*items, *words] if re.fullmatch(r"[A-Za-z_]{2,}", w)})
-
-
-def _pattern(name: str) -> str:
-    return next(str(t.pattern.value) for t in LANGUAGE.parser.terminals if t.name == name)
 
 
 def _check_labels(listing: Listing) -> Iterator[Problem]:
@@ -236,7 +240,8 @@ def _check_labels(listing: Listing) -> Iterator[Problem]:
             number = next(nodes(label, "index")).children[0]
             if isinstance(number, Token) and number.type == "INT":  # else a register chooses it
                 labels[line.kind == "label_"].append((line.row, f"LBL[{number[:9]}]"))
-    return rules.check_names(labels[True], labels[False], ("label", "label", ""))
+    found = rules.check_names(labels[True], labels[False], ("label", "label", ""))
+    return (replace(problem, level="measuring") for problem in found)
 
 
 def _check_positions(listing: Listing) -> Iterator[Problem]:
@@ -265,9 +270,9 @@ def _check_group(position: Position, group: Group) -> Iterator[Problem]:
     if group.frames and group.fields and cartesian != (config is not None):
         yield Problem(row, "configuration", f"{label} has {'no' if cartesian else 'a'} CONFIG")
     elif config is not None and not _CONFIG.fullmatch(config.strip()):
-        unset = not config.translate(str.maketrans("", "", "*, "))
-        reason = f"{label}: there is no CONFIG {config[:30]!a}"
-        yield Problem(row, "configuration", reason, "measuring" if unset else "error")
+        reason = f"{label}: there is no CONFIG {config[:30]!a} of a six-axis arm"
+        other = _OTHER_CONFIG.fullmatch(config.strip())
+        yield Problem(row, "configuration", reason, "measuring" if other else "error")
     for name, (text, unit) in group.fields.items():
         far = name.lstrip("R") in PLACE
         most = MOST_POSITION_MM if far or name in EXTENDED else MOST_JOINT_DEG
@@ -276,7 +281,10 @@ def _check_group(position: Position, group: Group) -> Iterator[Problem]:
             yield Problem(at, "position-value", f"{said} has no value", "measuring")
         elif unit != ("mm" if far else "deg") and not (name in EXTENDED and unit):
             wanted = "mm" if far else "deg"
-            yield Problem(at, "unit", f"{said} is in {unit or 'no unit'}, not in {wanted}")
+            reason = f"{said} is in {unit or 'no unit'}, not in {wanted}"
+            # a gantry's first joints are in millimetres
+            level = "measuring" if name in JOINTS and unit else "error"
+            yield Problem(at, "unit", reason, level)
         elif len(text) > 20 or abs(float(text)) > (180.0 if name in TURN else most):
             yield Problem(at, "range", f"{said} is {text[:20]}")
 
@@ -314,6 +322,8 @@ def _check_motions(listing: Listing) -> Iterator[Problem]:
     for line in listing.instructions:
         kind = line.kind
         if kind == "frame":
+            if line.statement.word("OTHER").upper() not in ("", "GP1"):
+                continue
             letters = "UF" if line.statement.one("uframe") is not None else "UT"
             number = line.statement.tree.children[-1]
             active[letters] = int(number[:9]) if isinstance(number, Token) else None

@@ -14,9 +14,10 @@ letters.
 
 Rules: ``syntax``: lines are as in the grammar; other instructions are noted. ``block``: sections,
 loops and branches are closed. ``position``, ``range``: as many plain values each, six at least,
-joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999. ``target``: moves
-go to positions that are in the file, where it has lists. ``standstill``, ``wait-to-measure``: BREAK
-behind each move, and a wait. ``speed``: set for each move. ``unused``: all of an array is moved to.
+joints within +-720 deg, speeds from 0.01 to 100 percent, outputs from 1 to 999 or from 2001 to 2960
+(in the controller). To measure, ``target``: moves go to positions that are in the file, where it
+has lists. ``standstill``, ``wait-to-measure``: BREAK behind each move, and a wait. ``speed``: set
+for each move. ``unused``: all of an array is moved to.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, Problem, RecordedProgram
+from posedesign.programs.rules import measuring
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 _LISTS = ("joints", "trans")
@@ -70,7 +72,9 @@ _OTHERS = """wait swait scall hmove xmove cmove c1move c2move home home2 base ty
 any"""
 _FIRST = re.compile(r"(?:\d+ +)?(\.?[a-z]\w*)")
 _MOTION = re.compile(r"home|t?draw\b|drive|align|[lj](appro|depart)|\w+move", re.I)
-_NOT_JUDGED = re.compile(r"[.$#\w]+(\[[^\]]*\])? *=(?!=)|[\w.]+ *:|(if\b.*)?\bgoto\b", re.I)
+_NOT_JUDGED = re.compile(
+    r"(\d+ +)?([.$#\w]+(\[[^\]]*\])* *=(?!=)|[\w.]+ *:|(if\b.*)?\bgoto\b)", re.I
+)
 _LITERAL = re.compile(r"#?[a-z_][\w.]*(\[[\d,]+\])?")
 _BLOCKS = {
     "program": Block("finish"),
@@ -175,7 +179,7 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
     for s in moves if listed else ():
         for place in set() if "(" in s.text else {*_places(s)} - known:
             if _LITERAL.fullmatch(place):
-                yield Problem(s.row, "target", f"{place[:40]} is not in the file")
+                yield measuring(s.row, "target", f"{place[:40]} is not in the file")
 
 
 def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
@@ -193,7 +197,8 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
         if s.kind == "speed" and not s.word("UNIT"):
             yield from check_range(s.row, first, "percent of the speed", 0.01, 100)
         if s.kind == "pulse":
-            yield from check_range(s.row, first, "number of an output", 1, 999, whole=True)
+            least, most = (2001, 2960) if re.fullmatch(r"2\d{3}", first) else (1, 999)
+            yield from check_range(s.row, first, "number of an output", least, most, whole=True)
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)

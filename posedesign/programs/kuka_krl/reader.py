@@ -135,6 +135,7 @@ class _Reader:
     fdat: dict[str, Frames] = field(default_factory=dict)
     forgotten: dict[str, int] = field(default_factory=dict)
     frames: ActiveFrames = field(default_factory=ActiveFrames)
+    no_positions: set[str] = field(default_factory=set)
     elsewhere: tuple[str, int] | None = None
 
     def program(self) -> RecordedProgram:
@@ -209,7 +210,9 @@ class _Reader:
             if kind == "FDAT" and krl.is_aggregate(value):
                 self.fdat[name.upper()] = Frames.of_fdat(dict(krl.fields_of(value)))
             elif kind not in krl.TYPES_OF_POSITIONS:
-                if kind not in ("FRAME", "LOAD"):
+                if kind in ("FRAME", "LOAD"):
+                    self.no_positions.add(name.upper())
+                elif kind != "JERK_STRUC" and name[0] != "$":
                     self._check_no_position(statement)
             elif krl.is_aggregate(value):
                 self._add(name, value, row)
@@ -226,9 +229,10 @@ class _Reader:
         plain = "." not in key and not _COMPUTED.search(key)
         if not plain or not krl.is_aggregate(value):
             self._forget(key, statement.row)
-        if _is_frame(value) or key.partition("_DATA[")[1]:
+        known = key.startswith("$") or key.partition("_DATA[")[1]
+        if _is_frame(value) or known or key.partition("[")[0] in self.no_positions:
             return
-        if plain and not key.startswith("$") and _holds_position(value):
+        if plain and _holds_position(value):
             self._add(krl.name_of(variable), value, statement.row)
         else:
             self._check_no_position(statement)

@@ -13,7 +13,7 @@ rule                       what it asks
 ``line-length``         m  a ``.src`` fewer than 120 characters a line, a ``.dat`` 255, but for what
                            the pendant writes: controllers differ
 ``module``                 a ``.dat`` is DEFDAT ... ENDDAT, a ``.src`` routines, DEF ... END
-``module-name``            24 characters at most; m: the same as the name of the file
+``module-name``         m  24 characters at most; the same as the name of the file
 ``block``                  each routine, IF, FOR, WHILE, LOOP, REPEAT, SWITCH closed by its own end
 ``data``                   only declarations and values in a ``.dat``
 ``declarations-first``     no declaration behind the first instruction of a routine
@@ -58,10 +58,11 @@ from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
-from posedesign.programs.language import Block, Node, Statement, block_faults, text_of
+from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
+from posedesign.programs.sets import set_mark
 
 MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
 """Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
@@ -78,7 +79,9 @@ def _words(text: str) -> frozenset[str]:
 
 
 _BLOCKS = krl.BLOCKS | {begin: Block(end) for begin, end in BEGINS.items()}
-_DECLARE = ("declaration", "external", "structure", "enumeration", "signal", "import_")
+_DECLARE = (
+    *("declaration", "external", "structure", "enumeration", "signal", "channel", "import_"),
+)
 _COMMANDS = _words(
     """INITMOV ACC_CP ACC_PTP ACC_GLUE VEL_CP VEL_PTP TOOL BASE EX_BASE PTP_DAT CP_DAT PTP_PARAMS
     CP_PARAMS OUT_SYNC OUT_ASYNC GROUP FRAMES"""
@@ -87,6 +90,7 @@ _TYPES = _words(
     """INT REAL BOOL CHAR AXIS E3AXIS E6AXIS POS E3POS E6POS FRAME LOAD INERTIA FDAT PDAT LDAT
     BAS_COMMAND"""
 )
+_TYPES_OF_THE_LANGUAGE = _words("INT REAL BOOL CHAR")
 _STATES = _words("FDAT_ACT PDAT_ACT LDAT_ACT")
 _WORDS = _words(
     """CASE CIRC CONFIRM CONTINUE DECL DEFAULT DEFDAT DEFFCT ELSE ENDDAT ENDFCT ENDFOR ENDIF ENDLOOP
@@ -112,7 +116,7 @@ _FORMS = {
 """Names in the data of inline forms. Their values are numbers, but for these."""
 
 _FORM_VALUES = {
-    "IPO_FRAME": ("#(BASE|TCP)", "#BASE or #TCP"),
+    "IPO_FRAME": ("#(BASE|TCP|NONE)", "#BASE or #TCP"),
     "TQ_STATE": ("TRUE|FALSE", "TRUE or FALSE"),
     "POINT2[]": (".*", "a text"),
     **dict.fromkeys(("APO_MODE", "ORI_TYP", "CIRC_TYP"), ("#.*", "a name with #")),
@@ -122,6 +126,9 @@ _GLOBALS = _STATES | _words(
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
 _LARGEST = {"S": 31, "T": 63}
+_WHOLE = ("[]", ",]")
+"""How indices of a whole array or of one of its rows end."""
+
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
 _CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
 _NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")
@@ -156,6 +163,7 @@ class _Module:
 
     def __init__(self, data: bytes) -> None:
         self.text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
+        self.whole = set_mark(data) is not None
         self.statements = krl.LANGUAGE.statements(self.text)
         self.begins = [statement for statement in self.statements if statement.kind in BEGINS]
         self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
@@ -183,7 +191,8 @@ class _Module:
             for value in filter(krl.is_aggregate, children[1:]):
                 of_type = krl.kind_of(value)
                 names = {name for name, _ in krl.fields_of(value)}
-                known = of_type in krl.TYPES_OF_POSITIONS or names & {"A1", "S", "T"}
+                known = of_type in krl.TYPES_OF_POSITIONS or "A1" in names
+                known = known or ("X" in names and bool(names & {"S", "T"}))
                 if kind == "motion" or (known and "$" not in variable):
                     self.positions.append((statement.row, variable, of_type, value))
         elif kind == "external":
@@ -247,7 +256,7 @@ def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
             yield Problem(begin.row, "module", "a .dat holds one DEFDAT, a .src none")
         if len(name) > 24:
             said = f"{name[:40]} has {len(name)} characters, not 24"
-            yield Problem(begin.row, "module-name", said)
+            yield measuring(begin.row, "module-name", said)
         if begin.kind != "begin_data" and begin.one("parameters") is None:
             yield Problem(begin.row, "module", f"no brackets behind the name {name}")
     if module.name.upper() != path.stem.upper():
@@ -278,7 +287,7 @@ def _check_places(module: _Module) -> Iterator[Problem]:
             yield Problem(row, "declarations-first", "a declaration behind an instruction")
         begun = begun or kind not in (*_DECLARE, *BEGINS)
         for name in _defined(statement, module.is_data):
-            if name in _TYPES:
+            if name in (_TYPES if module.whole else _TYPES_OF_THE_LANGUAGE):
                 yield Problem(row, "word", f"{name} is a type, no name")
             if name in seen:
                 yield Problem(row, "unique", f"{name.split()[-1]} is defined twice")
@@ -309,7 +318,9 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
                 continue
             near = rules.near(word, known)
             if near:
-                yield Problem(row, "word", f"{word} is no word that is known here: {near}?")
+                level: Level = "error" if module.whole or word[0] == "$" else "note"
+                said = f"{word} is no word that is known here: {near}?"
+                yield Problem(row, "word", said, level)
             elif known is _CALLED:
                 yield Problem(row, "routine", f"{word} stands in another file", "note")
             if near or known is _CALLED:
@@ -369,8 +380,9 @@ def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
 
 def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
     variable, value = map(krl.key_of, statement.tree.children)
-    given = _is_constant(statement.tree.children[1]) or value.endswith("[]")
-    if variable.endswith("[]") and not given:
+    node = statement.tree.children[1]
+    given = _is_constant(node) or is_a(node, "function") or value.endswith(_WHOLE)
+    if variable.endswith(_WHOLE) and not given:
         yield Problem(statement.row, "constant", "a whole array is given one value")
 
 
@@ -379,7 +391,7 @@ def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]
     if of_type.startswith("DECL"):
         yield Problem(row, "word", "no blank behind DECL")
     for item in krl.items_of(statement):
-        if is_data and of_type != "CHAR" and krl.size_of(item) == "[]":
+        if is_data and of_type != "CHAR" and krl.size_of(item).endswith(_WHOLE):
             yield Problem(row, "constant", "the size of the array is missing")
         for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
             fault = _form_fault(of_type, name, text)
@@ -430,10 +442,12 @@ def _check_positions(module: _Module) -> Iterator[Problem]:
 
 def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     if name in _LARGEST:
-        bits = re.fullmatch(r"(\d{1,9})|'B([01]{1,9})'", text, re.IGNORECASE | re.ASCII)
+        bits = re.fullmatch(
+            r"(\d{1,9})|'B ?([01]{1,9})'|'H ?([\dA-F]{1,9})'", text, re.IGNORECASE | re.ASCII
+        )
         if bits is None:
             return "is no whole number" if is_data else "", "error"
-        value = int(bits[1]) if bits[1] else int(bits[2], 2)
+        value = int(bits[bits.lastindex or 1], (10, 2, 16)[(bits.lastindex or 1) - 1])
         most = _LARGEST[name]
         return f"is not from 0 to {most}" if value > most else "", "measuring"
     number = krl.as_number(text)
@@ -544,7 +558,7 @@ def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iter
     if name not in _FRAMES:
         return
     is_whole = value >= 0 and value % 1 == 0 if called else text.isdigit()
-    if (called or text) and not is_whole:
+    if not is_whole and (not math.isnan(value) or (called and not text)):
         yield Problem(row, "frame-value", f"{name} {text}: frames are numbered from 0")
     elif value > _FRAMES[name]:
         said = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"

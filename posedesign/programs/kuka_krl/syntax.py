@@ -25,7 +25,10 @@ POSE = ("X", "Y", "Z", "A", "B", "C")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 CONFIGURATION = ("S", "T")
 
-TYPES_OF_POSITIONS = {"E6AXIS": AXES, "AXIS": AXES, "E6POS": POSE, "POS": POSE}
+TYPES_OF_POSITIONS = {
+    **dict.fromkeys(("E6AXIS", "E3AXIS", "AXIS"), AXES),
+    **dict.fromkeys(("E6POS", "E3POS", "POS"), POSE),
+}
 """Types that hold where the arm is to be, with what they have at least."""
 
 MOST_TOOL, MOST_BASE = 16, 32

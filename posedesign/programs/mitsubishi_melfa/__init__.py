@@ -16,9 +16,10 @@ Z is from RoboDK's post-processor alone. Positions that were defined, but never 
 flags, ``(,)``, and are left out.
 
 Rules: ``syntax``: steps and positions are as in the grammar; another command is noted. ``step``:
-numbers of steps rise from 1 to 32767, with 127 characters at most. ``position``: six to eight plain
-numbers (joints: one to eight), each name once. ``range``: joints within +-720 deg, overrides from 1
-to 100 percent. ``target``: moves go to positions that are in the list, or defined.
+numbers of steps, where they have any, rise from 1 to 32767, with 127 characters at most.
+``position``: six to eight plain numbers (joints: one to eight), each name once. ``range``: joints
+within +-720 deg, overrides from 1 to 100 percent. ``target``: moves go to positions that are in the
+list, or defined.
 ``wait-to-measure``: Dly between a move and CallP. ``unused``: all joint positions of the list are
 moved to.
 """
@@ -70,8 +71,9 @@ _NOTE = re.compile(r"\d{1,5} ?'(.*)")
 _PLANNED = re.compile(r"J([1-9]\d{0,4})", re.IGNORECASE | re.ASCII)
 
 _COMMANDS = "mov mvs dly m_out jovrd ovrd spd cnt servo callp end hlt return wait hopen hclose"
-_OTHERS = "open close print input if else elseif endif for next while wend select case on dim fine"
-_STEP = re.compile(r"\s*\d{1,5} +([A-Za-z]\w*)(?: .*)?")
+_OTHERS = """open close print input if else elseif endif for next while wend select case on dim fine
+nvopen nvclose emvs emov espd"""
+_STEP = re.compile(r"\s*(?:\d{1,5} +)?([A-Za-z]\w*)(?: .*)?")
 
 
 LANGUAGE = Language(
@@ -82,13 +84,23 @@ LANGUAGE = Language(
 )
 
 
-def _entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
-    """Name, values and flags of an entry of the list, which has no number of a step; else empty."""
+_Entry = tuple[str, list[Tree[Token]], str]  # name, values, flags; empty of a step
+
+
+def _entries(statements: list[Statement]) -> tuple[list[_Entry], bool]:
+    """Entries of the list, and whether steps have numbers: entries have none, nor what computes."""
+    numbered = any(isinstance(child, Token) for s in statements for child in s.tree.children[:1])
+    return [_entry_of(s, numbered) for s in statements], numbered
+
+
+def _entry_of(statement: Statement, numbered: bool) -> _Entry:
     body = subtrees(statement.tree)[-1:]
     if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
         return "", [], ""
     place, value, *flags = subtrees(body[0])
     values = subtrees(value) if value.data == "group" else []
+    if not numbered and not (values and all(value.data == "number" for value in values)):
+        return "", [], ""
     return text_of(place), values, text_of(flags[0]) if flags else "none"
 
 
@@ -100,10 +112,10 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
     for row, note in said:
         notes.take(row, note)
     found: list[Stored] = []
-    for statement in LANGUAGE.statements(text):
+    statements = LANGUAGE.statements(text)
+    for statement, (name, values, flags) in zip(statements, _entries(statements)[0], strict=True):
         if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
             refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
-        name, values, flags = _entry_of(statement)
         if name[:1].upper() not in ("J", "P") or flags == ",":
             continue
         if not all(value.data == "number" for value in values):
@@ -133,29 +145,31 @@ def _values_of(p: Stored, path: Path) -> dict[str, Any]:
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
-    names = [_entry_of(s)[0].upper() for s in statements]
+    entries, numbered = _entries(statements)
+    names = [name.upper() for name, *_ in entries]
     counts = Counter(names)
-    defined = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
-    known = counts.keys() | defined
+    known = {w.upper() for s in statements for t in s.all("definition") for w in words(t, "NAME")}
+    known |= {text_of(subtrees(t)[0]).upper() for s in statements for t in s.all("assignment")}
     moved: set[str] = set()
     step, standing = 0, Standing(("", "Dly"))
-    for s, name in zip(statements, names, strict=True):
+    for s, name, entry in zip(statements, names, entries, strict=True):
         if s.fault:
             yield Problem(s.row, "syntax", s.fault, _level(s.text))
             continue
         if name:
-            yield from _check_position(s, counts[name] > 1)
+            yield from _check_position(s.row, entry, counts[name] > 1)
             continue
         first, body = str(s.tree.children[0]), subtrees(s.tree)[-1]
         own = int(first) if re.fullmatch(r"\d{1,5}", first) else 0
-        if not step < own <= 32767 or len(s.text) > 127:
+        if (numbered and not step < own <= 32767) or len(s.text) > 127:
             yield Problem(s.row, "step", f"step {own} behind {step}, {len(s.text)} characters")
         step = max(step, own)
         if body.data == "move":
             target = text_of(subtrees(body)[0]).upper()
             moved.add(target)
             if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
-                yield Problem(s.row, "target", f"{target[:40]} is not in the list")
+                level: Level = "error" if any(names) else "note"  # lists are saved apart as well
+                yield Problem(s.row, "target", f"{target[:40]} is not in the list", level)
         if body.data == "override":
             yield from check_range(s.row, text_of(body), "percent of the override", 1, 100)
         does = (body.data == kind for kind in ("move", "move", "dly", "call"))
@@ -175,14 +189,14 @@ def _level(text: str) -> Level:
     return "error" if near or not word or re.fullmatch(r"[jpm]\d*", word) else "note"
 
 
-def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:
-    name, values, _ = _entry_of(s)
+def _check_position(row: int, entry: _Entry, twice: bool) -> Iterator[Problem]:
+    name, values, _ = entry
     joints = name[0] in "Jj"
     plain = bool(values) and all(value.data == "number" for value in values)
     if twice or not plain or not JOINTS * (not joints) <= len(values) <= 8:
-        yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
+        yield Problem(row, "position", f"{name[:40]} is no position, or there twice")
     elif joints:
-        yield from check_joints(s.row, [text_of(value) for value in values], most=8, least=1)
+        yield from check_joints(row, [text_of(value) for value in values], most=8, least=1)
 
 
 SIGNS = "signs of the joints, which are those of the robot's description"

@@ -8,8 +8,8 @@ elements of all arrays of joints and points are taken, in the order of the file;
 lies beside it and says which of them are moved to, these, in the order of their moves.
 
 A controller leaves out attributes that are zero; an element of other arrays that is not there at
-all is refused, and so are points in several frames. Where the frame of the points is in the file,
-and the tool ``tTool`` of a project as it is written, they are taken by value. Points whose arm
+all is refused. Frames of points that are in the file, and the tool ``tTool`` of a project as it is
+written, are taken by value; points in several frames are refused where one is not. Points whose arm
 position is ``same`` or not said are taken without one. XML with a DTD or entities is refused.
 """
 
@@ -98,11 +98,12 @@ def _arrays(data: bytes, path: Path) -> _Data:
         root = project.parse_xml(data)
     except project.XmlFault as fault:
         refuse(fault.reason, path, fault.line, fault.hint)
-    if root.name != "Database":
+    if root.name not in ("Database", "dataList"):
         refuse("is no data file of a VAL 3 project", path, root.line, _NAME_DATA)
     arrays = _Data()
     arrays.path = path
-    for node in root.all("Data"):
+    old = (_renewed(array) for section in root.children for array in section.children)
+    for node in root.all("Data") if root.name == "Database" else old:
         name, kind, size = node.get("name"), node.get("type"), node.attributes.get("size", "1")
         if not name or name in arrays:
             reason = f"{name[:30]!a} is there twice" if name else "an array has no name"
@@ -121,6 +122,28 @@ def _arrays(data: bytes, path: Path) -> _Data:
                 refuse(f"{name}[{int(key)}] {reason}", path, value.line)
             array.elements[int(key)] = value
     return arrays
+
+
+def _renewed(array: Node) -> Node:
+    """An array of a data file of version 6 or before, as the versions since then write it.
+
+    Such files, as SRS saves them in public repositories: ``<point name="p1"><pFather name="fPart"
+    fatherIndex="0"/><valuePoint index="0"><tpValue x="366.58" .../><cpValue .../></valuePoint>``.
+    """
+    father: dict[str, str] = {}
+    values = []
+    for node in array.children:
+        if name := node.get("name"):
+            alias = f"{node.get('alias')}:" * bool(node.get("alias"))
+            father = {"fatherId": f"{alias}{name}[{node.get('fatherIndex')}]"}
+        elif node.name.startswith("value"):
+            merged = father | node.attributes
+            for part in node.children:
+                merged |= part.attributes if part.name.endswith("Value") else {}
+            merged["key"] = node.attributes.get("index", "0")
+            values.append(replace(node, name="Value", attributes=merged))
+    said = {"size": str(len(values)), **array.attributes, "type": array.name}
+    return replace(array, attributes=said, children=values)
 
 
 _Listed = list[tuple[int, str, _Array, int]]
@@ -198,7 +221,7 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
     """Positions of elements; poses with the tool of the project where it is on the flange."""
     out: list[RecordedPosition] = []
     points: list[list[float]] = []
-    father = ""
+    frames: dict[str, FloatArray | None] = {}
     path = arrays.path
     for number, name, array, key in listed:
         element = array.elements.get(key)
@@ -212,24 +235,23 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
             out.append(replace(at, shown_deg=np.array(shown)))
             continue
         own = element.attributes.get("fatherId", "world[0]")
-        if own != (father or own):
-            reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
+        T_world_user = frames.setdefault(own, _frame(own, arrays))
+        if len(frames) > 1 and any(T is None for T in frames.values()):
+            reason = f"{label} is in {own[:30]!a}, points before in {next(iter(frames))[:30]!a}"
             arrays.refuse(reason, element.line, "teach all points in one frame")
-        father = own
+        at = replace(at, T_world_user=T_world_user)
         points.append(_values(element, label, path))
         out.append(replace(at, configuration=_configuration(element, label, path)))
     if not points:
         return tuple(out)
     _check_unit(path)
-    T_world_user, T_tip_tool = _frame(father, arrays), None
+    T_tip_tool = None
     on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
     if tool is not None and on_flange and arrays["tTool"].type == "tool":
         T_tip_tool = _transforms([_values(tool, "tTool[0]", path)])[0]
     poses = iter(_transforms(points))
     return tuple(
-        replace(p, T_user_tool=next(poses), T_world_user=T_world_user, T_tip_tool=T_tip_tool)
-        if p.shown_deg is None
-        else p
+        replace(p, T_user_tool=next(poses), T_tip_tool=T_tip_tool) if p.shown_deg is None else p
         for p in out
     )
 
@@ -241,8 +263,8 @@ def _check_unit(path: Path) -> None:
     """
     for file in sorted(path.parent.glob("*.pjx")) if path.is_file() else ():
         root = project.read_xml(file) or Node(1, "", "", {})
-        names = [node.get("file").lower() for node in root.all("Data")]
-        for node in root.all("Parameters"):
+        names = [node.get("file").lower() for node in root.all("Data", "data")]
+        for node in root.all("Parameters", "parameters"):
             if path.name.lower() in names and node.get("millimeterUnit") == "false":
                 hint = "save the application with lengths in millimetres"
                 refuse("the lengths of the project are not in millimetres", file, node.line, hint)
@@ -276,7 +298,7 @@ def _values(element: Node, label: str, path: Path) -> list[float]:
     return reading.pose_values(texts, POINT, label, path, element.line)
 
 
-_TAG = re.compile(r"<(?:\w+:)?Value\b[^<>]*", re.ASCII)
+_TAG = re.compile(r"<[\w:]*Value\b[^<>]*", re.ASCII)
 _ATTRIBUTE = re.compile(
     rf"""(?<=\s)({"|".join((*JOINTS, *POINT))})\s*=\s*["']\s*([-+\d.eE]+)\s*["']""", re.ASCII
 )

@@ -47,6 +47,9 @@ slowest hand that guides an arm above."""
 STILL_RAD = 1e-4
 """By which no joint may move meanwhile: a tenth of a millimetre at a metre."""
 
+AGAIN_S = 1.0
+"""Wait before a connection that was lost is made anew."""
+
 LONGEST_S = 7 * 24 * 3600.0
 PLAYING, ENDED = 2, (0, 1)
 """Of ``runtime_state``: a paused program has not ended."""
@@ -183,7 +186,7 @@ def _told(
             lines += 1
             if lines == 1:  # of each time that it is lost
                 tell(f"{host}:{PORT}: {lost}; trying again")
-            time.sleep(1.0)
+            time.sleep(AGAIN_S)
 
 
 class _Lost(Exception):

@@ -79,13 +79,27 @@ _IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
 _IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
 
-LANGUAGE = Language(
-    __package__,
-    joined=open_lines(
-        "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
-    ),
-    signed=True,
+_OPEN_LINES = open_lines(
+    "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
 )
+_NEXT = re.compile(
+    r"(?<=[)\]\d]) +(?=(?!(?:and|or|xor|not)\b)[A-Za-z_]\w* *(?:\(|=(?!=)))", re.ASCII
+)
+"""Between two statements on one line: ``open_gripper() w = -w turn(w)``."""
+
+
+def _one_by_one(lines: Iterator[Line]) -> Iterator[Line]:
+    for line in _OPEN_LINES(lines):
+        start = 0
+        for found in _NEXT.finditer(line.text) if line.text[0] != "$" else ():
+            before = line.text[start : found.start()]
+            if before.count("(") == before.count(")") and before.count('"') % 2 == 0:
+                yield Line(line.row, before)
+                start = found.end()
+        yield Line(line.row, line.text[start:])
+
+
+LANGUAGE = Language(__package__, joined=_one_by_one, signed=True)
 
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
@@ -345,7 +359,7 @@ class _Reader:
         self.announced.move(target.key, target.variable or "the target")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
-        """All positions, numbered: poses in one user frame."""
+        """All positions, numbered."""
         self.announced.end()
         if self._unknown is not None and not self.announced.found:
             text, row = self._unknown
@@ -355,13 +369,6 @@ class _Reader:
         numbers = self.announced.numbered([(key, t.name) for key, t in found.items()], {})
         targets = [(f"position {n}", t) for (n, _), t in zip(numbers, found.values(), strict=True)]
         posed = [(t.pose, label, t.row) for label, t in targets if t.pose is not None]
-        frames = next((t.frames for _, t in targets if t.pose is not None), ())
-        for label, t in targets:
-            if t.pose is not None and t.frames != frames:
-                reason = f"{label} is in another frame than positions before"
-                refuse(reason, self.path, t.row, "use one frame in pose_trans, or joints")
-        in_frames = self._transforms([(f, "the frame", posed[0][2]) for f in frames])
-        T_world_user = reduce(np.matmul, in_frames, np.eye(4))
         rows = {t.tcp: t.row for _, t in reversed(targets) if t.pose is not None and t.tcp}
         tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
         poses = iter(self._transforms(posed))
@@ -370,7 +377,9 @@ class _Reader:
             joints = self._values(t.joints, label, MOST_JOINT_RAD, t.row) if t.joints else None
             placed: dict[str, Any] = {}
             if t.pose is not None:
-                placed = {"T_user_tool": next(poses), "T_world_user": T_world_user}
+                frames = self._transforms([(f, "the frame", t.row) for f in t.frames])
+                placed = {"T_user_tool": next(poses)}
+                placed["T_world_user"] = reduce(np.matmul, frames, np.eye(4))
                 placed["T_tip_tool"] = tools[t.tcp] if t.tcp else None
             shown = None if joints is None else np.degrees(joints)
             out.append(RecordedPosition(n, name, t.row, shown, **placed))

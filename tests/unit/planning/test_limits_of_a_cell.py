@@ -1,5 +1,6 @@
 """Shares of targets, sides and zones, repeats, and times that differ: kept by the chosen poses."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,18 @@ from calib.errors import CalibError, InputError
 from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
 from posedesign.planning.optimal import OptimalPlan, Request, plan_optimal
+from posedesign.selection import limited
 from tests.measured_cells import ARMS, cell_text
 
 ARM = "kr6r900sixx"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_draws() -> Iterator[None]:
+    """What more draws would still gain, a few thousandths, decides nothing here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limited, "PATIENCE", 1)
+        yield
 
 
 def cell_with(more: str, kind: str = "two targets") -> Cell:

@@ -134,6 +134,10 @@ def framed(code: str) -> RecordedProgram:
         r"MoveJ p1,vmax,fine,tA,\WObj:=wA;",
         r"MoveL \Conc, P1 \ID:=3, v100 \T:=5, z10 \Inpos:=inpos50, ta \TLoad:=l1 \WObj := WA ;",
         "IF a THEN\nMoveJ p1,vmax,\nfine,tA\\WObj:=wA;\nENDIF\nMoveJ p1,v5,z1,tA\\WObj:=wA;",
+        # of arc welding and of events, as public welding cells have them
+        r"MoveLDO p1,vmax,fine,tA\WObj:=wA,do1,1;",
+        r"TriggL p1,vmax,trig1\T2:=trig2,fine,tA\WObj:=wA;",
+        r"ArcLStart p1,v5,seam1,weld1\Weave:=weave1,fine,tA\WObj:=wA;",
     ],
 )
 def test_frames_of_the_module_are_those_of_the_motion(motion: str) -> None:
@@ -211,6 +215,7 @@ def test_a_statement_that_is_none_stops_the_reader_where_it_matters(code: str, l
         "MoveAbsJ [joints,[9e9,9e9,9e9,9e9,9e9,9e9]],v5,fine,tool0;",  # calculated
         "x := = 3;",  # about nothing that is read
         "MoveC p1,[[1]],v1,fine,tool0;",
+        "<SMT>",
     ],
 )
 def test_a_statement_about_no_position_is_passed_over(code: str) -> None:

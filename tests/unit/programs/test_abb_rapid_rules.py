@@ -91,9 +91,44 @@ def test_what_controllers_and_people_write_too_is_accepted(old: str, new: str) -
     assert check(changed(text, old, new)) == []
 
 
+@pytest.mark.parametrize(
+    "code",
+    [
+        r"MoveL p10,v250,z120,tool1\WObj:=wobj1;",
+        r"MoveJ p10,v100,z50,Tool\WObj:=wobj;",
+        "SearchX 3;",
+        "PulseDi di1;",
+        "offset:=Distance+load1;",
+        "IF Clear(3) RETURN;",
+        "VAR clock clock;",
+        r"MoveL p10,v100\Other:=3,z10,tool1;",
+        "Z\u00e4hler:=Z\u00e4hler+0xFF+0b01+0o17;",
+        f'TPWrite "{60 * chr(34)}{50 * "x"}";',
+    ],
+)
+def test_without_a_plan_any_name_may_be_one_of_another_module(code: str) -> None:
+    # as in public modules beside a CalibData.mod or user.sys, which have the tools and the speeds
+    assert check(f"MODULE m\nPROC main()\n{code}\nENDPROC\nENDMODULE\n", "m.sys") == []
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "RECORD a\nnum x;\nENDRECORD\nRECORD b\na y;\nENDRECORD\n",
+        f"CONST jointtarget j:={JP1[1].replace('6.00000', '9E9')};\n",
+        "VAR num n;\nPROC main()\nENDPROC\nENDMODULE\nMODULE n\nCONST num k:=1;\n",
+    ],
+)
+def test_what_programs_of_other_controllers_have(data: str) -> None:
+    found = check(f"MODULE m\n{data}ENDMODULE\n", "m.prg")
+    assert [problem for problem in found if problem.level == "error"] == []
+
+
 LONG = "x" * 33
 ONE_RULE = [
     ("encoding", JOINT, "! P1 T0", "! P1 T\0", "0x00"),
+    ("placeholder", JOINT, "MEASURE 1;", "! <DDN>\n<SMT>\nMEASURE 1;", "stops at <SMT>"),
+    ("placeholder", JOINT, "MEASURE 1;", "IF <EXP> THEN\nMEASURE 1;\nENDIF", "stops at <EXP>"),
     ("module", JOINT, "MODULE CAL", "VAR num a;\nMODULE CAL", "MODULE is not the first"),
     ("module", JOINT, "ENDMODULE", "ENDMODULE\nmore;", "ENDMODULE is not the last"),
     ("module", JOINT, "MODULE CAL", "MODULE A\nENDMODULE\nMODULE CAL", "one module"),

@@ -167,7 +167,6 @@ COMPUTED = [
     "movej(home[0])",
     "movej(vel=10)",
     "movej(*home)",
-    f"if True: movej({Q})",
     *(f"movej({Q}, {mod})" for mod in ("mod=DR_MV_MOD_REL", "mod=1", "mod=m", "1, 1, 1, 1, 1")),
     *(
         f"home = {Q}\n{change}\nmovej(home)"
@@ -184,6 +183,11 @@ COMPUTED = [
             "from mine import home",
             "for home in all:",
             "def go(home):",
+            "go(home)",
+            "n = 1 + go(n, where=[home])",
+            "arm.go(home)",
+            "def go():\n    home[0] = 45\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
+            "def go():\n    global home\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
         )
     ),
     f'text = """\nmovej({Q})',
@@ -284,6 +288,113 @@ def test_touched_up_positions_of_kawasaki_take_the_place_of_planned_ones() -> No
     assert not back.empty_registers
     found = {p.name: p.shown_deg.tolist() for p in back.measured if p.shown_deg is not None}
     assert found == {"T -1": [9, 8, 7, 6, 5, 4], "T 1": [1.1, 2.1, 3.1, -4.1, 5.1, 6.1]}
+
+
+# Retyped in small from public programs of people and of controllers
+OTHERS = [
+    (
+        "denso-pac",
+        """\
+PROGRAM main(index%)
+DEFINT li1, state(11)
+DIM p1 AS POSITION
+TAKEARM
+li1 = 5
+Set IO[24], 40
+Reset IO[104 To 110]
+j0 = (10, 20, 30, 40, 50, 60)
+FOR li1 = 1 TO 3
+  IF IO[1] = ON THEN GOTO *again
+  MOVE P, @e j0
+  move l, @e J2P((1, 2, 3, 4, 5, 6)), s = li1
+NEXT li1
+*again:
+CALL Hand.Get(0, state(), F9)
+IF state(0) = 1 THEN
+  STOP
+ENDIF
+GIVEARM
+END
+""",
+        [[10, 20, 30, 40, 50, 60], [1, 2, 3, 4, 5, 6]],
+    ),
+    (
+        "mitsubishi-melfa",
+        """\
+1 ' -- pick --
+2 Def Plt 1, PA, PB, PC, , 3, n%, 1
+3 Def Io Lamp = Bit, 17    'Lampe
+4 Def Act 1, M_In(17) = 1 GoSub *Stop, L
+5 If M_In(1) = 1 Then M_Out(8) = 1 Else GoTo *Stop
+6 Mov J1 Wth M_Out(17) = 1
+7 Mvs (Plt 1, n%), -50 Type 0, 0
+8 M1 = &HFF + 10000&
+9 Ovrd M1 * 2
+10 Select M1
+11 End Select
+12 *Stop:Dly(0.1)
+13 GoTo *Elsewhere
+14 Return 0
+J1=(+1.00,+2.00,+3.00,+4.00,+5.00,+6.00)
+""",
+        [[1, 2, 3, 4, 5, 6]],
+    ),
+    (
+        "mitsubishi-melfa",
+        "Servo On\n*MAIN\nMov J1\nP2 = P1\nGoTo *MAIN\nJ1=(+1,+2,+3,+4,+5,+6)\n",
+        [[1, 2, 3, 4, 5, 6]],
+    ),
+    (
+        "kawasaki-as",
+        """\
+.PROGRAM a.main(.n)@25/10/31 16:24 #0
+  SPEED 100 MM/S, 30 DEG/S ALWAYS
+  JOINT SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) OX= WX= #[0,0,-90,0,-90,4.6e-05] ;
+  LINEAR 250. ACCU1 TIMER0 TOOL1 WORK0 CLAMP OX= WX= #[1,2,3,4,5,6] ;
+  SCASE $a OF
+   SVALUE "GO":
+    PULSE 2500
+  END
+  again:
+  IF SIG(1) GOTO again
+  IF .n > 0
+    $s = $s + $ENCODE(/L, -SIG(33)) + "\\n"
+  END
+  POINT/X p = q
+.END
+""",
+        [[0, 0, -90, 0, -90, 4.6e-05], [1, 2, 3, 4, 5, 6]],
+    ),
+    (
+        "doosan-drl",
+        """\
+#!/usr/bin/env python3
+import time
+from DSR_ROBOT2 import (posj, movej)
+global home
+home = posj( 1 , 2 , 3 , 4 , 5 , 6 )
+cfg = {'ip': '10.0.0.1', "port": 502}
+class Hand( ):
+    def __init__(self , *given, port = 1) :
+        self.n, self.ip = port, cfg['ip']
+    def open(self) :
+        with lock: self.n += 1
+        return self.n if self.n & 0x0F else -1
+a = b = [i * 2 for i in range(3)]
+if not a[0] == 1 or len(a[1:]) > 2 : tp_log('a: %d %s' % (a[0], "b"))
+for i in range(3): wait(0.1)
+s = str(a[-1]) + f"{b}"; n = -a[0]
+movej(home, vel=30, acc=30)
+""",
+        [[1, 2, 3, 4, 5, 6]],
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "joints"), OTHERS)
+def test_what_others_write_has_no_error_and_its_joints_are_read(name, text, joints):
+    assert [p for p in check(name, text) if p.level == "error"] == []
+    assert [*shown(parse(name, text)).values()] == joints
 
 
 RULES = [

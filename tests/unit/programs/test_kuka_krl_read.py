@@ -106,6 +106,21 @@ def test_a_source_that_assigns_its_positions() -> None:
     assert [p.number for p in parse(text, "CAL.src").positions] == [1, 2]
 
 
+@pytest.mark.parametrize(
+    ("lines", "count"),
+    [
+        # as the $config.dat and $machine.dat of every controller have them
+        ("DECL JERK_STRUC J={CP 50.0,ORI 50.0,AX {A1 1.0,A2 1.0}}", 2),
+        ("DECL ACC_CAR $ACC_CAR_LIMIT={X 1.0,Y 2.0,Z 3.0}\n$LOAD_A1.CM={X 0.0,Y 0.0,Z 0.0}", 2),
+        ("DECL FRAME R[2]\nR[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}", 2),
+        ("DECL E3POS P3={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 35}", 3),
+        ("DECL E3AXIS P3={A1 1.0,A2 2.0,A3 3.0,A4 0.0,A5 0.0,A6 0.0}", 3),
+    ],
+)
+def test_what_beside_positions_is_a_position(lines: str, count: int) -> None:
+    assert len(parse(changed(SMALL, "ENDDAT", f"{lines}\nENDDAT")).positions) == count
+
+
 P1 = "XP1={A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}"
 SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
 

@@ -53,6 +53,8 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".src", "PTP XP3", f"LIN {PLACE} C_DIS C_ORI\nPTP XP3"),
         (".src", "PTP XP3", f"CIRC {PLACE}, {PLACE}, CA 90.5 C_VEL\nPTP XP3"),
         (".src", "PTP XP3", f"LIN_REL {PLACE} #TOOL C_DIS\nPTP XP3"),
+        (".src", "PTP XP3", f"LIN_REL {PLACE} C_VEL #BASE\nPTP XP3"),
+        (".src", "BAS(#TOOL,1)", "$TOOL=TOOL_DATA[NO]\nBAS(#TOOL,NO)"),
         (".src", "BAS(#VEL_PTP,10)", "BAS(#VEL_PTP,N)\nBAS(#VEL_CP,0.2)\nBAS (#ACC_PTP, 100 )"),
         (".dat", "EXT BAS", f'DECL MODULEPARAM_T LAST_TP_PARAMS={{P[] "{"x" * 300}"}}\nEXT BAS'),
         (".dat", "EXT BAS", f'DECL TQM_SUGG_T L={{P[] "{"x" * 300}"}}\nEXT BAS'),
@@ -62,10 +64,14 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
         (".dat", 'POINT2[] " "', 'POINT2 [ ] " "'),
         (".dat", "EXT BAS", "INT N=3\nSTRUC MY REAL A,B\nEXT BAS"),
+        (".dat", "EXT BAS", "CHANNEL :SER_1 :SER_1 $PSER_1\nEXT BAS"),
+        (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #NONE}\nEXT BAS"),
+        (".dat", "EXT BAS", 'DECL CHAR N[2,24]\nN[1,]="gripper"\nEXT BAS'),
         (".dat", "A2 -90.00000", "A2 -9.0E+01"),
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
         (".dat", "E6AXIS " + P1, POSE),
         (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B010',T 'B100011'")),
+        (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B 010',T 'H23'")),
         (".dat", "DEFDAT CAL", "DEFDAT CAL PUBLIC"),
         (".dat", "ENDDAT", "XM[2]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nENDDAT"),
     ],
@@ -79,6 +85,21 @@ def test_what_controllers_and_people_write_too_is_accepted(tmp_path, which, old,
     # the home and other names may be those of another file
     assert [p for p in problems if p.rule not in ("position-used", "position-defined")] == []
     assert all(p.level == "measuring" for p in problems)
+
+
+@pytest.mark.parametrize(
+    ("declaration", "code"),
+    [
+        ("DECL POSE P", "P=FUN(P)"),
+        ("DECL SDAT S", "BASE(3)"),
+        ("DECL INT I", "BAG(I)\nHALTE()"),
+        ("DECL E6POS POS", "POS=$POS_ACT"),
+        ("DECL CHAR T[9]", "T[]=NAME(1)\nD={S 1,NO 2}"),
+    ],
+)
+def test_without_a_plan_any_name_may_be_one_of_another_file(tmp_path, declaration, code):
+    src = f"DEF CAL( )\n{declaration}\n{code}\nEND\n"
+    assert check(tmp_path, None, src, ".src") == []
 
 
 ONE_RULE = [

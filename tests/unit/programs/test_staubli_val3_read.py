@@ -11,6 +11,7 @@ import pytest
 from calib.errors import FileFormatError
 from posedesign.programs import RecordedProgram, registry
 from posedesign.programs.configurations import StaubliConfiguration
+from posedesign.programs.rewriting import Change, rewritten
 from posedesign.programs.staubli_val3 import StaubliVal3
 from tests.unit.programs.dialects import changed, export, refused, shown
 
@@ -200,6 +201,75 @@ def test_poses_that_were_not_stored_are_left_out() -> None:
 )
 def test_what_is_wrong_is_named_with_its_line(source, old, new, line, message):
     refused("staubli-val3", "x.dtx", changed(source, old, new), line, message)
+
+
+OLD = """\
+<?xml version="1.0" encoding="utf-8"?>
+<dataList xmlns="DataNameSpace">
+  <dioSection>
+    <dio size="1" name="Cil_actuador" public="false" />
+  </dioSection>
+  <frameSection>
+    <frame name="world" public="false">
+      <fFather alias="" name="" fatherIndex="0" />
+      <valueFrame index="0">
+        <tfValue x="0" y="0" z="0" rx="0" ry="0" rz="0" />
+      </valueFrame>
+    </frame>
+    <frame name="fPart" public="false">
+      <fFather alias="" name="world" fatherIndex="0" />
+      <valueFrame index="0">
+        <tfValue x="100" y="0" z="0" rx="0" ry="0" rz="90" />
+      </valueFrame>
+    </frame>
+  </frameSection>
+  <jointSection>
+    <joint name="j" public="false" size="2">
+      <valueJoint index="1">
+        <jointValue j1="-46.18419" j2="-6.77518" j3="-20.5" j4="71.4" j5="49.6" j6="-302.5" />
+      </valueJoint>
+    </joint>
+  </jointSection>
+  <pointSection>
+    <point name="p1" public="false">
+      <pFather alias="" name="world" fatherIndex="0" />
+      <valuePoint index="0">
+        <tpValue x="366.58" y="-390.36" z="-359.79" rx="180" ry="0" rz="0" />
+        <cpValue shoulder="ssame" elbow="esame" wrist="wsame" />
+      </valuePoint>
+    </point>
+    <point name="p2" public="false">
+      <pFather alias="" name="fPart" fatherIndex="0" />
+      <valuePoint index="0">
+        <tpValue x="50" y="0" z="0" rx="0" ry="0" rz="0" />
+        <cpValue shoulder="lefty" elbow="epositive" wrist="wnegative" />
+      </valuePoint>
+    </point>
+  </pointSection>
+</dataList>
+"""
+
+
+def test_data_files_of_the_versions_before_seven_are_read_and_rewritten() -> None:
+    joints, first, second = (program := parse(OLD)).positions
+    assert [p.name for p in program.positions] == ["j[1]", "p1[0]", "p2[0]"]
+    assert shown(program) == {1: [-46.18419, -6.77518, -20.5, 71.4, 49.6, -302.5]}
+    assert OLD.splitlines()[joints.line - 1].strip() == '<valueJoint index="1">'
+    assert first.configuration is None
+    assert second.configuration == StaubliConfiguration(False, False, True)
+    T_world = [p.T_world_user @ p.T_user_tool for p in (first, second)]
+    np.testing.assert_allclose(
+        [T[:3, 3] for T in T_world], [[0.36658, -0.39036, -0.35979], [0.1, 0.05, 0]]
+    )
+    np.testing.assert_allclose(T_world[1][:3, 0], [0, 1, 0], atol=1e-15)
+    further = first.T_user_tool.copy()
+    further[0, 3] += 0.001
+    changes = [Change(), Change(T_user_tool=further), Change()]
+    data, _ = rewritten(DIALECT, OLD.encode(), PATH, program, changes)
+    assert data.decode() == OLD.replace("366.58", "367.5800")
+    refused(
+        "staubli-val3", "x.dtx", changed(OLD, 'name="fPart" f', 'name="fX" f'), 37, "points before"
+    )
 
 
 def test_another_root_is_refused() -> None:

@@ -65,6 +65,9 @@ OTHERS = [
     ", q=[0, -1.57, 0, -1.57, 0, 0])\nmovej(Home.q, a=1.4, v=0, t=3)",
     "movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.396263401595, v=1.047)",
     "movej([d2r(1), 0, 0, 0, 0, 0], 1.4, 0.3, 0, 0)\nmovel(p[.1, 2, -.3, 0, 0, 3], v=.25, r=0.)",
+    "def shake(w, pass = 2):\n  w = -0.2 turn(w)  w = pass*3\n  turn(w) turn(-w)\nend\n"
+    "def turn(w):\n  sleep(w)\nend",
+    '$ 12 "If digital_in[0]=\u201cf(1) g(2)\u201d, "on""\nsleep(1)',
     "def turn(p):\n  p[2] = p[2] + 0.1\n  return p\nend",
     'popup("[1e5 # (not code", "Robot\'s", error=True)  # 1e5 [ \u00e9',
     "sec setOut():\n  set_tool_voltage(24)\nend",
@@ -101,7 +104,7 @@ ONE_RULE = [
     ("syntax", GOOD, MOVE, "movej([0.01.5,", "error", "'.5,"),
     ("syntax", GOOD, MOVE, "movej([end,", "error", "'end,"),
     ("syntax", GOOD, "v=0.3142)", "v=0.3142,)", "error", "cannot stand behind"),
-    ("syntax", GOOD, "True)\n  sleep", "True) sleep", "error", "cannot stand behind"),
+    ("syntax", GOOD, "True)\n  sleep", "sleep True", "error", "True"),
     ("syntax", GOOD, "not request", "not not request", "error", "'not request"),
     ("function", GOOD, "sleep(", "slep(", "error", "slep is nearly sleep"),
     ("function", GOOD, "  sync()", "  snc()", "error", "snc is nearly sync"),

@@ -14,6 +14,7 @@ from calib.robot_world import (
     random_problems,
     solve,
     solve_batch,
+    solve_batch_by_each,
 )
 from calib.robot_world.accuracy import propagate
 from tests.hostile_pairs import viewing_pairs
@@ -179,13 +180,15 @@ def test_covariance_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
     np.testing.assert_allclose(chunks, whole, rtol=1e-12)
 
 
-def test_batch_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
+def test_batch_does_not_depend_on_the_size_of_the_chunks_nor_on_other_methods(monkeypatch):
     problems = random_problems(np.random.default_rng(7), 7, 5)
     whole = solve_batch(problems.A, problems.B, "hirsh")
     monkeypatch.setattr("calib.robot_world.solver._PAIRS_AT_ONCE", 11)
-    chunks = solve_batch(problems.A, problems.B, "hirsh")
-    np.testing.assert_allclose(chunks.X, whole.X, atol=1e-14)
-    np.testing.assert_array_equal(chunks.iterations, whole.iterations)
+    by_each = solve_batch_by_each(problems.A, problems.B, ("li-kronecker", "hirsh"))
+    np.testing.assert_allclose(by_each["hirsh"].X, whole.X, atol=1e-14)
+    np.testing.assert_array_equal(by_each["hirsh"].iterations, whole.iterations)
+    other = solve_batch(problems.A, problems.B, "li-kronecker")
+    np.testing.assert_array_equal(by_each["li-kronecker"].Z, other.Z)
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,10 @@ def cross(v):
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
-def quaternion(R):
-    x, y, z, w = Rotation.from_matrix(R).as_quat(canonical=True)
-    return np.array([w, x, y, z])
+def quaternions(pairs):
+    """Of both rotations of each pair, ``(N, 2, 4)``, real part first."""
+    both = np.array(pairs)[..., :3, :3].reshape(-1, 3, 3)
+    return Rotation.from_matrix(both).as_quat(canonical=True)[:, [3, 0, 1, 2]].reshape(-1, 2, 4)
 
 
 def left(q):
@@ -62,8 +63,7 @@ def plain_translation(pairs, R):
 
 def plain_tsai(pairs):
     rows, right_side = [], []
-    for P, Q in pairs:
-        p, q = 2 * quaternion(P[:3, :3])[1:], 2 * quaternion(Q[:3, :3])[1:]
+    for p, q in 2 * quaternions(pairs)[..., 1:]:
         rows.append(cross(p + q))
         right_side.append(q - p)
     x = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right_side))[0]
@@ -87,8 +87,7 @@ def plain_park(pairs):
 
 def plain_horaud(pairs, *, unit_axes=False):
     total = np.zeros((4, 4))
-    for P, Q in pairs:
-        p, q = quaternion(P[:3, :3]), quaternion(Q[:3, :3])
+    for p, q in quaternions(pairs):
         if unit_axes:
             p, q = (np.r_[0.0, v[1:] / np.linalg.norm(v[1:])] for v in (p, q))
         total += (left(p) - right(q)).T @ (left(p) - right(q))
@@ -115,8 +114,7 @@ def plain_andreff(pairs):
 
 def plain_daniilidis(pairs):
     rows = []
-    for P, Q in pairs:
-        p, q = quaternion(P[:3, :3]), quaternion(Q[:3, :3])
+    for (P, Q), (p, q) in zip(pairs, quaternions(pairs), strict=True):
         p_dual, q_dual = (left(np.r_[0.0, T[:3, 3]]) @ r / 2 for T, r in ((P, p), (Q, q)))
         S, S_dual = (
             np.column_stack([m[1:] - n[1:], cross(m[1:] + n[1:])])

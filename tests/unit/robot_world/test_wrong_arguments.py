@@ -42,6 +42,10 @@ WRONG = {
 CALLS = {
     "solve": (robot_world.solve, {"A": A, "B": B, "method": "ml", "noise": NOISE}),
     "solve_batch": (robot_world.solve_batch, {"A": A[None], "B": B[None], "method": "shah"}),
+    "solve_batch_by_each": (
+        robot_world.solve_batch_by_each,
+        {"A": A[None], "B": B[None], "methods": ("shah", "ml")},
+    ),
     "shown_noise": (robot_world.shown_noise, {"A": A, "B": B}),
     "certify": (robot_world.certify, {"A": A, "B": B, "X": X, "Z": Z, "noise": NOISE}),
     "add_noise": (
@@ -74,6 +78,7 @@ HARMLESS = {
     ("planned_B", "X", "no pairs"),
     ("planned_B", "Z", "no pairs"),
     ("PairSets", "A", "NaN"),
+    ("solve_batch_by_each", "methods", "nothing"),
 }
 
 

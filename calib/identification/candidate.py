@@ -113,9 +113,15 @@ def fit(
     return Fitted(model, result, log_marginal)
 
 
-def _tune(candidate: Candidate, data: Measurements, loss: Loss) -> TunedPriors:
+def _tune(
+    candidate: Candidate, data: Measurements, loss: Loss, *, identifiable: bool = False
+) -> TunedPriors:
     return tune_priors(
-        candidate.model, data, candidate.groups, loss=loss if loss in LOSSES else "student-t"
+        candidate.model,
+        data,
+        candidate.groups,
+        loss=loss if loss in LOSSES else "student-t",
+        identifiable=identifiable,
     )
 
 
@@ -257,7 +263,7 @@ def fit_reference(
         ]
         one = replace(one, model=one.model.with_measurements(kinds))
         with suppress(CalibError):
-            tuned = _tune(one, data, usual)
+            tuned = _tune(one, data, usual, identifiable=True)  # as the whole arm is
             if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
                 fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
             logs[one.name] = tuned.log_marginal

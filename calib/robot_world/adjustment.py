@@ -285,7 +285,7 @@ def _moved(
     root: FloatArray | None,
 ) -> _State:
     """State after a step: X and Z, and the true A that are the likeliest with them."""
-    X, Z = perturb(state.X, step[:, :6]), perturb(state.Z, step[:, 6:])
+    X, Z = perturb(np.stack([state.X, state.Z]), step.reshape(-1, 2, 6).swapaxes(0, 1))
     if not (model.on_A and model.on_B):
         return _State(X, Z, state.R_A, state.p_A)
     white = linear.white + (linear.jacobian * pairs.spread(step.T)[:, None]).sum(axis=0)

@@ -42,7 +42,7 @@ from posedesign.cell import (
     wpr_rotations,
 )
 from posedesign.cell.board_set_up import rotations_to
-from posedesign.cell.observations import normal_of, place_of
+from posedesign.cell.observations import normal_of, place_of, touched_by_tool
 from posedesign.cell.task_box import BOX_OF_REACH, box_functions
 from posedesign.files.measurements import TOOL
 
@@ -520,7 +520,8 @@ def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
         lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
         return TaskBox(lowest, highest, section.steps), "the task box of the cell"
     half = BOX_OF_REACH * cell.robot.chain.reach_m
-    words = f"a cube of {2e3 * half:.0f} mm about the target (the cell has no [task_box])"
+    middle = "target" if touched_by_tool(cell.config) else "tool point of the base posture"
+    words = f"a cube of {2e3 * half:.0f} mm about the {middle} (the cell has no [task_box])"
     return TaskBox(cell.target_m - half, cell.target_m + half), words
 
 

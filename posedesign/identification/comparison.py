@@ -26,8 +26,8 @@ from calib.identification.solver import ANOTHER_ROBOT_M
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.files.csv_tables import MOST_LISTED
-from posedesign.files.measurements import MeasurementTable
+from posedesign.files.csv_tables import MOST_LISTED, a_few
+from posedesign.files.measurements import TOOL, MeasurementTable
 from posedesign.identification.checks import oddities
 from posedesign.identification.findings import in_words
 from posedesign.identification.instruments import goes_with_temperature
@@ -57,6 +57,14 @@ LEFT_OVER_M = 2e-3
 
 FAR_FROM_NOISE = 10.0
 """Residuals over noise beyond which a model explains nothing, where no larger one can be fitted."""
+
+
+LITTLE_WEIGHT = 0.1
+"""Weight in a robust loss below which a measurement as good as takes no part."""
+
+TOOL_FAR_M, EXCHANGED = 0.05, 0.25
+"""Distance of a tool point from where the cell has it that nobody measures wrongly by, and the part
+of it within which another one is that it was taken for."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +230,10 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         if all(finding.is_of_the_model for finding in findings):  # else residuals show that
             said += noise_found(judge)
         _refuse_unexplained(judge, found)
+    if found.is_of_this_robot:
+        if all(finding.is_of_the_model for finding in findings):  # else they name the rows
+            said += hardly_counted(table, found.best)
+        said += tools_elsewhere(cell, table, found.best)
     said += goes_with_temperature(table, found.best.residuals)
     return replace(found, warnings=tuple(said))
 
@@ -249,6 +261,45 @@ def noise_found(judge: Reference) -> list[str]:
             f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where {was:.3g} "
             f"mm was given: {why}; models and priors are weighed against the noise found"
         )
+    return said
+
+
+def hardly_counted(table: MeasurementTable, result: IdentificationResult) -> list[str]:
+    """Measurements that a robust loss has weighed down to next to nothing, with their lines."""
+    lost = np.flatnonzero((result.weights < LITTLE_WEIGHT) & result.used)
+    if not lost.size:
+        return []
+    far, names = result.lengths_m(result.residuals), table.data.names
+    worst = sorted(lost.tolist(), key=lambda i: -far[i])
+    said = a_few(
+        [f"{names[i]} (line {table.lines[i]}) by {1e3 * far[i]:.3g} mm" for i in worst], "rows"
+    )
+    return [
+        f"{lost.size} of {table.data.count} measurements are so far off the others that they "
+        f"hardly count: {said}; put them right, or leave them out"
+    ]
+
+
+def tools_elsewhere(cell: Cell, table: MeasurementTable, result: IdentificationResult) -> list[str]:
+    """Tool points that came out far from where the cell has them, and which other sits there."""
+    values = dict(zip(result.names, result.values, strict=True))
+    described = {mark.name: np.array(mark.point_mm) / 1e3 for mark in cell.config.tool.mark}
+    described.setdefault(TOOL, cell.tool_m)
+    said = []
+    for label in (name for name in table.data.tools if name in described):
+        stem = "tool" if label == TOOL else f"tool.{label}"
+        axes = [f"{stem}.{axis}" for axis in "xyz"]
+        if not all(axis in values for axis in axes) or f"{stem}.rx" in values:
+            continue  # a frame of its own, as of a camera, is elsewhere
+        found = np.array([values[axis] for axis in axes])
+        far = {other: float(np.linalg.norm(found - place)) for other, place in described.items()}
+        nearest = min(far, key=lambda other: far[other])
+        there = f", where it has {nearest}" if far[nearest] < EXCHANGED * far[label] else ""
+        if there or far[label] > TOOL_FAR_M:
+            said.append(
+                f"{stem} came out {1e3 * far[label]:.3g} mm from where the cell has it{there}: is "
+                "the name right, and the tool?"
+            )
     return said
 
 

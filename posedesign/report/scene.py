@@ -18,6 +18,7 @@ from calib.errors import InputError
 from calib.geometry import Capsule, HalfSpace, Sphere
 from calib.se3 import FloatArray, apply, quaternion_from_rotation
 from posedesign.cell import Cell
+from posedesign.cell.observations import place_of
 from posedesign.files import StrPath, write_text_atomic
 from posedesign.report.tour import (
     PERIOD_S,
@@ -86,9 +87,10 @@ class Stage:
         scene.add_frame(tip, **axes, origin_radius=0.2 * size, **_placed(chain.T_link_tip))
         tool_rgb = SHADES[Shade.TOOL][1]
         scene.add_icosphere(f"{tip}/tool_point", 0.3 * size, tool_rgb, position=cell.tool_m)
-        name, radius = cell.config.target.name, max(cell.config.target.radius_mm / 1e3, 0.3 * size)
-        scene.add_icosphere("/link_0/target", radius, TARGET[1], position=cell.target_m)
-        scene.add_label("/link_0/target/name", name)
+        for k, target in enumerate(cell.config.targets):
+            radius, node = max(target.radius_mm / 1e3, 0.3 * size), f"/link_0/target_{k}"
+            scene.add_icosphere(node, radius, TARGET[1], position=place_of(cell, target))
+            scene.add_label(f"{node}/name", target.name)
         tips = cell.robot.fk(self.tour.frames[self.tour.stops])
         for group, T in (("poses", tips), ("pairs", self.tour.seen.reshape(-1, 4, 4))):
             if len(T):

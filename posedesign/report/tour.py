@@ -17,6 +17,7 @@ from calib.geometry.ways import TOUCH_M
 from calib.robot_world import solve
 from calib.se3 import BoolArray, FloatArray, IntArray, apply, inverse, transform
 from posedesign.cell import Cell
+from posedesign.cell.observations import touched_by_tool
 from posedesign.constraints import Collision
 from posedesign.constraints.checker import ROUNDING
 from posedesign.constraints.space import Workspace
@@ -55,8 +56,9 @@ SHADES: dict[Shade, tuple[str, Colour]] = {
     Shade.NEAR: ("closer than the clearance", (240, 160, 0)),
     Shade.CONTACT: ("in contact or out of bounds", (214, 30, 40)),
 }
-TARGET, VIEW, BOX, WORKSPACE = (
-    ("target and its normal", (0, 158, 115)),
+TARGET, SLIDE, VIEW, BOX, WORKSPACE = (
+    ("target and its normal, or instrument", (0, 158, 115)),
+    ("way of a slide", (40, 40, 40)),
     ("view of the camera", (86, 180, 233)),
     ("task box", (90, 60, 160)),
     ("workspace", (110, 110, 110)),
@@ -238,8 +240,13 @@ def lines(cell: Cell, tour: Tour) -> tuple[Lines, ...]:
     bare = [(j, np.array([[np.zeros(3), end]])) for j, end in ends if j not in known and end.any()]
     unseen = SHADES[Shade.UNCHECKED][1]
     found = [Lines(f"link_{j}_without_shape", j, line, unseen) for j, line in bare]
-    normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
-    found.append(Lines("normal", 0, np.array([normal]), TARGET[1]))
+    if touched_by_tool(section):  # an instrument is elsewhere, and has none
+        normal = [cell.target_m, cell.target_m + 0.05 * chain.reach_m * cell.target_normal]
+        found.append(Lines("normal", 0, np.array([normal]), TARGET[1]))
+    # what slides would float in the air: the way that its joint has
+    for j in np.flatnonzero(cell.robot.sliding).tolist():
+        way = np.outer([cell.robot.lower[j], cell.robot.upper[j]], chain.axes[j])
+        found.append(Lines(f"slide_{j}", j, apply(chain.placements[j], way)[None], SLIDE[1]))
     if len(tour.seen):
         found.append(Lines("sights", 0, tour.seen[:, :, :3, 3], VIEW[1]))
     camera, box, limits = section.camera, section.task_box, section.constraints
@@ -287,5 +294,7 @@ def legend(cell: Cell, tour: Tour) -> list[tuple[str, Colour]]:
     """Words and colours: of bodies as far as there are any, and what is amiss always."""
     drawn = {line.colour for line in lines(cell, tour)}
     drawn |= {SHADES[Shade(shade)][1] for shade in np.unique(tour.shades).tolist()}
-    drawn |= {SHADES[shade][1] for shade in (Shade.NEAR, Shade.CONTACT)}
-    return [one for one in (*SHADES.values(), TARGET, VIEW, BOX, WORKSPACE) if one[1] in drawn]
+    drawn |= {TARGET[1], *(SHADES[shade][1] for shade in (Shade.NEAR, Shade.CONTACT))}
+    return [
+        one for one in (*SHADES.values(), TARGET, SLIDE, VIEW, BOX, WORKSPACE) if one[1] in drawn
+    ]

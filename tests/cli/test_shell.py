@@ -113,11 +113,12 @@ def test_reader_that_stops_reading(tmp_path):
 
 @pytest.fixture
 def not_reached(tmp_path) -> Path:
-    """A folder with a cell and a pose that its robot cannot take: exit code 1."""
+    """A cell with a pose that its robot cannot take, and a program that is none: exit code 1."""
     (tmp_path / "cell.toml").write_text(cell_template(surroundings=False))
     joints = ",".join(f"j{k}_deg" for k in range(1, 7))
     name = '"P1 \x1b[31m\nred \u202e\x9b1m"'
     (tmp_path / "poses.csv").write_text(f"name,{joints}\n{name},0,500,0,0,0,0\n")
+    (tmp_path / "bad.LS").write_text("/PROG BAD\n")
     return tmp_path
 
 
@@ -126,8 +127,8 @@ def not_reached(tmp_path) -> Path:
     ("command", "codes"),
     [
         ('"$@" check cell.toml poses.csv | true; echo "${PIPESTATUS[0]}"', "1\n"),
-        ('"$@" check cell.toml poses.csv --json >&- 2>&- <&-; echo $?', "1\n"),
-        ('"$@" check none.toml poses.csv 2>&1 | true; echo "${PIPESTATUS[0]}"', "2\n"),
+        ('"$@" validate bad.LS --json >&- 2>&- <&-; echo $?', "1\n"),
+        ('"$@" validate none.LS 2>&1 | true; echo "${PIPESTATUS[0]}"', "2\n"),
         ('PYTHONIOENCODING=ascii "$@" robots >/dev/null; echo $?', "0\n"),
     ],
 )

@@ -16,8 +16,9 @@ where measurements were taken with several (``Setup.payload``).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,6 +28,37 @@ from calib.robots import Robot
 from calib.se3 import FloatArray
 
 Unit = Literal["rad", "m", "rad/Nm", "rad/rad", "m/m", "px", "1", "s"]
+
+_KEPT, _LARGEST = 8, 10_000
+"""Sets of postures whose values are kept, of so many numbers at most."""
+
+OfPostures = Callable[[Any, FloatArray, Setup], FloatArray]
+"""A method of postures ``(n, S)`` and their set-up."""
+
+
+def kept(method: OfPostures) -> OfPostures:
+    """Keep the last values of a method that no parameter changes, but postures and payloads alone.
+
+    A fit asks for them at every step, and at the same postures.
+    """
+    own = f"_{method.__name__}_kept"
+
+    @wraps(method)
+    def found(block: Any, q: FloatArray, setup: Setup) -> FloatArray:
+        if q.size > _LARGEST:
+            return method(block, q, setup)
+        known = block.__dict__.setdefault(own, {})
+        key = q.shape, q.tobytes(), setup.payload.tobytes()
+        values: FloatArray | None = known.get(key)
+        if values is None:
+            values = method(block, q, setup)
+            values.setflags(write=False)
+            if len(known) >= _KEPT:
+                known.clear()
+            known[key] = values
+        return values
+
+    return found
 
 
 class ParameterBlock(ABC):

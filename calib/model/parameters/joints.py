@@ -20,6 +20,7 @@ from calib.model.parameters.base import (
     ParameterBlock,
     Unit,
     joint_indices,
+    kept,
     prior_of,
     priors_of_units,
 )
@@ -265,6 +266,7 @@ class JointCompliance(JointErrors):
     def nominal(self) -> FloatArray:
         return self._nominal
 
+    @kept
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Torque of gravity [Nm]."""
         return np.asarray(self._load.joint_torque(q, setup)[self._joints])
@@ -313,6 +315,7 @@ class LostMotion(JointErrors):
         indices = joint_indices(robot, joints, turning=True, of_arm=True)
         super().__init__(indices, names, "rad", prior_rad)
 
+    @kept
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Side that gravity pushes the joint to, from -1 to 1."""
         torque = self._load.joint_torque(q, setup)[self._joints]

@@ -9,7 +9,13 @@ import numpy as np
 from calib.batch_last import along, cross, product, turn
 from calib.errors import InputError
 from calib.model.context import ArmErrors, MeasurementContext, Setup
-from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of, priors_of_units
+from calib.model.parameters.base import (
+    ParameterBlock,
+    joint_indices,
+    kept,
+    prior_of,
+    priors_of_units,
+)
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray
@@ -149,6 +155,7 @@ class BearingCompliance(ParameterBlock):
         self.units = tuple("rad/Nm" for _ in self.names)
         self.prior = prior_of(prior, len(self.names))
 
+    @kept
     def torques(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Gravity torque about the axis of each parameter ``(size, S)`` [Nm] at ``(n, S)``."""
         torque, walk = self._load.torques(q, setup)

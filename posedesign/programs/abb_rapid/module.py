@@ -50,9 +50,11 @@ _PLAIN = re.compile(
 """A statement in one line, as most are."""
 
 _ELEMENT = re.compile(r",\s*\[\[[^][\";]{0,200}\](?:, ?\[[^][\";]{0,200}\])*\](?=,)")
-_PIECE = re.compile(r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.])[a-z]\w*', _I)
+_PIECE = re.compile(
+    r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.\x80-\uffff])[a-z\x80-\uffff][\w\x80-\uffff]*', _I
+)
 _BEGIN = re.compile(r"\S")
-_LEFT_OUT = re.compile(
+LEFT_OUT = re.compile(
     r'\A\s*%%%(?:[^%]|%(?!%%))*+(?:%%%.*)?|("[^"\n]*"?)|!.*'
     r"|<(?:(VAR|EXP|ARG|ID)|TDN|DDN|RDN|PAR|ALT|DIM|SMT|EIT|CSE)>"
 )
@@ -68,7 +70,7 @@ def divided(text: str) -> Iterator[Line]:
     ends one that lacks its semicolon, and elements of a declared list come one by one, each behind
     its comma.
     """
-    text = _LEFT_OUT.sub(lambda found: found[1] or found[2] or "\n" * found[0].count("\n"), text)
+    text = LEFT_OUT.sub(lambda found: found[1] or found[2] or "\n" * found[0].count("\n"), text)
     row, last, at, listed = 1, 0, 0, False
     while found := _BEGIN.search(text, at):
         start = found.start()
@@ -123,14 +125,6 @@ def _is_cut(word: str, by: str, before: str, depth: int) -> bool:
 
 
 LANGUAGE = Language("posedesign.programs.abb_rapid", divided=divided)
-
-
-def placeholder(text: str) -> Iterator[Line]:
-    """The first one, if there is one."""
-    for found in _LEFT_OUT.finditer(text):
-        if found[0].startswith("<"):
-            yield Line(text.count("\n", 0, found.start()) + 1, found[0])
-            return
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,11 @@ class StoredPosition(Stored):
         return all(map(_UNCONNECTED.fullmatch, self.parts[0]))
 
     @property
+    def has_fewer_axes(self) -> bool:
+        """Whether it is of an arm without all of the six joints."""
+        return not self.cartesian and any(map(_UNCONNECTED.fullmatch, self.parts[0]))
+
+    @property
     def external(self) -> list[tuple[str, str, str, int]]:
         """Of the axes that are connected."""
         return [

@@ -69,15 +69,15 @@ _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "nu
 
 def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
+    text, suffix = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"), path.suffix.lower()
     statements = module.LANGUAGE.statements(text)
     checker = _Checker(statements, whole=set_mark(data) is not None)
     return rules.told(
         rules.check_bytes(data, ("encoding", *rules.CONTROL[1:])),
-        _check_encoding(data) if path.suffix.lower().endswith("x") else (),
+        _check_encoding(data) if suffix.endswith("x") else (),
         rules.syntax(statements),
         _check_filled(text),
-        _check_module(statements),
+        _check_module(statements, suffix),
         block_faults(statements, _BLOCKS),
         _check_places(statements),
         checker.check_names(),
@@ -88,8 +88,10 @@ def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
 
 
 def _check_filled(text: str) -> Iterator[Problem]:
-    for found in module.placeholder(text):
-        yield measuring(found.row, "placeholder", f"the program stops at {found.text}")
+    found = next((f for f in module.LEFT_OUT.finditer(text) if f[0].startswith("<")), None)
+    if found:
+        row = text.count("\n", 0, found.start()) + 1
+        yield measuring(row, "placeholder", f"the program stops at {found[0]}")
 
 
 def _check_encoding(data: bytes) -> Iterator[Problem]:
@@ -100,14 +102,14 @@ def _check_encoding(data: bytes) -> Iterator[Problem]:
         yield Problem(row, "encoding", "this ending says UTF-8, and this is not")
 
 
-def _check_module(statements: Sequence[Statement]) -> Iterator[Problem]:
+def _check_module(statements: Sequence[Statement], suffix: str) -> Iterator[Problem]:
     begins = [s for s in statements if s.kind == "module"]
     if not begins or statements[0] is not begins[0]:
         row = statements[0].row if statements else 1
         yield Problem(row, "module", "MODULE is not the first word")
     elif statements[-1].kind != "endmodule":
         yield Problem(statements[-1].row, "module", "ENDMODULE is not the last word")
-    elif len(begins) > 1:
+    elif len(begins) > 1 and suffix != ".prg":  # a whole program, of older controllers
         yield Problem(begins[1].row, "module", "a file holds one module")
 
 
@@ -118,7 +120,8 @@ def _check_places(statements: Sequence[Statement]) -> Iterator[Problem]:
         if kind in ("module", "endmodule", "record", *ROUTINES):
             if kind in ROUTINES and place != "module":
                 reason = "a routine in a routine"
-            place, begun, routines = kind, False, routines or kind in ROUTINES
+            place, begun = kind, False
+            routines = kind != "module" and (routines or kind in ROUTINES)
         elif kind in ("endproc", "endfunc", "endtrap", "endrecord"):
             place = "module"
         elif kind in ("declaration", "array"):
@@ -145,8 +148,13 @@ class _Checker:
 
     def __init__(self, statements: Sequence[Statement], *, whole: bool) -> None:
         self.statements, self.whole = statements, whole
+        self.level: Level = "error" if whole else "note"
         self.data = list(module.declared(statements))
-        self.calls = [list(module.calls(s)) for s in statements]
+        self.calls: list[list[tuple[str, list[module.Argument]]]] = []
+        kind = ""
+        for s in statements:  # components of a record look like calls
+            kind = "record" if (kind, s.kind) == ("record", "call") else s.kind
+            self.calls.append([] if kind == "record" else list(module.calls(s)))
         self.called = {word for made in self.calls for word, _ in made}
         self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
         self.routines: list[int] = []
@@ -164,6 +172,8 @@ class _Checker:
             if s.kind in ROUTINES:
                 count += 1
                 self.routine = count
+            if s.kind == "module":  # the next one of an old program may have the same LOCAL names
+                seen.clear()
             if s.kind in ("module", "record", "alias", *ROUTINES):
                 name = str([c for c in s.tree.children if isinstance(c, Token)][-1])
                 new.append((-1 if s.kind == "module" else 0, name, s.kind, None))
@@ -200,8 +210,9 @@ class _Checker:
                 yield Problem(s.row, "position", "an element of no list")
             before = s.kind
             for string in s.words("STRING") if len(s.text) > MOST_STRING else ():
-                if len(string) - 2 > MOST_STRING:
-                    yield Problem(s.row, "string", f"a string of {len(string) - 2} characters")
+                length = len(re.sub(r'""|\\\\|[\xc0-\xff][\x80-\xbf]+', "_", string[1:-1]))
+                if length > MOST_STRING:
+                    yield Problem(s.row, "string", f"a string of {length} characters")
         for data in self.data:
             kind = data.kind.upper()
             if kind not in words.TYPES and kind not in self.types | self.told:
@@ -270,6 +281,8 @@ class _Checker:
             position = StoredPosition.of(label, row, kind, node, "")
             if position.is_empty or any(map(self._has_names, value)):
                 return
+            if position.has_fewer_axes and not self.whole:
+                level = "measuring"
             numbers = position.numbers("")
             if not position.cartesian:
                 return
@@ -313,7 +326,7 @@ class _Checker:
         """
         near = words.misspelt(name, known)
         reason = f"{name[:40]} is no {what} that is known" + f": {near}?" * bool(near)
-        yield Problem(row, "name", reason, "error" if near and self.whole else "note")
+        yield Problem(row, "name", reason, self.level if near else "note")
 
     def _check_called(
         self, row: int, name: str, known: frozenset[str], others: frozenset[str]
@@ -360,13 +373,15 @@ class _Checker:
         for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():
                 if switch not in known:
-                    yield Problem(row, "argument", f"\\{switch[:30]} is no switch there")
+                    said = f"\\{switch[:30]} is no switch there that is known"
+                    yield Problem(row, "argument", said, self.level)
                 elif inner is not None and switch in _TYPED:
                     yield from self._check_value(row, inner, _TYPED[switch])
             if value is not None:
                 yield from self._check_value(row, value, kind)
-            if word == "VELSET" and isinstance(value, Token) and not 0 < float(value) <= 10_000:
-                yield Problem(row, "argument", f"VelSet: {str(value)[:20]} is no speed")
+            text = module.nested(value) if isinstance(value, Token) and word == "VELSET" else "1"
+            if _is_number(text) and not 0 < float(str(text)) <= 10_000:
+                yield Problem(row, "argument", f"VelSet: {str(text)[:20]} is no speed")
 
     def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
         """The type of an argument, as far as it is known."""
@@ -383,8 +398,7 @@ class _Checker:
             return
         known, data = self._find(name) or (words.DATA.get(name, ""), None)
         if not known and kind not in ("num", "signaldo"):
-            level: Level = "error" if self.whole else "note"
-            yield Problem(row, "name", f"{name} is no {kind} of this module", level)
+            yield Problem(row, "name", f"{name} is no {kind} of this module", self.level)
         elif known != kind and known.upper() in words.TYPES and (known, kind) != ("dnum", "num"):
             yield Problem(row, "argument", f"{name} is a {known}, not a {kind}")
         elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
@@ -395,7 +409,8 @@ class _Checker:
             if data.storage != "PERS":
                 yield Problem(row, "argument", f"{name}: the {kind} of a motion is PERS")
             elif isinstance(mass, str) and _NUMBER.fullmatch(mass) and float(mass) <= 0:
-                yield Problem(row, "argument", f"{name} has no mass above 0")
+                level: Level = "error" if self.whole else "measuring"
+                yield Problem(row, "argument", f"{name} has no mass above 0", level)
 
     def check_standstill(self) -> Iterator[Problem]:
         """What is measured while the arm stands."""

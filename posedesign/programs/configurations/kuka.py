@@ -13,7 +13,7 @@ from calib.se3 import FloatArray
 from posedesign.programs.configuration import EXACT_DEG, ROUNDING_DEG, Configuration
 from posedesign.programs.configurations.geometry import arm_positions
 
-_NUMBER = r"(\d{1,3}|'B[01]{1,8}')"
+_NUMBER = r"(\d{1,3}|'(?:B ?[01]{1,8}|H ?[\dA-F]{1,2})')"
 
 _ARM_BITS = 0b111
 """Bits of S that say where the arm is."""
@@ -88,4 +88,5 @@ class KukaConfiguration(Configuration):
 
 
 def _integer(text: str) -> int:
-    return int(text[2:-1], 2) if text.startswith("'") else int(text)
+    base = {"B": 2, "H": 16}.get(text[1:2].upper(), 10)
+    return int(text if base == 10 else text[2:-1], base)

@@ -13,7 +13,7 @@ rule                       what it asks
 ``line-length``         m  a ``.src`` fewer than 120 characters a line, a ``.dat`` 255, but for what
                            the pendant writes: controllers differ
 ``module``                 a ``.dat`` is DEFDAT ... ENDDAT, a ``.src`` routines, DEF ... END
-``module-name``            24 characters at most; m: the same as the name of the file
+``module-name``         m  24 characters at most; the same as the name of the file
 ``block``                  each routine, IF, FOR, WHILE, LOOP, REPEAT, SWITCH closed by its own end
 ``data``                   only declarations and values in a ``.dat``
 ``declarations-first``     no declaration behind the first instruction of a routine
@@ -58,7 +58,7 @@ from calib.errors import FileFormatError
 from posedesign.programs import rules
 from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
-from posedesign.programs.language import Block, Node, Statement, block_faults, text_of
+from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
@@ -79,7 +79,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _BLOCKS = krl.BLOCKS | {begin: Block(end) for begin, end in BEGINS.items()}
-_DECLARE = ("declaration", "external", "structure", "enumeration", "signal", "import_")
+_DECLARE = _words("declaration external structure enumeration signal channel import_")
 _COMMANDS = _words(
     """INITMOV ACC_CP ACC_PTP ACC_GLUE VEL_CP VEL_PTP TOOL BASE EX_BASE PTP_DAT CP_DAT PTP_PARAMS
     CP_PARAMS OUT_SYNC OUT_ASYNC GROUP FRAMES"""
@@ -88,6 +88,7 @@ _TYPES = _words(
     """INT REAL BOOL CHAR AXIS E3AXIS E6AXIS POS E3POS E6POS FRAME LOAD INERTIA FDAT PDAT LDAT
     BAS_COMMAND"""
 )
+_TYPES_OF_THE_LANGUAGE = _words("INT REAL BOOL CHAR")
 _STATES = _words("FDAT_ACT PDAT_ACT LDAT_ACT")
 _WORDS = _words(
     """CASE CIRC CONFIRM CONTINUE DECL DEFAULT DEFDAT DEFFCT ELSE ENDDAT ENDFCT ENDFOR ENDIF ENDLOOP
@@ -113,7 +114,7 @@ _FORMS = {
 """Names in the data of inline forms. Their values are numbers, but for these."""
 
 _FORM_VALUES = {
-    "IPO_FRAME": ("#(BASE|TCP)", "#BASE or #TCP"),
+    "IPO_FRAME": ("#(BASE|TCP|NONE)", "#BASE or #TCP"),
     "TQ_STATE": ("TRUE|FALSE", "TRUE or FALSE"),
     "POINT2[]": (".*", "a text"),
     **dict.fromkeys(("APO_MODE", "ORI_TYP", "CIRC_TYP"), ("#.*", "a name with #")),
@@ -188,7 +189,8 @@ class _Module:
             for value in filter(krl.is_aggregate, children[1:]):
                 of_type = krl.kind_of(value)
                 names = {name for name, _ in krl.fields_of(value)}
-                known = of_type in krl.TYPES_OF_POSITIONS or names & {"A1", "S", "T"}
+                known = of_type in krl.TYPES_OF_POSITIONS or "A1" in names
+                known = known or ("X" in names and bool(names & {"S", "T"}))
                 if kind == "motion" or (known and "$" not in variable):
                     self.positions.append((statement.row, variable, of_type, value))
         elif kind == "external":
@@ -252,7 +254,7 @@ def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
             yield Problem(begin.row, "module", "a .dat holds one DEFDAT, a .src none")
         if len(name) > 24:
             said = f"{name[:40]} has {len(name)} characters, not 24"
-            yield Problem(begin.row, "module-name", said)
+            yield measuring(begin.row, "module-name", said)
         if begin.kind != "begin_data" and begin.one("parameters") is None:
             yield Problem(begin.row, "module", f"no brackets behind the name {name}")
     if module.name.upper() != path.stem.upper():
@@ -283,7 +285,7 @@ def _check_places(module: _Module) -> Iterator[Problem]:
             yield Problem(row, "declarations-first", "a declaration behind an instruction")
         begun = begun or kind not in (*_DECLARE, *BEGINS)
         for name in _defined(statement, module.is_data):
-            if name in _TYPES:
+            if name in (_TYPES if module.whole else _TYPES_OF_THE_LANGUAGE):
                 yield Problem(row, "word", f"{name} is a type, no name")
             if name in seen:
                 yield Problem(row, "unique", f"{name.split()[-1]} is defined twice")
@@ -376,7 +378,8 @@ def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
 
 def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
     variable, value = map(krl.key_of, statement.tree.children)
-    given = _is_constant(statement.tree.children[1]) or value.endswith(_WHOLE)
+    node = statement.tree.children[1]
+    given = _is_constant(node) or is_a(node, "function") or value.endswith(_WHOLE)
     if variable.endswith(_WHOLE) and not given:
         yield Problem(statement.row, "constant", "a whole array is given one value")
 
@@ -437,10 +440,12 @@ def _check_positions(module: _Module) -> Iterator[Problem]:
 
 def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     if name in _LARGEST:
-        bits = re.fullmatch(r"(\d{1,9})|'B([01]{1,9})'", text, re.IGNORECASE | re.ASCII)
+        bits = re.fullmatch(
+            r"(\d{1,9})|'B ?([01]{1,9})'|'H ?([\dA-F]{1,9})'", text, re.IGNORECASE | re.ASCII
+        )
         if bits is None:
             return "is no whole number" if is_data else "", "error"
-        value = int(bits[1]) if bits[1] else int(bits[2], 2)
+        value = int(bits[bits.lastindex or 1], (10, 2, 16)[(bits.lastindex or 1) - 1])
         most = _LARGEST[name]
         return f"is not from 0 to {most}" if value > most else "", "measuring"
     number = krl.as_number(text)

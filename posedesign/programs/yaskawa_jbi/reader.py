@@ -10,11 +10,12 @@ there are left out; where it holds none, the planned positions are read, and mar
 The numbers of ``///USER`` and ``///TOOL`` go with the positions; frame 0 is the base frame.
 
 Pulses become degrees with the ratios in the comments ``'PULSES S 1638.4``, or with those that the
-dialect was made with. So do those of base axes (BC, BP), in millimetres; without their ratios they
-are only compared, and in a frame they are distances from its origin, which is not known. Steps of a
-second robot (``+MOVJ``) are left out. What would be read wrong in silence is refused with its line:
-station axes that stand elsewhere at some of the poses, base axes where the arm's description has
-none, positions in a frame that moves, lost lines, steps that are no INFORM and name a position.
+dialect was made with; ///ANGLE has degrees. So do pulses of base axes (BC, BP), in millimetres;
+without their ratios they are only compared, and in a frame they are distances from its origin,
+which is not known. Steps of a second robot (``+MOVJ``) are left out. What would be read wrong in
+silence is refused with its line: station axes that stand elsewhere at some of the poses, base axes
+where the arm's description has none, positions in a frame that moves, lost lines, steps that are no
+INFORM and name a position.
 """
 
 from __future__ import annotations
@@ -49,15 +50,23 @@ from posedesign.programs.yaskawa_jbi.spec import (
     found_in,
 )
 
-_OF_POS = ("npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "heading")
+OF_POS = ("npos", "tool", "user", "postype", "pulse", "angle", "rectan", "rconf", "stored")
+"""Kinds of statements that only //POS has."""
+
 _MOST_NUMBER = 99_999
 _MOST_LINES = 100_000
 """Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
 END then."""
 
+_OF_AXES = ("PULSE", "ANGLE")
+"""Forms of positions that have values of axes."""
+
 _JOB_MARKS = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
 
+_OF_NAMES = ("///COMMENT", "///ARGNAME", "///ARGUNIT", "///TAGCOMM")
+
 _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
+_DECIMAL = re.compile(r"[-+]?\d{1,5}(?:\.\d{0,9})?", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
 _POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
@@ -108,6 +117,11 @@ class Stored:
         """Its name, as it stands in a job."""
         return self.name.label
 
+    @property
+    def posed(self) -> bool:
+        """Whether it is a pose, in a frame."""
+        return self.form == "RECTAN" and self.frame not in _OF_AXES
+
 
 @dataclass
 class Job:
@@ -129,7 +143,8 @@ def read_job(text: str) -> Job:
     """Sort the lines of a job; never fails."""
     job = Job()
     part = job.head
-    parts = {"job": job.head, "pos": job.pos, "arginfo": [], "inst": job.inst, "end": job.after}
+    parts = {"job": job.head, "pos": job.pos, "inst": job.inst, "end": job.after}
+    parts |= {"arginfo": [], "macro": []}
     above = dict.fromkeys(("form", "frame", "tool", "user", "rconf"), "")
     for statement in INFORM.statements(text):
         kind, values = statement.kind, statement.tree.children
@@ -145,7 +160,7 @@ def read_job(text: str) -> Job:
         if kind == "stored":
             name, *numbers = map(str, values)
             job.stored.append(Stored(statement.row, Name.of(name), tuple(numbers), **above))
-        elif kind in ("pulse", "rectan"):
+        elif kind in ("pulse", "angle", "rectan"):
             above["form"] = kind.upper()
         elif kind in ("tool", "user", "rconf", "postype"):
             above["frame" if kind == "postype" else kind] = ",".join(map(str, values))
@@ -162,7 +177,7 @@ def faults_of(job: Job) -> Iterator[Problem]:
     for statement in job.pos:
         if statement.fault:
             yield Problem(statement.row, "syntax", statement.fault)
-        elif statement.kind not in _OF_POS:
+        elif statement.kind not in (*OF_POS, "heading"):
             yield Problem(statement.row, "sections", f"{statement.text[:30]!a} is not of //POS")
     for statement in (*job.pos, *job.kinds["heading"]):
         word = statement.word("HEADING") if statement.kind == "heading" else ""
@@ -176,9 +191,10 @@ def faults_of(job: Job) -> Iterator[Problem]:
             what = "is there twice" if stored.name in seen else "has too large a number"
             yield Problem(stored.row, "position-unique", f"{stored.label} {what}")
         seen.add(stored.name)
-        if not stored.form or (stored.form == "PULSE") != (stored.frame == "PULSE"):
-            reason = f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and ///PULSE "
-            yield Problem(stored.row, "position-format", reason + "or ///RECTAN are due above")
+        if not stored.form or (stored.form != stored.frame and not stored.posed):
+            reason = f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and "
+            reason += "///PULSE, ///ANGLE or ///RECTAN are due above"
+            yield Problem(stored.row, "position-format", reason)
     yield from _count_faults(job)
 
 
@@ -202,14 +218,14 @@ def names_in(move: Tree[Token]) -> list[Name]:
 
 
 def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
-    """What people call the arguments of a job, behind ///COMMENT of //ARGINFO, is any text."""
+    """What people call the arguments of a job or a macro is any text."""
     inside = told = False
     for line in islice(lines, _MOST_LINES):
         if not (inside and told) or line.text.startswith("//"):
             yield line
-            told = line.text == "///COMMENT"
+            told = line.text in _OF_NAMES
             if line.text[2:3] != "/":
-                inside = line.text == "//ARGINFO"
+                inside = line.text in ("//ARGINFO", "//MACRO")
 
 
 INFORM = Language(__package__, joined=_without_argument_names, signed=True, letters=r"\w$-")
@@ -329,7 +345,7 @@ class _Reader:
         values = [
             pose_values(self._six(stored), _POSE, stored.label, self.path, stored.row)
             for stored in taken
-            if stored.form != "PULSE"
+            if stored.posed
         ]
         poses = iter(poses_of(values))
         # without any comment, that of the variable
@@ -337,7 +353,7 @@ class _Reader:
         numbers = self.announced.numbered([(name, "") for name in wanted], usual)
         return tuple(
             replace(
-                self._position(*number, stored, None if stored.form == "PULSE" else next(poses)),
+                self._position(*number, stored, next(poses) if stored.posed else None),
                 external_shown=self._millimetres(source[name] == name, base),
                 carried=carried.get(name, {}),
             )
@@ -383,11 +399,14 @@ class _Reader:
         return stored.values
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
-        ratios, texts = self._ratios("pulses_per_deg", stored.row), self._six(stored)
+        ratios, unit = (1.0,) * len(AXES), ""
+        if stored.form == "PULSE":
+            ratios, unit = self._ratios("pulses_per_deg", stored.row), " pulses"
+        texts = self._six(stored)
         values = self._in_units(stored, AXES, ratios)
         for axis, text, value in zip(AXES, texts, values, strict=True):
             if abs(value) > MOST_JOINT_DEG:
-                reason = f"{stored.label}: {axis} is {text} pulses, {value:.0f} deg"
+                reason = f"{stored.label}: {axis} is {text}{unit}, {value:.0f} deg"
                 self.refuse(reason, stored.row, "are the pulses/deg those of this arm?")
         return np.array(values)
 
@@ -395,11 +414,12 @@ class _Reader:
         self, stored: Stored, axes: Sequence[str], ratios: Sequence[float]
     ) -> tuple[float, ...]:
         """Values of axes in degrees, or in millimetres; as many as have a ratio."""
+        whole = stored.form == "PULSE"
         for axis, text in zip(axes, stored.values, strict=False):
-            if not _WHOLE.fullmatch(text):
-                reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
+            if not (_WHOLE if whole else _DECIMAL).fullmatch(text):
+                reason = f"{stored.label}: {axis} is {text[:30]!a}, not a{' whole' * whole} number"
                 self.refuse(reason, stored.row)
-        return tuple(int(t) / ratio for t, ratio in zip(stored.values, ratios, strict=False))
+        return tuple(float(t) / ratio for t, ratio in zip(stored.values, ratios, strict=False))
 
     def _ratios(self, name: str, row: int) -> tuple[float, ...]:
         """Pulses of each axis in its unit: of the comments, or as given; both must agree."""

@@ -9,15 +9,16 @@ rule                   what it asks (m: of programs that measure; n: only noted)
 ``syntax``             what the grammar says
 ``ascii``              no control characters; n: letters of other scripts
 ``crlf``               no CR inside a line; m: each line ended by CR LF
-``sections``           /JOB, //POS, //INST in this order; the steps from NOP to END
+``sections``           /JOB, //POS, //INST in this order; the steps from NOP to END; m: comments
+                       only there
 ``job-name``           //NAME: letters, digits, _ and -, 32 in all (DX100 on; NX100 takes 8)
-``header``             ///DATE and ///ATTR with SC and one of RW, RO, WO; ///GROUP1 where something
-                       moves, with BS where a base axis does; each once; ///COMM of at most 32
-                       characters; n: unknown headings
+``header``             ///DATE and ///ATTR with SC or CJ and one of RW, RO, WO; ///GROUP1 where
+                       something moves, with BS where a base axis does; each once; ///COMM of at
+                       most 32 characters; n: unknown headings
 ``npos``               ///NPOS: the number of positions of each kind
-``position-format``    each position with tool, ///POSTYPE and ///PULSE or ///RECTAN above; if it
-                       is an arm's six to eight values, as all others, if a base axis's one to
-                       three; frames 0 to 63
+``position-format``    each position with tool, ///POSTYPE and ///PULSE, ///ANGLE or ///RECTAN
+                       above; if it is an arm's six to eight values, as all others, if a base axis's
+                       one to three; frames 0 to 63
 ``number``             pulses whole, of 32 bits; m: at most 3 decimals of a mm and 4 of a degree,
                        no ``-0.000``, degrees in [-180, 180]
 ``rconf``              poses have ///RCONF of 6 (the manual of NX100), 8 or 24 values, the first six
@@ -64,8 +65,7 @@ _MOST_STEPS = 9999
 _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
 """Values of a position of an arm, those of seven axes having more than six; of base axes."""
 
-_OF_INST = ("date", "comm", "attr", "frame", "group", "heading")
-_NOT_OF_INST = {"npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "name"}
+_OF_INST = ("date", "comm", "attr", "frame", "group", "heading", "local")
 _NAME = re.compile(r"[\w\x80-\xff][\w\x80-\xff-]{0,31}", re.ASCII)
 _PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
 _DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)
@@ -114,13 +114,16 @@ def check_yaskawa_jbi(data: bytes, path: Path) -> list[Problem]:
 def _check_sections(job: Job) -> Iterator[Problem]:
     steps = [s for s in job.inst if s.kind not in _OF_INST and not s.fault]
     first = steps[0].row if steps else 0
-    strays = [s for s in job.head if s.kind != "name"] + job.after
-    strays += [s for kind in _NOT_OF_INST for s in job.kinds[kind]]
+    strays = [s for s in job.head if s.kind != "name" and s.word("HEADING") != "///FOLDERNAME"]
+    strays += job.after
+    strays += [s for kind in (*reader.OF_POS, "name") for s in job.kinds[kind]]
     strays += [s for kind in _OF_INST for s in job.kinds[kind] if s.row > first > 0]
-    strays += [m for k, m in enumerate(job.marks) if m.kind == "arginfo" and k != 2]
+    strays += [m for k, m in enumerate(job.marks) if m.kind in ("arginfo", "macro") and k != 2]
     for statement in strays:
         if not statement.fault:
-            yield Problem(statement.row, "sections", f"{statement.text[:30]!a} belongs nowhere")
+            level: Level = "measuring" if statement.kind == "comment" else "error"
+            reason = f"{statement.text[:30]!a} belongs nowhere"
+            yield Problem(statement.row, "sections", reason, level)
     if not steps or steps[0].kind != "nop":
         yield Problem(first or 1, "sections", "NOP is due as the first step")
     if len(steps) >= _MOST_STEPS:
@@ -156,12 +159,15 @@ def _check_header(job: Job) -> Iterator[Problem]:
     for s in of["attr"]:
         said = Counter(s.words("ATTRIBUTE"))
         access = said["RW"] + said["RO"] + said["WO"]
-        if max(said.values()) > 1 or not said["SC"] or access != 1:
-            reason = "///ATTR is SC, one of RW, RO, WO, and RJ where the job is relative"
+        if max(said.values()) > 1 or not said["SC"] + said["CJ"] or access != 1:
+            reason = "///ATTR is SC or CJ, one of RW, RO, WO, and RJ where the job is relative"
             yield Problem(s.row, "header", reason)
     for s in of["comm"]:
-        if len(s.word("TEXT")) > MOST_COMMENT:
-            yield Problem(s.row, "header", "the job's comment is longer than 32 characters")
+        text = s.word("TEXT")
+        if len(text) > MOST_COMMENT:
+            # another editor may have saved letters of other scripts as several bytes
+            level: Level = "error" if text.isascii() else "measuring"
+            yield Problem(s.row, "header", "the job's comment is longer than 32 characters", level)
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
@@ -179,7 +185,7 @@ def _check_positions(job: Job) -> Iterator[Problem]:
             due = "one to three, as all others" if carrier else "six"
             reason = f"{stored.label} has {count} values, not {due}"
             yield Problem(stored.row, "position-format", reason)
-        if stored.form != "RECTAN" or carrier:
+        if not stored.posed or carrier:
             continue
         fault, level = _rconf_fault(stored.rconf)
         if fault:
@@ -214,17 +220,17 @@ def _rconf_fault(rconf: str) -> tuple[str, Level]:
 
 def _number_faults(stored: Stored) -> Iterator[Problem]:
     """The first value that is no number as the position has them."""
-    in_pulses = stored.form == "PULSE"
+    in_pulses, in_frame = stored.form == "PULSE", stored.posed
     for k, text in enumerate(stored.values):
-        fault = ""
+        fault, most = "", 3 if in_frame and k < 3 else 4
         if in_pulses:
             if not _PULSES.fullmatch(text) or abs(int(text)) >= 2**31:
                 fault = "is not a whole number of pulses"
-        elif not (found := _DECIMALS.fullmatch(text)) or len(found[1] or "") > (3 if k < 3 else 4):
+        elif not (found := _DECIMALS.fullmatch(text)) or len(found[1] or "") > most:
             fault = "is not a number of at most 3 decimals of a mm, 4 of a degree"
         elif text[0] == "-" and not text.strip("-0."):
             fault = "is minus zero"
-        elif 3 <= k < 6 and stored.name.kind in "CP" and not -180.0 <= float(text) <= 180.0:
+        elif in_frame and k in (3, 4, 5) and stored.name.kind in "CP" and abs(float(text)) > 180.0:
             fault = "is not in [-180, 180] deg"
         if fault:
             reason = f"{stored.label}: {text[:30]!a} {fault}"

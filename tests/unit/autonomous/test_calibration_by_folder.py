@@ -96,7 +96,12 @@ BOARD = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("board", "camera"),
-    [(None, False), (BOARD, False), (None, True)],
+    [
+        # pictures of a circle, and pictures in the folder: the other two have both
+        pytest.param(None, False, marks=pytest.mark.full),
+        (BOARD, False),
+        (None, True),
+    ],
     ids=["circle", "board", "camera here"],
 )
 def test_programs_out_and_pictures_in(small_cell, tmp_path, board, camera):

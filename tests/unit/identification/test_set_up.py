@@ -1,5 +1,6 @@
 """From a table to an identified arm: every kind, several tools and targets, exact without noise."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -149,3 +150,33 @@ def test_targets_seen_once(lab):
     data = lab.measure(["touch-up"], 7, targets_each=2).data
     assert seen_once(data) == []
     assert seen_once(data[np.array([0, 2, 3])]) == ["A1"]
+
+
+def test_tools_that_came_out_where_the_cell_has_another_are_named(tabled, lab, make_cell):
+    measured = lab.measure(["point"], 30, tools=("near", "far"))
+    places = {"near": 1e3 * lab.cell.tool_m, "far": 1e3 * lab.cell.tool_m - [0.0, 0.0, 20.0]}
+
+    def told(names: dict[str, str]) -> list[str]:
+        marks = [{"name": n, "point_mm": places[there].tolist()} for n, there in names.items()]
+        tool = {"point_mm": places["near"].tolist(), "mark": marks}
+        cell = make_cell(parameters={"models": [["zero_offsets"]]}, tool=tool)
+        said = identify_models(cell, tabled(measured)).warnings
+        return [words for words in said if "came out" in words]
+
+    assert told({"near": "near", "far": "far"}) == []
+    near, far = told({"near": "far", "far": "near"})
+    assert re.match(r"tool\.near came out \d\d\.?\d? mm .*, where it has far", near)
+    assert re.match(r"tool\.far came out \d\d\.?\d? mm .*, where it has near", far)
+
+
+def test_measurements_that_hardly_count_are_named(tabled, lab, make_cell):
+    """Gross errors leave the result as it is, and are not passed over in silence."""
+    table = tabled(lab.measure(["touch-up"], 40, noise=2e-5))
+    cell = make_cell(parameters={"models": [["zero_offsets"]]})
+    assert not any("hardly count" in said for said in identify_models(cell, table).warnings)
+    q = table.data.postures.copy()
+    q[[7, 20, 31]] += np.deg2rad([[0.05], [-0.06], [0.04]]) * [0, 1, 1, -1, 1, 0]
+    found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
+    (said,) = (words for words in found.warnings if "hardly count" in words)
+    assert said.startswith("3 of 40 measurements are so far off the others that they hardly count")
+    assert all(f"(line {table.lines[i]}) by" in said for i in (7, 20, 31))

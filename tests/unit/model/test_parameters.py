@@ -9,6 +9,7 @@ from calib.errors import InputError
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, Point, Pose, TouchUp
 from calib.model.parameters import (
+    BearingCompliance,
     JointCompliance,
     Payload,
     TargetFrame,
@@ -81,6 +82,25 @@ def test_a_compliant_joint_gives_way_by_compliance_times_torque(reference_robot)
     shown[:, 2] += given * gravity_torque(reference_robot, q, PAYLOAD)[:, 2]
     at = model.predict(q, [given, 0, 0, 0])
     np.testing.assert_allclose(at[0], reference_robot.fk(shown)[0, :3, 3], atol=1e-13)
+
+
+@pytest.mark.parametrize("block", [JointCompliance, BearingCompliance])
+def test_what_is_kept_of_postures_is_of_these_and_of_their_payloads(reference_robot, block):
+    """A fit asks for the torques at its postures again and again: others give others."""
+    joints, payloads = reference_robot.joint_names[1:3], [Payload(0.0, np.zeros(3)), PAYLOAD]
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 5))
+    kept = block(reference_robot, joints, payloads)
+
+    def torques(one, setup):
+        return one.torques(q, setup) if hasattr(one, "torques") else one.functions(q, setup)
+
+    for setup in (Setup.of(5), Setup.of(5, payload=1), Setup.of(5, payload=[0, 1, 1, 0, 0])):
+        q[1] += 0.1  # in place
+        expected = torques(block(reference_robot, joints, payloads), setup)
+        for _ in range(2):
+            np.testing.assert_array_equal(torques(kept, setup), expected)
+    with pytest.raises(InputError, match="has payload 3, 2 are known"):
+        torques(kept, Setup.of(5, payload=2))
 
 
 def test_zero_offsets_are_added_to_the_joint_they_name(reference_robot):

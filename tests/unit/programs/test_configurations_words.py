@@ -207,9 +207,10 @@ def test_kuka_signs_of_axes_at_zero_are_left_open() -> None:
     assert not wanted.allows(KukaConfiguration(2, 2))
 
 
-def test_kuka_numbers_are_decimal_or_binary() -> None:
+def test_kuka_numbers_are_decimal_binary_or_hexadecimal() -> None:
     binary = KukaConfiguration.parse("S 'B010',T 'B100011'")
     assert binary == KukaConfiguration.parse("s2, t 35") == KukaConfiguration(2, 35)
+    assert binary == KukaConfiguration.parse("S 'B 10',T 'H23'")
     assert binary.words == "S 2,T 35"
 
 

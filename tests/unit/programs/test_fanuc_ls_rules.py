@@ -61,6 +61,12 @@ def line_of(text: str) -> int:
         ("!PLAN abcdef12 2", "WAIT (R[1]<(-2.5))"),
         ("!PLAN abcdef12 2", "R[1]=R[2]-1"),
         ("!PLAN abcdef12 2", "MESSAGE[a]"),
+        ("!PLAN abcdef12 2", "IF PL[R[1]]=[1,R[2],*],JMP LBL[R[1]]"),
+        ("!PLAN abcdef12 2", "OVERRIDE=R[1:slow]%"),
+        (
+            "WAIT   1.00(sec) ;\n   6:  CALL MEASURE(1) ;",
+            "PALLETIZING-B_1 ;\n   6:L PAL_1[BTM] 100mm/sec CNT10    ;",
+        ),
         ("MEASURE(1)", "MEASURE((-1))"),
         ("MEASURE(1)", "MEASURE('it, -1, was 1e5')"),
         ("J P[1] 10% FINE    ;", "C P[1]    \n    :  P[1] 10mm/sec FINE    ;"),

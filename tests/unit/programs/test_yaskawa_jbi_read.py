@@ -115,6 +115,16 @@ def test_jobs_without_ratios_need_them() -> None:
     assert len(parse(RECTAN).positions) == 2  # poses need none
 
 
+def test_joints_in_degrees_need_no_ratios() -> None:
+    text = SMALL.replace("PULSE\n///PULSE", "ANGLE\n///ANGLE").replace("00,2000,500,", "0.25,-2,5,")
+    assert shown(parse(text)) == {
+        1: [100.25, -2, 5, 100, 100, 50],
+        2: [200.25, -2, 5, 100, 100, 50],
+    }
+    with pytest.raises(FileFormatError, match="S is 1000, 1000 deg"):
+        parse(text.replace("100.25", "1000"))
+
+
 @pytest.mark.parametrize(
     ("source", "old", "new", "line", "message"),
     [

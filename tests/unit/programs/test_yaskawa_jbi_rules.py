@@ -34,8 +34,24 @@ C00001=800.000,0.000,614.000,180.0000,0.0000,0.0000
 POSED = GOOD[: GOOD.index("///POSTYPE")] + RECTAN + GOOD[GOOD.index("///GROUP1") :]
 
 
+OF_A_MACRO = """\
+///SUSJOB
+///ATTR 1,0,1,0,0,0,0,0
+///ARGSET 1,1,0,0,0,0,0,0,0,0,0,0,0,0,0,0
+///ARGNAME
+/JOB
+END
+///ARGUNIT
+mm/s (slow)
+///TAGDISP 1,1,0,0,0,0,0,0,0,0,0,0,0,0,0,0
+"""
+
+
 def check(text: str) -> list[Problem]:
     return YaskawaJbi().check(text.replace("\n", "\r\n").encode("latin-1"), Path("X.JBI"))
+
+
+IN_DEGREES = GOOD.replace("PULSE\n///PULSE", "ANGLE\n///ANGLE")
 
 
 def with_steps(steps: str) -> str:
@@ -48,10 +64,20 @@ def with_steps(steps: str) -> str:
         (GOOD, "", ""),
         (GOOD, "///TOOL 1", "///TOOL 1,63"),
         (GOOD, "SC,RW", "SC,RO"),
-        (GOOD, "RB1\n", "RB1,BS1\n///GROUP2 ST1\n///LVARS 2,0,0,0,0,0,0,0\n"),
+        (GOOD, "SC,RW", "RW,CJ"),
+        (GOOD, "SC,RW", "SC,RW,MC"),
+        (GOOD, "//POS", "///FOLDERNAME FOLDER001\n//POS"),
+        (GOOD, "RB1\n", "RB1,BS1\n///GROUP2 ST1\n///LVARS 2,0,0,0,0,0,0,0\nLB000 step\n"),
         (GOOD, "CALPOSE", "TOUCH_UP-OF-CELL-7-AFTER-SERVICE"),
         (GOOD, "CALPOSE", "001-home"),
         (GOOD, "//INST", "//ARGINFO\n///ARGTYPE B,,\n///COMMENT\nTool number\n//INST"),
+        (GOOD, "//INST", f"//MACRO\n{OF_A_MACRO}//INST"),
+        (
+            GOOD,
+            "0,0\n///TOOL",
+            "0,1\n///POSTYPE ANGLE\n///ANGLE\n///TOOL 0\nEX00000=-190.5000\n///TOOL",
+        ),
+        (GOOD, "VJ=10.00 PL=0", "T0001 VJ=10.00 PL=0"),
         (GOOD, "VJ=10.00 PL=0", "VJ=I000 PL=0 NWAIT ACC=20 UNTIL IN#(1)=ON"),
         (GOOD, "VJ=10.00 PL=0", "VJ=50 PL=0  //APPROACH"),
         (GOOD, "CALL JOB:MEASURE", "CALL JOB:measure-1 IF IN#(1)=ON"),
@@ -88,11 +114,19 @@ def test_what_controllers_write_too(source: str, old: str, new: str) -> None:
         "*LOOP\nSWITCH I000 CASE 1\nCALL JOB:01\nDEFAULT\nENDSWITCH\nJUMP *LOOP IF D000<3",
         "FOR I000 = 1 TO 10\nDOUT OG#(26) B009\nPULSE OT#(209)\nNEXT I000",
         "MOVJ P001 VJ=80.00 PL=0 DEC=20  +MOVJ EX001 VJ=0.78\nWVON WEV#(25)\nSMOVL P002 V=7 PL=0",
+        "PULSE OT#(4) T=0.50 IFEXPRESS IN#(49)=ON OREXP IN#(50)=ON\nSSFTOF\nJUMP *1TCH\n*1TCH",
+        "MOVL LP001 V=LI001 SRCH RIN#(LI004)=ON T=0.10 DIS=LD001  +MOVJ LEX000",
+        "PULSE OG#(3) B000 T=0.30\nGETS I001 $I[1]\nCALL JOB:TEST UF#(2) IF IN#(1)=ON",
         "TIMER T=LI005\nIMOV LP000 V=201.0\nSPEED VJ=50.00\nMOVJ P[I000] PL=0",
     ],
 )
 def test_steps_of_others_have_no_errors(steps: str) -> None:
     assert [p for p in check(with_steps(steps)) if p.level == "error"] == []
+
+
+def test_comments_of_other_scripts_may_have_more_bytes() -> None:
+    problems = check(GOOD.replace("cell 7", "\xe5\xb7\xa5" * 11))
+    assert {p.level for p in problems if p.rule == "header"} == {"measuring"}
 
 
 @pytest.mark.parametrize("step", ["MEASURE_7 MJ#(0) ARGF8", "PI_CALIB", "SRVGRIP GRP#(1) F=3.0"])
@@ -124,6 +158,8 @@ ONE_RULE = [
     ("crlf", GOOD, "'PLAN", "'PL\rN", "CR inside"),
     ("sections", GOOD, "END\n", "", "END are due"),
     ("sections", GOOD, "NOP\n", "", "NOP is due"),
+    ("sections", GOOD, "//POS", "'a review\n//POS", "'a review\" belongs nowhere"),
+    ("sections", GOOD, "NOP\n", "NOP\nLB000 step\n", "'LB000 step' belongs nowhere"),
     ("sections", GOOD, "END\n", "END\nNOP\n", "'NOP' belongs nowhere"),
     ("sections", GOOD, "NOP\n", "NOP\n///LVARS 1,0,0,0,0,0,0,0\n", "belongs nowhere"),
     ("job-name", GOOD, "CALPOSE", "C" * 33, "32 characters"),
@@ -132,6 +168,7 @@ ONE_RULE = [
     ("header", GOOD, "///DATE 2000/01/01 00:00\n", "", "///DATE is missing"),
     ("header", GOOD, "2000/01/01", "2000/13/01", "///DATE is not like"),
     ("header", GOOD, "SC,RW", "RW", "///ATTR"),
+    ("header", GOOD, "SC,RW", "SC,RW,MC,MC", "///ATTR"),
     ("header", GOOD, "///GROUP1 RB1\n", "", "///GROUP1"),
     ("header", GOOD, "cell 7", "c" * 33, "longer than 32"),
     ("header", GOOD, "///TOOL", "///TOL 3\n///TOOL", "did you mean ///TOOL?"),
@@ -141,11 +178,13 @@ ONE_RULE = [
     ("position-format", GOOD, "///TOOL 1\n", "", "has no ///TOOL"),
     ("position-format", GOOD, "///TOOL 1", "///TOOL 64", "has ///TOOL 64, not 0 to 63"),
     ("position-format", GOOD, "POSTYPE PULSE", "POSTYPE BASE", "neither in pulses nor"),
+    ("position-format", GOOD, "///PULSE", "///ANGLE", "neither in pulses nor"),
     ("position-format", GOOD, "C00001=-1000,", "C00001=", "has 5 values"),
     ("number", GOOD, "C00001=-1000,", "C00001=-1000.5,", "'-1000.5' is not a whole number"),
     ("number", GOOD, "C00001=-1000,", "C00001=-0,", "'-0' is not a whole number"),
     ("number", GOOD, "C00001=-1000,", "C00001=9999999999,", "not a whole number"),
     ("number", GOOD, "C00001=-1000,", f"C00001={'9' * 5000},", "not a whole number"),
+    ("number", IN_DEGREES, "=-1000,", "=-10.00001,", "4 of a degree"),
     ("number", POSED, "=800.000", "=800.0000", "at most 3 decimals"),
     ("number", POSED, "=800.000", "=-0.000", "is minus zero"),
     ("number", POSED, "180.0000", "-180.0001", "not in [-180, 180]"),

@@ -38,9 +38,11 @@ from posedesign.report.tour import (
     interpolate,
     legend,
     lines,
+    link_frames,
     surface,
     words,
 )
+from tests.rails import on_slides
 
 HOSTILE = "<b>P4</b></script><script>document.title = 'run'</script>"
 NAMES = ("P1", "low", "V1", HOSTILE)
@@ -247,6 +249,42 @@ def test_lines_of_box_and_camera(cell, tour):
     assert np.allclose(np.unique(seen[:, 2].round(9)), [0.1, 0.7])
     # corners of the image: half of 1280 x 1024 px at a focal length of 1800 px
     assert np.allclose(np.abs(seen[:, :2] / seen[:, 2:]), [640 / 1800, 512 / 1800])
+
+
+def test_a_rail_is_drawn_along_its_whole_way(tmp_path):
+    """Without it the arm floats in the air; its carriage goes from one end to the other."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(on_slides("ur10e"))
+    cell = Cell.from_text(
+        f'[robot]\nurdf = "{urdf}"\ncapsule_radius_mm = 50.0\n[base_pose]\nslides_mm = [0.0]\n'
+        "posture_deg = [0, -75, 100, -115, -90, 0]\n[tool]\npoint_mm = [0, 0, 100]\n"
+    )
+    (drawn,) = (line for line in lines(cell, Tour.of(cell)) if line.name.startswith("slide"))
+    at_ends = np.tile(cell.base_posture, (2, 1))
+    at_ends[:, 0] = cell.robot.lower[0], cell.robot.upper[0]
+    carriage = np.array([link_frames(cell, q[None])[0, 1, :3, 3] for q in at_ends])
+    assert drawn.link == 0
+    np.testing.assert_allclose(drawn.points[0], carriage, atol=1e-12)
+    assert ("way of a slide", drawn.colour) in legend(cell, Tour.of(cell))
+
+
+def test_an_instrument_is_drawn_where_it_is():
+    """And not at the tool point of the base posture, under its name."""
+    pytest.importorskip("viser", reason="needs viser (posedesign[view])")
+    cell = Cell.from_text(
+        '[robot]\npreset = "ur10e"\n[base_pose]\nposture_deg = [0, -75, 100, -115, -90, 0]\n'
+        '[tool]\npoint_mm = [0, 0, 100]\n[measurement]\nkind = "point"\n'
+        '[[target]]\nname = "tracker"\nposition_mm = [2500, 1000, 900]\n'
+        '[[target]]\nname = "second"\nposition_mm = [2000, -1000, 900]\n'
+    )
+    live = drawing.LiveScene(cell, Tour.of(cell), 0)
+    try:
+        nodes = live.server.scene._handle_from_node_name
+        places = [nodes[f"/link_0/target_{k}"].position for k in (0, 1)]
+    finally:
+        live.server.stop()
+    np.testing.assert_allclose(places, [[2.5, 1.0, 0.9], [2.0, -1.0, 0.9]])
+    assert not any(line.name == "normal" for line in lines(cell, Tour.of(cell)))
 
 
 def test_without_viser_one_line_says_what_to_install(cell, monkeypatch):

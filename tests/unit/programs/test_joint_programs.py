@@ -426,6 +426,8 @@ RULES = [
     ("doosan-drl", "arguments", "wait(1.000)", "wait()"),
     ("doosan-drl", "arguments", "movej(posj(", "movej(("),
     ("doosan-drl", "arguments", "5, ON", "5% ON"),
+    ("doosan-drl", "arguments", "str(number)", "(number)"),
+    ("doosan-drl", "arguments", "str(number)", "str()"),
     ("doosan-drl", "position", "posj(-1.000000, ", "posj("),
     ("doosan-drl", "position", "-1.000000,", "--1.000000,"),
     ("doosan-drl", "range", "(-1.00", "(-721.00"),

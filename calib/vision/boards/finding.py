@@ -228,28 +228,30 @@ def _lattices(blobs: FloatArray) -> Iterator[Cells]:
 
 
 class _Places:
-    """Blobs as complex numbers, by squares as wide as what is looked for about a place."""
+    """Blobs as complex numbers, by squares: in each square those that a place in it may be near."""
 
     def __init__(self, blobs: FloatArray) -> None:
         self.all: list[complex] = (blobs @ [1.0, 1.0j]).tolist()
-        self._squares: dict[float, dict[tuple[int, int], list[int]]] = {}
+        self._squares: dict[float, dict[tuple[float, float], list[int]]] = {}
 
     def near(self, radius: float) -> Callable[[complex, float], int | None]:
         """What finds the nearest blob of a place, closer to it than a limit up to the radius."""
-        side = 2.0 ** math.ceil(math.log2(radius))
-        squares = self._squares.setdefault(side, {})
+        side = 2.0 ** math.ceil(math.log2(2.0 * radius))
+        blobs, squares = self.all, self._squares.setdefault(side, {})
         if not squares:
-            for blob, at in enumerate(self.all):
-                squares.setdefault((int(at.real // side), int(at.imag // side)), []).append(blob)
+            for blob, at in enumerate(blobs):
+                x, y = (
+                    {(of - side / 2) // side, (of + side / 2) // side} for of in (at.real, at.imag)
+                )
+                for square in product(x, y):
+                    squares.setdefault(square, []).append(blob)
 
         def nearest(place: complex, limit: float) -> int | None:
             found = None
-            x, y = int(place.real // side), int(place.imag // side)
-            for square in product((x - 1, x, x + 1), (y - 1, y, y + 1)):
-                for blob in squares.get(square, ()):
-                    far = abs(self.all[blob] - place)
-                    if far < limit:
-                        found, limit = blob, far
+            for blob in squares.get((place.real // side, place.imag // side), ()):
+                far = abs(blobs[blob] - place)
+                if far < limit:
+                    found, limit = blob, far
             return found
 
         return nearest

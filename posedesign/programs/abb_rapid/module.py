@@ -50,7 +50,9 @@ _PLAIN = re.compile(
 """A statement in one line, as most are."""
 
 _ELEMENT = re.compile(r",\s*\[\[[^][\";]{0,200}\](?:, ?\[[^][\";]{0,200}\])*\](?=,)")
-_PIECE = re.compile(r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.])[a-z]\w*', _I)
+_PIECE = re.compile(
+    r'"[^"\n]*"?|:=|[][(){},;:\n]|(?<![\w.\x80-\uffff])[a-z\x80-\uffff][\w\x80-\uffff]*', _I
+)
 _BEGIN = re.compile(r"\S")
 LEFT_OUT = re.compile(
     r'\A\s*%%%(?:[^%]|%(?!%%))*+(?:%%%.*)?|("[^"\n]*"?)|!.*'

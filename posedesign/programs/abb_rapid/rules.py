@@ -172,6 +172,8 @@ class _Checker:
             if s.kind in ROUTINES:
                 count += 1
                 self.routine = count
+            if s.kind == "module":  # the next one of an old program may have the same LOCAL names
+                seen.clear()
             if s.kind in ("module", "record", "alias", *ROUTINES):
                 name = str([c for c in s.tree.children if isinstance(c, Token)][-1])
                 new.append((-1 if s.kind == "module" else 0, name, s.kind, None))

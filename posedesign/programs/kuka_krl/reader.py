@@ -154,6 +154,10 @@ class _Reader:
         if self.elsewhere is not None:
             name, row = self.elsewhere
             refuse(f"{name} is stored elsewhere", self.path, row, "name the .dat of the program")
+        # a frame is a position where a motion goes to it
+        self.positions = [
+            p for p in self.positions if p.frames or not self._is_of_frames(p.variable)
+        ]
         if not self.positions:
             refuse("holds no positions", self.path, hint="name the file that was touched up")
         self._take_frames_of_forms()
@@ -230,12 +234,15 @@ class _Reader:
         if not plain or not krl.is_aggregate(value):
             self._forget(key, statement.row)
         known = key.startswith("$") or key.partition("_DATA[")[1]
-        if _is_frame(value) or known or key.partition("[")[0] in self.no_positions:
+        if _is_frame(value) or known or (self.is_data and self._is_of_frames(key)):
             return
         if plain and _holds_position(value):
             self._add(krl.name_of(variable), value, statement.row)
         else:
             self._check_no_position(statement)
+
+    def _is_of_frames(self, name: str) -> bool:
+        return name.upper().partition("[")[0] in self.no_positions
 
     def _check_no_position(self, statement: Statement) -> None:
         if any(_holds_position(inside) for inside in statement.all("aggregate")):

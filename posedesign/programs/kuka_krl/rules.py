@@ -79,9 +79,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _BLOCKS = krl.BLOCKS | {begin: Block(end) for begin, end in BEGINS.items()}
-_DECLARE = (
-    *("declaration", "external", "structure", "enumeration", "signal", "channel", "import_"),
-)
+_DECLARE = _words("declaration external structure enumeration signal channel import_")
 _COMMANDS = _words(
     """INITMOV ACC_CP ACC_PTP ACC_GLUE VEL_CP VEL_PTP TOOL BASE EX_BASE PTP_DAT CP_DAT PTP_PARAMS
     CP_PARAMS OUT_SYNC OUT_ASYNC GROUP FRAMES"""

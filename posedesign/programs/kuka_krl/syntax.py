@@ -54,7 +54,7 @@ LANGUAGE = Language(
 )
 """The grammar; one for all files, so that it is made once."""
 
-NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?"
+NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"
 """A plain decimal number."""
 
 _NUMBER = re.compile(NUMBER, re.IGNORECASE | re.ASCII)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from posedesign.files.yaml_tree import Fault, Plain, documents, text_of
+from posedesign.files.yaml_tree import Fault, documents, text_of
 from posedesign.programs.notation import Literal, literals_of
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -48,8 +48,7 @@ def read_list(data: bytes, path: Path, layout: Layout) -> RecordedProgram:
     """
     try:
         text = text_of(data)
-        # an empty document at the end, as ros2 topic echo adds, does not count
-        root = only([r for r in documents(text) if r.value or type(r.value) is not Plain])
+        root = only(documents(text))
         words, mark, labels = _comments(text)
         entries = Walk(layout, path, strict=False).entries(root)
         positions = _positions(entries, labels, mark, timed=layout.timed)

@@ -7,13 +7,13 @@ robot_calibration pass over unknown keys in silence. The validator asks:
 ``utf-8``        text in UTF-8
 ``yaml``         one well-formed YAML document
 ``plain-yaml``   no anchors, aliases and tags, no key twice, no deep nesting, not too many values
-``keys``         the keys of the format, all of them and no others
+``keys``         the keys of the format and no others: of lists without times all, else those needed
 ``joint-names``  at least one joint name, texts that YAML reads as texts, each once
 ``length``       as many values as joint names
-``number``       no quotes, NaN, exponents, nor what YAML 1.1 reads in other ways (010, 1_000, 1:30)
+``number``       no quotes and NaN, nor what YAML 1.1 reads in other ways (010, 1e5, 1_000, 1:30)
 ``range``        joint values within +-720 deg
 ``entries``      at least one pose
-``stamp``        a zero stamp: a fixed one would lie in the past when the message is sent
+``stamp``        a zero stamp, or now: a fixed one would lie in the past when the message is sent
 ``frame-id``     frame_id is a text
 ``time``         sec from 0 to 2147483647 and nanosec from 0 to 999999999, whole numbers
 ``increasing``   each point later than the one before: ros2_control refuses others
@@ -22,6 +22,10 @@ robot_calibration pass over unknown keys in silence. The validator asks:
 ``same-joints``  the same joints in each entry of robot_calibration
 ``features``     features are a list of texts
 ===============  ================================================================================
+
+Of a trajectory, ``rostopic pub`` and ``ros2 topic pub`` leave what is not said as it is in an empty
+message, and take a header that is ``auto`` and a stamp that is ``now``; the parts of a time have
+other names in ROS 1. Goals of actions that hold one are taken, too.
 """
 
 from __future__ import annotations
@@ -42,11 +46,15 @@ from posedesign.programs.rules import MOST_PROBLEMS
 _MOST_RAD = math.radians(MOST_JOINT_DEG)
 _BILLION = 1_000_000_000
 _TIME = {"sec": 2_147_483_647, "nanosec": _BILLION - 1}
+_ROS_1 = {"secs": "sec", "nsecs": "nanosec"}
 _NEEDED = ("joints", "positions")
 _AROUND = ("goal", "trajectory", "joint_trajectory")
 """Keys that a trajectory is found under in messages that hold one."""
 
-_DECIMAL = r"-?(?:0|[1-9][0-9]{0,8})(?:\.[0-9]{1,20})?"
+_BESIDE = re.compile(
+    r"header|goal_id|multi_dof_trajectory|(?:component_)?(?:path|goal)\w*_tolerance"
+)
+_DECIMAL = r"[-+]?(?:(?:0|[1-9][0-9]{0,8})(?:\.[0-9]{0,20}(?:[eE][-+][0-9]{1,3})?)?|\.[0-9]{1,20})"
 _STRICT, _LENIENT = re.compile(f"{_DECIMAL}(?: {_DECIMAL})*"), re.compile(r"[-+.0-9eE ]+")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,18}")
 _NO_TEXT = re.compile(
@@ -134,10 +142,9 @@ class Walk:
         names: tuple[str, ...] = ()
         if layout.keys:
             key, last = layout.keys[-2:]
-            if layout.timed and not self.strict:
-                root = _inner(root, layout.whole)
+            root = self.inner(root) if layout.timed else root
             fields = self.fields(root, layout.whole, layout.keys, (key, last))
-            if self.strict and "header" in fields:
+            if self.strict and "header" in fields and fields["header"].value != "auto":
                 self.header(fields["header"])
             names = self.names(fields.get(key), key)
             listed = fields.get(last) or Node([], 0)
@@ -164,6 +171,19 @@ class Walk:
                 self.tell("same-joints", item, reason, "keep the joints of one arm")
         return found
 
+    def inner(self, root: Node) -> Node:
+        """The trajectory in the message that holds it."""
+        for _ in _AROUND:
+            fields = _by_key(root, self.layout.whole)
+            key = next((key for key in _AROUND if key in fields), None)
+            if key is None or "points" in fields:
+                break
+            for node, _ in root.pairs(self.layout.whole) if self.strict else ():
+                if node.value != key and not _BESIDE.fullmatch(str(node.value)):
+                    self.tell("keys", node, f"a goal has no key {str(node.value)[:60]!a}")
+            root = fields[key]
+        return root
+
     def entry_fields(self, entry: Node, what: str) -> dict[str, Node]:
         """The values of an entry that is a map; of a message, those of its joint states."""
         if not (self.strict or self.layout.keys):
@@ -172,7 +192,8 @@ class Walk:
                 found = self.fields(state, f"{what}: joint_states", (), ("name", "position"))
                 return {"joints": found["name"], "positions": found["position"]}
         keys = self.layout.entry_keys
-        return self.fields(entry, what, keys, [key for key in keys if key in _NEEDED])
+        needed = (*_NEEDED, *("time_from_start",) * self.strict)
+        return self.fields(entry, what, keys, [key for key in keys if key in needed])
 
     def fields(
         self, node: Node, what: str, keys: Collection[str], few: Collection[str] = ()
@@ -185,7 +206,7 @@ class Walk:
             if self.strict and key not in keys:
                 self.tell("keys", node_of_key, f"{what} has no key {key[:60]!a}")
             found[key] = value
-        for key in keys if self.strict else few:
+        for key in keys if self.strict and not self.layout.timed else few:
             if key not in found:
                 self.tell("keys", node, f"{where}{key} is missing")
         return found
@@ -257,44 +278,44 @@ class Walk:
                 self.tell("features", feature, f"{what} has a feature that is no text")
 
     def header(self, header: Node) -> None:
-        fields = self.fields(header, "header", ("stamp", "frame_id"))
-        if "stamp" in fields and self.nanoseconds(fields["stamp"], "stamp"):
-            self.tell("stamp", fields["stamp"], "the stamp is not zero")
+        fields = self.fields(header, "header", ("seq", "stamp", "frame_id"))
+        stamp = fields.get("stamp")
+        if stamp and stamp.value != "now" and self.nanoseconds(stamp, "stamp"):
+            self.tell("stamp", stamp, "the stamp is not zero")
         frame = fields.get("frame_id")
         if frame and (frame.kind != "value" or (not frame.value and type(frame.value) is Plain)):
             self.tell("frame-id", frame, "frame_id is not a text")
 
     def nanoseconds(self, node: Node, what: str) -> int | None:
         """A time; None where it is none."""
-        fields = self.fields(node, what, _TIME)
-        parts: list[int] = []
-        for key in [key for key in _TIME if key in fields]:
-            text, most = fields[key].value, _TIME[key]
+        keys = _ROS_1 if _ROS_1.keys() & _by_key(node, what).keys() else _TIME
+        fields = self.fields(node, what, keys)
+        if not fields.keys() <= keys.keys():
+            return None
+        parts = dict.fromkeys(_TIME, 0)
+        for key in fields:
+            same = _ROS_1.get(key, key)
+            text, most = fields[key].value, _TIME[same]
             found = int(text) if type(text) is Plain and _WHOLE.fullmatch(text) else None
             if found is None or found > most:
                 reason = f"{what}: {key} is not a whole number of 0 to {most}"
                 self.tell("time", fields[key], reason)
-            parts += [] if found is None else [found]
-        return parts[0] * _BILLION + parts[1] if len(parts) == len(_TIME) else None
+                return None
+            parts[same] = found
+        return parts["sec"] * _BILLION + parts["nanosec"]
 
 
 def only(roots: list[Node]) -> Node:
-    """The document of a file; Fault where there is none, or another one."""
+    """The document of a file; Fault where there is none, or another one.
+
+    An empty document at the end, as ros2 topic echo adds, does not count.
+    """
+    roots = [root for root in roots if root.value or type(root.value) is not Plain]
     if not roots:
         raise Fault("is empty", None, hint="is it the right file?")
     if len(roots) > 1:
         raise Fault("holds several documents", roots[1].line, hint="keep one of them")
     return roots[0]
-
-
-def _inner(root: Node, what: str) -> Node:
-    """The trajectory in the message that holds it."""
-    for _ in _AROUND:
-        fields = _by_key(root, what)
-        key = next((key for key in _AROUND if key in fields), None)
-        if key and "points" not in fields:
-            root = fields[key]
-    return root
 
 
 def _by_key(node: Node, what: str) -> dict[str, Node]:

@@ -11,8 +11,9 @@ stand behind all.
 A pose whose joints stand beside it has both: PolyScope stores ``Waypoint_1_p`` and ``Waypoint_1_q``
 together, and below ``# POSE n`` the joints are those planned. Any other ``qnear`` only says which
 arm position is near, and a pose with it is a pose alone. What cannot be known from the text, like
-``movej(pose_add(...))`` or a list that an element of was assigned to, is refused, but for moves
-that are none of the numbered poses.
+``movej(pose_add(...))``, a list that an element of was assigned to, or one that a branch, a loop, a
+function or a thread gives other values, is refused, but for moves that are none of the numbered
+poses.
 
 Poses are in the base frame, or in the frames of ``pose_trans``, and of the TCP that ``set_tcp`` has
 set above the move, or that ``get_inverse_kin`` names. A TCP that cannot be known from the text, or
@@ -158,8 +159,8 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     text = text_of_file(data, path, "name a text file", strict=True)
     if is_log(data):
         return _logged(text.split("\n"), path)
-    reader = _Reader(path)
     statements = LANGUAGE.statements(text)
+    reader = _Reader(path, _Changes(statements))
     if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
         refuse("is no script: hardly a line of it can be read", path, statements[0].row)
     said: list[Line | Statement] = [*_remarks(text), *statements]
@@ -240,11 +241,72 @@ class _Target:
         return self.variable, self.row
 
 
+_FUNCTIONS = ("define", "thread", "secondary")
+_CALLED = re.compile(r"\b[A-Za-z_]\w*(?= ?\()", re.ASCII)
+_DEEPEST = 20  # functions in functions
+
+
+def _opens(s: Statement) -> bool:
+    return s.kind in BLOCKS or bool(s.fault and _OPENS.fullmatch(s.text))
+
+
+def _place(s: Statement) -> str:
+    """Name of the variable that is assigned to."""
+    place = s.tree.children[0]
+    return str(place) if isinstance(place, Token) else words(place, "NAME", "POSE")[0].rstrip(" [")
+
+
+class _Changes:
+    """Variables that are given different values, and where.
+
+    ``inside``: by the line that a block or a function begins on, also those of functions that are
+    called there; ``functions``: lines of functions by name.
+    """
+
+    def __init__(self, statements: Sequence[Statement]) -> None:
+        self.inside: dict[int, set[str]] = {}
+        self.functions: dict[str, int] = {}
+        given: dict[str, set[str]] = {}
+        called: set[tuple[int, str]] = set()
+        opened: list[list[int]] = [[]]  # blocks up to the function that they are in
+        for s in statements:
+            if _opens(s):
+                self.inside[s.row] = set()
+                if s.kind in _FUNCTIONS:
+                    self.functions[s.word("NAME")] = s.row
+                opened.append([s.row, *(() if s.kind in _FUNCTIONS else opened[-1])])
+            elif s.kind == "end":
+                del opened[max(len(opened) - 1, 1) :]
+            elif s.kind == "assign":
+                given.setdefault(_place(s), set()).add(s.text.split("=", 1)[1].strip())
+                given[_place(s)] |= set() if isinstance(s.tree.children[0], Token) else {""}
+                for row in opened[-1]:
+                    self.inside[row].add(_place(s))
+            called |= {(row, name) for name in _CALLED.findall(s.text) for row in opened[-1]}
+        self.various = {name for name, texts in given.items() if len(texts) > 1}
+        for names in self.inside.values():
+            names &= self.various
+        own = {(row, self.functions[name]) for row, name in called if name in self.functions}
+        for _ in range(_DEEPEST if self.various else 0):
+            for row, function in own:
+                self.inside[row] |= self.inside[function]
+
+    def of(self, s: Statement, *kinds: str) -> set[str]:
+        """What functions change that a statement calls."""
+        if not self.various:
+            return set()
+        rows = [self.functions.get(name) for t in s.all(*kinds) for name in words(t, "FUNCTION")]
+        return {name for row in rows if row for name in self.inside[row]}
+
+
 class _Reader:
     """Goes through the statements."""
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, changes: _Changes) -> None:
         self.path = path
+        self._changes = changes
+        self._blocks: list[tuple[int, dict[str, _Target] | None]] = []
+        self._by_threads: set[str] = set()
         self.name = self.title = ""
         self.announced = Announced(path)
         self.depth = 0
@@ -268,11 +330,22 @@ class _Reader:
         row, text = statement.row, statement.text
         if statement.fault and (len(text) >= _LONG or _MATTERS.search(text)):
             refuse(statement.fault, self.path, row)
-        if statement.kind in BLOCKS or (statement.fault and _OPENS.fullmatch(text)):
+        self._by_threads |= self._changes.of(statement, "run")
+        self._forget(self._changes.of(statement, "call", "run"))
+        if _opens(statement):
             self.depth += 1
             self._is_program = True
+            self._open(statement)
         elif statement.kind == "end":
             self.depth -= 1
+            row_of_block, before = self._blocks.pop() if self._blocks else (0, None)
+            if before is None:
+                self._forget(self._changes.inside.get(row_of_block, set()))
+            else:
+                kept = self._lists.items()
+                self._lists = before | {k: v for k, v in kept if k not in self._changes.various}
+        elif statement.kind in ("elif_", "else_") and self._blocks:
+            self._forget(self._changes.inside[self._blocks[-1][0]])
         elif statement.kind == "assign":
             self._assign(statement)
         if statement.kind == "define" and not self.name:
@@ -285,18 +358,37 @@ class _Reader:
             elif call.children[0] in (*MOVES, "movec"):
                 self._move(call, row)
 
+    def _open(self, statement: Statement) -> None:
+        """A function knows nothing but what never changes, and not even that of its parameters."""
+        if statement.kind in _FUNCTIONS:
+            self._blocks.append((statement.row, self._lists))
+            own = {str(p.children[0]) for p in subtrees(statement.tree)} | self._changes.various
+            self._lists = {k: v for k, v in self._lists.items() if k not in own}
+        else:
+            self._blocks.append((statement.row, None))
+            if statement.kind == "while_":
+                self._forget(self._changes.inside[statement.row])
+
+    def _forget(self, names: set[str]) -> None:
+        for name in names:
+            self._lists.pop(name, None)
+
     def _assign(self, statement: Statement) -> None:
         """Keep a list; one that an element of is assigned to is not known any more."""
         place, value = statement.tree.children
         if isinstance(place, Token):
             kept = self._target(value, statement.row)
-            if isinstance(value, Tree) and value.data in ("list", "pose") and kept is not None:
+            if (
+                isinstance(value, Tree)
+                and value.data in ("list", "pose")
+                and kept is not None
+                and (place not in self._by_threads)
+            ):
                 self._lists[place] = replace(kept, variable=str(place))
             else:
                 self._lists.pop(place, None)
             return
-        name = next(iter(words(place, "NAME", "POSE")), "").rstrip(" [")
-        if self._lists.pop(name, None):
+        if self._lists.pop(name := _place(statement), None):
             self._changed = self._changed or (name, statement.row)
 
     def _target(self, node: Node | None, row: int, *, planned: bool = False) -> _Target | None:

@@ -121,6 +121,12 @@ def test_what_beside_positions_is_a_position(lines: str, count: int) -> None:
     assert len(parse(changed(SMALL, "ENDDAT", f"{lines}\nENDDAT")).positions) == count
 
 
+def test_a_frame_is_a_position_where_a_motion_goes_to_it() -> None:
+    place = "={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
+    text = f"DEF CAL( )\nDECL FRAME F,G[2]\nF{place}\nG[1]{place}\nLIN G[1]\nEND\n"
+    assert len(parse(text, "CAL.src").positions) == 1
+
+
 P1 = "XP1={A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}"
 SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
 

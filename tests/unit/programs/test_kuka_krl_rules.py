@@ -68,6 +68,7 @@ PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
         (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #NONE}\nEXT BAS"),
         (".dat", "EXT BAS", 'DECL CHAR N[2,24]\nN[1,]="gripper"\nEXT BAS'),
         (".dat", "A2 -90.00000", "A2 -9.0E+01"),
+        (".dat", "A2 -90.00000", "A2 -9.0e-005"),
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
         (".dat", "E6AXIS " + P1, POSE),
         (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B010',T 'B100011'")),

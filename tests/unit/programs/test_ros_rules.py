@@ -46,7 +46,8 @@ BREAKS: list[tuple[str, str, str, str, int]] = [
     ("plain-yaml", "robot-calibration", "[0.0, 12.5]", "*p", 5),
     ("plain-yaml", "robot-calibration", "[camera]", "[" * 20 + "]" * 20, 6),
     ("plain-yaml", "moveit-joints", "joint_names: [a, b]\n", "joint_names: [a, b]\n" * 2, 2),
-    ("keys", "ros-trajectory", ", nanosec: 5", "", 15),
+    ("keys", "ros-trajectory", "nanosec: 5", "nsecs: 5", 15),
+    ("keys", "ros-trajectory", "- positions: [0.5, -1.0]\n  ", "- ", 6),
     ("keys", "ros-trajectory", "nanosec: 5", "nanosec: 5, nsec: 5", 15),
     ("keys", "ros-trajectory", "{sec: 1, nanosec: 5}", "1.0", 15),
     ("keys", "ros-trajectory", "[0, 12.5]", "0", 11),
@@ -77,6 +78,8 @@ BREAKS: list[tuple[str, str, str, str, int]] = [
     ("time", "ros-trajectory", "nanosec: 5", "nanosec: 5.0", 15),
     ("time", "ros-trajectory", "sec: 1, nanosec: 5", "sec: 2147483648, nanosec: 5", 15),
     ("increasing", "ros-trajectory", "nanosec: 5", "nanosec: 0", 15),
+    ("increasing", "ros-trajectory", ", nanosec: 5", "", 15),
+    ("keys", "ros-trajectory", "\n  time_from_start: {sec: 1, nanosec: 5}", "", 11),
     ("increasing", "ros-trajectory", "sec: 1, nanosec: 0", "sec: 0, nanosec: 0", 10),
     ("standstill", "ros-trajectory", "  velocities: [0.0, 0.0]", "  velocities: [0.0, -0.1]", 12),
     ("same-joints", "robot-calibration", "[b, a]", "[b, c]", 4),
@@ -87,6 +90,30 @@ BREAKS: list[tuple[str, str, str, str, int]] = [
 @pytest.mark.parametrize("dialect", GOOD)
 def test_good_files_break_no_rule(dialect: str) -> None:
     assert find_dialect(dialect).check(GOOD[dialect].encode(), Path("X.yaml")) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        # as people publish them
+        "header:\n  stamp: now\n  frame_id: ''\njoint_names: ['a']\npoints:\n"
+        "- positions: [1.]\n  time_from_start: {secs: 5, nsecs: 0}\n",
+        "{joint_names: [a],\n  points: [{positions: [.56], time_from_start: {secs: 6}}]}\n",
+        "trajectory:\n  header: auto\n  joint_names:\n  - a\n  points:\n  - positions: [0]\n"
+        "    velocities: [0]\n    time_from_start: {sec: 1}\npath_tolerance:\n- {name: ''}\n"
+        "goal_time_tolerance: {sec: 0, nanosec: 0}\n",
+        "{goal: {trajectory: {joint_names: [a], points:\n"
+        "  [{positions: [+1], time_from_start: {sec: 2}}]}}}\n",
+        # as rostopic echo prints it
+        "header: \n  seq: 0\n  stamp: \n    secs: 0\n    nsecs:         0\n  frame_id: ''\n"
+        "joint_names: \n  - a\npoints: \n  - \n    positions: [-1.2e-05]\n    velocities: []\n"
+        "    time_from_start: \n      secs: 1\n      nsecs:         0\n---\n",
+    ],
+)
+def test_what_people_publish_and_echo_prints_breaks_no_rule(text: str) -> None:
+    ros = find_dialect("ros-trajectory")
+    assert ros.check(text.encode(), Path("X.yaml")) == []
+    assert len(ros.parse(text.encode(), Path("X.yaml")).positions) == 1
 
 
 @pytest.mark.parametrize(("rule", "dialect", "old", "new", "line"), BREAKS)

@@ -270,3 +270,41 @@ def test_brackets_go_on_over_lines() -> None:
 def test_lines_that_hold_no_position_are_passed_over() -> None:
     text = SMALL.replace("  # PLAN", "  something unheard of\n  for a list:\n  end\n  # PLAN")
     assert parse(text).positions[1].line == 11
+
+
+A, B = "[0, -1.57, -1.0, -1.57, 0, 0]", "[1, -1.57, -1.0, -1.57, 0, 0]"
+GIVES = f"  home = {A}\n"
+MOVES = "  movej(home)\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"def f():\n{GIVES}end\nhome = {B}\nf()\n{MOVES}",
+        f"def f():\n  home[0] = 3\nend\nhome = {B}\nf()\n{MOVES}",
+        f"def f():\n  g()\nend\ndef g():\n{GIVES}end\nhome = {B}\nn = 1 + f()\n{MOVES}",
+        f"home = {B}\ndef f(home):\n{MOVES}end\nf({A})\n",
+        f"home = {B}\ndef f():\n{MOVES}end\nhome = {A}\nf()\n",
+        f"thread f():\n{GIVES}end\nhome = {B}\nrun f()\nhome = {B}\n{MOVES}",
+        f"home = {B}\nif go:\n{GIVES}end\n{MOVES}",
+        f"home = {B}\nif go:\n{GIVES}else:\n{MOVES}end\n",
+        f"home = {B}\nwhile go:\n{MOVES}{GIVES}end\n",
+    ],
+)
+def test_a_list_that_may_have_been_given_other_values_is_not_known(text: str) -> None:
+    with pytest.raises(FileFormatError, match="'home' cannot be known"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"def init():\n  global home = {B}\nend\ndef p():\n  init()\n{MOVES}end\np()\n",
+        f"def f():\n{GIVES}end\nhome = {B}\n{MOVES}",
+        f"home = {A}\nif go:\n  home = {B}\n{MOVES}end\n",
+        f"home = {A}\nf()\nhome = {B}\n{MOVES}home = {A}\n",
+    ],
+)
+def test_a_list_that_is_given_before_the_move_is_known(text: str) -> None:
+    (position,) = parse(text).positions
+    assert position.shown_deg[0] == pytest.approx(np.degrees(1))

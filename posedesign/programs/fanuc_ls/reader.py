@@ -31,7 +31,7 @@ from typing import Any
 
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
-from posedesign.programs.language import Line
+from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     at_rest,
@@ -50,6 +50,7 @@ EXTENDED = ("E1", "E2", "E3")
 RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_INCREMENT = re.compile(r"\b(INC|INK)\b")
 _NUMBERED = re.compile(r"PR?\[(\d+)\]")
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _PIECE = re.compile(r"\S(?:[^\n]++|\n(?![ \t]*\[))*+")
@@ -81,7 +82,7 @@ class _Stored(Stored):
         for name in sorted(group.fields.keys() - {*own, *EXTENDED}):
             row = group.row_of(name)
             if name in RELATIVE:
-                refuse(f"{label} is a matrix or an increment", path, row, _ON_THE_PENDANT)
+                refuse(f"{label} is seen from a remote TCP: {name}", path, row, _ON_THE_PENDANT)
             if name in JOINTS:
                 refuse(f"{label} has {name} beside X, Y, Z, W, P, R", path, row)
             refuse(f"{label}: {name} is no joint of a six-joint arm", path, row)
@@ -140,7 +141,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     Raises FileFormatError: the file is not a FANUC program in ASCII, is cut off, or holds a
     position that is neither six joint angles nor a pose.
     """
-    listing = read_listing(text_of(data, path, "save a binary .TP as .LS"))
+    text = text_of(data, path, "save a binary .TP as .LS")
+    listing = read_listing(text)
     name = _name(listing, path)
     for row, fault in listing.faults:
         refuse(fault, path, row)
@@ -161,6 +163,12 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         if number != 1 and group.has_value(axis)
     )
     at_rest(others, path)  # a rail may be another motion group, and a positioner carries the target
+    for line in listing.instructions if _INCREMENT.search(text) else ():
+        targets = line.statement.all("target") if _INCREMENT.search(line.code) else ()
+        for label in (f"P[{next(nodes(tree, 'index')).children[0]}]" for tree in targets):
+            if label in stored and line.kind == "motion":
+                reason = f"moves by an increment (INC): {label} is no position"
+                refuse(reason, path, line.row, "store the position itself")
     named = ("COMMENT", "KOMMENTAR")
     comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)

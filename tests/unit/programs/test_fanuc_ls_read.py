@@ -130,7 +130,7 @@ def test_a_cartesian_position_stands_beside_joint_positions() -> None:
         ("N U T, 0, 0, 0", "* * *, *, *, *", 7, "has no configuration"),
         ("900.000  mm", "900.000 deg", 9, "X is in deg, not in mm"),
         ("900.000", "900000.0", 9, "X is 900000.0 mm, beyond"),
-        ("X =", "RX=", 9, "is a matrix or an increment"),
+        ("X =", "RX=", 9, "is seen from a remote TCP: RX"),
     ],
 )
 def test_what_is_wrong_with_a_pose_is_named_with_its_line(old, new, line, message):

@@ -164,9 +164,3 @@ def carried_off(
             error = FileFormatError(reason, path=path, row=row, hint=hint)
             found.setdefault(label, {})[k] = error
     return found
-
-
-def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
-    """Refuse positions between which an external axis moves: see :func:`carried_off`."""
-    for faults in carried_off(values, path).values():
-        raise next(iter(faults.values()))

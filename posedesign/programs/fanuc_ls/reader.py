@@ -1,9 +1,10 @@
 """FANUC ``.LS`` and ``POSREG.VA``: positions of what controllers export.
 
 Programs with any instructions, in any language of the controller, can be read: of them only the
-mark of the plan is taken. Of several motion groups the first, GP1, is the arm; the others have to
-rest. What would be read wrong in silence is refused with its line: increments, positions without a
-value. An extended axis that moves carries the arm, whose description has to know it.
+mark of the plan is taken. Of several motion groups the first, GP1, is the arm: no posture is taken
+from positions between which others move. What would be read wrong in silence is refused with its
+line: increments, positions without a value. An extended axis that moves carries the arm, whose
+description has to know it.
 
 A backup of position registers is for programs that keep the touched-up positions in them: PR[n]
 becomes position n. Registers without a position are passed over, and so is what belongs to other
@@ -34,7 +35,7 @@ from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_
 from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
-    at_rest,
+    carried_off,
     configuration_in,
     joint_deg,
     millimetres,
@@ -105,12 +106,12 @@ class _Stored(Stored):
 
     def details(self, path: Path | str) -> dict[str, Any]:
         group, config = self.group, self.group.config
-        if config is not None and set(re.sub(r"[\s,]", "", config)) == {"*"}:
+        if config and set(re.sub(r"[\s,]", "", config)) == {"*"}:
             reason = f"{self.label} has no configuration (***)"
             refuse(reason, path, group.row, "touch the position up")
         return {
             "configuration": None
-            if config is None
+            if not config
             else configuration_in(FanucConfiguration, config, self.label, path, group.row),
             "user_frame": group.frames.get("UF"),
             "tool_frame": group.frames.get("UT"),
@@ -162,7 +163,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         for axis, (text, _) in group.fields.items()
         if number != 1 and group.has_value(axis)
     )
-    at_rest(others, path)  # a rail may be another motion group, and a positioner carries the target
+    # a rail may be another motion group, and a positioner carries the target: no axes of the arm's
+    moved = carried_off(others, path)
     for line in listing.instructions if _INCREMENT.search(text) else ():
         targets = line.statement.all("target") if _INCREMENT.search(line.code) else ()
         for label in (f"P[{next(nodes(tree, 'index')).children[0]}]" for tree in targets):
@@ -174,7 +176,13 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), None)
-    return _program((name, comment.split('"')[1].strip()), mark, stored, path)
+    read = _program((name, comment.split('"')[1].strip()), mark, stored, path)
+    strange = {
+        n: {len(EXTENDED) + k: e for k, e in moved.get(f"P[{n}]", {}).items()}
+        for n in (p.number for p in read.positions)
+    }
+    positions = (replace(p, carried={**p.carried, **strange[p.number]}) for p in read.positions)
+    return replace(read, positions=tuple(positions))
 
 
 def _name(listing: Listing, path: Path | str) -> str:

@@ -41,6 +41,14 @@ from posedesign.cell.schema_sections import (
     VariationVector,
     Vector,
 )
+from posedesign.files.program_numbers import (
+    ARGUMENT,
+    FRAME,
+    OUTPUT,
+    REGISTER,
+    SECONDS,
+    SPEED_PERCENT,
+)
 
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
     "box": ("size_mm",),
@@ -513,9 +521,19 @@ class FrameSection(Section):
 def _argument(value: object) -> object:
     """What a measuring program is called with, in words or as a number."""
     whole = isinstance(value, int) and not isinstance(value, bool)
+    if isinstance(value, int) and whole:
+        whole = ARGUMENT[0] <= value <= ARGUMENT[1]
     if not whole and value not in ("number", "none"):
-        raise ValueError('a whole number, "number" or "none"')
+        raise ValueError(f'a whole number up to {ARGUMENT[1]}, "number" or "none"')
     return value
+
+
+def _whole(bounds: tuple[int, int]) -> Any:
+    """A field of a whole number between these."""
+    return Field(strict=True, ge=bounds[0], le=bounds[1])
+
+
+Seconds = Annotated[float, Field(strict=True, ge=SECONDS[0], le=SECONDS[1], allow_inf_nan=False)]
 
 
 class ProgramSection(Section):
@@ -525,9 +543,9 @@ class ProgramSection(Section):
     """Name of the program."""
     form: Literal["joint", "cartesian"] = "joint"
     """``joint``: joint positions. ``cartesian``: poses of the tool with the arm configuration."""
-    user_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 0
+    user_frame: Annotated[int, _whole(FRAME)] = 0
     """Number of the user frame on the controller."""
-    tool_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 1
+    tool_frame: Annotated[int, _whole(FRAME)] = 1
     """Number of the tool frame on the controller."""
     tool: FrameSection | None = None
     """The controller's tool frame in the axes of the tip, for ``cartesian``; by default the tool
@@ -537,21 +555,21 @@ class ProgramSection(Section):
     world: FrameSection | None = None
     """The controller's world in the base frame, for ``cartesian`` of a KUKA or an ABB that slides
     carry: it stays where it is while they move."""
-    speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
+    speed_percent: Annotated[int, _whole(SPEED_PERCENT)] = 10
     """Speed of joint moves."""
-    settle_s: NotNegative = 1.0
+    settle_s: Seconds = 1.0
     """Time to wait at each pose before it is measured."""
     measure_call: str | None = "MEASURE"
     """Program that is called at each pose; empty for none."""
     measure_argument: Annotated[int | str, BeforeValidator(_argument)] = "number"
     """Its argument: ``number`` of the pose, a number of yours, or ``none``."""
-    measure_output: Annotated[int, Field(strict=True, ge=1, le=4096)] | None = None
+    measure_output: Annotated[int, _whole(OUTPUT)] | None = None
     """Digital output that is pulsed at each pose."""
-    measure_pulse_s: NotNegative = 0.5
+    measure_pulse_s: Seconds = 0.5
     """Length of this pulse."""
     keep: Literal["position", "register"] = "position"
     """Where a touched-up position is kept: in the program's own positions, or in registers."""
-    first_register: Annotated[int, Field(strict=True, ge=1, le=32767)] = 1
+    first_register: Annotated[int, _whole(REGISTER)] = 1
     """The first of these registers."""
     pulses_per_deg: tuple[Finite, ...] = ()
     """Encoder pulses, one number for each joint: for Yaskawa's pulse jobs."""

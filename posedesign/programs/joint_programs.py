@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -189,16 +189,42 @@ Variables = dict[str, Sequence[str] | None]
 """Texts of the values of joint variables; None: it had some, and may have others now."""
 
 
+_VARIABLE = re.compile(r"\b[a-z]\w*[!#%$&]?(?:\[\d+\])?", re.I)
+
+
+def _indented(statements: Sequence[Statement]) -> Iterator[bool]:
+    return (s.text[:1].isspace() for s in statements)
+
+
+def _various(
+    statements: Iterable[tuple[Statement, bool]], change: Callable[[Statement, Variables], None]
+) -> dict[str, None]:
+    """Variables whose value depends on what was run before, by `within` of `in_moves`."""
+    variables: Variables = {}
+    given: dict[str, set[tuple[str, ...]]] = {}
+    inside: set[str] = set()
+    for s, within in statements:
+        change(s, variables)
+        names = {*_VARIABLE.findall(s.text), *_VARIABLE.findall(s.text.lower())}
+        for name in names:
+            if name in variables or name in given:
+                given.setdefault(name, set()).add(tuple(variables.get(name) or ()))
+        inside |= names if within else set()
+    return dict.fromkeys(n for n, values in given.items() if len(values) > 1 and n in inside)
+
+
 def in_moves(
     language: Language,
     targets: Callable[[Statement, Variables], Iterator[Sequence[str] | str]],
     change: Callable[[Statement, Variables], None],
     of: tuple[str, str],
     code: Callable[[str], str] = str,
+    within: Callable[[Sequence[Statement]], Iterable[bool]] = _indented,
 ) -> Callable[[bytes, Path], RecordedProgram]:
     """A reader of programs in whose moves the positions stand.
 
     The first behind a remark of a pose has its number; others come behind all that are planned.
+    A variable with several values, of which a branch, a loop or a function knows, has none here.
 
     Parameters
     ----------
@@ -210,6 +236,8 @@ def in_moves(
         What remarks begin with, and the maker.
     code : callable
         What of a text is read.
+    within : callable
+        Whether each statement is in a branch, a loop or a function.
     """
     remark, maker = of
 
@@ -220,13 +248,16 @@ def in_moves(
             if line.text[: len(remark)] == remark:
                 notes.take(line.row, line.text[len(remark) :])
         found: list[Stored] = []
-        variables: Variables = {}
-        for s in language.statements(text):
+        statements = language.statements(text)
+        various = _various(zip(statements, within(statements), strict=True), change)
+        variables: Variables = dict(various)
+        for s in statements:
             for target in targets(s, variables):
                 if isinstance(target, str):
                     refuse(target, path, s.row)
                 found.append(Stored("", s.row, target))
             change(s, variables)
+            variables |= various
         for fault in (e for errors in carried_in(found, path).values() for e in errors.values()):
             raise fault
         mark = notes.mark or PlanMark()

@@ -13,6 +13,7 @@ import numpy as np
 from calib.errors import InputError, near_names
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
+from posedesign.files import program_numbers
 from posedesign.programs.arm import Arm
 from posedesign.programs.recorded import CORRECTED, PlanMark
 
@@ -26,13 +27,19 @@ Keeping = Literal["position", "register"]
 """Where the touched-up position is kept: in the position of the program that it was planned at, or
 in a register of its own."""
 
-MOST_ARGUMENT = 32767
-"""Largest whole number that every controller takes as an argument."""
-
 MOST_WARNINGS = 10
 """Of a kind in the head of a program; lists of a hundred are read by nobody at a pendant."""
 
 _FINGERPRINT = re.compile(r"[0-9a-f]{4,16}")
+
+_WHOLE = {
+    "user_frame": program_numbers.FRAME,
+    "tool_frame": program_numbers.FRAME,
+    "speed_percent": program_numbers.SPEED_PERCENT,
+    "first_register": program_numbers.REGISTER,
+    "measure_output": program_numbers.OUTPUT,
+    "measure_argument": program_numbers.ARGUMENT,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,24 +116,12 @@ class ProgramOptions:
     def __post_init__(self) -> None:
         one_of("form", self.form, get_args(Form))
         one_of("keep", self.keep, get_args(Keeping))
-        for name in ("user_frame", "tool_frame", "speed_percent", "first_register"):
-            _whole(name, getattr(self, name))
-        in_range("speed_percent", self.speed_percent, 1, 100)
-        in_range("first_register", self.first_register, 1, MOST_ARGUMENT)
-        if self.measure_output is not None:
-            in_range("measure_output", _whole("measure_output", self.measure_output), 1, 4096)
-        if self.measure_argument not in ("number", None):
-            argument = _whole("measure_argument", self.measure_argument)
-            in_range("measure_argument", argument, -MOST_ARGUMENT, MOST_ARGUMENT)
-        for name in ("settle_s", "measure_pulse_s"):
+        for name, (least, most) in _WHOLE.items():
             value = getattr(self, name)
-            if not np.isfinite(value) or value < 0:
-                raise InputError(
-                    f"{name} is {value}, not a time",
-                    hint="give seconds, or 0 for none",
-                    name=name,
-                    value=value,
-                )
+            if value is not None and value != "number":
+                in_range(name, _whole(name, value), least, most)
+        for name in ("settle_s", "measure_pulse_s"):
+            in_range(name, getattr(self, name), *program_numbers.SECONDS)
         if self.fingerprint and not _FINGERPRINT.fullmatch(self.fingerprint):
             raise InputError(
                 f"fingerprint {self.fingerprint!r} is not hexadecimal",

@@ -48,9 +48,14 @@ def refuse(
 def read_program_bytes(path: Path | str) -> bytes:
     """Content of a program file of at most 20 MB.
 
+    Editors put a byte-order mark in front, DOS its mark of the end (0x1a) behind: both are no part
+    of the program.
+
     Raises FileFormatError: the file is missing, cannot be opened, or is larger.
     """
-    return read_bytes_bounded(path, most_bytes=MOST_BYTES)
+    data = read_bytes_bounded(path, most_bytes=MOST_BYTES).removeprefix(b"\xef\xbb\xbf")
+    text = data.rstrip()
+    return text.rstrip(b"\x1a") if text.endswith(b"\x1a") else data
 
 
 def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = False) -> str:
@@ -159,9 +164,3 @@ def carried_off(
             error = FileFormatError(reason, path=path, row=row, hint=hint)
             found.setdefault(label, {})[k] = error
     return found
-
-
-def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
-    """Refuse positions between which an external axis moves: see :func:`carried_off`."""
-    for faults in carried_off(values, path).values():
-        raise next(iter(faults.values()))

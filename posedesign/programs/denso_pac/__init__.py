@@ -124,6 +124,15 @@ def _change(s: Statement, variables: Variables) -> None:
             variables[name] = values
 
 
+def _within(statements: Sequence[Statement]) -> Iterator[bool]:
+    """Whether each statement is in a branch, a loop or another routine than the first."""
+    jumps, depth = any(re.search(r"\bgo(to|sub)\b", s.text, re.I) for s in statements), 0
+    for k, s in enumerate(statements):
+        depth += s.kind in ("branch", "loop") or (s.kind == "sub" and k > 0)
+        depth -= s.kind in ("close", "again")
+        yield jumps or depth > 0 or s.kind == "single"
+
+
 def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
     """Joint values that a statement moves to, or why they are not read."""
     low = s.text.lower() if s.fault or s.kind == "single" else ""
@@ -133,10 +142,12 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
     for _, target, joints in _targets(s):
         name = target.lower()
         values = joints or variables.get(name) or ()
-        known = set(_NAME.findall(name)) & _bases(variables) or name in variables
-        if not all(map(PLAIN.fullmatch, values)) or (
-            not values and (known or _JOINTS.search(name))
-        ):
+        computed = not values and (
+            name in variables
+            or _JOINTS.search(name)
+            or set(_NAME.findall(name)) & _bases(variables)
+        )
+        if computed or not all(map(PLAIN.fullmatch, values)):
             yield f"{s.text[:60]!a}: no list of numbers"
         elif values:
             yield values
@@ -190,7 +201,7 @@ class DensoPac(JointDialect):
         bare=("  Call {call}",),
     )
     head = ("  TakeArm Keep = 0", "  Speed {percent}")
-    reader = in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"))
+    reader = in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"), within=_within)
     rules = judged(LANGUAGE, ("sub", "program"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:

@@ -7,8 +7,7 @@ typed, or taught, into the moves: the language keeps none. Speeds are percents o
 joint's. Nothing was loaded on a controller.
 
 Read are the joint values that ``movej`` and ``amovej`` go to: ``posj`` or a list of six, there or
-in a variable. Moves to values that are computed, and relative ones, are refused; poses of the tool
-(``posx``) are left out, since nothing says which posture takes them.
+in a variable. Computed and relative moves are refused. Poses (``posx``) say no posture: left out.
 
 Rules: ``syntax``, ``indent``: Python as in the grammar. ``name``: functions and variables are
 known; others are noted where they are not nearly known. ``arguments``: functions have those that
@@ -40,9 +39,10 @@ _ONE = "wait:time tp_log:message sub_program_run:name set_velj:vel set_accj:acc"
 _FUNCTIONS = {
     **dict.fromkeys(_MOVES, (1, 3, _MOTION)),
     **dict.fromkeys(("movel", "amovel"), (1, 3, _MOTION + " ref app_type")),
-    **dict.fromkeys(("posx", "str"), (0, 8, "")),
+    "str": (1, 3, ""),
     **{name: (1, 1, given) for name, given in (one.split(":") for one in _ONE.split())},
     "posj": (0, 6, ""),
+    "posx": (0, 8, ""),
     "mwait": (0, 1, "time"),
     "set_digital_output": (1, 2, "index val time val2"),
     "tp_popup": (1, 3, "message pm_type button_type"),
@@ -61,6 +61,7 @@ _PURE = {*_FUNCTIONS, *_NAMES.split()}  # they change no list that they are give
 
 _QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
 _ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # a method may change what it is of
+_ADDED = re.compile(r"""" *\+ *\([^"'()]*(\([^"'()]*\))?\)""")  # to a text, what may be none
 _FORMATS = re.compile(r'"[^"%]*" *%|\) *% *"')  # a text without a place for what is formatted
 _JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
 _BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
@@ -80,10 +81,9 @@ def _without_blocks(text: str) -> str:
     return _BLOCK.sub(emptied, text)
 
 
-def _calls(s: Statement) -> Iterator[tuple[str, list[Tree[Token]]]]:
+def _calls(s: Statement) -> list[tuple[str, list[Tree[Token]]]]:
     """Names of the functions that a statement calls, and their arguments."""
-    for invoke in nodes(s.tree, "invoke"):
-        yield str(invoke.children[0]), subtrees(subtrees(invoke)[0])
+    return [(str(t.children[0]), subtrees(subtrees(t)[0])) for t in nodes(s.tree, "invoke")]
 
 
 def _given(arguments: list[Tree[Token]], place: int, name: str) -> list[Tree[Token]]:
@@ -166,13 +166,15 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             level = joints.level_of(re.split(r"\W", s.text.strip())[0], meant)
             said = any(name in s.text for name in {*_FUNCTIONS, *own} - {"str"})
             yield Problem(s.row, "syntax", s.fault, "error" if said else level)
-        called = list(_calls(s))
+        called = _calls(s)
         for name in {*(text_of(n) for n in nodes(s.tree, *_NAMED)), *dict(called)} - known:
             if not re.fullmatch(r"DR_[A-Z_\d]+", name):
                 level = joints.level_of(name, meant, name * name[-1].isdigit())  # P_2 is not P_1
                 yield Problem(s.row, "name", f"{name[:40]} is not known", level)
         if s.kind == "call" and not any(nodes(s.tree, "arguments")):
             yield measuring(s.row, "name", "a name alone does nothing")
+        if _ADDED.search(s.text):
+            yield measuring(s.row, "arguments", "a number cannot be added to a text")
         if _FORMATS.search(s.text):
             yield Problem(s.row, "arguments", "% formats nothing")
         for name, arguments in called:
@@ -199,7 +201,7 @@ def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[P
     wrong = [word for word in words if name in _FUNCTIONS and word not in named.split()]
     wrong += [value for value in values if re.match(r".+\WO(N|FF)\b", value)]
     groups = [t for a in arguments for t in subtrees(a) if t.data == "group"]
-    wrong += ["(,)" for t in groups if subtrees(t)[1:]]
+    wrong += ["(,)" for t in groups if name in _FUNCTIONS and len(subtrees(t)) != 1]
     if wrong or not least <= len(values) + len(words) or len(values) > most:
         yield Problem(row, "arguments", f"{name[:40]}: {', '.join(wrong)[:40] or 'not so many'}")
     if name == "posj" and len(values) > 1:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from calib.errors import InputError
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import writer
-from posedesign.programs.fanuc_ls.listing import read_listing
 from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.notation import Notation
@@ -16,8 +14,6 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
 
 __all__ = ["FanucLs"]
-
-_INCREMENT = re.compile(r"\b(INC|INK)\b")
 
 REGISTERS = ".va"
 """Ending of a backup of the position registers."""
@@ -47,17 +43,6 @@ class FanucLs(Dialect):
         """The same, with one line more to count."""
         new = super().with_remark(text, words)
         return new if new == text else _COUNTED.sub(lambda f: f"{f[1]}{int(f[2]) + 1}", new, 1)
-
-    def notation_of(self, text: str) -> Notation:
-        """The usual one; a program that moves by increments is refused: they are no positions."""
-        for line in read_listing(text).instructions if _INCREMENT.search(text) else ():
-            if line.kind == "motion" and _INCREMENT.search(line.code):
-                raise InputError(
-                    f"line {line.row} moves by an increment (INC): that is no position to correct",
-                    hint="store the position itself",
-                    name="INC",
-                )
-        return self.notation
 
     def most_poses(self, program: PoseProgram) -> int | None:
         head, each = writer.lines_besides(program)

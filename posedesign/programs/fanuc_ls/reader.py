@@ -1,9 +1,10 @@
 """FANUC ``.LS`` and ``POSREG.VA``: positions of what controllers export.
 
 Programs with any instructions, in any language of the controller, can be read: of them only the
-mark of the plan is taken. Of several motion groups the first, GP1, is the arm; the others have to
-rest. What would be read wrong in silence is refused with its line: increments, positions without a
-value. An extended axis that moves carries the arm, whose description has to know it.
+mark of the plan is taken. Of several motion groups the first, GP1, is the arm: no posture is taken
+from positions between which others move. What would be read wrong in silence is refused with its
+line: increments, positions without a value. An extended axis that moves carries the arm, whose
+description has to know it.
 
 A backup of position registers is for programs that keep the touched-up positions in them: PR[n]
 becomes position n. Registers without a position are passed over, and so is what belongs to other
@@ -31,10 +32,10 @@ from typing import Any
 
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
-from posedesign.programs.language import Line
+from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
-    at_rest,
+    carried_off,
     configuration_in,
     joint_deg,
     millimetres,
@@ -50,6 +51,7 @@ EXTENDED = ("E1", "E2", "E3")
 RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_INCREMENT = re.compile(r"\b(INC|INK)\b")
 _NUMBERED = re.compile(r"PR?\[(\d+)\]")
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _PIECE = re.compile(r"\S(?:[^\n]++|\n(?![ \t]*\[))*+")
@@ -81,7 +83,7 @@ class _Stored(Stored):
         for name in sorted(group.fields.keys() - {*own, *EXTENDED}):
             row = group.row_of(name)
             if name in RELATIVE:
-                refuse(f"{label} is a matrix or an increment", path, row, _ON_THE_PENDANT)
+                refuse(f"{label} is seen from a remote TCP: {name}", path, row, _ON_THE_PENDANT)
             if name in JOINTS:
                 refuse(f"{label} has {name} beside X, Y, Z, W, P, R", path, row)
             refuse(f"{label}: {name} is no joint of a six-joint arm", path, row)
@@ -104,12 +106,12 @@ class _Stored(Stored):
 
     def details(self, path: Path | str) -> dict[str, Any]:
         group, config = self.group, self.group.config
-        if config is not None and set(re.sub(r"[\s,]", "", config)) == {"*"}:
+        if config and set(re.sub(r"[\s,]", "", config)) == {"*"}:
             reason = f"{self.label} has no configuration (***)"
             refuse(reason, path, group.row, "touch the position up")
         return {
             "configuration": None
-            if config is None
+            if not config
             else configuration_in(FanucConfiguration, config, self.label, path, group.row),
             "user_frame": group.frames.get("UF"),
             "tool_frame": group.frames.get("UT"),
@@ -140,7 +142,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     Raises FileFormatError: the file is not a FANUC program in ASCII, is cut off, or holds a
     position that is neither six joint angles nor a pose.
     """
-    listing = read_listing(text_of(data, path, "save a binary .TP as .LS"))
+    text = text_of(data, path, "save a binary .TP as .LS")
+    listing = read_listing(text)
     name = _name(listing, path)
     for row, fault in listing.faults:
         refuse(fault, path, row)
@@ -160,13 +163,26 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         for axis, (text, _) in group.fields.items()
         if number != 1 and group.has_value(axis)
     )
-    at_rest(others, path)  # a rail may be another motion group, and a positioner carries the target
+    # a rail may be another motion group, and a positioner carries the target: no axes of the arm's
+    moved = carried_off(others, path)
+    for line in listing.instructions if _INCREMENT.search(text) else ():
+        targets = line.statement.all("target") if _INCREMENT.search(line.code) else ()
+        for label in (f"P[{next(nodes(tree, 'index')).children[0]}]" for tree in targets):
+            if label in stored and line.kind == "motion":
+                reason = f"moves by an increment (INC): {label} is no position"
+                refuse(reason, path, line.row, "store the position itself")
     named = ("COMMENT", "KOMMENTAR")
     comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), None)
-    return _program((name, comment.split('"')[1].strip()), mark, stored, path)
+    read = _program((name, comment.split('"')[1].strip()), mark, stored, path)
+    strange = {
+        n: {len(EXTENDED) + k: e for k, e in moved.get(f"P[{n}]", {}).items()}
+        for n in (p.number for p in read.positions)
+    }
+    positions = (replace(p, carried={**p.carried, **strange[p.number]}) for p in read.positions)
+    return replace(read, positions=tuple(positions))
 
 
 def _name(listing: Listing, path: Path | str) -> str:

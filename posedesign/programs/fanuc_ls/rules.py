@@ -65,6 +65,7 @@ from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
 from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
+_NEEDED = ["PROG", "MN", "END"]
 _NAME = re.compile(
     r"[A-Z_-][A-Z0-9_-]{0,35}(?:[ \t]+(?:Macro|Cond|Process|Collection|System))?", re.IGNORECASE
 )
@@ -81,7 +82,7 @@ _UNJUDGED = ("motion", "fault", "other")  # by how far they are from the colon
 _CHOSEN = "P[R]"  # of a position that a register chooses
 _BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
 _MACRO = re.compile(
-    r"(?!CALL|WAIT|AUFRUF|WARTE)[A-Z][\w./-]*(?: [\w./#&+-]+)+ *(?:\([^()]*\))?", re.IGNORECASE
+    r"(?!CALL|WAIT(?!( [A-Z]{3,})+$)|AUFRUF|WARTE)[A-Z][\w./-]*( [\w./#&+-]+)+ *(\([^()]*\))?", re.I
 )
 """Macros of several words can begin with a word of the language."""
 _UNKNOWN = re.compile(r"[A-Za-z][A-Za-z_-]{2,}[0-9]{0,3}")
@@ -125,7 +126,10 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
     if plain != _ORDER:
         row = listing.headings[-1][0] if listing.headings else 1
         found = " ".join("/" + section for section in order) or "none"
-        yield Problem(row, "sections", f"the sections are {found[:200]}")
+        # controllers write them all, and load what has no attributes or no positions
+        short = plain == [s for s in _ORDER if s in {*plain, *_NEEDED}]
+        level: Level = "measuring" if short else "error"
+        yield Problem(row, "sections", f"the sections are {found[:200]}", level)
     elif any(
         order[i] == "APPL" and order[i - 1] not in ("ATTR", "APPL") for i in range(len(order))
     ):
@@ -135,14 +139,16 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
     for row, section, text in listing.headings:
         if section == "PROG" and (not _NAME.fullmatch(text) or text.split()[0].upper() not in text):
             reason = "behind /PROG: a letter, then A-Z 0-9 _, 36 characters in all"
-            level: Level = "measuring" if _NAME.fullmatch(text) else "error"
+            level = "measuring" if _NAME.fullmatch(text) else "error"
             yield Problem(row, "program-name", reason, level)
         elif section != "PROG" and text:
             yield Problem(row, "sections", f"{text[:30]!a} stands behind /{section}")
     for row, fault in listing.unclear:
         yield Problem(row, "attribute", fault)
     known = _ATTRIBUTES if listing.english else _ALL_ATTRIBUTES
-    for row, name, _ in listing.attributes:
+    for row, name, text in listing.attributes:
+        if not text.rstrip().endswith((";", ",")):
+            yield Problem(row, "attribute", f"{text[:40]} does not end in ';'", "measuring")
         near = rules.near(name, known, alike=0.75)
         if name not in known and near and name.isascii():
             yield Problem(row, "attribute", f"{name} is no attribute: {near} is")
@@ -188,13 +194,14 @@ def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
         reason = f"a negative constant stands in parentheses, (-1): {fault}"
         yield "negative-argument", reason, "error"
     elif fault:
-        yield "instruction", fault, "measuring" if _MACRO.fullmatch(line.code.strip()) else "error"
+        # what is not filled in yet, controllers write as dots
+        open_ = _MACRO.fullmatch(line.code.strip()) or "..." in line.code
+        yield "instruction", fault, "measuring" if open_ else "error"
     elif line.kind == "other":
         yield _unknown(line, *re.split(r"(?<=\w)(?![\w-])", line.code.strip(), maxsplit=1))
-    if line.kind != "motion":
-        return
-    for option in s.all("other_option"):
-        yield _unknown(line, str(option.children[0]), "")
+    for tree in s.all("other_option", "foreign"):
+        details = "".join(map(str, tree.children[1:])) if tree.data == "other_option" else "["
+        yield _unknown(line, str(tree.children[0]), details)
     for tree in s.all("speed"):
         joint, unit = line.code.lstrip().startswith("J"), s.word("UNIT")
         number = next((w[:20] for w in tree.children[:1] if isinstance(w, Token)), "1")
@@ -226,8 +233,8 @@ def _unknown(line: Instruction, word: str, rest: str = "") -> rules.Fault:
         return "instruction", f"a bracket is not closed: {rest[:40]!a}", "error"
     if near or not _UNKNOWN.fullmatch(word):
         hint = f": {near} is" if near else ""
-        # a macro has any name, and arguments in parentheses at most
-        wrong = re.match(r" ?[=\[,]", rest) if rest else word.upper() in known
+        # a macro has any name, and an application's own words may look like those of the language
+        wrong = near and re.match(r" ?[=,]", rest) if rest else word.upper() in known
         level: Level = "error" if wrong else "measuring"
         return "instruction", f"{word[:40]!a} is no instruction{hint}", level
     return "instruction", f"{word[:40]!a} is not known: an application's own is not checked", "note"

@@ -576,7 +576,7 @@ def test_increments_of_a_fanuc_are_no_positions(tmp_path):
     text = path.read_text()
     path.write_text(text.replace("FINE   ", "FINE INC   "))
     assert path.read_text() != text
-    with pytest.raises(InputError, match=r"line \d+ moves by an increment"):
+    with pytest.raises(FileFormatError, match=r"line \d+: moves by an increment \(INC\): P\["):
         corrected(path, "fanuc-ls", model, x)
 
 

@@ -20,6 +20,7 @@ import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
 from posedesign.programs import DIALECTS, Arm, Dialect, ProgramPose, RecordedProgram, language
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.registry import dialect_of as dialect_of_file
 from posedesign.programs.ur_script.reader import LANGUAGE as UR_SCRIPT
 from tests.marks import by_stage
@@ -344,6 +345,16 @@ def test_a_huge_file_is_refused_without_being_read(name: str, tmp_path: Path) ->
     for call in (dialect.read, dialect.validate):
         with pytest.raises(FileFormatError, match="is larger than 20 MB"):
             call(path)
+
+
+@each_dialect
+def test_marks_of_editors_and_of_dos_are_no_part_of_a_program(name: str, tmp_path: Path) -> None:
+    file, text = written(name, dialect_of(name).forms[0])
+    path = tmp_path / file
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode() + b"\x1a\r\n")
+    assert read_program_bytes(path) == text.encode()
+    assert [p for p in dialect_of(name).validate(path) if p.rule == "text"] == []
 
 
 @pytest.mark.parametrize(

@@ -130,12 +130,13 @@ def test_a_cartesian_position_stands_beside_joint_positions() -> None:
         ("N U T, 0, 0, 0", "* * *, *, *, *", 7, "has no configuration"),
         ("900.000  mm", "900.000 deg", 9, "X is in deg, not in mm"),
         ("900.000", "900000.0", 9, "X is 900000.0 mm, beyond"),
-        ("X =", "RX=", 9, "is a matrix or an increment"),
+        ("X =", "RX=", 9, "is seen from a remote TCP: RX"),
     ],
 )
 def test_what_is_wrong_with_a_pose_is_named_with_its_line(old, new, line, message):
     text = SMALL[: SMALL.index("\tUF")] + CARTESIAN + "/END\n"
     assert parse(text).positions[0].configuration
+    assert parse(text.replace("N U T, 0, 0, 0", "")).positions[0].configuration is None
     refused("fanuc-ls", "X.LS", changed(text, old, new), line, message)
 
 
@@ -156,8 +157,11 @@ def test_another_motion_group_may_not_move_either() -> None:
     group = "6.000 deg\n   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=   100.000  mm\n"
     both = SMALL.replace("/END", SECOND + "/END").replace("6.000 deg\n", group)
     assert len(parse(both).positions) == 2
+    moved = parse(both[::-1].replace("100.000"[::-1], "200.000"[::-1], 1)[::-1])
+    assert moved.positions[1].shown_deg is not None
+    assert moved.positions[1].external_shown == ()
     with pytest.raises(FileFormatError, match=r"P\[2\]: GP2 J1 differs from that of P\[1\]"):
-        parse(both[::-1].replace("100.000"[::-1], "200.000"[::-1], 1)[::-1])
+        moved.postures()
 
 
 def test_letters_of_any_language_are_taken_and_other_bytes_named() -> None:

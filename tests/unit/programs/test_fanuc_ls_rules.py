@@ -81,6 +81,9 @@ TWICE = "LBL[7] ;\n   6:  LBL[7]"
 ERRORS = [
     ("text", "!PLAN", "!PL\0N", "0x00"),
     ("sections", "/END\n", "", "/PROG /ATTR /MN /POS"),
+    ("instruction", "!PLAN abcdef12 2", "WAIT NEXT 5", "NEXT"),
+    ("instruction", "!PLAN abcdef12 2", "IF (R[1]=1)JMP LBL[1]", "JMP"),
+    ("instruction", "!PLAN abcdef12 2", "UALM[1] ;", "';'"),
     ("sections", "/END\n", "/END\n/END\n", "/END /END"),
     ("sections", "/END\n", "/END\nmore\n", "in no section"),
     ("sections", "/PROG", "first\n/PROG", "in no section"),
@@ -228,6 +231,19 @@ def test_the_export_of_a_german_controller_is_valid() -> None:
         "L PR[1] 9mm/sec FINE TB R[5]sec,CALL ALL ;\n  11:L PR[1] 9mm/sec FINE DB    0.0mm,CALL A",
         "L PR[1] 100cm/min FINE OFFSET, PR[1]",
         "L PR[1] 100mm/sec FINE\n    :  SPOT[BU=*,S=1,ANTIC(B=300,G=150)] UPDET_OFS=3.0mm",
+        "L PR[1] 100mm/sec CNT100 SS[R[1]] ;\n  11:L PR[1] 100mm/sec CR10mm SE",
+        "L PR[1] 100mm/sec FINE HighSpeedSkip,LBL[1],PR[1]=LPOS Search[X],PR[2] Corner 20,30",
+        "L PR[1] 100mm/sec CR R[1] DB  -5.0mm,DO[1]=ON CTV-50",
+        "C PR[1] Tool_Offset,PR[28]\n    :  PR[2] R[23]mm/sec CNT100 Tool_Offset,PR[29]",
+        "UFRAME_NUM[GP1,2]=0 ;\n  11:  PR[GP1,3:11,1]=PR[GP1,3:11,1]-R[134]",
+        "PAYLOAD[GP1,2:3] ;\n  11:  PR[GP1,2:5]=JPOS",
+        "WAIT NEXT PATH ;\n  11:  IF SDI[1]=ON,SDO[1]=ON ;\n  12:  R[1]=GIN[2]",
+        "LINE[1] ON ;\n  11:  SPO[1]=ON ;\n  12:  AA[1] ;\n  13:  EV=50",
+        "IF (DI[1]),UALM[1] ;\n  11:  IF (DI[1]),OVERRIDE=50%",
+        "IF (DI[1]),UTOOL_NUM=1 ;\n  11:  IF (DI[1]),L PR[1] 100mm/sec FINE",
+        "IF (PR[GP1:11,1]<(-150))PR[GP1:11,1]=(-150)",
+        "IF (F[3]),CALL ...(...) ;\n  11:  R[...]=... ;\n  12:L P[...] 100mm/sec FINE",
+        "MAINT_PROG[1]=X ;\n  11:  RESUME_PROG[1:back]=X ;\n  12:  RUN SR[1]",
     ],
 )
 def test_what_exported_programs_hold_is_no_error(code: str) -> None:
@@ -248,6 +264,8 @@ def test_what_exported_programs_hold_is_no_error(code: str) -> None:
         ("   5:  WAIT", "   5:  !by hand ;\n   5:  WAIT"),
         (P2[P2.index("\tUF") :], CARTESIAN.replace("N U T, 0, 0, 0", "U T, 0, 0")),
         (P2[P2.index("\tJ4") :], "\tJ4=    -4.000 deg\n};\n"),
+        (GOOD[GOOD.index("/ATTR") : GOOD.index("/MN")], ""),
+        ('";', '"'),
     ],
 )
 def test_heads_and_positions_of_others_are_no_error(old: str, new: str) -> None:

@@ -132,7 +132,7 @@ def test_poses_of_melfa_are_read() -> None:
         ("denso-pac", ", 45, 0)", ")", "has 4 values"),
         (
             *("denso-pac", ", 60, 0, 0 )"),
-            *(", 60, 5, 0 )\n  Move P, aaa\n  aaa = J(1, 2, 3, 4, 5, 6, 0)", "differs"),
+            *(", 60, 5, 0 )\n  bbb = J(1, 2, 3, 4, 5, 6, 0)\n  Move P, bbb", "differs"),
         ),
         ("doosan-drl", "132.64", "132_64", "cannot be read"),
         ("doosan-drl", "132.64", "721", "beyond"),
@@ -188,6 +188,9 @@ COMPUTED = [
             "arm.go(home)",
             "def go():\n    home[0] = 45\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
             "def go():\n    global home\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
+            "if n:\n    home = [1, 2, 3, 4, 5, 6]",
+            "while n:\n    movej(home)\n    home += [3]",
+            "def go():\n    movej(home)\nhome = [1, 2, 3, 4, 5, 6]\ngo()",
         )
     ),
     f'text = """\nmovej({Q})',
@@ -217,6 +220,8 @@ LOST = [
             "aaa = other",
             "Call Turn(aaa)",
             "If n > 1 Then aaa = other",
+            "If n > 1 Then\n    aaa = J(1, 1, 1, 1, 1, 1)\n  End If",
+            "*again:\n  Move P, aaa\n  aaa = J(1, 1, 1, 1, 1, 1)\n  If n > 1 Then GoTo *again",
         )
     ),
     "Dim b As Joint = J(1, 1, 1, 1, 1, 1) + aaa\n  Move P, b",
@@ -421,6 +426,8 @@ RULES = [
     ("doosan-drl", "arguments", "wait(1.000)", "wait()"),
     ("doosan-drl", "arguments", "movej(posj(", "movej(("),
     ("doosan-drl", "arguments", "5, ON", "5% ON"),
+    ("doosan-drl", "arguments", "str(number)", "(number)"),
+    ("doosan-drl", "arguments", "str(number)", "str()"),
     ("doosan-drl", "position", "posj(-1.000000, ", "posj("),
     ("doosan-drl", "position", "-1.000000,", "--1.000000,"),
     ("doosan-drl", "range", "(-1.00", "(-721.00"),

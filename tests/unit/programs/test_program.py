@@ -10,8 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
 
 from calib.errors import FileFormatError, InputError
+from posedesign.cell.schema import ProgramSection
+from posedesign.files.program_numbers import (
+    ARGUMENT,
+    FRAME,
+    OUTPUT,
+    REGISTER,
+    SECONDS,
+    SPEED_PERCENT,
+)
 from posedesign.programs import (
     DIALECTS,
     Arm,
@@ -88,8 +98,8 @@ def test_parts_of_a_program_end_at_a_pose_or_backed_off_from_it(stops, parts):
         ("tool_frame", True, "not a whole number"),
         ("speed_percent", 0, "outside 1 to 100"),
         ("speed_percent", 101, "outside 1 to 100"),
-        ("settle_s", -0.1, "not a time"),
-        ("settle_s", np.nan, "not a time"),
+        ("settle_s", -0.1, "outside 0 to 1e\\+06"),
+        ("settle_s", np.nan, "outside 0 to 1e\\+06"),
         ("fingerprint", "xyz1", "not hexadecimal"),
         ("fingerprint", "abc", "not hexadecimal"),
     ],
@@ -98,6 +108,30 @@ def test_options_are_checked(option: str, value: object, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         ProgramOptions(**{option: value})  # type: ignore[arg-type]
     assert caught.value.name == option
+
+
+@pytest.mark.parametrize(
+    ("option", "least", "most"),
+    [
+        ("user_frame", *FRAME),
+        ("tool_frame", *FRAME),
+        ("speed_percent", *SPEED_PERCENT),
+        ("measure_output", *OUTPUT),
+        ("measure_argument", *ARGUMENT),
+        ("first_register", *REGISTER),
+        ("settle_s", *SECONDS),
+        ("measure_pulse_s", *SECONDS),
+    ],
+)
+def test_a_cell_has_the_numbers_that_programs_take(option, least, most):
+    for value in (least, most):
+        ProgramOptions(**{option: value})
+        ProgramSection(**{option: value})
+    for value in (least - 1, most + 1):
+        with pytest.raises(InputError):
+            ProgramOptions(**{option: value})
+        with pytest.raises(ValidationError):
+            ProgramSection(**{option: value})
 
 
 def test_pendant_j3_is_the_angle_to_the_horizontal() -> None:

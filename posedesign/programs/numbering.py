@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from calib.se3 import FloatArray
-from posedesign.programs.reading import carried_off, refuse
+from posedesign.programs.reading import MOST_EXTERNAL, carried_off, number, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 
@@ -110,7 +110,6 @@ class Numbering:
         own = [position for _, position in numbered if not position.other]
         rests = own or [p for _, p in numbered]
         carried = carried_off((axis for p in rests for axis in p.external), path)
-        resting = {id(p) for p in rests}
         posed = [v for v, (_, p) in zip(values, numbered, strict=True) if p.cartesian]
         poses = iter(transforms(posed))
         positions = []
@@ -119,9 +118,11 @@ class Numbering:
             of["T_user_tool" if p.cartesian else "shown_deg"] = (
                 next(poses) if p.cartesian else np.array(given)
             )
-            if id(p) in resting:  # of others it may be anywhere
-                of["carried"] = carried.get(p.label, {})
-                of["external_shown"] = tuple(float(text) for _, _, text, _ in p.external)
+            of["carried"] = carried.get(p.label, {})  # of others it may be anywhere
+            of["external_shown"] = tuple(
+                number(text, f"{label}: {axis}", path, row, MOST_EXTERNAL)
+                for label, axis, text, row in p.external
+            )
             positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
         untouched = self.is_untouched(stored)
         mark = self.mark or PlanMark()

@@ -32,7 +32,7 @@ EXTERNAL_AT_REST = 0.01
 
 C = TypeVar("C", bound=Configuration)
 
-_MOST_EXTERNAL = 1e6
+MOST_EXTERNAL = 1e6
 _ENDS = re.compile(r"(?<!\r)\r++(?=\n|\Z)")
 _NUMBER = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][-+]?\d{1,3})?", re.ASCII)
 """``float()`` would take more: 1_0, nan, infinity, digits of other scripts."""
@@ -156,7 +156,7 @@ def carried_off(
     first: dict[str, tuple[str, float]] = {}
     for label, axis, text, row in values:
         k, counts[label] = counts[label], counts[label] + 1
-        value = number(text, f"{label}: {axis}", path, row, _MOST_EXTERNAL)
+        value = number(text, f"{label}: {axis}", path, row, MOST_EXTERNAL)
         there, rest = first.setdefault(axis, (label, value))
         if abs(value - rest) > EXTERNAL_AT_REST:
             reason = f"{label}: {axis} differs from that of {there}"

@@ -25,7 +25,7 @@ from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
 from posedesign.programs.abb_rapid import module
-from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, nested
+from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, Nested, nested
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Node, Statement, is_a
 from posedesign.programs.numbering import Numbering, Stored
@@ -46,9 +46,7 @@ _FLAGS = re.IGNORECASE | re.ASCII
 _REMARK = re.compile(r'"[^"\n]*"?|!([^\n]*)')
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
 _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
-_UNCONNECTED = re.compile(r"[19]\.?0*E\+?0*9", re.IGNORECASE)
-"""9E9, or what people write for it: no axis gets there."""
-
+_UNCONNECTED = re.compile(r"[19]\.?0*E\+?(0*9|10)", re.IGNORECASE)  # 9E9, or as people write it
 _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
 _MOST_NAME = 99
@@ -74,10 +72,9 @@ class StoredPosition(Stored):
 
     @classmethod
     def of(
-        cls, variable: str, line: int, kind: str, node: Node, path: Path | str
+        cls, variable: str, line: int, kind: str, value: Nested | str, path: Path | str
     ) -> StoredPosition:
         """A position as its value stands in the file; FileFormatError where it is of no such."""
-        value = nested(node)
         if module.shape(value) != SHAPES[kind]:
             wanted = ", ".join(map(str, SHAPES[kind]))
             label = variable or "the position"
@@ -176,9 +173,18 @@ class _Reader:
     motions: list[tuple[str, str, str, int]] = field(default_factory=list)
     changes: list[tuple[str, bool, int]] = field(default_factory=list)
     displaced: int | None = None
+    parts: dict[str, Nested | str] = field(default_factory=dict)
 
     def take(self, statements: Sequence[Statement]) -> None:
         """Take positions, frames, motions, and what changes them."""
+        given = [s for s in statements if s.kind in ("assignment", "compact_if")]
+        varied = {module.name_of(n.children[0]) for s in given for n in s.all("assignment")}
+        self.parts = {
+            data.name.upper(): nested(data.value)
+            for data in module.declared(statements)
+            if data.kind in ("confdata", "extjoint") and is_a(data.value, "list")
+            if data.name.upper() not in varied
+        }
         for data in module.declared(statements):
             if data.kind in SHAPES:
                 self._take_positions(data)
@@ -207,12 +213,18 @@ class _Reader:
             size = module.inside(data.size)[:20]
             refuse(f"{name}{{{size}}} has {len(data.values)} elements", self.path, row)
         for label, value in data.values:
-            position = StoredPosition.of(label, row, data.kind, value, self.path)
+            position = StoredPosition.of(label, row, data.kind, self._filled(value), self.path)
             if not position.is_empty:
                 self.positions.append(position)
                 missing = False
         if missing and not (data.size and data.values):
             refuse(f"{name} has no value", self.path, row, "touch the position up")
+
+    def _filled(self, node: Node) -> Nested | str:
+        """A value, with the parts that generators of programs give a name: ``conf``, ``extj``."""
+        value = nested(node)
+        parts = value if isinstance(value, list) else []
+        return [self.parts.get(str(part).upper(), part) for part in parts] or value
 
     def _take_instruction(self, statement: Statement) -> None:
         row = statement.row
@@ -226,7 +238,9 @@ class _Reader:
                 self.displaced = self.displaced or row
             values = [(value, switches) for value, switches in given if value is not None]
             if word == "MOVEC" and values and is_a(values[0][0], "list"):
-                refuse("MoveC: only MoveAbsJ, MoveJ and MoveL can be read", self.path, row)
+                refuse(
+                    "MoveC: only MoveAbsJ, MoveJ, MoveL can be read", self.path, row, "use these"
+                )
             found = _MOTION.fullmatch(word)
             motion = motion or found is not None or word == "MOVEC"
             if found and values and values[0][0] is not None:
@@ -244,8 +258,10 @@ class _Reader:
         elif is_a(target, "list"):
             name = f"[{row}"
             # a list that has a name in the place of a part is calculated: no position of the file
-            if all(isinstance(c, Token) or c.data == "list" for c in target.children):
-                self.positions.append(StoredPosition.of("", row, kind, target, self.path))
+            value = self._filled(target)
+            pairs = zip(target.children, value, strict=True)
+            if all(isinstance(c, Token) or not isinstance(v, str) for c, v in pairs):
+                self.positions.append(StoredPosition.of("", row, kind, value, self.path))
         if last is not None and name:  # Offs(p1,...): no motion to a position of the file
             tool, switches = last
             work_object = module.name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"

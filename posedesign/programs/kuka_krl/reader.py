@@ -245,15 +245,11 @@ class _Reader:
         return name.upper().partition("[")[0] in self.no_positions
 
     def _check_no_position(self, statement: Statement) -> None:
-        found = list(statement.all("aggregate"))
-        parts = [id(child) for aggregate in found for child in aggregate.children]
-        # a part of a structure that has no more than X to C is a frame: of a search, of a load
-        if any(
-            _holds_position(inside)
-            and (id(inside) not in parts or not {n for n, _ in krl.fields_of(inside)} <= {*POSE})
-            for inside in found
-        ):
-            refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
+        for inside in statement.all("aggregate"):
+            # in the structures of a .dat X to C alone are a frame: of a search, of a load
+            is_frame = self.is_data and {name for name, _ in krl.fields_of(inside)} <= {*POSE}
+            if _holds_position(inside) and not is_frame:
+                refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
         word, target, row = krl.word_of(statement), statement.tree.children[1], statement.row
@@ -261,7 +257,7 @@ class _Reader:
             hint = "name the .dat of the program"
             refuse(f"{word}: only PTP and LIN can be read", self.path, row, hint)
         if isinstance(target, Tree) and target.data == "place":
-            refuse("a position with an offset cannot be read", self.path, row)
+            refuse("a position with an offset cannot be read", self.path, row, _WHAT)
         if krl.is_aggregate(target):
             self._add("", target, row)
             self._use(self.positions[-1], statement)
@@ -276,10 +272,8 @@ class _Reader:
             self._use(position, statement)
         elif self.elsewhere is None:
             name = key.partition("[")[0] or text_of(target)[:30]
-            reason, hint = f"{name} is stored elsewhere", "name the .dat of the program"
-            if changed:
-                reason, hint = f"{name} is changed by the program", "store the position whole"
-            self.elsewhere = FileFormatError(reason, path=self.path, row=row, hint=hint)
+            reason = f"{name} is {'changed by the program' if changed else 'stored elsewhere'}"
+            self.elsewhere = FileFormatError(reason, path=self.path, row=row, hint=_WHAT)
 
     def _use(self, position: StoredPosition, statement: Statement) -> None:
         """A motion goes to a position: in the frames that are active there."""

@@ -185,6 +185,20 @@ def test_what_moves_a_pose_in_silence_is_refused(code: str, line: int, message: 
     refused("abb-rapid", "X.mod", FRAMED.replace("    # 1", code), line, message)
 
 
+def test_parts_that_have_a_name_are_read() -> None:
+    # as a public generator (Robots, for Grasshopper) writes them: of all positions
+    text = (
+        "MODULE m\nVAR extjoint extj:=[5,9E9,9E9,9E9,9E9,9E9];\nVAR confdata conf:=[0,-1,0,1];\n"
+        "PROC main()\nMoveAbsJ [[0,0,0,0,30,0],extj],v100,fine,tool0;\n"
+        "MoveL [[1,2,3],[1,0,0,0],Conf,extj],v100,fine,tool0;\n#ENDPROC\nENDMODULE\n"
+    )
+    _, second = parse(text.replace("#", "")).positions
+    assert second.configuration is not None
+    assert (second.configuration.words, second.external_shown) == ("[0,-1,0,1]", (5.0,))
+    # one that the program changes is calculated
+    assert len(parse(text.replace("#", "conf:=[0,0,0,0];\n")).positions) == 1
+
+
 def test_what_no_axis_reaches_is_an_axis_that_is_not_there() -> None:
     # as people write it for 9E9 in public modules
     assert len(parse(changed(SMALL, J1, J1.replace("9E9", "1e9"))).positions) == 2

@@ -55,6 +55,7 @@ def test_a_controller_export_is_read() -> None:
     assert found[1].configuration is not None
     assert found[1].configuration.words == "S 2,T 35"
     assert found[7].configuration is None
+    assert (found[1].external_shown, found[8].external_shown) == ((500.0,), (0.0,))
     rotated = transform([[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0.001, 0.002, 0.003])
     np.testing.assert_allclose(np.asarray(found[7].T_user_tool), rotated, atol=1e-15)
     a, b, c = np.radians([10.5, -12.0, -178.565933])

@@ -125,6 +125,8 @@ def read_whole(path: Path) -> tuple[Origin | None, bool]:
 def checksum(path: Path) -> str:
     """The first 8 hexadecimal digits of the SHA-256 of a file; zeros where it cannot be read."""
     try:
+        if not path.is_file():  # a pipe would be waited for
+            return "0" * 8
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()[:8]
     except OSError:

@@ -23,8 +23,8 @@ from calib.identification.diagnosis import diagnose
 from calib.identification.held import Finding
 from calib.identification.robust import WEIGHED_DOWN
 from calib.identification.solver import ANOTHER_ROBOT_M
-from calib.model.parameters import Unit
-from calib.se3 import FloatArray
+from calib.model.parameters import AXES, Unit
+from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.cell import Cell
 from posedesign.files.csv_tables import MOST_LISTED, a_few
 from posedesign.files.measurements import TOOL, MeasurementTable
@@ -65,6 +65,9 @@ LITTLE_WEIGHT = 0.1
 TOOL_FAR_M, EXCHANGED = 0.05, 0.25
 """Distance of a tool point from where the cell has it that nobody measures wrongly by, and the part
 of it within which another one is that it was taken for."""
+
+INSTRUMENT_FAR_M, INSTRUMENT_TURNED_RAD = 0.5, float(np.deg2rad(10.0))
+"""How far off an instrument is that was not paced out, but given wrongly or moved."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +237,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         if all(finding.is_of_the_model for finding in findings):  # else they name the rows
             said += hardly_counted(table, found.best)
         said += tools_elsewhere(cell, table, found.best)
+        said += instruments_elsewhere(cell, found.best)
     said += goes_with_temperature(table, found.best.residuals)
     return replace(found, warnings=tuple(said))
 
@@ -299,6 +303,28 @@ def tools_elsewhere(cell: Cell, table: MeasurementTable, result: IdentificationR
             said.append(
                 f"{stem} came out {1e3 * far[label]:.3g} mm from where the cell has it{there}: is "
                 "the name right, and the tool?"
+            )
+    return said
+
+
+def instruments_elsewhere(cell: Cell, result: IdentificationResult) -> list[str]:
+    """Instruments that came out far from where the cell has them, which plans go by."""
+    values = dict(zip(result.names, result.values, strict=True))
+    said = []
+    for target in cell.config.targets:
+        stem = f"target.{target.name}"
+        if f"{stem}.rx" not in values or target.position_mm is None:
+            continue
+        shift, turn = ([values[f"{stem}.{k}"] for k in axes] for axes in (AXES[:3], AXES[3:]))
+        far = float(np.linalg.norm(np.array(shift) - np.array(target.position_mm) / 1e3))
+        turned = float(rotation_angle(rotation_exp(np.array(turn))))
+        off = [f"{far:.2g} m away"] if far > INSTRUMENT_FAR_M else []
+        if turned > INSTRUMENT_TURNED_RAD and "wpr_deg" in target.model_fields_set:
+            off.append(f"turned by {np.rad2deg(turned):.3g} deg")
+        if off:
+            said.append(
+                f"{stem} came out {' and '.join(off)} from where the cell has it: what it sees of "
+                "planned poses is wrong until position_mm and wpr_deg are mended"
             )
     return said
 

@@ -188,6 +188,8 @@ def correct(
         np.sqrt(np.diag(zeros.covariance)),
     )
     notes = _notes(identified, known, robot, table)
+    if cell.config.payload and any(name.startswith(_GIVES_WAY) for name in known.model.names):
+        notes.insert(0, "the error left is with the tool alone: no [[payload]] is in it")
     listed, compensated = None, None
     if poses is not None:
         listed = read_poses(
@@ -421,6 +423,7 @@ def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
 
 
 _STEM = "zero_offset."
+_GIVES_WAY = ("compliance.", "bearing.")
 
 
 @dataclass(frozen=True, eq=False)

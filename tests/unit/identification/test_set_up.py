@@ -10,7 +10,14 @@ import pytest
 
 from calib.model.measurements import KINDS
 from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
-from calib.se3 import rotation_angle
+from calib.se3 import (
+    FloatArray,
+    inverse,
+    rotation_angle,
+    rotation_from_wpr,
+    transform,
+    wpr_from_rotation,
+)
 from posedesign.cell import Cell
 from posedesign.identification import Identified, identify_models
 from posedesign.identification.checks import far_rows, seen_once
@@ -167,6 +174,31 @@ def test_tools_that_came_out_where_the_cell_has_another_are_named(tabled, lab, m
     near, far = told({"near": "far", "far": "near"})
     assert re.match(r"tool\.near came out \d\d\.?\d? mm .*, where it has far", near)
     assert re.match(r"tool\.far came out \d\d\.?\d? mm .*, where it has near", far)
+
+
+def test_an_instrument_that_came_out_elsewhere_is_named(tabled, lab, make_cell):
+    table = tabled(lab.measure(["point"], 30))
+    there = inverse(
+        transform(rotation_from_wpr(np.deg2rad([20.0, -35.0, 110.0])), [1.5, -2.0, 0.4])
+    )
+    place, wpr = 1e3 * there[:3, 3], np.rad2deg(wpr_from_rotation(there[:3, :3]))
+
+    def told(place: FloatArray, wpr: FloatArray) -> list[str]:
+        target = {"name": "A0", "position_mm": place.tolist(), "wpr_deg": wpr.tolist()}
+        kind = {"kind": "point", "three_sigma_mm": [0.03] * 3}
+        cell = make_cell(
+            parameters={"models": [["zero_offsets"]]},
+            target=target | {"kind": "point"},
+            noise=[kind],
+        )
+        said = identify_models(cell, table).warnings
+        return [words for words in said if "came out" in words]
+
+    assert told(place + 100.0, wpr + 3.0) == []
+    (away,) = told(place + np.array([0.0, 2500.0, 0.0]), wpr)
+    assert away.startswith("target.A0 came out 2.5 m away from where the cell has it")
+    (turned,) = told(place, wpr + np.array([0.0, 0.0, 150.0]))
+    assert re.match(r"target\.A0 came out turned by 150 deg from where", turned)
 
 
 def test_measurements_that_hardly_count_are_named(tabled, lab, make_cell):

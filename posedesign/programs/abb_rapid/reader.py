@@ -46,7 +46,9 @@ _FLAGS = re.IGNORECASE | re.ASCII
 _REMARK = re.compile(r'"[^"\n]*"?|!([^\n]*)')
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
 _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
-_UNCONNECTED = re.compile(r"9\.?0*E\+?0*9", re.IGNORECASE)
+_UNCONNECTED = re.compile(r"[19]\.?0*E\+?0*9", re.IGNORECASE)
+"""9E9, or what people write for it: no axis gets there."""
+
 _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
 _MOST_NAME = 99

@@ -64,6 +64,9 @@ _BLOCKS = {
 _DECLARING = ("declaration", "array", "element", "array_end")
 _NAMED_POSITION = re.compile(r"J?P\d+", re.IGNORECASE | re.ASCII)
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:E[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+_CHARACTER = re.compile(r'""|\\(?:\\|[0-9A-Fa-f]{2})|[\xc0-\xff][\x80-\xbf]+')
+"""More than one byte for one character of a string: doubled, as code, or in UTF-8."""
+
 _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "num"}
 
 
@@ -210,7 +213,7 @@ class _Checker:
                 yield Problem(s.row, "position", "an element of no list")
             before = s.kind
             for string in s.words("STRING") if len(s.text) > MOST_STRING else ():
-                length = len(re.sub(r'""|\\\\|[\xc0-\xff][\x80-\xbf]+', "_", string[1:-1]))
+                length = len(_CHARACTER.sub("_", string[1:-1]))
                 if length > MOST_STRING:
                     yield Problem(s.row, "string", f"a string of {length} characters")
         for data in self.data:
@@ -245,7 +248,9 @@ class _Checker:
             try:
                 frames_of(data, "")
             except FileFormatError as error:
-                yield Problem(data.row, "frame", _reason(error))
+                # a number that is only large is loaded, and leads nowhere
+                far: Level = "measuring" if error.hint and not self.whole else "error"
+                yield Problem(data.row, "frame", _reason(error), far)
 
     def _has_names(self, value: Nested | str) -> bool:
         """Whether a part of a value has a name, or is calculated, and may be right."""

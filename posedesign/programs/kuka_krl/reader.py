@@ -21,6 +21,7 @@ from typing import Any, TypeGuard
 
 from lark import Token, Tree
 
+from calib.errors import FileFormatError
 from posedesign.programs.configurations import KukaConfiguration
 from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.frames import UNKNOWN, ActiveFrames, Frame, Frames
@@ -136,7 +137,7 @@ class _Reader:
     forgotten: dict[str, int] = field(default_factory=dict)
     frames: ActiveFrames = field(default_factory=ActiveFrames)
     no_positions: set[str] = field(default_factory=set)
-    elsewhere: tuple[str, int] | None = None
+    elsewhere: FileFormatError | None = None
 
     def program(self) -> RecordedProgram:
         """All that is read."""
@@ -152,8 +153,7 @@ class _Reader:
             row = self.text.count("\n") + 1
             refuse(f"is cut off: there is no {end}", self.path, row, "copy the file again")
         if self.elsewhere is not None:
-            name, row = self.elsewhere
-            refuse(f"{name} is stored elsewhere", self.path, row, "name the .dat of the program")
+            raise self.elsewhere
         # a frame is a position where a motion goes to it
         self.positions = [
             p for p in self.positions if p.frames or not self._is_of_frames(p.variable)
@@ -245,7 +245,14 @@ class _Reader:
         return name.upper().partition("[")[0] in self.no_positions
 
     def _check_no_position(self, statement: Statement) -> None:
-        if any(_holds_position(inside) for inside in statement.all("aggregate")):
+        found = list(statement.all("aggregate"))
+        parts = [id(child) for aggregate in found for child in aggregate.children]
+        # a part of a structure that has no more than X to C is a frame: of a search, of a load
+        if any(
+            _holds_position(inside)
+            and (id(inside) not in parts or not {n for n, _ in krl.fields_of(inside)} <= {*POSE})
+            for inside in found
+        ):
             refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
@@ -268,7 +275,11 @@ class _Reader:
         if position is not None and position.line > changed:
             self._use(position, statement)
         elif self.elsewhere is None:
-            self.elsewhere = key.partition("[")[0] or text_of(target)[:30], row
+            name = key.partition("[")[0] or text_of(target)[:30]
+            reason, hint = f"{name} is stored elsewhere", "name the .dat of the program"
+            if changed:
+                reason, hint = f"{name} is changed by the program", "store the position whole"
+            self.elsewhere = FileFormatError(reason, path=self.path, row=row, hint=hint)
 
     def _use(self, position: StoredPosition, statement: Statement) -> None:
         """A motion goes to a position: in the frames that are active there."""

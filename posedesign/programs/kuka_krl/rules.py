@@ -316,7 +316,7 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
                 continue
             near = rules.near(word, known)
             if near:
-                level: Level = "error" if module.whole or word[0] == "$" else "note"
+                level: Level = "error" if module.whole else "note"
                 said = f"{word} is no word that is known here: {near}?"
                 yield Problem(row, "word", said, level)
             elif known is _CALLED:

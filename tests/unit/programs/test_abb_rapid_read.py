@@ -185,6 +185,11 @@ def test_what_moves_a_pose_in_silence_is_refused(code: str, line: int, message: 
     refused("abb-rapid", "X.mod", FRAMED.replace("    # 1", code), line, message)
 
 
+def test_what_no_axis_reaches_is_an_axis_that_is_not_there() -> None:
+    # as people write it for 9E9 in public modules
+    assert len(parse(changed(SMALL, J1, J1.replace("9E9", "1e9"))).positions) == 2
+
+
 def test_a_list_is_read_however_it_is_divided_and_however_long() -> None:
     # more characters than one statement may have
     element = "[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"

@@ -100,11 +100,13 @@ def test_what_controllers_and_people_write_too_is_accepted(old: str, new: str) -
         "PulseDi di1;",
         "offset:=Distance+load1;",
         "IF Clear(3) RETURN;",
+        "Move_it do_1,Feeder:=n\\High;",
         "VAR clock clock;",
         r"MoveL p10,v100\Other:=3,z10,tool1;",
         "Z\u00e4hler:=Z\u00e4hler+0xFF+0b01+0o17;",
         "zur\u00fcck: Stop;\nGOTO zur\u00fcck;",
         f'TPWrite "{60 * chr(34)}{50 * "x"}";',
+        'TPWrite "' + 30 * r"\0A" + '";',
     ],
 )
 def test_without_a_plan_any_name_may_be_one_of_another_module(code: str) -> None:
@@ -117,6 +119,7 @@ def test_without_a_plan_any_name_may_be_one_of_another_module(code: str) -> None
     [
         "RECORD a\nnum x;\nENDRECORD\nRECORD b\na y;\nENDRECORD\n",
         f"CONST jointtarget j:={JP1[1].replace('6.00000', '9E9')};\n",
+        "PERS tooldata t:=[TRUE,[[6E7,0,0],[1,0,0,0]],[-1,[0,0,0],[1,0,0,0],0,0,0]];\n",
         "VAR num n;\nPROC main()\nENDPROC\nENDMODULE\nMODULE n\nLOCAL VAR num n;\n",
     ],
 )

@@ -112,6 +112,8 @@ def test_a_source_that_assigns_its_positions() -> None:
         # as the $config.dat and $machine.dat of every controller have them
         ("DECL JERK_STRUC J={CP 50.0,ORI 50.0,AX {A1 1.0,A2 1.0}}", 2),
         ("DECL ACC_CAR $ACC_CAR_LIMIT={X 1.0,Y 2.0,Z 3.0}\n$LOAD_A1.CM={X 0.0,Y 0.0,Z 0.0}", 2),
+        # and as KUKA.TouchSense writes beside the points of a search
+        ("DECL TSG_CD_T V={MC TRUE,REF_W {X -10.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0},LEN 0.0}", 2),
         ("DECL FRAME R[2]\nR[1]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}", 2),
         ("DECL E3POS P3={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 35}", 3),
         ("DECL E3AXIS P3={A1 1.0,A2 2.0,A3 3.0,A4 0.0,A5 0.0,A6 0.0}", 3),
@@ -159,6 +161,7 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
         ("6.0}\n", "6.0\n", 3, "cannot make sense of"),
         ("XP1={", "XP1={{", 3, "cannot make sense of"),
         ("XP1=", "XP 1=", 3, "cannot make sense"),
+        ("ENDDAT", "DECL MY M={P {X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 35}}\nENDDAT", 5, "cannot make"),
         ("DECL E6AXIS", "DECL E6AXXIS", 3, "cannot make sense of 'DECL E6AXXIS"),
         ("XP2=", "xp1=", 4, "xp1 is there twice"),
         (",T 35", "", 4, "XP2 has S and no T"),
@@ -189,7 +192,7 @@ A = "DECL E6POS A\nA={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}\n"
 )
 def test_a_variable_that_changes_is_not_known_any_more(change: str) -> None:
     text = f"DEF CAL( )\n{A}PTP A\n{change}\nPTP A\nEND\n"
-    with pytest.raises(FileFormatError, match="A is stored elsewhere") as caught:
+    with pytest.raises(FileFormatError, match="A is changed by the program") as caught:
         parse(text, "CAL.src")
     assert caught.value.row == 6
     without = text.replace(change, "IF A==B THEN\nENDIF")
@@ -201,7 +204,7 @@ def test_a_variable_that_changes_is_not_known_any_more(change: str) -> None:
 @pytest.mark.parametrize("change", ["P[2].X=1", "P[I].X=1", "P[I]=Q[1]", "P[2]=Q"])
 def test_an_element_that_changes_is_not_known_any_more(change: str) -> None:
     text = f"DEF CAL( )\n{A}P[2]={{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}}\n{change}\nPTP P[2]\nEND\n"
-    with pytest.raises(FileFormatError, match="P is stored elsewhere"):
+    with pytest.raises(FileFormatError, match="P is changed by the program"):
         parse(text, "CAL.src")
     assert len(parse(text.replace(change, "P[3].X=1"), "CAL.src").positions) == 2
 

@@ -95,6 +95,7 @@ def test_what_controllers_and_people_write_too_is_accepted(tmp_path, which, old,
         ("DECL SDAT S", "BASE(3)"),
         ("DECL INT I", "BAG(I)\nHALTE()"),
         ("DECL E6POS POS", "POS=$POS_ACT"),
+        ("DECL INT I", "IF ($EXT OR $AUT)THEN\n$LOADS=1\nENDIF"),
         ("DECL CHAR T[9]", "T[]=NAME(1)\nD={S 1,NO 2}"),
     ],
 )

@@ -66,9 +66,7 @@ from posedesign.programs.recorded import Level, Problem
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NEEDED = ["PROG", "MN", "END"]
-_NAME = re.compile(
-    r"[A-Z_-][A-Z0-9_-]{0,35}(?:[ \t]+(?:Macro|Cond|Process|Collection|System))?", re.IGNORECASE
-)
+_NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?-i:[ \t]+[A-Z][a-z]{2,9})?", re.IGNORECASE)
 _POSE = {*PLACE, *TURN}
 _KINDS = ({*JOINTS}, _POSE, RELATIVE)
 _OTHER_ARMS = [{f"J{j}" for j in range(1, n + 1)} for n in (1, 2, 3, 4, 5, 7, 8, 9)]
@@ -216,7 +214,7 @@ def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
 
 def _german_faults(line: Instruction) -> Iterator[rules.Fault]:
     """Of an instruction of an English program."""
-    mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'|(?:CALL|RUN) \S+", "", line.code))
+    mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'|(?:CALL|RUN) \S+|EIN/AUS=", "", line.code))
     if mixed and line.kind not in ("remark", "message", "other"):
         reason = f"{mixed[0]} is a word of German controllers, the program an English one"
         yield "instruction", reason, "error"

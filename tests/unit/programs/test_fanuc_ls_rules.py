@@ -241,8 +241,9 @@ def test_the_export_of_a_german_controller_is_valid() -> None:
         "LINE[1] ON ;\n  11:  SPO[1]=ON ;\n  12:  AA[1] ;\n  13:  EV=50",
         "IF (DI[1]),UALM[1] ;\n  11:  IF (DI[1]),OVERRIDE=50%",
         "IF (DI[1]),UTOOL_NUM=1 ;\n  11:  IF (DI[1]),L PR[1] 100mm/sec FINE",
-        "IF (PR[GP1:11,1]<(-150))PR[GP1:11,1]=(-150)",
+        "IF (PR[GP1:11,1]<(-150))PR[GP1:11,1]=(-150) ;\n  11:  IF ((R[14]<=R[3]),R[15]=(1))",
         "IF (F[3]),CALL ...(...) ;\n  11:  R[...]=... ;\n  12:L P[...] 100mm/sec FINE",
+        "CALL VW_USER(Basic1,EZSP,Nr1 Service,ProgNr=31, , ,S-Punkt=31, ,EIN/AUS=1)",
         "MAINT_PROG[1]=X ;\n  11:  RESUME_PROG[1:back]=X ;\n  12:  RUN SR[1]",
     ],
 )
@@ -257,6 +258,7 @@ def test_what_exported_programs_hold_is_no_error(code: str) -> None:
     ("old", "new"),
     [
         ("/PROG  CALPOSE", "/PROG  Cal_pose\t\tProcess"),
+        ("/PROG  CALPOSE", "/PROG  CALPOSE\t  Job"),
         ("FILE_NAME\t= ;", "FILE_NAME\t= CALPOSE\t  Process;"),
         ("VERSION\t\t= 0;", "VERSION\t\t= 0;\nSTORAGE\t\t= SHADOW ONDEMAND;"),
         ("OWNER\t\t= MNEDITOR;", "OWNER\t\t= 3rd shift;"),

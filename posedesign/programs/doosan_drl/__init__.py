@@ -130,10 +130,9 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
 
 
 def _change(s: Statement, variables: Variables) -> None:
-    """Take the values that a statement gives to variables, and forget those it may change.
-
-    What a function changes it changes when it is called: nobody knows such a list any more.
-    """
+    """Take the values that a statement gives to variables, and forget those it may change."""
+    if not variables and s.kind == "call" and not s.text[:1].isspace():
+        return
     given = [trees for name, trees in _calls(s) if name not in _PURE]
     given += [subtrees(t) for t in nodes(s.tree, "trailer") if t.children[:1] != ["format"]]
     changed = _ASKED.findall(_QUOTED.sub("", s.text))
@@ -144,6 +143,7 @@ def _change(s: Statement, variables: Variables) -> None:
     for name in names if s.fault or s.kind == "import_" else changed:
         if variables.get(name, ()) is not None:
             variables.pop(name, None)
+    # what a function changes it changes when it is called: nobody knows such a list any more
     if re.match(r"\s+(global\b|\w+ *[\[.])", s.text):
         variables |= dict.fromkeys(names if s.kind == "global" else names[:1])
     match s.tree.children:

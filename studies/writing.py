@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
+import string
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -122,19 +124,80 @@ def rounded(value: Any, digits: int) -> Any:
     return value
 
 
-def table_line(cells: Sequence[str]) -> str:
-    """A line of a table in Markdown."""
-    return f"| {' | '.join(cells)} |"
+class _Cells(string.Formatter):
+    """Format strings of cells, with three specifications more than Python has.
+
+    ``p``: a hundred times the number, ``.0p`` as a percentage; ``s`` before another one: no zero
+    before the point; ``n``: three digits, whole numbers from a hundred on. Powers of ten are
+    short, ``1.2e5``. What is in square brackets is a key: ``{below[share]:p}``.
+    """
+
+    def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        return kwargs[str(key)]
+
+    def format_field(self, value: Any, spec: str) -> str:
+        if value is None:
+            raise _NothingThereError
+        if spec == "n":
+            return f"{value:.3g}" if abs(value) < 100 else f"{value:,.0f}"
+        if spec.endswith("p"):
+            value, spec = 100.0 * value, f"{spec[:-1] or '.0'}f"
+        shown = format(value, spec.removeprefix("s")).replace("e+0", "e")
+        return re.sub(r"^([+-]?)0\.", r"\1.", shown) if spec.startswith("s") else shown
 
 
-def table_of(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    return "\n".join([table_line(head), "|---" * len(head) + "|", *map(table_line, rows)])
+class _NothingThereError(Exception):
+    """A cell has a number that is not there."""
 
 
-def table_by(rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]]) -> str:
-    """A table in Markdown, its cells by the heads of their columns."""
-    return table_of(list(columns), [[cell(row) for cell in columns.values()] for row in rows])
+Cell = str | Callable[[Any], str]
+"""How a row is written: a format string of the names of its columns, or a function of it."""
+
+
+def cell(row: Mapping[str, Any], how: Cell, none: str = "-") -> str:
+    """A row as it is written; ``none`` where a number of it is None."""
+    try:
+        return how(row) if callable(how) else _Cells().vformat(how, (), row)
+    except _NothingThereError:
+        return none
+
+
+def table(rows: Iterable[Any], columns: Mapping[str, Cell], none: str = "-") -> str:
+    """A table in Markdown: columns by their heads."""
+    return _lines_of(columns, ([cell(row, how, none) for how in columns.values()] for row in rows))
+
+
+def table_across(
+    rows: Iterable[Any], along: Mapping[str, Cell], by: str, columns: Mapping[str, Cell]
+) -> str:
+    """The same with rows that are written alike in the first columns as one.
+
+    Beside each other stand the other columns of each of them; ``{}`` in their heads is its name in
+    the column ``by``.
+    """
+    found: dict[tuple[str, ...], dict[Any, Any]] = {}
+    names: dict[Any, None] = {}
+    for row in rows:
+        names[row[by]] = None
+        found.setdefault(tuple(cell(row, how) for how in along.values()), {})[row[by]] = row
+    heads = [*along, *(head.format(name) for name in names for head in columns)]
+    lines = (
+        [*key, *(cell(of[n], how) if n in of else "" for n in names for how in columns.values())]
+        for key, of in found.items()
+    )
+    return _lines_of(heads, lines)
+
+
+def _lines_of(heads: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    first, *rest = (f"| {' | '.join(cells)} |" for cells in (list(heads), *rows))
+    return "\n".join([first, "|---" * (first.count(" | ") + 1) + "|", *rest])
+
+
+def span(spec: str, middle: str, low: str = "", high: str = "") -> str:
+    """Format string of a number with its interval, of the names or of ``x_low`` and ``x_high``."""
+    stem, unit = middle.removesuffix("_mm"), "_mm" if middle.endswith("_mm") else ""
+    low, high = low or f"{stem}_low{unit}", high or f"{stem}_high{unit}"
+    return f"{{{middle}:{spec}}} ({{{low}:{spec}}} to {{{high}:{spec}}})"
 
 
 def trials_of(options: Options, own: int, least: int = 2) -> int:

@@ -125,11 +125,12 @@ def rounded(value: Any, digits: int) -> Any:
 
 
 class _Cells(string.Formatter):
-    """Format strings of cells, with three specifications more than Python has.
+    """Format strings of cells, with more specifications of numbers than Python has.
 
-    ``p``: a hundred times the number, ``.0p`` as a percentage; ``s`` before another one: no zero
-    before the point; ``n``: three digits, whole numbers from a hundred on. Powers of ten are
-    short, ``1.2e5``. What is in square brackets is a key: ``{below[share]:p}``.
+    ``p``: a percentage, without its sign; ``s`` before another one: no zero before the point;
+    ``n``: three digits, whole numbers from a hundred on; ``d``: two digits, three where the first
+    is a one, and no zero before the point. Powers of ten are short,
+    ``1.2e5``. What is in square brackets is a key: ``{below[share]:p}``.
     """
 
     def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
@@ -140,9 +141,13 @@ class _Cells(string.Formatter):
             raise _NothingThereError
         if spec == "n":
             return f"{value:.3g}" if abs(value) < 100 else f"{value:,.0f}"
+        if spec == "d" and isinstance(value, float):
+            spec = "s.3g" if f"{abs(value):.1e}"[0] == "1" else "s.2g"
         if spec.endswith("p"):
             value, spec = 100.0 * value, f"{spec[:-1] or '.0'}f"
-        shown = format(value, spec.removeprefix("s")).replace("e+0", "e")
+        shown = format(value, spec.removeprefix("s"))
+        if spec.endswith("e"):
+            shown = shown.replace("e+0", "e")
         return re.sub(r"^([+-]?)0\.", r"\1.", shown) if spec.startswith("s") else shown
 
 
@@ -162,35 +167,52 @@ def cell(row: Mapping[str, Any], how: Cell, none: str = "-") -> str:
         return none
 
 
-def table(rows: Iterable[Any], columns: Mapping[str, Cell], none: str = "-") -> str:
-    """A table in Markdown: columns by their heads."""
-    return _lines_of(columns, ([cell(row, how, none) for how in columns.values()] for row in rows))
+Cells = Mapping[str, Cell] | Sequence[Cell]
+"""Those of a table by the heads of its columns; without heads, of its rows alone."""
 
 
-def table_across(
-    rows: Iterable[Any], along: Mapping[str, Cell], by: str, columns: Mapping[str, Cell]
-) -> str:
-    """The same with rows that are written alike in the first columns as one.
+Cells = Mapping[str, Cell] | Sequence[Cell]
+"""Those of a table by the heads of its columns; without heads, of its rows alone."""
+
+
+def table(rows: Iterable[Any], columns: Cells, heads: Sequence[str] = (), none: str = "-") -> str:
+    """A table in Markdown; ``heads``: of columns that have none of their own."""
+    own, hows = _apart(columns)
+    return lines_of(own or heads, ([cell(row, how, none) for how in hows] for row in rows))
+
+
+def table_across(rows: Iterable[Any], along: Cells, by: str, columns: Cells) -> str:
+    """A table of which rows that are written alike in the first columns are one.
 
     Beside each other stand the other columns of each of them; ``{}`` in their heads is its name in
     the column ``by``.
     """
+    (first, keys), (rest, hows) = _apart(along), _apart(columns)
     found: dict[tuple[str, ...], dict[Any, Any]] = {}
     names: dict[Any, None] = {}
     for row in rows:
         names[row[by]] = None
-        found.setdefault(tuple(cell(row, how) for how in along.values()), {})[row[by]] = row
-    heads = [*along, *(head.format(name) for name in names for head in columns)]
-    lines = (
-        [*key, *(cell(of[n], how) if n in of else "" for n in names for how in columns.values())]
-        for key, of in found.items()
+        found.setdefault(tuple(cell(row, how) for how in keys), {})[row[by]] = row
+    heads = [*first, *(head.format(name) for name in names for head in rest)]
+    return lines_of(
+        heads,
+        (
+            [*key, *(cell(of[name], how) if name in of else "" for name in names for how in hows)]
+            for key, of in found.items()
+        ),
     )
-    return _lines_of(heads, lines)
 
 
-def _lines_of(heads: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    first, *rest = (f"| {' | '.join(cells)} |" for cells in (list(heads), *rows))
-    return "\n".join([first, "|---" * (first.count(" | ") + 1) + "|", *rest])
+def _apart(columns: Cells) -> tuple[list[str], list[Cell]]:
+    if isinstance(columns, Mapping):
+        return list(columns), list(columns.values())
+    return [], list(columns)
+
+
+def lines_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown of cells as they are."""
+    lines = [f"| {' | '.join(cells)} |" for cells in ((heads, *rows) if heads else rows)]
+    return "\n".join([*lines[:1], "|---" * len(heads) + "|", *lines[1:]] if heads else lines)
 
 
 def span(spec: str, middle: str, low: str = "", high: str = "") -> str:

@@ -97,7 +97,9 @@ def _stacked(apart: float, parts: Sequence[tuple[Rows, str]]) -> tuple[Figure, A
 
 def markdown(said: Mapping[str, Any]) -> str:
     """Every table, and before them what was left out."""
-    closed, rest = ([r for r in said["times"] if (r["job"] == PAIRS) is own] for own in (True, False))
+    closed, rest = (
+        [r for r in said["times"] if (r["job"] == PAIRS) is own] for own in (True, False)
+    )
     answers = [
         {"pairs": row["pairs"], "by": name, "answer": answer}
         for row in said["refusals"]

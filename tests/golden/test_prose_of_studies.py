@@ -247,8 +247,12 @@ def calibration_verdicts(arm: Any, rigid: Any, robots: Any) -> Iterator[Claim]:
         yield (
             f"| Figure {figure}: small C_G, stable identification | reproduced | rank correlation "
             "# (# to #); of four sets at random the outer two are in order in # %, all four in # %",
-            [one["rho_median"], one["rho_low"], one["rho_high"],
-            100 * one[key] for key in ("four_ends_in_order", "four_in_order")],
+            [
+                one["rho_median"],
+                one["rho_low"],
+                one["rho_high"],
+                *(100 * one[key] for key in ("four_ends_in_order", "four_in_order")),
+            ],
         )
     for what, how in (("unweighted, as in the paper", ""), ("touch-up weighted", ", weighted")):
         rows = found[f"view line over touch-up{how}"]
@@ -267,9 +271,17 @@ def calibration_verdicts(arm: Any, rigid: Any, robots: Any) -> Iterator[Claim]:
         "correlation # on the arm shown, # (# to #) over # arms; smallest C_G better than largest "
         "on # (# to #) %, best of all on # (# to #) %; rigid arm: after over before falls from # "
         "to #",
-        [plate["rho"], drawn["rho_median"], drawn["rho_low"], drawn["rho_high"], robots["count"],
-            *percent(drawn["smallest_beats_largest_c_g"]), *percent(drawn["smallest_c_g_is_best"]),
-            largest, smallest],
+        [
+            plate["rho"],
+            drawn["rho_median"],
+            drawn["rho_low"],
+            drawn["rho_high"],
+            robots["count"],
+            *percent(drawn["smallest_beats_largest_c_g"]),
+            *percent(drawn["smallest_c_g_is_best"]),
+            largest,
+            smallest,
+        ],
     )
     half = drawn["rows"][-1]["below_half"]
     assert half["low"] < 0.5
@@ -277,8 +289,13 @@ def calibration_verdicts(arm: Any, rigid: Any, robots: Any) -> Iterator[Claim]:
         "| Figure 11: below 1/2 with the smallest C_G | under conditions | arm shown: # there, # "
         "at best (D = # deg), below 1/2 with # of # sets; # (# to #) % of arms at the smallest "
         "C_G; rigid arm: #",
-        [plate[k] for k in ("ratio_at_smallest_c_g", "best_ratio", "best_d_deg"),
-            plate["sets_below_half"], plate["sets"], *percent(half), smallest],
+        [
+            *(plate[k] for k in ("ratio_at_smallest_c_g", "best_ratio", "best_d_deg")),
+            plate["sets_below_half"],
+            plate["sets"],
+            *percent(half),
+            smallest,
+        ],
     )
 
 
@@ -298,8 +315,17 @@ def peers_claims() -> Iterator[Claim]:
         "**Answer.** At # pairs OpenCV's closed forms need # to # of the time of the likeliest X "
         "and Z, at # pairs # to # times as long; for ten parameters figaroh and pybotics need # "
         "and # times as long, for a choice of poses figaroh's cone programme # times.",
-        [sizes[0], min(few), max(few), sizes[1], min(many), max(many), rest["figaroh"],
-            rest["pybotics' arm, coordinates"], rest["figaroh: cone programme"]],
+        [
+            sizes[0],
+            min(few),
+            max(few),
+            sizes[1],
+            min(many),
+            max(many),
+            rest["figaroh"],
+            rest["pybotics' arm, coordinates"],
+            rest["figaroh: cone programme"],
+        ],
     )
     yield "six times as uncertain they are # times as far off", [deep["figaroh"]["of_ours"]]
     yield "OpenCV's X is # to # times as far off", [min(over), max(over)]
@@ -326,9 +352,14 @@ def peers_claims() -> Iterator[Claim]:
         "Ours has # of the bound with # different poses, and says so. figaroh's cone programme "
         "keeps # poses, of which the heaviest # come to #; its DetMax takes some poses twice (# "
         "and # different ones) and so comes to # and #, above ours.",
-        [choice["ours: exchange"]["of_the_bound"], choice["ours: exchange"]["different"],
-            every["poses"], heavy["poses"], heavy["of_the_bound"],
-            row[key] for key in ("different", "of_the_bound") for row in again],
+        [
+            choice["ours: exchange"]["of_the_bound"],
+            choice["ours: exchange"]["different"],
+            every["poses"],
+            heavy["poses"],
+            heavy["of_the_bound"],
+            *(row[key] for key in ("different", "of_the_bound") for row in again),
+        ],
     )
     facts = said["facts"]
     yield (

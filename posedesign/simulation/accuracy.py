@@ -20,7 +20,6 @@ from calib.chance import spread_interval
 from calib.errors import CalibError, ConvergenceError, InputError, UnreachableError
 from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel, Setup, simulate
-from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints
 from calib.robot_world import PAPER_METHODS, solve_batch_by_each
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
@@ -55,8 +54,8 @@ class PlateTest:
         Raises UnreachableError: the arm cannot reach all of the plate.
         """
         cell = robot.cell
-        points = _points_around(cell, robot.target_m)
-        q = _plate_postures(cell, robot.target_m)
+        points = points_around(cell, robot.target_m)
+        q = plate_postures(cell, robot.target_m)
         # each point is a target of its own, touched once
         labels = [f"plate{i}" for i in range(len(points))]
         targets = TargetPoints(points, labels)
@@ -91,10 +90,10 @@ class PlateTest:
         ``trials``: how often the plate is measured. Raises UnreachableError: a point cannot be
         reached, or was not touched.
         """
-        found = _plate_postures(cell, cell.target_m)
+        found = plate_postures(cell, cell.target_m)
         R = cell.robot.fk(cell.base_posture)[:3, :3]
         targets = np.tile(truth.T_base_target, (len(found), 1, 1))
-        targets[:, :3, 3] += plate_points() @ R.T
+        targets[:, :3, 3] += _plate_points() @ R.T
         every = np.tile(targets, (trials, 1, 1))
         q = np.tile(found, (trials, 1))
         arms = SimulatedArms(
@@ -128,14 +127,14 @@ class PlateTest:
         return worst
 
 
-def _points_around(cell: Cell, middle: FloatArray) -> FloatArray:
+def points_around(cell: Cell, middle: FloatArray) -> FloatArray:
     """Points of a plate ``(25, 3)`` [m] about a point, in the plane across the tool."""
-    return np.asarray(middle + plate_points() @ cell.robot.fk(cell.base_posture)[:3, :3].T)
+    return np.asarray(middle + _plate_points() @ cell.robot.fk(cell.base_posture)[:3, :3].T)
 
 
-def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
+def plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
     """Postures ``(25, n)`` [rad] that touch a plate, the tool held as at the base pose."""
-    points = _points_around(cell, middle)
+    points = points_around(cell, middle)
     rotation = cell.robot.fk(cell.base_posture)[:3, :3]
     poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
     limits = Checker(cell.robot, margin=cell.margin)  # the plate is thought of, not there
@@ -149,7 +148,7 @@ def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
     return found.q
 
 
-def plate_points() -> FloatArray:
+def _plate_points() -> FloatArray:
     """Points of the plate ``(25, 3)`` [m] about its centre, in its own plane z = 0."""
     steps = PLATE_PITCH_M * (np.arange(PLATE_POINTS) - (PLATE_POINTS - 1) / 2.0)
     x, y = np.meshgrid(steps, steps, indexing="ij")

@@ -17,11 +17,7 @@ MARKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (BLACK, "D"))
 
 
 def rows_of_marks(
-    axes: Axes,
-    names: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    *,
-    apart: float = 0.0,
+    axes: Axes, names: Sequence[str], series: Mapping[str, Sequence[float]], *, apart: float = 0.0
 ) -> None:
     """Draw a row for each name, the first on top, with a mark for each series.
 

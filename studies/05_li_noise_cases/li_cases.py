@@ -210,9 +210,13 @@ def compare(
     of = {"poses": f"{min(poses)} to {max(poses)}", "cells": len(cells)}
     names = {"holds": 1, "reversed": -1, "undecided": 0}
     return {
-        "better": better, "worse": worse, "error": MEASURES[measure], **of,
+        "better": better,
+        "worse": worse,
+        "error": MEASURES[measure],
+        **of,
         **{name: verdicts.count(verdict) for name, verdict in names.items()},
-        "share_least": min(shares), "share_most": max(shares),
+        "share_least": min(shares),
+        "share_most": max(shares),
     }
 
 

@@ -158,14 +158,10 @@ def cases(cell: Cell, settings: dict[str, Any]) -> dict[str, Case]:
     if cell.deflects:
         found["deflection"] = Case("reducers that give way", deflects=True)
         found["compliance"] = Case(
-            "the same, compliance of joints 2 and 3 freed",
-            deflects=True,
-            compliance=slice(1, 3),
+            "the same, compliance of joints 2 and 3 freed", deflects=True, compliance=slice(1, 3)
         )
         found["all compliances"] = Case(
-            "the same, compliance of joints 2 to 6 freed",
-            deflects=True,
-            compliance=slice(1, 6),
+            "the same, compliance of joints 2 to 6 freed", deflects=True, compliance=slice(1, 6)
         )
     return found
 

@@ -146,6 +146,7 @@ def tune_priors(
     *,
     loss: Loss = "least-squares",
     noise_bounds: tuple[float, float] = NOISE_BOUNDS,
+    weights: FloatArray | None = None,
     identifiable: bool = False,
 ) -> TunedPriors:
     """Find the standard deviations of groups of parameters, and noise that is not known.
@@ -160,6 +161,8 @@ def tune_priors(
         As in the identification that is to follow.
     noise_bounds : tuple of float
         Of noise that is to be estimated, over what it starts with.
+    weights : array (N,), optional
+        Of the squares of the measurements, to start from: those of a similar model are near.
     identifiable : bool
         That a model was checked which has these parameters, and more: this one needs no check.
 
@@ -188,10 +191,10 @@ def tune_priors(
     x = first_guess(tuned, data)
     if not identifiable:
         check_identifiable_at(tuned, data, x)
-    rows, weights = model.rows_read(data.setup), np.ones(data.count)
+    rows, w = model.rows_read(data.setup), np.ones(data.count) if weights is None else weights
 
     def linearised() -> LinearEvidence:
-        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
+        shares = w / costs_of(tuned, data, x, w, loss)[0]  # as the fit has them
         return linear_evidence(model, data, x, members, shares)
 
     for passes in range(_PASSES):  # linearise, maximise, solve and weigh
@@ -200,8 +203,8 @@ def tune_priors(
             theta = known.likeliest(problem, theta)
         x = problem.parameters(theta)
         tuned = _applied(model, data, members, theta)
-        lighter, weights = weights, WEIGHTS[loss](distances2(tuned, data, x), rows)
-        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(weights - lighter).max())
+        lighter, w = w, WEIGHTS[loss](distances2(tuned, data, x), rows)
+        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(w - lighter).max())
         if moved < _SETTLED and passes > 1:
             break
     else:
@@ -215,7 +218,7 @@ def tune_priors(
     log_evidence = problem.log_evidence(theta)[0]
     log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
-        log_marginal += log_weights(weights)
+        log_marginal += log_weights(w)
     moves = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
@@ -224,7 +227,7 @@ def tune_priors(
         log_evidence=log_evidence,
         log_marginal=log_marginal,
         x=x,
-        weights=weights,
+        weights=w,
         covariance=moves @ np.linalg.solve(curvature, moves.T),
         passes=passes + 1,
         notes=tuple(_notes(groups, theta, known.bounds)),
@@ -283,19 +286,22 @@ class _Known:
 
         from scipy.optimize import minimize
 
+        # in units of what each is known by at best, so that no direction is much steeper than others
+        unit = 1.0 / np.sqrt(2.0 * problem.counts)
+
         def worse(t: FloatArray) -> tuple[float, FloatArray]:
-            value, gradient = self.slope(problem, t)
-            return -value, -gradient
+            value, gradient = self.slope(problem, t * unit)
+            return -value, -gradient * unit
 
         found = minimize(
             worse,
-            np.clip(theta, *self.bounds),
+            np.clip(theta, *self.bounds) / unit,
             jac=True,
             method="L-BFGS-B",
-            bounds=[(float(low), float(high)) for low, high in self.bounds.T],
+            bounds=list(zip(*(self.bounds / unit), strict=True)),
             options={"maxiter": 300, "ftol": 1e-13, "gtol": 1e-5},
         )
-        return np.asarray(found.x)
+        return np.clip(found.x * unit, *self.bounds)
 
     def information(self, problem: LinearEvidence, theta: FloatArray) -> FloatArray:
         """Information ``(G + C, G + C)``: the curvature, but no less than the bounds give."""

@@ -29,7 +29,7 @@ def board_text(*changes: tuple[str, str]) -> str:
     text = cell_template(surroundings=False) + BOARD
     for old, new in (
         ('kind = "touch-up"', 'kind = "board"'),
-        ("candidates = 1500", "candidates = 150"),
+        ("candidates = 1500", "candidates = 80"),
         *changes,
     ):
         assert old in text

@@ -8,12 +8,19 @@ import pytest
 
 from posedesign.cli import output
 from posedesign.cli.main import run
+from posedesign.planning.optimal import refinement
 from posedesign.planning.optimal.choose import Planning
 from posedesign.planning.poses_file import read_poses
 from tests.cli.conftest import refusals, strict_json, with_keys
 
 SMALL = {"pool.candidates": "40"}
 EXCHANGE = ("--method", "exchange")
+
+
+@pytest.fixture(autouse=True)
+def _few_sweeps(monkeypatch) -> None:
+    """What more of them would still gain decides nothing here."""
+    monkeypatch.setattr(refinement, "MOST_SWEEPS", 3)
 
 
 @pytest.fixture

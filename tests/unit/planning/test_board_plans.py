@@ -21,7 +21,7 @@ from posedesign.constraints.board_sight import BoardSight
 from posedesign.hand_eye import as_calibrated
 from posedesign.planning.checks import score_poses
 from posedesign.planning.loop import check_base_pose, grid_poses
-from posedesign.planning.optimal import Request, plan_next_views, plan_optimal
+from posedesign.planning.optimal import Request, plan_next_views, plan_optimal, refinement
 from posedesign.planning.optimal.request import objective_of
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import PoseList
@@ -316,7 +316,8 @@ def test_what_the_camera_sees_moves_as_it_does(fixed):
 
 
 @FIXED
-def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed):
+def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed, monkeypatch):
+    monkeypatch.setattr(refinement, "MOST_SWEEPS", 3)
     cell = board_cell(fixed=fixed, pool={"candidates": 40})
     found = plan_optimal(cell, Request(count=COUNT, refine=fixed, beside=0))
     q = found.postures

@@ -27,6 +27,7 @@ from hypothesis import settings
 from calib import Robot, mat_file
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
+from posedesign.identification import models
 from posedesign.study.library import find_study
 
 # Containers often forbid byte code, and each process of a test would compile all the libraries then:
@@ -74,6 +75,12 @@ def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:
         if keys is None:
             del raw[name]
     return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
+
+
+@pytest.fixture
+def one_alternative(monkeypatch) -> None:
+    """One arm without some of what may be off, for tests that are not about which is probable."""
+    monkeypatch.setattr(models, "_ABSENT", models._ABSENT[-1:])
 
 
 @pytest.fixture(scope="session")

@@ -31,8 +31,7 @@ from posedesign.programs.notation import Literal
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.staubli_val3 import project
-from posedesign.programs.staubli_val3.project import Node
-from posedesign.programs.staubli_val3.spec import CONFIG, JOINTS, POINT
+from posedesign.programs.staubli_val3.project import CONFIG, JOINTS, POINT, Node
 
 MOST_ELEMENTS = 100_000
 """Largest size of an array that is believed."""

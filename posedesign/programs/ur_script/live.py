@@ -1,7 +1,7 @@
 """Poses of a running URScript program, as it tells of them: by RTDE, through the library ur_rtde.
 
 The program writes the number of a pose into an output integer register while the arm stands there
-touched up, and 0 before it moves on; the scripts written here do (:mod:`.writer`), and any other
+touched up, and 0 before it moves on; the scripts written here do, and any other
 program can with these two lines. Integer registers say which pose it is, so that none is counted
 wrong after a break; of their 48 ur_rtde reads 12 to 19, which the guide to RTDE keeps for field
 buses, and 36 to 43 of those that it leaves to others (PolyScope 3.9 and 5.3 on). Nothing is written
@@ -29,8 +29,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.program import in_range
 from posedesign.programs.ur_script import rtde_process
-from posedesign.programs.ur_script.reader import MOST_JOINT_RAD
-from posedesign.programs.ur_script.spec import JOINTS
+from posedesign.programs.ur_script.reader import JOINTS, MOST_JOINT_RAD
 
 PORT = 30004
 """Of RTDE; ur_rtde knows no other."""

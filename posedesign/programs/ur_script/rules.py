@@ -46,23 +46,23 @@ from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.ur_script import reader
-from posedesign.programs.ur_script.reader import shown
-from posedesign.programs.ur_script.spec import (
+from posedesign.programs.ur_script.reader import (
     BLOCKS,
     FUNCTIONS,
     JOINTS,
-    MOST_JOINT_DEG,
+    MOST_LIMIT_DEG,
     MOST_OUTPUT,
     MOVES,
     PARAMETERS,
     POSES,
+    shown,
 )
 
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
 
-_MOST_JOINT_RAD = radians(MOST_JOINT_DEG) + 1e-6
+_MOST_JOINT_RAD = radians(MOST_LIMIT_DEG) + 1e-6
 _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}

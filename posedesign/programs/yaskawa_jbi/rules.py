@@ -58,8 +58,14 @@ from posedesign.programs.language import NOTHING, Block, Statement, block_faults
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi import reader
-from posedesign.programs.yaskawa_jbi.reader import Job, Name, Stored
-from posedesign.programs.yaskawa_jbi.spec import INSTRUCTIONS, MOST_COMMENT, MOST_FRAME
+from posedesign.programs.yaskawa_jbi.reader import (
+    INSTRUCTIONS,
+    MOST_COMMENT,
+    MOST_FRAME,
+    Job,
+    Name,
+    Stored,
+)
 
 _MOST_STEPS = 9999
 _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}

@@ -14,20 +14,13 @@ import numpy as np
 
 from calib.errors import InputError
 from posedesign.files import Results, encoded, head_of
+from posedesign.programs import sets
 from posedesign.programs.arm import Arm
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import MOST_BYTES, read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram, corrected_by
-from posedesign.programs.sets import (
-    MOST_PARTS,
-    beside,
-    claim_set,
-    marked_as_set,
-    set_mark,
-    strangers,
-    write_set,
-)
+from posedesign.programs.sets import MOST_PARTS, beside, claim_set, marked_as_set, strangers
 from posedesign.programs.writing import NameRule
 
 
@@ -198,7 +191,7 @@ class Dialect:
             }
         )
         old = self.claim(program.name, results, files) if results else []
-        write_set(files, old, in_folder=self.in_folder)
+        sets.write_set(files, old, in_folder=self.in_folder)
         return tuple(files)
 
     def claim(
@@ -242,7 +235,7 @@ class Dialect:
     @staticmethod
     def levels_of(path: Path) -> tuple[Level, ...]:
         """Levels that a file is asked for: one that carries the mark of a plan has to measure."""
-        return ("error", "measuring") if set_mark(read_program_bytes(path)) else ("error",)
+        return ("error", "measuring") if sets.set_mark(read_program_bytes(path)) else ("error",)
 
     def strangers(self, path: Path) -> list[str]:
         """Files beside one of this dialect that it does not belong to, in words."""

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.errors import FileFormatError
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
@@ -27,15 +28,7 @@ from posedesign.programs.recorded import (
     RecordedProgram,
 )
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
-from posedesign.programs.writing import (
-    Limits,
-    Phrases,
-    check_call,
-    plain,
-    plain_all,
-    shown_deg,
-    title_lines,
-)
+from posedesign.programs.writing import Limits, Phrases, check_call, plain, plain_all, shown_deg
 
 TEXT_LENGTH = 100
 """Characters of a remark: lines have at most 127 on the oldest controllers."""
@@ -101,7 +94,7 @@ class JointDialect(Dialect, ABC):
 
     def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
         options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)
-        for note in title_lines(program, TEXT_LENGTH):
+        for note in writing.title_lines(program, TEXT_LENGTH):
             yield phrases.note.format(note)
         percent, speed = options.speed_percent, _speed(arm, options)
         own = {"name": program.name, "percent": percent, "speed": speed}

@@ -26,21 +26,14 @@ from dataclasses import replace
 import numpy as np
 
 from calib.se3 import FloatArray
+from posedesign.programs import writing
 from posedesign.programs.abb_rapid.reader import parse_abb_rapid
 from posedesign.programs.abb_rapid.rules import check_abb_rapid
 from posedesign.programs.arm import Arm, Load
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import QUATERNION, Notation, texts_of
 from posedesign.programs.program import Form, PoseProgram
-from posedesign.programs.writing import (
-    Limits,
-    NameRule,
-    Phrases,
-    check_call,
-    plain,
-    plain_all,
-    title_lines,
-)
+from posedesign.programs.writing import Limits, NameRule, Phrases, check_call, plain, plain_all
 
 _RESERVED = """
 ALIAS AND BACKWARD BASE CASE CJOINTT CONFJ CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC
@@ -112,7 +105,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
     tool = _tool_name(arm, options.form)
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
-    lines += [f"  ! {text}" for text in title_lines(program, TEXT_LENGTH)]
+    lines += [f"  ! {text}" for text in writing.title_lines(program, TEXT_LENGTH)]
     lines += (
         _frames(arm, tool, work_object, options.form)
         + _positions(program, arm)

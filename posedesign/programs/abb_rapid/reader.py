@@ -24,19 +24,13 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
+from posedesign.programs import reading
 from posedesign.programs.abb_rapid import module
 from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, Nested, nested
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Node, Statement, is_a
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import (
-    configuration_in,
-    joint_deg,
-    millimetres,
-    number,
-    refuse,
-    text_of,
-)
+from posedesign.programs.reading import configuration_in, joint_deg, millimetres, number, refuse
 from posedesign.programs.recorded import RecordedProgram
 
 NORM_WITHIN = 2e-3
@@ -338,7 +332,7 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     Raises FileFormatError: the file is no RAPID module, is cut off, or holds no positions, or one
     that is neither a jointtarget nor a robtarget.
     """
-    text = text_of(data, path, _WHAT)
+    text = reading.text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)
     if not statements or statements[0].kind != "module":
         refuse("is no RAPID module: it does not begin with MODULE", path, 1, _WHAT)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.se3 import wpr_from_rotation
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
@@ -21,15 +22,7 @@ from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.writing import (
-    Limits,
-    NameRule,
-    Phrases,
-    check_call,
-    rounded_deg,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import Limits, NameRule, Phrases, check_call, rounded_deg
 
 _RESERVED = "ABORT CALL CON ELSE END FOR IF JMP LBL MOVE NUL PAUSE PRN RUN SELECT TO WAIT"
 NAMES = NameRule("a FANUC program name", 8, reserved=frozenset(_RESERVED.split()))
@@ -109,7 +102,7 @@ def _head(program: PoseProgram) -> list[str]:
     """Lines before the first pose, as they stand behind their number and colon."""
     options = program.options
     notes = [program.mark] if program.mark else []
-    notes += warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)
+    notes += writing.warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)
     frames = [f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
     return [*map(_PHRASES.note.format, notes), *frames]
 
@@ -155,7 +148,7 @@ def _label(number: int, pose: ProgramPose) -> str:
 def _fields(program: PoseProgram, arm: Arm) -> Iterator[list[str]]:
     """Lines of each position between its braces."""
     options = program.options
-    shown = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    shown = writing.shown_deg(arm, program.poses)  # refuses joints that no arm reaches
     names, units, values = [f"J{j + 1}" for j in range(JOINTS)], ["deg"] * JOINTS, shown
     ends = [""] * len(shown)
     if options.form == "joint":

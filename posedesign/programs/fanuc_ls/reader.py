@@ -30,19 +30,12 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from posedesign.programs import reading
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
 from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import (
-    carried_off,
-    configuration_in,
-    joint_deg,
-    millimetres,
-    poses_of,
-    refuse,
-    text_of,
-)
+from posedesign.programs.reading import carried_off, configuration_in, joint_deg, refuse, text_of
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -91,7 +84,7 @@ class _Stored(Stored):
             refuse(f"{label} has a value for some extended axes only", path, group.row)
         values = []
         for name in own:
-            unit, read = ("mm", millimetres) if name in PLACE else ("deg", joint_deg)
+            unit, read = ("mm", reading.millimetres) if name in PLACE else ("deg", joint_deg)
             text, found = group.fields.get(name, ("", ""))
             row = group.row_of(name)
             if not text:
@@ -133,7 +126,7 @@ def _program(
             refuse(f"{label}: {axis} is not there as in {first}", path, p.group.row)
     names = {int(label[label.index("[") + 1 : -1]): p.name for label, p in stored.items()}
     numbering = Numbering(_NUMBERED, mark=mark, names=names)
-    return numbering.program((*named, "fanuc"), [*stored.values()], poses_of, path)
+    return numbering.program((*named, "fanuc"), [*stored.values()], reading.poses_of, path)
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:

@@ -37,26 +37,14 @@ import numpy as np
 
 from calib.errors import FileFormatError
 from calib.robots import POSITIVE_AXES
+from posedesign.programs import reading, writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import (
-    MOST_JOINT_DEG,
-    joint_deg,
-    read_program_bytes,
-    refuse,
-    text_lines,
-)
+from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import MOST_PROBLEMS
-from posedesign.programs.writing import (
-    LIST_LENGTH,
-    NameRule,
-    comment_text,
-    plain_all,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, plain_all, shown_deg
 
 __all__ = ["RobodkCsv"]
 
@@ -90,7 +78,7 @@ def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
     beside = [f"posedesign rows of {name}.csv", f"program: {name}"]
     beside += [f"title: {comment_text('comment', title)}"] if title else []
     beside += [program.mark] if program.mark else []
-    beside += [f"note: {line}" for line in warning_lines(program, LIST_LENGTH)]
+    beside += [f"note: {line}" for line in writing.warning_lines(program, LIST_LENGTH)]
     beside += [f"controller: {arm.maker or 'as described'}", f"rows: {len(rows)}"]
     stops = zip(program.numbers, program.poses, strict=True)
     for row, (number, pose) in enumerate(stops, start=1):
@@ -146,7 +134,7 @@ def _rows(data: bytes, path: Path) -> tuple[list[tuple[int, list[str]]], list[in
     rows: list[tuple[int, list[str]]] = []
     columns: list[int] = []
     width = 0
-    for line, content in enumerate(text_lines(data, path), start=1):
+    for line, content in enumerate(reading.text_lines(data, path), start=1):
         text = content.strip()
         if not text or text.startswith(("#", "%", "//")):
             continue

@@ -25,6 +25,7 @@ from calib.errors import InputError
 from calib.robots import shown_of
 from calib.robots.move_times import ACCELERATION_S, move_times
 from calib.se3 import FloatArray
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import Notation
@@ -32,13 +33,7 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.ros.reader import joints_of, read_list
 from posedesign.programs.ros.rules import CAPTURES, MOVEIT, TRAJECTORY, Layout, check_list
-from posedesign.programs.writing import (
-    LIST_LENGTH,
-    NameRule,
-    comment_text,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, shown_deg
 
 DECIMALS = 12
 """Of joint values [rad]: they are rounded by at most 5e-13 rad."""
@@ -119,7 +114,7 @@ def _heading(program: PoseProgram, what: str) -> list[str]:
     notes = [program.mark] if program.mark else []
     frames = f"tool frame {options.tool_frame}, user frame {options.user_frame}"
     motion = f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"
-    notes += [*warning_lines(program, LIST_LENGTH), f"{frames}, {motion}"]
+    notes += [*writing.warning_lines(program, LIST_LENGTH), f"{frames}, {motion}"]
     return lines + [f"# {note}" for note in notes]
 
 

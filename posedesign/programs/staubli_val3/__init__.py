@@ -32,6 +32,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, moving_xyz_from_rotation
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import MOVING_XYZ, Notation
@@ -39,15 +40,7 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.staubli_val3.project import JOINTS, POINT
 from posedesign.programs.staubli_val3.reader import attributes_of, parse_staubli_val3
 from posedesign.programs.staubli_val3.rules import check_staubli_val3
-from posedesign.programs.writing import (
-    Limits,
-    NameRule,
-    Phrases,
-    plain_all,
-    rounded_deg,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import Limits, NameRule, Phrases, plain_all, rounded_deg, shown_deg
 
 _WORDS = (
     "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
@@ -145,7 +138,7 @@ def _start(program: PoseProgram) -> list[str]:
     options = program.options
     array = "jPose" if options.form == "joint" else "pPose"
     notes = [f"// {text}" for text in (options.comment, program.mark) if text]
-    notes += [f"// {line}" for line in warning_lines(program, TEXT_LENGTH, "[]<>&")]
+    notes += [f"// {line}" for line in writing.warning_lines(program, TEXT_LENGTH, "[]<>&")]
     lines = [*notes, "resetMotion()"]
     for number, pose in zip(program.numbers, program.poses, strict=True):
         name = pose.name if _fits(pose.name) else ""

@@ -33,6 +33,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.errors import InputError
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm, Load
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import VECTOR, Notation, texts_of
@@ -45,15 +46,7 @@ from posedesign.programs.ur_script.reader import (
     parse_ur_script,
 )
 from posedesign.programs.ur_script.rules import check_ur_script
-from posedesign.programs.writing import (
-    Limits,
-    Phrases,
-    check_call,
-    plain,
-    plain_all,
-    shown_deg,
-    title_lines,
-)
+from posedesign.programs.writing import Limits, Phrases, check_call, plain, plain_all, shown_deg
 
 USUAL_SPEED_RAD_S = np.pi
 """Joint speed of 100 percent where the robot is not known: that of UR3e and UR5e, 180 deg/s."""
@@ -158,7 +151,7 @@ def _in_base(arm: Arm) -> bool:
 
 def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
     options = program.options
-    for line in title_lines(program, TEXT_LENGTH, LIMITS.forbidden):
+    for line in writing.title_lines(program, TEXT_LENGTH, LIMITS.forbidden):
         yield f"# Title: {line}" if line == options.comment else f"# {line}"
     if options.measure_call is not None:
         yield from _measuring(program)

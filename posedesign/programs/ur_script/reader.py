@@ -39,19 +39,8 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from posedesign.programs.language import (
-    MOST_FAULTS,
-    Block,
-    Language,
-    Line,
-    Node,
-    Statement,
-    lines_of,
-    open_lines,
-    subtrees,
-    text_of,
-    words,
-)
+from posedesign.programs import language
+from posedesign.programs.language import Block, Language, Line, Node, Statement, subtrees, words
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number, refuse
 from posedesign.programs.reading import text_of as text_of_file
@@ -207,7 +196,7 @@ _IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
 _IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
 
-_OPEN_LINES = open_lines(
+_OPEN_LINES = language.open_lines(
     "#", begins=r"(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b"
 )
 _NEXT = re.compile(
@@ -249,7 +238,7 @@ def by_name(name: str, given: Sequence[tuple[str, Node]]) -> dict[str, Node]:
 
 def shown(node: Node | None) -> str:
     """An expression as it stands, for messages."""
-    return text_of(node) if node else ""
+    return language.text_of(node) if node else ""
 
 
 def elements(node: Tree[Token]) -> list[Node]:
@@ -288,7 +277,7 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
         return _logged(text.split("\n"), path)
     statements = LANGUAGE.statements(text)
     reader = _Reader(path, _Changes(statements))
-    if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
+    if sum(1 for statement in statements if statement.fault) >= language.MOST_FAULTS:
         refuse("is no script: hardly a line of it can be read", path, statements[0].row)
     said: list[Line | Statement] = [*_remarks(text), *statements]
     for line in sorted(said, key=lambda line: line.row):
@@ -336,7 +325,7 @@ def _logged(lines: list[str], path: Path | str) -> RecordedProgram:
 
 def _remarks(text: str) -> Iterator[Line]:
     """Remarks that say something of poses, plan or title."""
-    for line in lines_of(text) if "#" in text else ():
+    for line in language.lines_of(text) if "#" in text else ():
         for found in _SAID.finditer(line.text) if "#" in line.text else ():
             if found[1]:
                 yield Line(line.row, found[1])

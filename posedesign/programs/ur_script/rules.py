@@ -46,23 +46,13 @@ from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.ur_script import reader
-from posedesign.programs.ur_script.reader import (
-    BLOCKS,
-    FUNCTIONS,
-    JOINTS,
-    MOST_LIMIT_DEG,
-    MOST_OUTPUT,
-    MOVES,
-    PARAMETERS,
-    POSES,
-    shown,
-)
+from posedesign.programs.ur_script.reader import BLOCKS, JOINTS, MOST_OUTPUT, MOVES, POSES, shown
 
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
 
-_MOST_JOINT_RAD = radians(MOST_LIMIT_DEG) + 1e-6
+_MOST_JOINT_RAD = radians(reader.MOST_LIMIT_DEG) + 1e-6
 _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
@@ -117,7 +107,7 @@ class _Script:
                 self.variables.update(names)
             elif statement.kind == "assign" and isinstance(first, Token):
                 self.variables.add(str(first))
-        self.known = self.functions.keys() | FUNCTIONS
+        self.known = self.functions.keys() | reader.FUNCTIONS
         self._told: set[str] = set()
         self._measures = any(_REPORT.search(statement.text) for statement in found)
         self._has_tcp = self._is_blended = False
@@ -170,7 +160,7 @@ class _Script:
         if name not in self.known:
             yield from self._unknown(name, row, "function", matters=self._measures)
         own = name in self.functions
-        signature = self.functions[name] if own else PARAMETERS.get(name)
+        signature = self.functions[name] if own else reader.PARAMETERS.get(name)
         if signature is None:
             return
         least, parameters = signature

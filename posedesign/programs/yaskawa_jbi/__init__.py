@@ -37,31 +37,15 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.recorded import RecordedProgram
-from posedesign.programs.writing import (
-    Limits,
-    Phrases,
-    check_call,
-    plain_all,
-    rounded_deg,
-    shown_deg,
-    warning_lines,
-)
-from posedesign.programs.yaskawa_jbi.reader import (
-    AXES,
-    EXTERNAL,
-    MOST_COMMENT,
-    MOST_FRAME,
-    NAMES,
-    checked,
-    comments,
-    found_in,
-    parse_yaskawa_jbi,
-)
+from posedesign.programs.writing import Limits, Phrases, check_call, plain_all, shown_deg
+from posedesign.programs.yaskawa_jbi import reader
+from posedesign.programs.yaskawa_jbi.reader import AXES, EXTERNAL, MOST_COMMENT, MOST_FRAME, checked
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
 
 MOST_LINES = 2000
@@ -113,7 +97,7 @@ def render_yaskawa_jbi(
     """
     options = program.options
     LIMITS.check(program)
-    check_call(NAMES, options, program.name)
+    check_call(reader.NAMES, options, program.name)
     if options.measure_call is not None:
         argument = options.argument(program.measured_count)
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
@@ -193,15 +177,15 @@ def _rectangular(program: PoseProgram, arm: Arm) -> Iterator[str]:
 
 
 def _millimetres(poses: FloatArray) -> Iterator[str]:
-    angles_deg = rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 4)
+    angles_deg = writing.rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 4)
     for xyz, angles in zip(poses[:, :3, 3] * 1e3, angles_deg, strict=True):
         yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
 
 
 def _head(program: PoseProgram, pulses: tuple[float, ...]) -> list[str]:
     notes = [program.mark] if program.mark else []
-    notes += comments(pulses)
-    notes += warning_lines(program, MOST_COMMENT)
+    notes += reader.comments(pulses)
+    notes += writing.warning_lines(program, MOST_COMMENT)
     return ["NOP", *(f"'{note}" for note in notes)]
 
 
@@ -230,7 +214,7 @@ class YaskawaJbi(Dialect):
     maker = "yaskawa"
     suffixes = (".jbi",)
     remark = (r"^NOP[^\n]*\n", "'{words}")
-    names = NAMES
+    names = reader.NAMES
     newline = "\r\n"
     numbered_frames = True
     joint_step_deg = 1e-3
@@ -270,9 +254,11 @@ class YaskawaJbi(Dialect):
 
     def notation_of(self, text: str) -> Notation:
         """In the pulses of a degree that the job says, or that are known."""
-        said = dict(filter(None, (found_in(line.strip(" \t\r'")) for line in text.split("\n"))))
+        said = dict(
+            filter(None, (reader.found_in(line.strip(" \t\r'")) for line in text.split("\n")))
+        )
         pulses = [said[axis] for axis in AXES if axis in said] or self.pulses_per_deg
         return Notation(0, 3, 4, np.array(pulses) if len(pulses) == len(AXES) else 1.0)
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
-        return parse_yaskawa_jbi(data, path, self.pulses_per_deg, self.pulses_per_mm)
+        return reader.parse_yaskawa_jbi(data, path, self.pulses_per_deg, self.pulses_per_mm)

@@ -58,14 +58,7 @@ from posedesign.programs.language import NOTHING, Block, Statement, block_faults
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi import reader
-from posedesign.programs.yaskawa_jbi.reader import (
-    INSTRUCTIONS,
-    MOST_COMMENT,
-    MOST_FRAME,
-    Job,
-    Name,
-    Stored,
-)
+from posedesign.programs.yaskawa_jbi.reader import INSTRUCTIONS, MOST_COMMENT, Job, Name, Stored
 
 _MOST_STEPS = 9999
 _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
@@ -210,8 +203,8 @@ def _frame_faults(frame: str, tool: str, user: str) -> list[str]:
         faults.append("is in a user frame, and no ///USER says which")
     for word, text in (("TOOL", tool), ("USER", user)):
         numbers = [number for number in text.split(",") if number]
-        if any(not n.isdecimal() or len(n) > 3 or int(n) > MOST_FRAME for n in numbers):
-            faults.append(f"has ///{word} {text[:20]}, not 0 to {MOST_FRAME}")
+        if any(not n.isdecimal() or len(n) > 3 or int(n) > reader.MOST_FRAME for n in numbers):
+            faults.append(f"has ///{word} {text[:20]}, not 0 to {reader.MOST_FRAME}")
     return faults
 
 

@@ -37,14 +37,9 @@ UNCHANGED = 1e-10
 
 _UNCHANGED_DEG = 1e-9
 
-MOST_NUMBERS = 1_000_000
-"""Of a file: 10,000 positions have a quarter of them."""
-
-_WIDEST = 40
-"""Blanks before a number that is right-aligned, at most."""
-
-_NEAR = 400
-"""Numbers that are looked through first; a position has its own right behind its line."""
+MOST_NUMBERS = 1_000_000  # of a file: 10,000 positions have a quarter of them
+_WIDEST = 40  # blanks before a number that is right-aligned, at most
+_NEAR = 400  # numbers that are looked through first; a position has its own right behind its line
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ def syntax(statements: Iterable[Statement]) -> Iterator[Problem]:
     return (Problem(s.row, "syntax", s.fault) for s in statements if s.fault)
 
 
-Fault = tuple[str, str, Level]
-"""A rule, what breaks it, and the level."""
+Fault = tuple[str, str, Level]  # a rule, what breaks it, and the level
 
 
 def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Iterator[Problem]:

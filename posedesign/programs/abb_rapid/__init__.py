@@ -50,18 +50,14 @@ NAMES = NameRule("a RAPID name", 32, small=True, reserved=frozenset(_RESERVED.sp
 TOOL, WORK_OBJECT, SPEED, MEASURED = "tCalib", "wCalib", "vCalib", "jMeasured"
 """Names of what the module declares beside positions."""
 
-TEXT_LENGTH = 80
-"""Characters of a comment."""
-
+TEXT_LENGTH = 80  # characters of a comment
 LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, pulse_s=(0.001, 2000.0))
 """Pulses are those that PulseDO gives."""
 
 FASTEST = 5000, 500, 5000, 1000
 """Of the tool [mm/s], of its rotation [deg/s], and of external axes [mm/s, deg/s]: ``vmax``."""
 
-LEAST_MASS_KG = 0.001
-"""The controller refuses a tool without mass."""
-
+LEAST_MASS_KG = 0.001  # the controller refuses a tool without mass
 NOTATION = Notation(joint=5, place=4, turned=9, turn=QUATERNION, counts_at=7)
 """The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
 0.0001."""
@@ -99,9 +95,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
     beyond +-720 deg.
     """
     options = program.options
-    LIMITS.check(program)
-    for name in (program.name, run_name(program.name)):
-        check_call(NAMES, options, name, _POSITION)
+    check_call(NAMES, options, run_name(program.name), _POSITION)
     tool = _tool_name(arm, options.form)
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
@@ -218,6 +212,8 @@ class AbbRapid(Dialect):
     external_axes = 6
     turning_axes = True
     names = NAMES
+    limits = LIMITS
+    position_name = _POSITION
     newline = "\r\n"
     notation = NOTATION
     begins = re.compile(rb"^[ \t]*MODULE[ \t]", re.IGNORECASE | re.MULTILINE)

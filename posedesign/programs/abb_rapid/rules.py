@@ -158,9 +158,7 @@ def misspelt(word: str, known: Set[str]) -> str:
 
 
 MOST_NAME, MOST_STRING = 32, 80
-WRITTEN_WITHIN = 1e-5
-"""Of the norm of a quaternion from 1, as it is written for measuring."""
-
+WRITTEN_WITHIN = 1e-5  # of the norm of a quaternion from 1, as it is written for measuring
 _BLOCKS = {
     **{kind: Block(f"end{kind}", ("error", "undo", "backward")) for kind in ROUTINES},
     **{kind: Block(f"end{kind}") for kind in ("module", "record", "for", "while")},

@@ -22,23 +22,17 @@ from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.writing import Limits, NameRule, Phrases, check_call, rounded_deg
+from posedesign.programs.writing import Limits, NameRule, Phrases, rounded_deg
 
 _RESERVED = "ABORT CALL CON ELSE END FOR IF JMP LBL MOVE NUL PAUSE PRN RUN SELECT TO WAIT"
 NAMES = NameRule("a FANUC program name", 8, reserved=frozenset(_RESERVED.split()))
 """What every controller takes (R-J3iB; newer ones take longer names)."""
 
-COMMENT_LENGTH = 16
-"""Characters that the pendant shows of a program's or a position's comment."""
-
-REMARK_LENGTH = 32
-"""Characters of a remark line on the pendant."""
-
+COMMENT_LENGTH = 16  # characters that the pendant shows of a program's or a position's comment
+REMARK_LENGTH = 32  # characters of a remark line on the pendant
 JOINTS = 6
 
-MOST_LINES = 9999
-"""Line numbers have four digits."""
-
+MOST_LINES = 9999  # line numbers have four digits
 LIMITS = Limits(
     text=COMMENT_LENGTH,
     remark=REMARK_LENGTH,
@@ -77,8 +71,6 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
     joint beyond +-720 deg.
     """
     options = program.options
-    LIMITS.check(program)
-    check_call(NAMES, options, program.name)
     instructions = _head(program)
     for number, pose in zip(program.numbers, program.poses, strict=True):
         instructions += _at_pose(options, pose, number)
@@ -101,8 +93,7 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
 def _head(program: PoseProgram) -> list[str]:
     """Lines before the first pose, as they stand behind their number and colon."""
     options = program.options
-    notes = [program.mark] if program.mark else []
-    notes += writing.warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)
+    notes = writing.head_lines(program, REMARK_LENGTH, LIMITS.forbidden)
     frames = [f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
     return [*map(_PHRASES.note.format, notes), *frames]
 
@@ -172,8 +163,7 @@ def _in_rows(fields: list[str]) -> list[str]:
     return [*(f"\t{row}," for row in rows[:-1]), f"\t{rows[-1]}"]
 
 
-REGISTERS = ".va"
-"""Ending of a backup of the position registers."""
+REGISTERS = ".va"  # ending of a backup of the position registers
 
 
 _COUNTED = re.compile(r"^((?:LINE_COUNT|ZEILEN)[ \t]*=[ \t]*)(\d+)", re.MULTILINE)
@@ -190,6 +180,7 @@ class FanucLs(Dialect):
     external_axes = 3
     turning_axes = True
     names = NAMES
+    limits = LIMITS
     newline = "\r\n"
     numbered_frames = True
     joint_step_deg = 1e-3

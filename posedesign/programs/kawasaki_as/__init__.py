@@ -25,6 +25,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from lark import Tree
@@ -212,7 +213,7 @@ class KawasakiAs(JointDialect):
     head = ("  SPEED {percent} ALWAYS",)
     external_axes = 6
     turning_axes = True
-    most_output = 999  # inputs are numbered from 1001
+    limits = replace(joints.LIMITS, outputs=(1, 999))  # inputs are numbered from 1001
     reader = parse_kawasaki_as
     rules = joints.judged(LANGUAGE, ("program", "position"), _check)
 

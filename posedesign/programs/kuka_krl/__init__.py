@@ -24,6 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import InputError
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.kuka_krl.reader import parse_kuka_krl
@@ -31,7 +32,7 @@ from posedesign.programs.kuka_krl.rules import check_kuka_krl
 from posedesign.programs.kuka_krl.syntax import AXES, EXTERNAL, MOST_BASE, MOST_TOOL, POSE
 from posedesign.programs.notation import ABC, Notation, Texts, texts_of
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.writing import Limits, NameRule, Phrases, check_call, warning_lines
+from posedesign.programs.writing import Limits, NameRule, Phrases
 
 _RESERVED = """
 AND ANIN ANOUT AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE
@@ -46,9 +47,7 @@ TO TRIGGER TRUE UNTIL WAIT WHEN WHILE WITH XM
 NAMES = NameRule("a KUKA program name", 24, small=True, reserved=frozenset(_RESERVED.split()))
 """Names of modules; letters of either case are the same."""
 
-TEXT_LENGTH = 80
-"""Characters of a comment, so that its line has fewer than 120."""
-
+TEXT_LENGTH = 80  # characters of a comment, so that its line has fewer than 120
 LIMITS = Limits(
     text=TEXT_LENGTH,
     remark=TEXT_LENGTH,
@@ -104,8 +103,6 @@ def render_kuka_krl(program: PoseProgram, arm: Arm) -> dict[str, str]:
 
 
 def _check_options(program: PoseProgram) -> None:
-    LIMITS.check(program)
-    check_call(NAMES, program.options, program.name, _POSITION)
     for text in (program.options.comment, *(pose.comment for pose in program.poses)):
         if _FOLD.match(text):
             raise InputError(
@@ -124,8 +121,7 @@ def _head(program: PoseProgram) -> list[str]:
 def _data(program: PoseProgram, arm: Arm) -> str:
     options = program.options
     lines = [*_head(program), f"DEFDAT {program.name}"]
-    if program.mark:
-        lines.append(f";{program.mark}")
+    lines += [f";{program.mark}"] * bool(program.mark)
     lines.append(f";TOOL {options.tool_frame} BASE {options.user_frame}")
     lines.append("EXT BAS(BAS_COMMAND :IN,REAL :IN)")
     forms = options.form == "joint"
@@ -148,8 +144,7 @@ def _data(program: PoseProgram, arm: Arm) -> str:
 def _source(program: PoseProgram, arm: Arm) -> str:
     options = program.options
     lines = [*_head(program), f"DEF {program.name}( )"]
-    notes = [program.mark] if program.mark else []
-    lines += [f";{note}" for note in notes + warning_lines(program, TEXT_LENGTH)]
+    lines += [f";{note}" for note in writing.head_lines(program, TEXT_LENGTH)]
     lines += [
         "BAS(#INITMOV,0)",
         f"BAS(#VEL_PTP,{options.speed_percent})",
@@ -192,6 +187,8 @@ class KukaKrl(Dialect):
     external_axes = 6
     turning_axes = True
     names = NAMES
+    limits = LIMITS
+    position_name = _POSITION
     newline = "\r\n"
     notation = NOTATION
     begins = re.compile(rb"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEFDAT|DEF|DEFFCT)[ \t]", re.I | re.M)

@@ -162,9 +162,7 @@ _MATTERS = re.compile(
 )
 """What a line may hold that cannot be passed over, although the grammar does not know the line."""
 
-_COMPUTED = re.compile(r"\[(?![\d,]*\]).*")
-"""An index of which nobody knows the element."""
-
+_COMPUTED = re.compile(r"\[(?![\d,]*\]).*")  # an index of which nobody knows the element
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
 
 

@@ -124,9 +124,7 @@ _GLOBALS = _STATES | _words(
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
 _LARGEST = {"S": 31, "T": 63}
-_WHOLE = ("[]", ",]")
-"""How indices of a whole array or of one of its rows end."""
-
+_WHOLE = ("[]", ",]")  # how indices of a whole array or of one of its rows end
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
 _CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
 _NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")

@@ -46,9 +46,7 @@ LANGUAGE = Language(
 )
 """The grammar; one for all files, so that it is made once."""
 
-NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"
-"""A plain decimal number."""
-
+NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"  # a plain decimal number
 _NUMBER = re.compile(NUMBER, re.IGNORECASE | re.ASCII)
 
 

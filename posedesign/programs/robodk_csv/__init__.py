@@ -48,12 +48,8 @@ from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, pla
 
 __all__ = ["RobodkCsv"]
 
-DECIMALS = 6
-"""Of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg."""
-
-MOST_COLUMNS = 64
-"""Most columns of a row: joints, and what RoboDK lists behind them."""
-
+DECIMALS = 6  # of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg
+MOST_COLUMNS = 64  # most columns of a row: joints, and what RoboDK lists behind them
 _JOINT = re.compile(r"(?:J|joint[ _]?)(\d{1,2})(?:\s*[\[(]?\s*(\w{1,10})\s*[\])]?)?", re.IGNORECASE)
 _ROW = re.compile(r"row (\d{1,7}): (pose|via) (\d{1,7})(?:: (.*))?")
 _LETTER = re.compile(r"[A-DF-Za-df-z_]|[eE](?![-+0-9])")

@@ -35,9 +35,7 @@ from posedesign.programs.ros.reader import joints_of, read_list
 from posedesign.programs.ros.rules import CAPTURES, MOVEIT, TRAJECTORY, Layout, check_list
 from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, shown_deg
 
-DECIMALS = 12
-"""Of joint values [rad]: they are rounded by at most 5e-13 rad."""
-
+DECIMALS = 12  # of joint values [rad]: they are rounded by at most 5e-13 rad
 UNKNOWN_SPEED = 1.0
 """Speed of the joints of an arm whose description gives none [rad/s]: below that of the slowest
 joints of common arms, 1.3 to 2 rad/s for 200 kg payload."""
@@ -52,9 +50,7 @@ joins points with positions and velocities by cubics."""
 SHORTEST_MS = 100
 """Of a move [ms]: points must not have the same time, also where the arm is there already."""
 
-MOST_SECONDS = 2**31 - 1
-"""Largest value of the field sec of a Duration."""
-
+MOST_SECONDS = 2**31 - 1  # largest value of the field sec of a Duration
 _STAMP = ["header:", "  stamp:", "    sec: 0", "    nanosec: 0", '  frame_id: ""']
 """Zero: the motion begins when the message arrives."""
 
@@ -111,10 +107,9 @@ def _heading(program: PoseProgram, what: str) -> list[str]:
     lines = [f"# {what}, joint values in rad", f"# program: {program.name}"]
     if options.comment:
         lines.append(f"# title: {comment_text('comment', options.comment)}")
-    notes = [program.mark] if program.mark else []
     frames = f"tool frame {options.tool_frame}, user frame {options.user_frame}"
     motion = f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"
-    notes += [*writing.warning_lines(program, LIST_LENGTH), f"{frames}, {motion}"]
+    notes = [*writing.head_lines(program, LIST_LENGTH), f"{frames}, {motion}"]
     return lines + [f"# {note}" for note in notes]
 
 

@@ -140,9 +140,7 @@ What stands in a ``Value`` depends on the type.
 """
 
 
-MOST_NODES = 300_000
-"""Elements of a file that are read: ten times those of 10,000 poses."""
-
+MOST_NODES = 300_000  # elements of a file that are read: ten times those of 10,000 poses
 _MOST_DEPTH = 60
 
 

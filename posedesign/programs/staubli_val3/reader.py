@@ -33,9 +33,7 @@ from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedPro
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import CONFIG, JOINTS, POINT, Node
 
-MOST_ELEMENTS = 100_000
-"""Largest size of an array that is believed."""
-
+MOST_ELEMENTS = 100_000  # largest size of an array that is believed
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames

@@ -46,23 +46,15 @@ from posedesign.programs.ur_script.reader import (
     parse_ur_script,
 )
 from posedesign.programs.ur_script.rules import check_ur_script
-from posedesign.programs.writing import Limits, Phrases, check_call, plain, plain_all, shown_deg
+from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
 
 USUAL_SPEED_RAD_S = np.pi
 """Joint speed of 100 percent where the robot is not known: that of UR3e and UR5e, 180 deg/s."""
 
-ACCELERATION_RAD_S2 = 1.4
-"""What ``movej`` has by default."""
-
-REGISTER = 36
-"""Output integer register that the number of a pose is written into: see :mod:`.live`."""
-
-HELD_S = 0.5
-"""Time that it stands there: five times what is looked at."""
-
-TEXT_LENGTH = 80
-"""Characters of a remark: longer ones are cut in the log."""
-
+ACCELERATION_RAD_S2 = 1.4  # what ``movej`` has by default
+REGISTER = 36  # output integer register that the number of a pose is written into: see :mod:`.live`
+HELD_S = 0.5  # time that it stands there: five times what is looked at
+TEXT_LENGTH = 80  # characters of a remark: longer ones are cut in the log
 LIMITS = Limits(
     text=TEXT_LENGTH,
     remark=TEXT_LENGTH,
@@ -93,11 +85,8 @@ _PHRASES = Phrases(
 
 NOTATION = Notation(7, 7, 7, np.pi / 180, 1.0, VECTOR)
 
-MOST_MASS_KG = 1000.0
-"""No arm carries so much."""
-
-MOST_CENTRE_M = 5.0
-"""Nor so far from its flange."""
+MOST_MASS_KG = 1000.0  # no arm carries so much
+MOST_CENTRE_M = 5.0  # nor so far from its flange
 
 
 def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
@@ -110,8 +99,6 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
     Raises InputError: a name or a text that URScript would refuse, a number out of its range, or a
     joint beyond +-363 deg.
     """
-    LIMITS.check(program)
-    check_call(NAMES, program.options, program.name)
     speed = _speed(arm, program.options.speed_percent)
     steps = _PHRASES.visit(program, LIMITS, _targets(program, arm), speed=speed)
     lines = [*_head(program, arm), *steps]
@@ -194,9 +181,7 @@ def _measuring(program: PoseProgram) -> Iterator[str]:
 
 def _speed(arm: Arm, percent: int) -> str:
     """Of the fastest joint of a move [rad/s]: that percentage of what the slowest joint can do."""
-    known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
-    most = min(known, default=USUAL_SPEED_RAD_S)
-    return plain(max(most * percent / 100, 1e-4), 4)
+    return plain(max(arm.slowest_rad_s(USUAL_SPEED_RAD_S) * percent / 100, 1e-4), 4)
 
 
 _SCRIPT = re.compile(rb"^[ \t]*(?:def[ \t]+\w{1,64}[ \t]*\(|movej[ \t]*\()", re.MULTILINE)
@@ -211,6 +196,7 @@ class UrScript(Dialect):
     suffixes = (".script", ".urscript", ".log", ".txt")
     remark = (r"", "# {words}")
     names = NAMES
+    limits = LIMITS
     notation = NOTATION
     writer = render_ur_script
     reader = parse_ur_script

@@ -31,27 +31,18 @@ from posedesign.programs.program import in_range
 from posedesign.programs.ur_script import rtde_process
 from posedesign.programs.ur_script.reader import JOINTS, MOST_JOINT_RAD
 
-PORT = 30004
-"""Of RTDE; ur_rtde knows no other."""
-
+PORT = 30004  # of RTDE; ur_rtde knows no other
 REGISTERS = (*range(12, 20), *range(36, 44))
 
-SAMPLES = 12
-"""Of one pose, a tenth of a second: their mean is taken."""
-
+SAMPLES = 12  # of one pose, a tenth of a second: their mean is taken
 STILL_RAD_S = 0.01
 """Joint speed up to which an arm stands: what the encoders make of standing is far below, and the
 slowest hand that guides an arm above."""
 
-STILL_RAD = 1e-4
-"""By which no joint may move meanwhile: a tenth of a millimetre at a metre."""
-
-AGAIN_S = 1.0
-"""Wait before a connection that was lost is made anew."""
-
+STILL_RAD = 1e-4  # by which no joint may move meanwhile: a tenth of a millimetre at a metre
+AGAIN_S = 1.0  # wait before a connection that was lost is made anew
 LONGEST_S = 7 * 24 * 3600.0
-PLAYING, ENDED = 2, (0, 1)
-"""Of ``runtime_state``: a paused program has not ended."""
+PLAYING, ENDED = 2, (0, 1)  # of ``runtime_state``: a paused program has not ended
 
 
 @dataclass(frozen=True)

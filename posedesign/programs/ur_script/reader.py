@@ -49,12 +49,8 @@ from posedesign.programs.writing import NameRule
 
 JOINTS = 6
 
-MOST_LIMIT_DEG = 363.0
-"""Joint limits of the arms are no wider."""
-
-MOST_OUTPUT = 7
-"""Of the standard digital ones, which begin with 0."""
-
+MOST_LIMIT_DEG = 363.0  # joint limits of the arms are no wider
+MOST_OUTPUT = 7  # of the standard digital ones, which begin with 0
 _NAMES = """
 abs acos add_frame asin assert atan atan2 attach_frame binary_list_to_integer ceil convert_pose
 conveyor_pulse_decode cos d2r direct_torque eip_reader_factory eip_writer_factory
@@ -118,9 +114,7 @@ FUNCTIONS = frozenset(_NAMES.split())
 """Of the manuals for CB3, e-Series and PolyScope X, and of Universal Robots' own examples; those of
 URCaps are not among them."""
 
-MOVES = ("movej", "movel", "movep")
-"""That take joints or a pose."""
-
+MOVES = ("movej", "movel", "movep")  # that take joints or a pose
 PARAMETERS = {
     name: (least, tuple(words.split()))
     for name, least, words in (
@@ -179,9 +173,7 @@ _SAID = re.compile(r'"[^"\n]*"|#([ \t]*(?:POSE\s+\d|PLAN|Title:).*)|#.*')
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
 _MATTERS = re.compile(r"\b(?:move[jlpc]|set_tcp)\b|[\[=]")
 """A statement that may hold a position or change a frame, where it cannot be read."""
-_LONG = 100
-"""Characters of a statement that may hold anything."""
-
+_LONG = 100  # characters of a statement that may hold anything
 _DEGREES = re.compile(r"d2r\(([-+.\deE]{1,40})\)", re.ASCII)
 _TITLE = re.compile(r"\s*Title:\s*(.*)")
 

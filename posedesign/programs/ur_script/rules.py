@@ -57,17 +57,11 @@ _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
 
-_NUMBERS = {*"avtrnm"}
-"""Parameters that are numbers."""
-
+_NUMBERS = {*"avtrnm"}  # parameters that are numbers
 _NO_NUMBERS = {"TRUE", "FALSE", "STRING", "comparison", "list", "pose"}
 _NO_WORDS = {"nan", "inf", "none", "null", "true", "false"}
-_SHORTEST = 3
-"""Letters of a name that a misspelt one is told by."""
-
-_MOST_NAMES = 2000
-"""Of a script in which misspelt ones are looked for."""
-
+_SHORTEST = 3  # letters of a name that a misspelt one is told by
+_MOST_NAMES = 2000  # of a script in which misspelt ones are looked for
 _ASKS = {"popup", "request_boolean_from_primary_client"}
 _DEFINES = ("define", "thread", "secondary")
 

@@ -43,17 +43,13 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.recorded import RecordedProgram
-from posedesign.programs.writing import Limits, Phrases, check_call, plain_all, shown_deg
+from posedesign.programs.writing import Limits, Phrases, plain_all, shown_deg
 from posedesign.programs.yaskawa_jbi import reader
 from posedesign.programs.yaskawa_jbi.reader import AXES, EXTERNAL, MOST_COMMENT, MOST_FRAME, checked
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
 
-MOST_LINES = 2000
-"""Instructions of one job: where public post-processors split."""
-
-MOST_INTEGER = 32767
-"""Largest value of an I variable."""
-
+MOST_LINES = 2000  # instructions of one job: where public post-processors split
+MOST_INTEGER = 32767  # largest value of an I variable
 LIMITS = Limits(
     text=MOST_COMMENT,
     remark=MOST_COMMENT,
@@ -96,8 +92,6 @@ def render_yaskawa_jbi(
     of its range, a user frame that is not that of the job, or a joint beyond +-720 deg.
     """
     options = program.options
-    LIMITS.check(program)
-    check_call(reader.NAMES, options, program.name)
     if options.measure_call is not None:
         argument = options.argument(program.measured_count)
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
@@ -183,10 +177,11 @@ def _millimetres(poses: FloatArray) -> Iterator[str]:
 
 
 def _head(program: PoseProgram, pulses: tuple[float, ...]) -> list[str]:
-    notes = [program.mark] if program.mark else []
-    notes += reader.comments(pulses)
-    notes += writing.warning_lines(program, MOST_COMMENT)
-    return ["NOP", *(f"'{note}" for note in notes)]
+    mark, warnings = (
+        [program.mark] * bool(program.mark),
+        writing.warning_lines(program, MOST_COMMENT),
+    )
+    return ["NOP", *(f"'{note}" for note in [*mark, *reader.comments(pulses), *warnings])]
 
 
 def _at_pose(options: ProgramOptions, pose: ProgramPose, at: str, number: int) -> Iterator[str]:
@@ -215,10 +210,10 @@ class YaskawaJbi(Dialect):
     suffixes = (".jbi",)
     remark = (r"^NOP[^\n]*\n", "'{words}")
     names = reader.NAMES
+    limits = LIMITS
     newline = "\r\n"
     numbered_frames = True
-    joint_step_deg = 1e-3
-    """About a pulse: arms have some hundreds to thousands in a degree."""
+    joint_step_deg = 1e-3  # about a pulse: arms have some hundreds to thousands in a degree
     rules = check_yaskawa_jbi
 
     external_axes = len(EXTERNAL)

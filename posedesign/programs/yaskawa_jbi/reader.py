@@ -68,24 +68,14 @@ HEADINGS = frozenset(_HEADINGS.split())
 INSTRUCTIONS = frozenset(_INSTRUCTIONS.split())
 """First words of steps: of the INFORM manuals, with the options for handling, cutting, welding."""
 
-NAMES = NameRule("a Yaskawa job name", 8)
-"""What every controller takes, NX100 too."""
-
-MOST_COMMENT = 32
-"""Characters of a job's comment and of a comment line."""
-
-MOST_FRAME = 63
-"""NX100 has fewer frames."""
-
-AXES = ("S", "L", "U", "R", "B", "T")
-"""Yaskawa's names of the six axes, from the base on."""
-
+NAMES = NameRule("a Yaskawa job name", 8)  # what every controller takes, NX100 too
+MOST_COMMENT = 32  # characters of a job's comment and of a comment line
+MOST_FRAME = 63  # NX100 has fewer frames
+AXES = ("S", "L", "U", "R", "B", "T")  # Yaskawa's names of the six axes, from the base on
 EXTERNAL = ("E1", "E2", "E3")
 """Our names of the base axes, in the order of a BC position, which has up to three values."""
 
-DECIMALS = 9
-"""Decimals of a ratio that are kept: 1e-9 pulses in 720 deg are none."""
-
+DECIMALS = 9  # decimals of a ratio that are kept: 1e-9 pulses in 720 deg are none
 _LEAST, _MOST = 1.0, 1e6
 """Arms have some hundreds to thousands of pulses a degree, base axes of pulses a millimetre."""
 
@@ -148,9 +138,7 @@ _MOST_LINES = 100_000
 """Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
 END then."""
 
-_OF_AXES = ("PULSE", "ANGLE")
-"""Forms of positions that have values of axes."""
-
+_OF_AXES = ("PULSE", "ANGLE")  # forms of positions that have values of axes
 _JOB_MARKS = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
 
 _OF_NAMES = ("///COMMENT", "///ARGNAME", "///ARGUNIT", "///TAGCOMM")
@@ -160,15 +148,12 @@ _DECIMAL = re.compile(r"[-+]?\d{1,5}(?:\.\d{0,9})?", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
 _POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-_BASES = ("BC", "BP")
-"""Kinds of positions of base axes."""
-
+_BASES = ("BC", "BP")  # kinds of positions of base axes
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
 are then in BC variables."""
 
-_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
-"""A job has few different ones."""
+_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)  # a job has few different ones
 
 
 class Name(NamedTuple):

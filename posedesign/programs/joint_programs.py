@@ -20,13 +20,7 @@ from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import MOST_JOINT_DEG, carried_off, joint_deg, refuse, text_of
-from posedesign.programs.recorded import (
-    Level,
-    PlanMark,
-    Problem,
-    RecordedPosition,
-    RecordedProgram,
-)
+from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
 from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
 

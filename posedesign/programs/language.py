@@ -270,7 +270,6 @@ class Language:
 
 
 def _depth(text: str) -> int:
-    """How deep brackets stand in each other."""
     depth = most = 0
     for mark in re.finditer(r"[([{]|[)\]}]", text):
         depth += 1 if mark[0] in "([{" else -1
@@ -394,7 +393,6 @@ def _token(kind: str, text: str) -> Token:
 
 
 def _fault(text: str, error: UnexpectedInput, parser: Lark) -> tuple[int, str]:
-    """Where in a text a fault is, and what it is."""
     at = (error.pos_in_stream or 0) if isinstance(error, UnexpectedCharacters) else None
     if at is None:
         token = getattr(error, "token", None)

@@ -18,10 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.se3 import (
-    FloatArray,
-    rotation_angle,
-)
+from calib.se3 import FloatArray, rotation_angle
 from posedesign.programs.configurations import Configuration
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import QUATERNION, Literal, Notation
@@ -122,7 +119,6 @@ class _Text:
         self.edits.append((start, literal.end, text))
 
     def result(self) -> str:
-        """The text with its new numbers."""
         parts, last = [], 0
         for start, end, text in sorted(self.edits, key=lambda edit: edit[:2]):
             parts += [self.text[last:start], text]

@@ -70,9 +70,7 @@ def check_line_ends(data: bytes) -> Iterator[Problem]:
 
 
 def check_names(
-    there: Iterable[tuple[int, str]],
-    used: Iterable[tuple[int, str]],
-    rules: tuple[str, str, str],
+    there: Iterable[tuple[int, str]], used: Iterable[tuple[int, str]], rules: tuple[str, str, str]
 ) -> Iterator[Problem]:
     """Whether names, with their lines, are there once, there where they are used, and used at all.
 

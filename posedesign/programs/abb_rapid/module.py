@@ -8,15 +8,7 @@ from dataclasses import dataclass
 
 from lark import Token, Tree
 
-from posedesign.programs.language import (
-    MOST_LENGTH,
-    Language,
-    Line,
-    Node,
-    Statement,
-    is_a,
-    text_of,
-)
+from posedesign.programs.language import MOST_LENGTH, Language, Line, Node, Statement, is_a, text_of
 
 Nested = list["Nested | str"]
 Argument = tuple[Node | None, dict[str, Node | None]]  # a value and its switches

@@ -137,7 +137,6 @@ def place_of(label: str, row: int, lists: Sequence[list[str]], path: Path | str)
 
 
 def _transforms(places: list[list[float]]) -> FloatArray:
-    """Transforms ``(N, 4, 4)`` [m] of places."""
     values = np.reshape(places, (-1, 7))
     return transform(rotation_from_quaternion(values[:, 3:]), values[:, :3] / 1e3)
 

@@ -470,7 +470,6 @@ class _Checker:
     def _check_arguments(
         self, row: int, word: str, given: list[module.Argument]
     ) -> Iterator[Problem]:
-        """The arguments of an instruction whose signature is known."""
         alone = given[:1] and given[0][0] is None  # switches in front of the first argument
         wanted = [pair for pair in SIGNATURES[word] if pair[0] or alone]
         if len(given) != len(wanted):

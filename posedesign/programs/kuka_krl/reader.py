@@ -30,13 +30,7 @@ from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, BLOCKS, CONFIGURATION, EXTERNAL, POSE
 from posedesign.programs.language import MOST_FAULTS, Node, Statement, is_a, text_of
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import (
-    configuration_in,
-    joint_deg,
-    pose_values,
-    poses_of,
-    refuse,
-)
+from posedesign.programs.reading import configuration_in, joint_deg, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
 
@@ -215,10 +209,7 @@ class StoredPosition(Stored):
             refuse(f"{self.label} has {given[0]} and no {other}", path, self.line)
         words = ",".join(f"{name} {self.fields[name]}" for name in given)
         meant = given and configuration_in(KukaConfiguration, words, self.label, path, self.line)
-        values = {
-            "T_world_user": frames.base.transform,
-            "T_tip_tool": frames.tool.transform,
-        }
+        values = {"T_world_user": frames.base.transform, "T_tip_tool": frames.tool.transform}
         return {"configuration": meant or None, **values, **numbers}
 
 
@@ -250,7 +241,6 @@ class _Reader:
     elsewhere: FileFormatError | None = None
 
     def program(self) -> RecordedProgram:
-        """All that is read."""
         self._take_remarks()
         faults = 0
         for statement in krl.LANGUAGE.statements(self.text):

@@ -160,7 +160,6 @@ def _fields(text: str, path: Path, line: int) -> list[str]:
 
 
 def _columns(names: list[str], path: Path, line: int) -> list[int]:
-    """Columns of J1 to Jn by the names in a header."""
     found: dict[int, int] = {}
     for column, joint in enumerate(map(_JOINT.fullmatch, names)):
         if joint is None:

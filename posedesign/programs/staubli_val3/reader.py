@@ -59,11 +59,9 @@ class _Data(dict[str, _Array]):
     path: Path
 
     def first(self, name: str) -> Node | None:
-        """First value of an array."""
         return self[name].elements.get(0) if name in self else None
 
     def string(self, name: str) -> str:
-        """First value as text."""
         first = self.first(name)
         return first.get("value") if first else ""
 
@@ -184,7 +182,6 @@ def _is_touched(array: _Array, key: int) -> bool:
 
 
 def _others(arrays: _Data) -> _Listed:
-    """Positions of somebody's project."""
     taught = {name: array for name, array in arrays.items() if array.type in _KINDS}
     everything = [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
     moved: dict[tuple[str, int], None] = {}

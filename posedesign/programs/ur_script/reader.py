@@ -316,7 +316,6 @@ def _logged(lines: list[str], path: Path | str) -> RecordedProgram:
 
 
 def _remarks(text: str) -> Iterator[Line]:
-    """Remarks that say something of poses, plan or title."""
     for line in language.lines_of(text) if "#" in text else ():
         for found in _SAID.finditer(line.text) if "#" in line.text else ():
             if found[1]:
@@ -359,7 +358,6 @@ def _opens(s: Statement) -> bool:
 
 
 def _place(s: Statement) -> str:
-    """Name of the variable that is assigned to."""
     place = s.tree.children[0]
     return str(place) if isinstance(place, Token) else words(place, "NAME", "POSE")[0].rstrip(" [")
 
@@ -426,7 +424,6 @@ class _Reader:
         self._unknown: tuple[str, int] | None = None
 
     def remark(self, remark: Line) -> None:
-        """Take what stands behind a hash."""
         title = _TITLE.fullmatch(remark.text)
         if title:
             self.title = self.title or title[1].strip()
@@ -434,7 +431,6 @@ class _Reader:
             self.announced.take(remark.text, remark.row)
 
     def take(self, statement: Statement) -> None:
-        """Take one more statement."""
         row, text = statement.row, statement.text
         if statement.fault and (len(text) >= _LONG or _MATTERS.search(text)):
             refuse(statement.fault, self.path, row)
@@ -559,7 +555,6 @@ class _Reader:
         self.announced.move(target.key, target.variable or "the target")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
-        """All positions, numbered."""
         self.announced.end()
         if self._unknown is not None and not self.announced.found:
             text, row = self._unknown

@@ -109,7 +109,6 @@ class _Script:
         self._reported: set[str] = set()
 
     def check(self) -> Iterator[Problem]:
-        """Problems of all statements that the grammar takes."""
         called: dict[str, int] = {}
         moved = False
         for statement in self.found:
@@ -225,7 +224,6 @@ def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
 
 
 def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Problem]:
-    """Arguments of URScript's own functions."""
     for key, value in given.items():
         kind = value.data if isinstance(value, Tree) else value.type
         what = f"{name}: {key} is {shown(value)[:60]}"
@@ -283,7 +281,6 @@ def _numbers(node: Node) -> list[float | None]:
 
 
 def _number(node: Node | None) -> float | None:
-    """The number that an expression is, where it is one."""
     text = shown(node)
     last = node.children[-1] if isinstance(node, Tree) and node.data == "sign" else node
     return float(text) if isinstance(last, Token) and last.type == "NUMBER" else None

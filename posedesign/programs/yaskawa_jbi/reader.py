@@ -366,7 +366,6 @@ class _Reader:
         refuse(message, self.path, row, hint)
 
     def take(self, statement: Statement) -> None:
-        """Take one more step."""
         kind = statement.kind
         if kind == "comment":
             text = statement.text[1:].strip()

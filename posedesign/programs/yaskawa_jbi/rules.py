@@ -278,19 +278,16 @@ def _check_order(job: Job) -> Iterator[Problem]:
 
 
 def _has_base(s: Statement) -> bool:
-    """Whether a move has a position of base axes."""
     return any(name.kind in ("BC", "BP") for name in reader.names_in(s.tree))
 
 
 def _step_faults(s: Statement) -> Iterator[rules.Fault]:
-    """Of a step by itself."""
     if s.kind in ("move", "also"):
         return chain.from_iterable(map(_move_faults, s.all("move", "also")))
     return _word_faults(s) if s.kind == "other" else _argument_faults(s)
 
 
 def _argument_faults(s: Statement) -> Iterator[rules.Fault]:
-    """Of comments, times, values, variables, and the names of jobs."""
     kind = s.kind
     if kind == "comment" and len(s.text) > 1 + MOST_COMMENT:
         yield "comment", "the comment is longer than 32 characters", "measuring"

@@ -25,22 +25,21 @@ and 6 apart: joint positions leave nothing open.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, moving_xyz_from_rotation
 from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.notation import MOVING_XYZ, Notation
+from posedesign.programs.notation import MOVING_XYZ, Notation, texts_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.staubli_val3.project import JOINTS, POINT
 from posedesign.programs.staubli_val3.reader import attributes_of, parse_staubli_val3
 from posedesign.programs.staubli_val3.rules import check_staubli_val3
-from posedesign.programs.writing import Limits, NameRule, Phrases, plain_all, rounded_deg, shown_deg
+from posedesign.programs.writing import Limits, NameRule, Phrases, plain_all
 
 _WORDS = (
     "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
@@ -58,6 +57,7 @@ TEXT_LENGTH = 60
 LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, settle_s=1e4, outputs=(0, 15))
 """Outputs are those of a BasicIO board."""
 
+NOTATION = Notation(joint=5, place=4, turned=5, turn=MOVING_XYZ, literals=attributes_of)
 _DATA_NAMES = (
     "jPose pPose jActual nFirst fUser tTool mMeasure nTraj sPlan sTitle sPose bGo doMeasure"
 )
@@ -151,10 +151,8 @@ def _data_file(program: PoseProgram, arm: Arm) -> str:
     lines = [_DECLARED, f'<Database {_XSI} xmlns="{_VAL3}/Data/2">', "  <Datas>"]
     for name, kind, values in _data(program, arm):
         size = len(values)
-        head = (
-            f'    <Data name="{name}" access="public" xsi:type="array" type="{kind}" size="{size}">'
-        )
-        lines.append(head)
+        said = f'name="{name}" access="public" xsi:type="array" type="{kind}" size="{size}"'
+        lines.append(f"    <Data {said}>")
         lines += [f'      <Value key="{k}" {value} />' for k, value in enumerate(values) if value]
         lines.append("    </Data>")
     return "\n".join([*lines, "  </Datas>", "</Database>", ""])
@@ -163,33 +161,26 @@ def _data_file(program: PoseProgram, arm: Arm) -> str:
 def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[str]]]:
     """Name, type and values of each array, each as its attributes."""
     options = program.options
-    order = np.argsort(program.numbers)
-    poses = [program.poses[i] for i in order]
-    joints = [_attributes(JOINTS, row, 5) for row in shown_deg(arm, poses).tolist()]
-    frames = _points(np.stack([arm.T_world_user, arm.T_tip_tool]))
+    listed = sorted(texts_of(program, arm, NOTATION, 0), key=lambda texts: texts.number)
+    poses = [texts.pose for texts in listed]
+    frames = NOTATION.pose_texts(np.stack([arm.T_world_user, arm.T_tip_tool]))
+    user, tool = (_attributes(POINT, frame) for frame in frames)
     if options.form == "joint":
-        yield "jPose", "jointRx", joints
+        yield "jPose", "jointRx", [_attributes(JOINTS, texts.joints) for texts in listed]
     else:
-        postures = np.stack([pose.posture_rad for pose in poses])
-        words = (found.words for found in arm.configurations(postures))
-        points = zip(_points(arm.tool_poses(postures)), words, strict=True)
-        father = 'fatherId="fUser[0]"'
-        yield "pPose", "pointRx", [f"{point} {word} {father}" for point, word in points]
+        points = ((_attributes(POINT, texts.placed), texts.words) for texts in listed)
+        yield "pPose", "pointRx", [f'{point} {word} fatherId="fUser[0]"' for point, word in points]
     if options.keep == "register":
         measured = sum(not pose.via for pose in poses)
-        empty = [_attributes(JOINTS, [0.0] * 6, 5)] * (options.first_register - 1 + measured)
+        empty = [_attributes(JOINTS, plain_all(np.zeros(6), 5))] * (
+            options.first_register - 1 + measured
+        )
         yield "jActual", "jointRx", empty
         yield "nFirst", "num", [f'value="{options.first_register}"']
-    yield "fUser", "frame", [f'{next(frames)} fatherId="world[0]"']
-    yield "tTool", "tool", [f'{next(frames)} fatherId="flange[0]" ioLink="valve1"']
-    yield (
-        "mMeasure",
-        "mdesc",
-        [
-            f'accel="100" vel="{options.speed_percent}" decel="100" tmax="99999" rmax="99999" '
-            'blend="off" leave="50" reach="50"'
-        ],
-    )
+    yield "fUser", "frame", [f'{user} fatherId="world[0]"']
+    yield "tTool", "tool", [f'{tool} fatherId="flange[0]" ioLink="valve1"']
+    speeds = f'accel="100" vel="{options.speed_percent}" decel="100" tmax="99999" rmax="99999"'
+    yield "mMeasure", "mdesc", [f'{speeds} blend="off" leave="50" reach="50"']
     yield "nTraj", "num", [""]
     yield "sPlan", "string", [_text(program.mark)]
     yield "sTitle", "string", [_text(options.comment)]
@@ -204,16 +195,8 @@ def _text(text: str) -> str:
     return f'value="{escape(text)}"' if text else ""
 
 
-def _attributes(names: Iterable[str], values: Sequence[float], decimals: int) -> str:
-    texts = plain_all(values, decimals)
+def _attributes(names: Sequence[str], texts: list[str]) -> str:
     return " ".join(f'{name}="{text}"' for name, text in zip(names, texts, strict=True))
-
-
-def _points(poses: FloatArray) -> Iterator[str]:
-    """Coordinates [mm] and angles about X, Y', Z'' [deg] of poses ``(N, 4, 4)``."""
-    angles = rounded_deg(moving_xyz_from_rotation(poses[:, :3, :3]), 5)
-    for xyz, turned in zip((poses[:, :3, 3] * 1e3).tolist(), angles.tolist(), strict=True):
-        yield f"{_attributes(POINT[:3], xyz, 4)} {_attributes(POINT[3:], turned, 5)}"
 
 
 def _project_file(name: str, programs: list[str]) -> str:
@@ -264,7 +247,7 @@ class StaubliVal3(Dialect):
     in_folder = True
     names = NAMES
     encoding = "utf-8"
-    notation = Notation(joint=5, place=4, turned=5, turn=MOVING_XYZ, literals=attributes_of)
+    notation = NOTATION
     writer = render_staubli_val3
     reader = parse_staubli_val3
     rules = check_staubli_val3

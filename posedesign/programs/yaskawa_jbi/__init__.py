@@ -36,14 +36,13 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.notation import Notation
+from posedesign.programs.notation import Notation, texts_of
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.recorded import RecordedProgram
-from posedesign.programs.writing import Limits, Phrases, plain_all, shown_deg
+from posedesign.programs.writing import Limits, Phrases, shown_deg
 from posedesign.programs.yaskawa_jbi import reader
 from posedesign.programs.yaskawa_jbi.reader import AXES, EXTERNAL, MOST_COMMENT, MOST_FRAME, checked
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
@@ -156,32 +155,21 @@ def _rectangular(program: PoseProgram, arm: Arm) -> Iterator[str]:
             name="user_frame",
             value=user,
         )
-    shown_deg(arm, program.poses)  # refuses joints that no arm has
-    poses = arm.tool_poses(program.postures_rad)
     yield from [f"///USER {user}"] if user else []
     yield f"///TOOL {program.options.tool_frame}"
     yield from ("///POSTYPE USER" if user else "///POSTYPE BASE", "///RECTAN")
     last = ""
-    words = (found.words for found in arm.configurations(program.postures_rad))
-    for k, (rconf, values) in enumerate(zip(words, _millimetres(poses), strict=True)):
-        if rconf != last:
-            yield f"///RCONF {rconf}"
-            last = rconf
-        yield f"C{k:05d}={values}"
-
-
-def _millimetres(poses: FloatArray) -> Iterator[str]:
-    angles_deg = writing.rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 4)
-    for xyz, angles in zip(poses[:, :3, 3] * 1e3, angles_deg, strict=True):
-        yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
+    for k, texts in enumerate(texts_of(program, arm, Notation(place=3, turned=4), 0)):
+        if texts.words != last:
+            yield f"///RCONF {texts.words}"
+            last = texts.words
+        yield f"C{k:05d}={','.join(texts.placed)}"
 
 
 def _head(program: PoseProgram, pulses: tuple[float, ...]) -> list[str]:
-    mark, warnings = (
-        [program.mark] * bool(program.mark),
-        writing.warning_lines(program, MOST_COMMENT),
-    )
-    return ["NOP", *(f"'{note}" for note in [*mark, *reader.comments(pulses), *warnings])]
+    notes = [program.mark] * bool(program.mark) + reader.comments(pulses)
+    notes += writing.warning_lines(program, MOST_COMMENT)
+    return ["NOP", *(f"'{note}" for note in notes)]
 
 
 def _at_pose(options: ProgramOptions, pose: ProgramPose, at: str, number: int) -> Iterator[str]:

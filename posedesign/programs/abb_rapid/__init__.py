@@ -85,15 +85,7 @@ _IDENTITY_WITHIN = 1e-12
 
 
 def render_abb_rapid(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of the module by its name, its lines ended by ``\n``.
-
-    Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 1e-9 of
-    the quaternion. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or
-    other ones are left out.
-
-    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
-    beyond +-720 deg.
-    """
+    """Text of the module: joints to 5e-6 deg, poses to 5e-5 mm and 1e-9 of the quaternion."""
     options = program.options
     check_call(NAMES, options, run_name(program.name), _POSITION)
     tool = _tool_name(arm, options.form)

@@ -326,11 +326,7 @@ class _Reader:
 
 
 def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; ``path`` is for the messages.
-
-    Raises FileFormatError: the file is no RAPID module, is cut off, or holds no positions, or one
-    that is neither a jointtarget nor a robtarget.
-    """
+    """Program in the content of a file; ``path`` is for the messages."""
     text = reading.text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)
     if not statements or statements[0].kind != "module":

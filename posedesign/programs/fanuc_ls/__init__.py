@@ -60,15 +60,11 @@ _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMME
 
 
 def render_fanuc_ls(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of the program by its name, its lines ended by ``\n``.
+    """Text of the program by its name.
 
     Positions are rounded to three decimals: joints by at most 0.0005 deg on the pendant and 0.001
     deg in the URDF's joint 3, which is the sum of two; poses by 0.0005 mm and deg. A pose's name
-    becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
-    left out.
-
-    Raises InputError: a text that the controller would refuse, a number out of its range, or a
-    joint beyond +-720 deg.
+    becomes its position's comment where it has 1 to 16 plain characters.
     """
     options = program.options
     instructions = _head(program)

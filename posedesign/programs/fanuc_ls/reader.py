@@ -130,11 +130,7 @@ def _program(
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; ``path`` is for the messages.
-
-    Raises FileFormatError: the file is not a FANUC program in ASCII, is cut off, or holds a
-    position that is neither six joint angles nor a pose.
-    """
+    """Program in the content of a file; ``path`` is for the messages."""
     text = text_of(data, path, "save a binary .TP as .LS")
     listing = read_listing(text)
     name = _name(listing, path)
@@ -193,10 +189,7 @@ def _name(listing: Listing, path: Path | str) -> str:
 
 
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
-    """Positions of all registers that have one, by their numbers.
-
-    Raises FileFormatError: the file is no such backup, holds no positions, or one that is damaged.
-    """
+    """Positions of all registers that have one, by their numbers."""
     text = text_of(data, path)
     inside = found = False
     there: set[str] = set()

@@ -88,15 +88,7 @@ _PHRASES = Phrases(
 
 
 def render_kuka_krl(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Texts of the ``.dat`` and the ``.src`` by name, their lines ended by ``\n``.
-
-    Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 0.000005
-    deg. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or other
-    ones are left out.
-
-    Raises InputError: a text that a comment cannot hold, a number out of its range, or a joint
-    beyond +-720 deg.
-    """
+    """Texts of the ``.dat`` and the ``.src``: joints to 0.000005 deg, poses to 0.00005 mm."""
     _check_options(program)
     dat, src = _data(program, arm), _source(program, arm)
     return {f"{program.name}.dat": dat, f"{program.name}.src": src}

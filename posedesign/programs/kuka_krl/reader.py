@@ -214,11 +214,7 @@ class StoredPosition(Stored):
 
 
 def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; ``path`` is for the messages.
-
-    Raises FileFormatError: the file is no KRL module, is cut off, or holds no positions, or one
-    that is neither six joint angles nor a pose.
-    """
+    """Program in the content of a file; ``path`` is for the messages."""
     return _Reader(text_of_file(data, path, _WHAT), path).program()
 
 

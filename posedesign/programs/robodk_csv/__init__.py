@@ -62,12 +62,10 @@ _NAN = re.compile(r"[+-]*(?:nan|inf|infinity)", re.IGNORECASE)
 
 
 def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of the list, and of the file with the names of its rows, lines ended by ``\n``.
+    """Text of the list, and of the file with the names of its rows.
 
     Poses that are only passed through are rows as well. The format has no speed, no time to settle
     and no call: the macro that moves the robot sets them.
-
-    Raises InputError: a text that cannot stand in a line, or a joint beyond +-720 deg.
     """
     name, title = program.name, program.options.comment
     rows = [",".join(plain_all(row, DECIMALS)) for row in shown_deg(arm, program.poses)]
@@ -93,11 +91,7 @@ def _is_beside(data: bytes) -> bool:
 
 
 def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
-    """The rows of a list.
-
-    Raises FileFormatError: a row has not as many finite joint values within +-720 deg as the
-    others, or the file beside the list is that of another one.
-    """
+    """The rows of a list, with what the file beside it says of them."""
     if _is_beside(data):
         name = path.with_suffix(".csv").name
         refuse(f"holds no positions: they are in {name} beside it", path, hint=f"name {name}")

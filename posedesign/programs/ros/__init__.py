@@ -59,15 +59,11 @@ _BARE = re.compile(r"(?!(?:y|n|yes|no|true|false|on|off|null)\Z)[a-z_][a-z0-9_./
 
 
 def render_list(program: PoseProgram, arm: Arm, layout: Layout) -> str:
-    r"""Text of a list with the joints of an arm, in the signs of its description.
+    """Text of a list with the joints of an arm, in the signs of its description.
 
     Captures have no poses that are only passed through, as MoveIt's planner finds the way; and no
     features, so that all feature finders look. MoveIt plans only where the joints are those of the
     planning group, in its order.
-
-    Raises InputError: no pose is to be captured, a text that cannot stand in a comment, a joint
-    beyond +-720 deg, an output to be pulsed, registers to be kept, or a time that a trajectory
-    cannot say.
     """
     if not layout.timed and all(pose.via for pose in program.poses):
         raise InputError(

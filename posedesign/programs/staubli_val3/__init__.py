@@ -76,15 +76,7 @@ _PHRASES = Phrases(
 
 
 def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of each file by its path, ``NAME/NAME.dtx`` first, lines ended by ``\n``.
-
-    Joints and angles are rounded to 5e-6 deg, coordinates to 5e-5 mm. A pose's name is left out
-    where it is longer than 60 characters or not plain ASCII. The arm's tool frame becomes
-    ``tTool``, its user frame ``fUser``.
-
-    Raises InputError: a name or a text that cannot stand in a project, a number out of its range,
-    or a joint beyond +-720 deg.
-    """
+    """Text of each file by its path, ``NAME/NAME.dtx`` first: to 5e-6 deg and 5e-5 mm."""
     _check_options(program)
     name, call = program.name, program.options.measure_call
     programs = {"start": _start(program), "stop": ["resetMotion()"]}

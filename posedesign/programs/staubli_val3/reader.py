@@ -70,11 +70,7 @@ class _Data(dict[str, _Array]):
 
 
 def parse_staubli_val3(data: bytes, path: Path) -> RecordedProgram:
-    """Project whose data are the content of a file; see the module.
-
-    Raises FileFormatError: the file holds no data of a VAL 3 project, or no position that can be
-    read.
-    """
+    """Project whose data are the content of a file; see the module."""
     if path.suffix.lower() in (".pjx", ".pgx"):
         refuse("holds no positions", path, None, _NAME_DATA)
     arrays = _arrays(data, path)

@@ -90,14 +90,10 @@ MOST_CENTRE_M = 5.0  # nor so far from its flange
 
 
 def render_ur_script(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of the script, its lines ended by ``\n``.
+    """Text of the script: joints to 3e-6 deg, poses to 0.05 micrometres.
 
-    Joint values, rotation vectors and coordinates are rounded to seven decimals: 3e-6 deg, 0.05
-    micrometres. The arm's tool frame becomes the TCP; its user frame is written where it is not the
-    base frame. Its load becomes the payload; where it is not known, that of the installation stays.
-
-    Raises InputError: a name or a text that URScript would refuse, a number out of its range, or a
-    joint beyond +-363 deg.
+    The arm's tool frame becomes the TCP; its user frame is written where it is not the base frame.
+    Its load becomes the payload; where it is not known, that of the installation stays.
     """
     speed = _speed(arm, program.options.speed_percent)
     steps = _PHRASES.visit(program, LIMITS, _targets(program, arm), speed=speed)

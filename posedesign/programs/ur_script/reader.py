@@ -259,11 +259,7 @@ def is_log(data: bytes) -> bool:
 
 
 def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program, or log of its run, in the content of a file; see the module.
-
-    Raises FileFormatError: the file is neither, is cut off, or holds a position that cannot be
-    read.
-    """
+    """Program, or log of its run, in the content of a file; see the module."""
     text = text_of_file(data, path, "name a text file", strict=True)
     if is_log(data):
         return _logged(text.split("\n"), path)

@@ -78,17 +78,10 @@ def render_yaskawa_jbi(
     pulses_per_deg: Sequence[float],
     pulses_per_mm: Sequence[float] = (),
 ) -> str:
-    r"""Text of the job, its lines ended by ``\n``.
-
-    Pulses are whole: joint values are rounded by at most half a pulse. Poses are rounded by at
-    most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
-    comment.
+    """Text of the job: joints to half a pulse, poses to 0.0005 mm and 0.00005 deg.
 
     ``pulses_per_deg`` (S, L, U, R, B, T, signed) are not used for poses of the tool;
     ``pulses_per_mm`` are of the base axes that carry the arm.
-
-    Raises InputError: pulses are missing, a text that the pendant cannot show, a number out
-    of its range, a user frame that is not that of the job, or a joint beyond +-720 deg.
     """
     options = program.options
     if options.measure_call is not None:

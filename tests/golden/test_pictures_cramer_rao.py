@@ -125,7 +125,7 @@ ROUND = make_board("round-target", diameter_m=0.16).points
     [("camera", STOPS_OFF, None), ("board", EXACT, None), ("board", STOPS_OFF, ROUND)],
 )
 def test_a_few_sets_are_as_near_as_they_say(carried, arm, points):
-    check(run(4, carried, arm, 50, points))
+    check(run(2, carried, arm, 50, points))
 
 
 @pytest.mark.slow
@@ -178,9 +178,9 @@ WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
 
 @pytest.mark.parametrize("carried", ["camera", "board"])
 def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
-    done = run_moving(4, carried, 53)
+    done = run_moving(2, carried, 53)
     check(done)
-    low, high = band(4, 1)
+    low, high = band(2, 1)
     assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 

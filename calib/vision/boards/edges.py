@@ -101,7 +101,7 @@ def refine(
                 if known.any():
                     sigma[group] = np.clip(np.median(step.sigma[known]), 0.4, 6.0)
         offset = np.clip(step.offset, -WIDEST_PX / 2, WIDEST_PX / 2)
-        moved = np.einsum("kij,kj->ki", lines.mover, np.where(np.isfinite(offset), offset, 0.0))
+        moved = (lines.mover @ np.where(np.isfinite(offset), offset, 0.0)[..., None])[..., 0]
         px += moved
         if k > 2 and np.abs(moved).max(initial=0.0) < 2e-3:
             break
@@ -290,11 +290,11 @@ def _fit_steps(
     if free:
         columns.append(-bell * scaled)
     rows = np.stack(columns, axis=-1)  # (K, E, V, 3 or 4)
-    normal = np.einsum("kevi,kevj->keij", rows, rows)
+    turned = np.swapaxes(rows, -1, -2)
+    normal = turned @ rows
     size = normal.shape[-1]
     normal += 1e-9 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(size)
-    right = np.einsum("kevi,kev->kei", rows, profiles)
-    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    found: FloatArray = np.asarray(np.linalg.solve(normal, turned @ profiles[..., None]))[..., 0]
     contrast = found[..., 1]
     sound = contrast > LEAST_CONTRAST / 2
     safe = np.where(sound, contrast, np.inf)

@@ -66,17 +66,14 @@ class Target(Plate, Protocol):
     @property
     def diameter_m(self) -> float:
         """Diameter of that circle [m]."""
-        ...
 
     @property
     def is_known(self) -> bool:
         """Whether this diameter is relied on; or found, with the camera."""
-        ...
 
     @property
     def is_biased(self) -> bool:
         """Whether a tilt moves the ellipse off the image of the middle."""
-        ...
 
     def measure(
         self, image: GreyImage, near_px: FloatArray | None = None
@@ -85,7 +82,6 @@ class Target(Plate, Protocol):
 
         ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
         """
-        ...
 
     def image(
         self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
@@ -94,14 +90,12 @@ class Target(Plate, Protocol):
 
         NaN where it shows its back. Of a circle of another diameter, if given.
         """
-        ...
 
     def pose(self, camera: Camera, image: GreyImage, about: FloatArray) -> FloatArray | None:
         """Pose of its pattern before the camera ``(4, 4)`` [m]; None where none fits.
 
         The best of the poses ``(K, 4, 4)`` that it may be about.
         """
-        ...
 
 
 class Observer(Protocol):
@@ -110,7 +104,6 @@ class Observer(Protocol):
     @property
     def camera(self) -> Camera:
         """The camera as it really is."""
-        ...
 
     def views(
         self,
@@ -119,7 +112,6 @@ class Observer(Protocol):
         near_px: FloatArray | None = None,
     ) -> Views:
         """What is seen at poses ``(K, 4, 4)``; ``near_px`` is ``(K, 2)``."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

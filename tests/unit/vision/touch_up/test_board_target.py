@@ -119,7 +119,7 @@ def test_what_is_not_seen_is_said():
     assert target.pose(CAMERA, np.full((512, 640), 120, dtype=np.uint8), np.eye(4)[None]) is None
 
 
-def cell_with(board: str, **changes: str) -> Cell:
+def cell_with(board: str) -> Cell:
     text = cell_template().replace("image_px = [1280, 1024]", "image_px = [640, 512]")
     text = text.replace("focal_px = 1800.0", "focal_px = 900.0")
     return Cell.from_text(text + board)
@@ -137,7 +137,7 @@ dictionary = "DICT_5X5_100"
 
 
 def test_touch_ups_against_the_truth():
-    """By pictures, from four orientations of up to 30 deg: where the target is before the lens.
+    """By pictures, from three orientations of up to 30 deg: where the target is before the lens.
 
     Against the mean of all, which is the tip of the virtual pin. The arm scatters by 5 um at it.
     """
@@ -153,7 +153,7 @@ def test_touch_ups_against_the_truth():
     assert made.jacobian is not None
     T = cell.robot.fk(cell.base_posture)
     places = []
-    for _ in range(4):
+    for _ in range(3):
         R = rotation_exp(rng.uniform(-0.3, 0.3, 3))
         tip = T @ transform(R, cell.tool_m - R @ cell.tool_m + rng.uniform(-3e-3, 3e-3, 3))
         q, found = follow(cell.robot, cell.base_posture[None], tip[None])

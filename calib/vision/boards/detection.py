@@ -25,6 +25,7 @@ from calib.vision.boards.board import (
 from calib.vision.boards.board_map import BoardMap, fit_map
 from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
+    CircleLattices,
     Found,
     find_chessboard,
     find_circles,
@@ -98,8 +99,17 @@ class BoardSighting:
         return cls(np.full((len(board.points), 2), np.nan), status, message, sharpness_px)
 
 
-def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> BoardSighting | None:
-    """The sighting of a board that is found; None where it is not."""
+def sight(
+    picture: GreyImage,
+    board: Board,
+    *,
+    thoroughly: bool = False,
+    lattices: CircleLattices | None = None,
+) -> BoardSighting | None:
+    """The sighting of a board that is found; None where it is not.
+
+    ``lattices``: of the circles in the picture, where they are known.
+    """
     found: Found | None = None
     if isinstance(board, MarkerBoard):
         markers = find_markers(picture, board.markers, border_bits=board.border_bits)
@@ -113,7 +123,7 @@ def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> Boar
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
-        found = find_circles(picture, board)
+        found = find_circles(picture, board, lattices or CircleLattices(picture))
     elif isinstance(board, RoundTarget):
         targets = find_round_targets(picture, board)
         if len(targets) > 1:
@@ -258,10 +268,11 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """
     check_type(board, Board, "board")
     check_picture(picture)
-    sighting = sight(picture, board, thoroughly=True)
+    lattices = CircleLattices(picture)
+    sighting = sight(picture, board, thoroughly=True, lattices=lattices)
     if sighting is not None:
         return sighting
-    status, message = why_not(picture, board)
+    status, message = why_not(picture, board, lattices)
     return BoardSighting.failed(board, status, message)
 
 
@@ -284,10 +295,10 @@ def check_picture(picture: object) -> None:
         )
 
 
-def why_not(picture: GreyImage, board: Board) -> tuple[Status, str]:
+def why_not(picture: GreyImage, board: Board, lattices: CircleLattices) -> tuple[Status, str]:
     """Status and message for a picture in which the board is not found."""
     wrong = _other_markers(picture, board) if isinstance(board, MarkerBoard) else ""
-    wrong = wrong or _other_size(picture, board)
+    wrong = wrong or _other_size(picture, board, lattices)
     if isinstance(board, RoundTarget) and find_round_targets(picture, board, squares=False):
         wrong = "the round target in the picture has no three squares: print that of this cell"
     if wrong:
@@ -336,7 +347,7 @@ def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
     return ""
 
 
-def _other_size(picture: GreyImage, board: Board) -> str:
+def _other_size(picture: GreyImage, board: Board, lattices: CircleLattices) -> str:
     """A board of a size near to it that the picture shows, in words."""
     if not isinstance(board, (Chessboard, CircleGrid)):
         return ""
@@ -349,7 +360,7 @@ def _other_size(picture: GreyImage, board: Board) -> str:
             other = replace(board, columns=size[0], rows=size[1])
         except InputError:
             continue
-        found = None if size == (columns, rows) else sight(picture, other)
+        found = None if size == (columns, rows) else sight(picture, other, lattices=lattices)
         if found is not None and found.is_ok:
             return f"the picture shows a {other.words}, not of {columns} x {rows}: correct them"
     return ""

@@ -201,18 +201,12 @@ class FastObserver:
         margin = self._margin(true)
         large = short >= SMALLEST_PX
         inside = large & (margin >= 0.0)
-        reasons = [""] * len(true)
-        for k in np.flatnonzero(~inside).tolist():
-            if not large[k]:
-                reasons[k] = (
-                    f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
-                )
-            elif -margin[k] < short[k]:
-                reasons[k] = "touches the edge: the circle is cut by the edge"
-            else:
-                reasons[k] = "no target: the circle is outside the image"
+        small = f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
+        cut = "touches the edge: the circle is cut by the edge"
+        outside = "no target: the circle is outside the image"
+        reasons = np.select([inside, ~large, -margin < short], ["", small, cut], outside)
         noisy = self.noise.draw(true.shape[:-1], rng) + true
-        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
+        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons.tolist()))
 
     def _margin(self, ellipse: FloatArray) -> FloatArray:
         """Distance ``(...)`` [px] of ellipses from the edge of the image, negative outside."""

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, UnreachableError, near_names
 from calib.robots import POSITIVE_AXES, Controller, Robot
 from calib.se3 import FloatArray, IntArray, inverse
-from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations import configuration_of
+from posedesign.programs.configurations import Configuration, configuration_of
 
 USUAL_JOINTS = 6
 """Of the arms of every maker whose joint count is not given with its axes."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.files import read_bytes_bounded
-from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations import Configuration
 
 MOST_BYTES = 20_000_000
 """Largest program file read: the largest that a controller holds is far smaller, and 10,000 poses

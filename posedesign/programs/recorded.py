@@ -12,7 +12,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
-from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations import Configuration
 
 Level = Literal["error", "measuring", "note"]
 """How much a problem weighs; see `Problem`."""

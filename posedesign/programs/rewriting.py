@@ -22,7 +22,7 @@ from calib.se3 import (
     FloatArray,
     rotation_angle,
 )
-from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations import Configuration
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import QUATERNION, Literal, Notation
 from posedesign.programs.reading import refuse

@@ -218,12 +218,10 @@ def run(
 
 def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README."""
+    cells = ["{model}", "{parameters}", "{rms_mm:.3f}"]
+    cells += [f"{{held_out_{site}_mm:.3f}}" for site in SITES]
+    cells += [f"{{sockets_{site}_mm:.2f}}" for site in SITES]
     first, *others = SITES
-    head = ["model", "p", "rms [mm]", f"held out [mm]: {first}", *others]
-    head += [f"sockets [mm]: {first}", *others]
-    lines = []
-    for row in found["models"]:
-        cells = [row["model"], str(row["parameters"]), f"{row['rms_mm']:.3f}"]
-        cells += [f"{row[f'held_out_{site}_mm']:.3f}" for site in SITES]
-        lines.append(cells + [f"{row[f'sockets_{site}_mm']:.2f}" for site in SITES])
-    return writing.table_of(head, lines)
+    heads = ["model", "p", "rms [mm]", f"held out [mm]: {first}", *others]
+    heads += [f"sockets [mm]: {first}", *others]
+    return writing.table(found["models"], cells, heads)

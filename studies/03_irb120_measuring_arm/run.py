@@ -324,10 +324,11 @@ def run(data: Path, tables: Path, advance: Advance = lambda what, part: None) ->
 
 def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README."""
-    head = ["model", "p", "rms [mm]", "max", "leave-one-out", "check points"]
-    lines = []
-    for row in found["models"]:
-        digits = 3 if row["rms_mm"] < 1.0 else 2
-        cells = [row["model"], str(row["parameters"])]
-        lines.append(cells + [f"{row[name]:.{digits}f}" for name in SHOWN])
-    return writing.table_of([*head, "from the zero posture"], lines)
+    heads = ["model", "p", "rms [mm]", "max", "leave-one-out", "check points"]
+    figures = [_three_digits(name) for name in SHOWN]
+    cells = ["{model}", "{parameters}", *figures]
+    return writing.table(found["models"], cells, [*heads, "from the zero posture"])
+
+
+def _three_digits(name: str) -> writing.Cell:
+    return lambda row: f"{row[name]:.{3 if row['rms_mm'] < 1.0 else 2}f}"

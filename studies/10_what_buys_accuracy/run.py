@@ -201,25 +201,19 @@ def markdown(said: Mapping[str, Any]) -> str:
     )
 
 
-def table(table: list[dict[str, Any]]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
     """The table that people read."""
-    lines = []
-    for row in table:
-        cells = [row["says"], f"{row['measurements']}", f"{row['minutes']:.1f}"]
-        cells += [_short(row["predicted_rms_mm"]), _short(row["rms_mm"])]
-        cells += [f"{_short(row['rms_low_mm'])} to {_short(row['rms_high_mm'])}"]
-        cells += [_short(row["median_of_trials_mm"])]
-        cells += [_short(row["predicted_worst_mm"]), _short(row["worst_mm"])]
-        cells += [_digits(row["worth_a_minute"], 2)]
-        if "deflecting_rms_mm" in row:
-            cells += [_digits(row["deflecting_rms_mm"], 3)]
-        lines.append(writing.table_line(cells))
-    return "\n".join(lines)
+    deflects = ["{deflecting_rms_mm:.3g}"] if "deflecting_rms_mm" in rows[0] else []
+    return writing.table(rows, [*COLUMNS, *deflects])
 
 
-def _digits(value: float, count: int) -> str:
-    return f"{float(f'{value:.{count}g}'):g}"
+def _worth(row: Mapping[str, Any]) -> str:
+    two_digits = float(f"{row['worth_a_minute']:.2g}")
+    return f"{two_digits:g}"
 
 
-def _short(value_mm: float) -> str:
-    return f"{value_mm:.4f}".lstrip("0")
+COLUMNS: Sequence[writing.Cell] = (
+    "{says}", "{measurements}", "{minutes:.1f}", "{predicted_rms_mm:s.4f}", "{rms_mm:s.4f}",
+    "{rms_low_mm:s.4f} to {rms_high_mm:s.4f}", "{median_of_trials_mm:s.4f}",
+    "{predicted_worst_mm:s.4f}", "{worst_mm:s.4f}", _worth,
+)  # fmt: skip

@@ -181,11 +181,3 @@ class TestPlate:
             for row in (part["plate"]["before"], *part["plate"]["rows"]):
                 if row.get("d_deg", 60.0) >= 20.0:  # below, ten data sets tell little
                     assert row["driven_worst_mm"] == pytest.approx(row["worst_mm"], abs=0.03)
-
-
-class TestWhatPeopleRead:
-    def test_tables_and_verdicts_are_the_result(self, study, expected):
-        text = (FOLDER / "README.md").read_text(encoding="utf-8")
-        for lines in study.tables(expected):
-            for line in lines:
-                assert line in text, line

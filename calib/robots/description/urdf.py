@@ -27,7 +27,7 @@ from calib.limited import read_bounded, run_limited
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
-from calib.robots.shapes import LinkShape
+from calib.robots.model_chain import RobotDescription
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -47,25 +47,9 @@ class Description:
     notices: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Urdf:
-    """What a URDF holds."""
-
-    model: pin.Model
-    """Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg."""
-    notices: tuple[str, ...]  # what was read otherwise than it stands in the file
-    joint_notices: Mapping[str, str]
-    """The same of single joints, which matters where the joint moves."""
-    flaws: Mapping[str, RobotModelError]
-    """Joints that can be held still but not moved, and why: no limits, or led by another joint."""
-    led: Mapping[str, tuple[str, float, float]]
-    """Joints that follow another: its name, the factor and the offset [rad, m]."""
-    shapes: tuple[LinkShape, ...]  # collision geometry
-    lost_shapes: tuple[str, ...]
-    """Links with collision geometry that cannot be had; ``notices`` say why."""
-
-
-def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:
+def load_urdf(
+    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+) -> RobotDescription:
     """Read a URDF file, or a xacro file that expands to one; see :func:`read_description`.
 
     Raises
@@ -73,20 +57,17 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
     RobotModelError
         The file is missing, is no URDF, or something in it cannot be used.
     """
-    description = read_description(path, packages, xacro_args)
-    root = description.root
-    kinematics = read_kinematics(root, path)
-    shapes, lost, missing = read_collision_shapes(
-        root, path, description.folders, description.packages
-    )
-    return Urdf(
+    file = read_description(path, packages, xacro_args)
+    kinematics = read_kinematics(file.root, path)
+    shapes, lost, missing = read_collision_shapes(file.root, path, file.folders, file.packages)
+    return RobotDescription(
         model=_build(kinematics, path),
-        notices=(*description.notices, *missing),
-        joint_notices=MappingProxyType(kinematics.notices),
-        flaws=MappingProxyType(kinematics.flaws),
-        led=MappingProxyType(kinematics.led),
         shapes=shapes,
         lost_shapes=lost,
+        notices=(*file.notices, *missing),
+        joint_notices=kinematics.notices,
+        flaws=kinematics.flaws,
+        led=kinematics.led,
     )
 
 

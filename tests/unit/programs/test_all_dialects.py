@@ -38,9 +38,9 @@ from tests.unit.programs.dialects import (
     robot_of,
 )
 
-RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 80_000, b"- " * 50_000]
-RUBBISH += [b"{" * 50_000, b"[" * 50_000, b"(" * 100_000, b'"' * 100_000, b"1," * 100_000]
-RUBBISH += [b"<!--" * 20_000, b"P[" * 50_000, b"[[" * 50_000, b" " * 300_000]
+RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 100_000, b"\n" * 30_000, b"- " * 20_000]
+RUBBISH += [b"{" * 10_000, b"[" * 10_000, b"(" * 30_000, b'"' * 30_000, b"1," * 30_000]
+RUBBISH += [b"<!--" * 10_000, b"P[" * 10_000, b"[[" * 10_000, b" " * 100_000]
 _TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -129,7 +129,7 @@ def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]
 
 
 @each_case
-@pytest.mark.parametrize("count", by_stage(40, 200, 5000))
+@pytest.mark.parametrize("count", by_stage(15, 100, 5000))
 def test_damaged_programs(name: str, form: str, count: int) -> None:
     file, text = written(name, form)
     assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
@@ -146,7 +146,7 @@ def dialect_of_export(file: str) -> Dialect:
 
 
 @each_export
-@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
+@pytest.mark.parametrize("count", by_stage(20, 75, 1000))
 def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file, count):
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
@@ -289,13 +289,13 @@ def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) ->
     return passing
 
 
-@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
+@pytest.mark.parametrize("count", by_stage(30, 75, 1000))
 @pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
 def test_light_mutants_are_refused(name: str, form: str, count: int, tmp_path: Path) -> None:
     assert passing_mutants(name, form, Arm.of(robot_of(name)), count, tmp_path) == []
 
 
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(25, 100, 1000))
 @pytest.mark.parametrize("name", [name for name in CARRIED if name in FREE])
 def test_light_mutants_of_programs_on_slides_are_refused(name, count, tmp_path):
     assert passing_mutants(name, "joint", arm_on_slides(name), count, tmp_path) == []

@@ -76,13 +76,13 @@ def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("bend", [1e-9, 1e-8, 3e-8, 1e-7, 3e-7, 1e-6, 3e-6, 1e-5, 1e-3])
+@pytest.mark.parametrize("bend", [1e-9, 3e-8, 3e-7, 3e-6, 1e-5, 1e-3])
 @pytest.mark.parametrize("middle", [0.0, np.pi])
 def test_three_parallel_axes_lose_nothing_near_a_straight_wrist(ur5e, bend, middle):
     """EAIK loses the digits of joint 6 below 3e-6, and up to a twentieth of the poses."""
     rng = np.random.default_rng(0)
-    q = rng.uniform(-3, 3, (300, 6))
-    q[:, 4] = middle + bend * rng.choice([-1, 1], 300)
+    q = rng.uniform(-3, 3, (150, 6))
+    q[:, 4] = middle + bend * rng.choice([-1, 1], 150)
     off = missed(ur5e, q)
     # the nearer the line, the farther a posture moves for the rounding of its pose, 1e-15, and a
     # hundred times farther where the elbow is almost stretched, too
@@ -92,7 +92,7 @@ def test_three_parallel_axes_lose_nothing_near_a_straight_wrist(ur5e, bend, midd
 @pytest.mark.parametrize("bend", [0.0, 1e-13, 1e-11])
 def test_on_the_line_the_roll_of_the_reference_is_kept(ur5e, bend):
     rng = np.random.default_rng(1)
-    q = rng.uniform(-3, 3, (40, 6))
+    q = rng.uniform(-3, 3, (12, 6))
     q[:, 4] = bend
     for posture in q:
         best, found = ur5e.inverse(ur5e.fk(posture), near=posture).nearest()
@@ -100,15 +100,15 @@ def test_on_the_line_the_roll_of_the_reference_is_kept(ur5e, bend):
         np.testing.assert_allclose(best[0], posture, atol=1e-6)
     # from elsewhere no pose is lost either
     answers = ur5e.inverse(ur5e.fk(q), near=np.full(6, 0.7))
-    assert set(answers.pose.tolist()) == set(range(40))
+    assert set(answers.pose.tolist()) == set(range(12))
 
 
 def test_on_the_line_joint_6_turns_where_the_arm_is_too_short(ur5e):
     """A stretched arm reaches such a pose with some turns of joint 6 only."""
     rng = np.random.default_rng(3)
-    q = rng.uniform(-3, 3, (2000, 6))
-    q[:, 2] = rng.choice([0.0, 1e-9, 0.01, 0.2], 2000)
-    q[:, 4] = rng.choice([0.0, np.pi], 2000)
+    q = rng.uniform(-3, 3, (500, 6))
+    q[:, 2] = rng.choice([0.0, 1e-9, 0.01, 0.2], 500)
+    q[:, 4] = rng.choice([0.0, np.pi], 500)
     poses = ur5e.fk(q)
     answers = ur5e.inverse(poses)
     assert answers.nearest()[1].all()
@@ -117,10 +117,10 @@ def test_on_the_line_joint_6_turns_where_the_arm_is_too_short(ur5e):
 
 def test_each_branch_of_three_parallel_axes_is_given_once(ur5e):
     rng = np.random.default_rng(2)
-    q = rng.uniform(-3, 3, (200, 6))
+    q = rng.uniform(-3, 3, (80, 6))
     q[::2, 4] = 1e-7
     answers = ur5e.inverse(ur5e.fk(q))
-    for i in range(200):
+    for i in range(80):
         own = answers.postures[answers.pose == i]
         assert 1 <= len(own) <= 8
         apart = np.abs((own[:, None] - own[None] + np.pi) % TURN - np.pi).max(axis=-1)
@@ -131,7 +131,7 @@ def test_each_branch_of_three_parallel_axes_is_given_once(ur5e):
 def test_inexact_arms_are_solved_through_their_ideal(request, name):
     robot = request.getfixturevalue(name)
     assert isinstance(robot._inverse, ClosedForm)
-    q = np.random.default_rng(3).uniform(robot.lower, robot.upper, (400, 6))
+    q = np.random.default_rng(3).uniform(robot.lower, robot.upper, (200, 6))
     off = missed(robot, q)
     smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
     # two branches that are about to merge may both be closed in on from one side

@@ -84,7 +84,7 @@ def efficiency_of(white: np.ndarray, weights: np.ndarray, rows: np.ndarray, k: i
 @pytest.mark.parametrize("interest", [None, [0, 1, 2, 3]], ids=["all parameters", "offsets"])
 def test_d_efficiency_is_proven(reference_cell, candidates, interest):
     white = candidates.linear.white_jacobian
-    found = select(white, POSES, "D", interest=interest)
+    found = select(white, POSES, "D", interest=interest, starts=1)
     check_poses(reference_cell, candidates, found)
     assert found.efficiency >= 0.97
     assert found.relaxation is not None

@@ -355,13 +355,8 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
 def nearest_rows(checker: Checker, solutions: InverseSolutions) -> tuple[IntArray, IntArray]:
     """Of each pose the posture nearest to the reference that keeps every constraint.
 
-    Returns
-    -------
-    row : array (N,)
-        Row of the solutions; -1 where none keeps them.
-    nearly : array (N,)
-        Where none does, the one inside the limits that comes nearest to it and is worth talking
-        about; -1 where there is none.
+    Rows ``(N,)`` of the solutions, -1 where none keeps them; and where none does, of the one inside
+    the limits that comes nearest to it and is worth talking about, -1 where there is none.
     """
     row, nearly = np.full((2, len(solutions.gap_m)), -1, dtype=np.intp)
     slack = np.full(len(row), -np.inf)

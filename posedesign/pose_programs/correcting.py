@@ -40,7 +40,7 @@ from posedesign.programs import (
     RecordedProgram,
     postures_of,
 )
-from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations import Configuration
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import CORRECTED
 from posedesign.programs.registry import dialect_of

@@ -16,7 +16,7 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import identification_jacobian
 from posedesign.selection import Selection, condition_inf, select
 
-POSES, ORIENTATIONS, TILT = 27, 3000, np.deg2rad(45.0)
+POSES, ORIENTATIONS, TILT = 27, 1500, np.deg2rad(45.0)
 CONFIGURATIONS = {"front": 1.45e4, "all": 20.0}
 """Arm configurations, and the C_G that has to be reached in them."""
 

@@ -189,7 +189,8 @@ class Planning:
         self._cell, self._request, self._advance = cell, request, advance
         self._kept, self._kept_of = keep, keep_of
         self._why, self._dropped, self._unused = "", list[str](), list[str]()
-        check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
+        # what is wrong with it is wrong with the task box about it, too
+        check_base_pose(cell, of_pool=True)
         self._take(cell.model())
         self._rows = cell.rows(self._model)
         if self._objective.weighted and not cell.config.measurement.weighted:

@@ -17,7 +17,7 @@ from posedesign.candidates import candidates_of, functions_over_box
 from posedesign.candidates.building import view_candidates
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import nearest_postures
-from posedesign.constraints.board_sight import BoardSight
+from posedesign.constraints.visibility import BoardSight
 from posedesign.hand_eye import as_calibrated
 from posedesign.planning.checks import score_poses
 from posedesign.planning.loop import check_base_pose, grid_poses

@@ -38,9 +38,9 @@ from tests.unit.programs.dialects import (
     robot_of,
 )
 
-RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 80_000, b"- " * 50_000]
-RUBBISH += [b"{" * 50_000, b"[" * 50_000, b"(" * 100_000, b'"' * 100_000, b"1," * 100_000]
-RUBBISH += [b"<!--" * 20_000, b"P[" * 50_000, b"[[" * 50_000, b" " * 300_000]
+RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 100_000, b"\n" * 30_000, b"- " * 20_000]
+RUBBISH += [b"{" * 10_000, b"[" * 10_000, b"(" * 30_000, b'"' * 30_000, b"1," * 30_000]
+RUBBISH += [b"<!--" * 10_000, b"P[" * 10_000, b"[[" * 10_000, b" " * 100_000]
 _TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -129,7 +129,7 @@ def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]
 
 
 @each_case
-@pytest.mark.parametrize("count", by_stage(40, 200, 5000))
+@pytest.mark.parametrize("count", by_stage(15, 100, 5000))
 def test_damaged_programs(name: str, form: str, count: int) -> None:
     file, text = written(name, form)
     assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
@@ -146,7 +146,7 @@ def dialect_of_export(file: str) -> Dialect:
 
 
 @each_export
-@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
+@pytest.mark.parametrize("count", by_stage(20, 75, 1000))
 def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file, count):
     dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
     assert dialect.recognises(data)
@@ -165,34 +165,34 @@ def test_every_cut_is_noticed(name: str) -> None:
             dialect_of(name).parse(text[:at].encode(), Path(file))
 
 
-LONG = 200_000
+LONG = 50_000
 # Quadratic work on a line like these would take minutes.
 HOSTILE = {
     "abb-rapid": [
         *("CONST " + " " * LONG + "x", "CONST jointtarget jp3" + " " * LONG + ":=[[1"),
-        *("CONST jointtarget jp3:=[[" + "1," * 25_000, "CONST jointtarget jp3:=" + "[" * LONG),
-        *("CONST jointtarget jp3:=[[" + "9" * LONG + "]];", "CONST jointtarget " * 20_000),
-        *("CONST jointtarget " + "x" * LONG + ":=[[1]];", "CONST " * 40_000, "!" * LONG),
-        *(";" * 20_000, "MoveAbsJ" + "\\x" * 25_000, "MoveJ " * 40_000, "PROC a(" * 40_000),
-        *("PROC a " * 40_000, "[1,2,3,4,5" * 20_000, "%%%" * 60_000, "x{" * 25_000),
-        *("x " * 25_000, "-0" * 25_000, "END" * 70_000),
+        *("CONST jointtarget jp3:=[[" + "1," * 6_250, "CONST jointtarget jp3:=" + "[" * LONG),
+        *("CONST jointtarget jp3:=[[" + "9" * LONG + "]];", "CONST jointtarget " * 5_000),
+        *("CONST jointtarget " + "x" * LONG + ":=[[1]];", "CONST " * 10_000, "!" * LONG),
+        *(";" * 5_000, "MoveAbsJ" + "\\x" * 6_250, "MoveJ " * 10_000, "PROC a(" * 10_000),
+        *("PROC a " * 10_000, "[1,2,3,4,5" * 5_000, "%%%" * 15_000, "x{" * 6_250),
+        *("x " * 6_250, "-0" * 6_250, "END" * 17_500),
     ],
     "kuka-krl": [
         *("DECL " + " " * LONG + "x", "DECL E6AXIS XP3" + " " * LONG + "={A1 1"),
-        *("XP3={A1 1," + " " * LONG + "x", "XP3={" + "A1 1," * 40_000, "BAS(" + " " * LONG),
+        *("XP3={A1 1," + " " * LONG + "x", "XP3={" + "A1 1," * 10_000, "BAS(" + " " * LONG),
         *("XP3={A1 " + "9" * LONG + "}", "X" * LONG + "={A1 1}", '"' * LONG + '";'),
-        *("PTP " + " " * LONG + "x", ";P1" + " " * LONG, "P[" * 100_000, "DEF " * 50_000),
-        "DECL E6AXIS " + "X[" * 100_000,
+        *("PTP " + " " * LONG + "x", ";P1" + " " * LONG, "P[" * 25_000, "DEF " * 12_500),
+        "DECL E6AXIS " + "X[" * 25_000,
     ],
     "staubli-val3": [
-        *("<a>" * 30_000, "<a>" * 30_000 + "</a>" * 30_000, f'<Value key="{"1" * LONG}" />'),
-        *(f'<Value key="0" j1="{"1" * LONG}" />', "&#65;" * 50_000),
+        *("<a>" * 7_500, "<a>" * 7_500 + "</a>" * 7_500, f'<Value key="{"1" * LONG}" />'),
+        *(f'<Value key="0" j1="{"1" * LONG}" />', "&#65;" * 12_500),
         f'<Data name="{"x" * LONG}" type="jointRx" size="1" />',
         f'<Data name="y" type="jointRx" size="{"9" * LONG}" />',
     ],
     "ur-script": [
-        *("movej(" + "get_inverse_kin(" * 30_000, "movej([" + "9" * 6000 + ",1,1,1,1,1])"),
-        "(\n" * 99_999,
+        *("movej(" + "get_inverse_kin(" * 7_500, "movej([" + "9" * 6000 + ",1,1,1,1,1])"),
+        "(\n" * 24_999,
     ],
     "robodk-csv": ["1" * LONG, "," * LONG, "J" * LONG, "1e" * LONG],
 }
@@ -204,7 +204,7 @@ LINES = [(name, k) for name, lines in HOSTILE.items() for k in range(len(lines))
 def test_a_damaged_line_is_not_tried_in_every_way(name: str, k: int) -> None:
     file, text = written(name, "joint")
     rows = text.split("\n")
-    for at in (0, 1, len(rows) // 2, len(rows) - 2):
+    for at in (1, len(rows) // 2):
         data = "\n".join([*rows[:at], HOSTILE[name][k], *rows[at:]]).encode()
         with suppress(FileFormatError):
             assert dialect_of(name).parse(data, Path(file)).positions
@@ -289,13 +289,13 @@ def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) ->
     return passing
 
 
-@pytest.mark.parametrize("count", by_stage(60, 150, 1000))
+@pytest.mark.parametrize("count", by_stage(30, 75, 1000))
 @pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
 def test_light_mutants_are_refused(name: str, form: str, count: int, tmp_path: Path) -> None:
     assert passing_mutants(name, form, Arm.of(robot_of(name)), count, tmp_path) == []
 
 
-@pytest.mark.parametrize("count", by_stage(60, 300, 1000))
+@pytest.mark.parametrize("count", by_stage(25, 100, 1000))
 @pytest.mark.parametrize("name", [name for name in CARRIED if name in FREE])
 def test_light_mutants_of_programs_on_slides_are_refused(name, count, tmp_path):
     assert passing_mutants(name, "joint", arm_on_slides(name), count, tmp_path) == []

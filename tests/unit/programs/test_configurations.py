@@ -11,14 +11,15 @@ import pytest
 from calib.errors import InputError
 from calib.robots import ChainState, Robot
 from calib.se3 import BoolArray, FloatArray
-from posedesign.programs.configuration import ROUNDING_DEG
 from posedesign.programs.configurations import (
     CONFIGURATIONS,
+    ROUNDING_DEG,
     FanucConfiguration,
+    arm_positions,
     configuration_of,
     words,
+    wrist_centre,
 )
-from posedesign.programs.configurations.geometry import arm_positions, wrist_centre
 
 PRESETS = {
     "fanuc": ("r2000ic165f", "lrmate200id", "m20ia"),

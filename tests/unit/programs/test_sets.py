@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from calib.errors import InputError, OutputError
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.pose_programs import import_touch_ups
-from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs import DIALECTS, Dialect, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.sets import SetMark, set_mark
 
 PULSES = (1000.0,) * 6
@@ -108,33 +107,30 @@ def test_a_folder_is_swapped_as_a_whole(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["CAL", "CAL.1"]
 
 
-KILLED = """
-import os, signal
-from pathlib import Path
-from tests.unit.programs.test_sets import program
-from posedesign.programs import DIALECTS
+def killed_between_files(dialect: Dialect, folder: Path) -> int:
+    """Status of a process that is killed when the second file of a program is put in its place."""
+    child = os.fork()
+    if not child:
+        replace, done = Path.replace, []
 
-replace, done = Path.replace, []
+        def once(self: Path, target: Path) -> Path:
+            if done:
+                os.kill(os.getpid(), signal.SIGKILL)
+            done.append(target)
+            return replace(self, target)
 
-def once(self, target):
-    if done:
-        os.kill(os.getpid(), signal.SIGKILL)
-    done.append(target)
-    return replace(self, target)
-
-Path.replace = once
-DIALECTS["kuka-krl"].write(program(4, plan="00c0ffee"), Path({folder!r}))
-"""
+        Path.replace = once  # type: ignore[method-assign,assignment]
+        try:
+            dialect.write(program(4, plan="00c0ffee"), folder)
+        finally:
+            os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def test_a_kill_between_two_files_is_found(tmp_path: Path, reference_cell: Cell) -> None:
     dialect = DIALECTS["kuka-krl"]
     dat, src = dialect.write(program(), tmp_path)
-    root = Path(__file__).parents[3]
-    ended = subprocess.run(
-        [sys.executable, "-c", KILLED.format(folder=str(tmp_path))], cwd=root, check=False
-    )
-    assert ended.returncode == -signal.SIGKILL
+    assert killed_between_files(dialect, tmp_path) == -signal.SIGKILL
     assert b"00c0ffee" in dat.read_bytes()
     assert b"abcdef12" in src.read_bytes()
     for path in (dat, src):

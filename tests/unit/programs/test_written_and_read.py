@@ -173,7 +173,7 @@ def check_round_trips(name: str, form: str, count: int, folder: Path) -> None:
 
 
 @each_case
-@pytest.mark.parametrize("count", by_stage(12, 50, 1000))
+@pytest.mark.parametrize("count", by_stage(6, 25, 1000))
 def test_random_plans_come_back(name: str, form: str, count: int, tmp_path: Path) -> None:
     check_round_trips(name, form, count, tmp_path)
 

@@ -73,10 +73,9 @@ def spread(values: FloatArray) -> dict[str, list[float]]:
     }
 
 
-def range_text(quantiles: Sequence[float], digits: int = 3) -> str:
-    """The median, and 5 to 95 % in brackets."""
-    low, _, middle, _, high = (f"{q:.{digits}f}" for q in quantiles)
-    return f"{middle} ({low} to {high})"
+def range_text(name: str, digits: int = 3) -> str:
+    """Format string of quantiles: the median, and 5 to 95 % in brackets."""
+    return writing.span(f".{digits}f", f"{name}[2]", f"{name}[0]", f"{name}[4]")
 
 
 def draw_choices(

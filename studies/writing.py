@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
+import string
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -122,19 +124,102 @@ def rounded(value: Any, digits: int) -> Any:
     return value
 
 
-def table_line(cells: Sequence[str]) -> str:
-    """A line of a table in Markdown."""
-    return f"| {' | '.join(cells)} |"
+class _Cells(string.Formatter):
+    """Format strings of cells, with more specifications of numbers than Python has.
+
+    ``p``: a percentage, without its sign; ``s`` before another one: no zero before the point;
+    ``n``: three digits, whole numbers from a hundred on; ``d``: two digits, three where the first
+    is a one, and no zero before the point. Powers of ten are short,
+    ``1.2e5``. What is in square brackets is a key: ``{below[share]:p}``.
+    """
+
+    def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        return kwargs[str(key)]
+
+    def format_field(self, value: Any, spec: str) -> str:
+        if value is None:
+            raise _NothingThereError
+        if spec == "n":
+            return f"{value:.3g}" if abs(value) < 100 else f"{value:,.0f}"
+        if spec == "d" and isinstance(value, float):
+            spec = "s.3g" if f"{abs(value):.1e}"[0] == "1" else "s.2g"
+        if spec.endswith("p"):
+            value, spec = 100.0 * value, f"{spec[:-1] or '.0'}f"
+        shown = format(value, spec.removeprefix("s"))
+        if spec.endswith("e"):
+            shown = shown.replace("e+0", "e")
+        return re.sub(r"^([+-]?)0\.", r"\1.", shown) if spec.startswith("s") else shown
 
 
-def table_of(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    return "\n".join([table_line(head), "|---" * len(head) + "|", *map(table_line, rows)])
+class _NothingThereError(Exception):
+    """A cell has a number that is not there."""
 
 
-def table_by(rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]]) -> str:
-    """A table in Markdown, its cells by the heads of their columns."""
-    return table_of(list(columns), [[cell(row) for cell in columns.values()] for row in rows])
+Cell = str | Callable[[Any], str]
+"""How a row is written: a format string of the names of its columns, or a function of it."""
+
+
+def cell(row: Mapping[str, Any], how: Cell, none: str = "-") -> str:
+    """A row as it is written; ``none`` where a number of it is None."""
+    try:
+        return how(row) if callable(how) else _Cells().vformat(how, (), row)
+    except _NothingThereError:
+        return none
+
+
+Cells = Mapping[str, Cell] | Sequence[Cell]
+"""Those of a table by the heads of its columns; without heads, of its rows alone."""
+
+
+Cells = Mapping[str, Cell] | Sequence[Cell]
+"""Those of a table by the heads of its columns; without heads, of its rows alone."""
+
+
+def table(rows: Iterable[Any], columns: Cells, heads: Sequence[str] = (), none: str = "-") -> str:
+    """A table in Markdown; ``heads``: of columns that have none of their own."""
+    own, hows = _apart(columns)
+    return lines_of(own or heads, ([cell(row, how, none) for how in hows] for row in rows))
+
+
+def table_across(rows: Iterable[Any], along: Cells, by: str, columns: Cells) -> str:
+    """A table of which rows that are written alike in the first columns are one.
+
+    Beside each other stand the other columns of each of them; ``{}`` in their heads is its name in
+    the column ``by``.
+    """
+    (first, keys), (rest, hows) = _apart(along), _apart(columns)
+    found: dict[tuple[str, ...], dict[Any, Any]] = {}
+    names: dict[Any, None] = {}
+    for row in rows:
+        names[row[by]] = None
+        found.setdefault(tuple(cell(row, how) for how in keys), {})[row[by]] = row
+    heads = [*first, *(head.format(name) for name in names for head in rest)]
+    return lines_of(
+        heads,
+        (
+            [*key, *(cell(of[name], how) if name in of else "" for name in names for how in hows)]
+            for key, of in found.items()
+        ),
+    )
+
+
+def _apart(columns: Cells) -> tuple[list[str], list[Cell]]:
+    if isinstance(columns, Mapping):
+        return list(columns), list(columns.values())
+    return [], list(columns)
+
+
+def lines_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown of cells as they are."""
+    lines = [f"| {' | '.join(cells)} |" for cells in ((heads, *rows) if heads else rows)]
+    return "\n".join([*lines[:1], "|---" * len(heads) + "|", *lines[1:]] if heads else lines)
+
+
+def span(spec: str, middle: str, low: str = "", high: str = "") -> str:
+    """Format string of a number with its interval, of the names or of ``x_low`` and ``x_high``."""
+    stem, unit = middle.removesuffix("_mm"), "_mm" if middle.endswith("_mm") else ""
+    low, high = low or f"{stem}_low{unit}", high or f"{stem}_high{unit}"
+    return f"{{{middle}:{spec}}} ({{{low}:{spec}}} to {{{high}:{spec}}})"
 
 
 def trials_of(options: Options, own: int, least: int = 2) -> int:

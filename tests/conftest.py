@@ -7,8 +7,12 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import atexit
 import gc
 import json
+import shutil
+import sys
+import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -23,7 +27,17 @@ from hypothesis import settings
 from calib import Robot, mat_file
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
+from posedesign.identification import models
 from posedesign.study.library import find_study
+
+# Containers often forbid byte code, and each process of a test would compile all the libraries then:
+# half of the time of most. It is kept where one said, or for as long as the tests run.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    sys.dont_write_bytecode = False
+    if sys.pycache_prefix is None:
+        sys.pycache_prefix = tempfile.mkdtemp(prefix="posedesign-")
+        os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+        atexit.register(shutil.rmtree, sys.pycache_prefix, ignore_errors=True)
 
 settings.register_profile(
     "repeatable", database=None, deadline=None, derandomize=True, max_examples=25
@@ -61,6 +75,12 @@ def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:
         if keys is None:
             del raw[name]
     return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
+
+
+@pytest.fixture
+def one_alternative(monkeypatch) -> None:
+    """One arm without some of what may be off, for tests that are not about which is probable."""
+    monkeypatch.setattr(models, "_ABSENT", models._ABSENT[-1:])
 
 
 @pytest.fixture(scope="session")

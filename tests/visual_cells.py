@@ -16,9 +16,8 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.robots import Robot
+from calib.robots import Robot, preset_info
 from calib.robots.inverse import NEAR_SINGULAR
-from calib.robots.presets import load_preset
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
 from calib.vision.camera import (
     Camera,
@@ -146,7 +145,7 @@ def preset(name: str) -> Robot:
 @cache
 def usual_posture(name: str) -> FloatArray:
     """Where an arm of a preset measures [rad]."""
-    return np.deg2rad(load_preset(name).base_posture_deg)
+    return np.deg2rad(preset_info(name)["base_posture_deg"])
 
 
 def taught_posture(name: str, rng: np.random.Generator) -> FloatArray:

@@ -148,12 +148,16 @@ def pixel_scale(parts: Deviations, some: BoolArray | slice = slice(None)) -> flo
     return float(np.sqrt(max(squares, 0.0) / max(freedom, 1.0)))
 
 
-def restricted(parts: Deviations) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """Restricted likelihood of the logarithms ``(2,)`` of the arm's deviations [m, rad].
+def restricted(
+    parts: Deviations,
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]:
+    """Restricted likelihood of logarithms ``(L, 2)`` of the arm's deviations [m, rad].
 
-    Of its logarithm minus the double, and the slope ``(2,)`` of that (Harville, J. Am. Stat. Assoc.
-    72, 1977): ``log |V| + log |A| + yᵀV⁻¹y - bᵀA⁻¹b``, with ``A`` and ``b`` of the normal equations
-    of the parameters.
+    Of its logarithm minus the double ``(L,)``, the slope of that ``(L, 2)`` and its curvature
+    ``(L, 2, 2)``: ``log |V| + log |A| + yᵀV⁻¹y - bᵀA⁻¹b``, with ``A`` and ``b`` of the normal
+    equations of the parameters (Harville, J. Am. Stat. Assoc. 72, 1977). The curvature is the
+    mean of what is expected and what is observed (Gilmour, Thompson and Cullis, Biometrics 51,
+    1995).
     """
     y, H = parts.off, parts.by_parameters
     within = parts.within_blocks.sum(axis=0) + parts.known_block
@@ -161,25 +165,35 @@ def restricted(parts: Deviations) -> Callable[[FloatArray], tuple[float, FloatAr
     unit = np.where(unit > 0, unit, 1.0)
     H, within = H / unit, within / np.outer(unit, unit)
     right = (parts.within_right.sum(axis=0) + parts.known_right) / unit
-    rows, axes = H.reshape(y.size, -1), np.diag_indices(6)
+    N, _, p = H.shape
+    rows = H.reshape(-1, p)
+    part = np.repeat(np.eye(2), 3, axis=0)  # (6, 2): which of the six are of which deviation
 
-    def unlikely(log_sigma: FloatArray) -> tuple[float, FloatArray]:
-        V = parts.covariance.copy()
+    def unlikely(log_sigma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         variance = np.exp(2.0 * log_sigma)
-        V[:, axes[0], axes[1]] += np.repeat(variance, 3)
-        inverse = np.linalg.inv(V)
-        white, columns = (inverse @ y[..., None])[..., 0], inverse @ H
-        A = rows.T @ columns.reshape(rows.shape) + within
-        b = rows.T @ white.ravel() + right
+        V = parts.covariance + (variance @ part.T)[:, None, None, :] * np.eye(6)
+        inverse = np.linalg.inv(V)  # (L, N, 6, 6)
+        white, columns = inverse @ y[..., None], (inverse @ H).reshape(-1, 6 * N, p)
+        A = rows.T @ columns + within
+        b = white.reshape(-1, 6 * N) @ rows + right
         values, vectors = np.linalg.eigh(A)
-        kept = values > 1e-12 * values[-1]
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        along = b @ root
-        log_det = np.linalg.slogdet(V)[1].sum() + np.log(values[kept]).sum()
-        off = white - columns @ (root @ along)
-        own = inverse[:, axes[0], axes[1]] - ((columns @ root) ** 2).sum(axis=2) - off**2
-        slope = 2.0 * variance * own.sum(axis=0).reshape(2, 3).sum(axis=1)
-        return float(log_det + np.sum(white * y) - along @ along), slope
+        kept = values > 1e-12 * values[:, -1:]
+        values = np.where(kept, values, 1.0)
+        root = np.where(kept[:, None], vectors / np.sqrt(values)[:, None], 0.0)
+        along = np.swapaxes(root, 1, 2) @ b[..., None]
+        log_det = np.linalg.slogdet(V)[1].sum(axis=1) + np.log(values).sum(axis=1)
+        columns = columns @ root
+        off = white.reshape(-1, 6 * N, 1) - columns @ along
+        own = np.diagonal(inverse, axis1=2, axis2=3).reshape(-1, 6 * N)
+        own = own - (columns**2).sum(axis=2) - off[..., 0] ** 2
+        slope = 2.0 * variance * (own.reshape(-1, N, 6).sum(axis=1) @ part)
+        # what a change of each of the two variances does to the rows
+        moved = 2.0 * variance[:, None] * np.tile(part, (N, 1)) * off
+        taken = np.swapaxes(columns, 1, 2) @ moved
+        whole = (inverse @ moved.reshape(-1, N, 6, 2)).reshape(moved.shape)
+        curvature = np.swapaxes(moved, 1, 2) @ whole - np.swapaxes(taken, 1, 2) @ taken
+        value = log_det + (white[..., 0] * y).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2))
+        return value, slope, curvature
 
     return unlikely
 
@@ -188,36 +202,51 @@ AS_LIKELY = 0.2
 """Twice the logarithm of a likelihood by which another deviation has to be likelier than the one
 at hand: of two that are as likely, each would follow from the fit with the other, without end."""
 
+_MOST_STEPS, _LONGEST, _ARRIVED = 60, 3.0, 1e-6
+"""Steps to the likeliest deviation; their longest, and the one that counts as none (logarithms)."""
+
 
 def arm_deviation(parts: Deviations, now: tuple[float, float] | None = None) -> tuple[float, float]:
     """Standard deviations of where the tip stops: along each axis [m], about each axis [rad].
 
-    Zero where the pixels' noise explains all of it.
+    Zero where the pixels' noise explains all of it. By Newton's steps from several starts at once.
 
     Parameters
     ----------
     now : tuple of float, optional
         The deviation at hand; that near it is kept where no other is likelier.
     """
-    from scipy.optimize import minimize
-
     y, unlikely = parts.off, restricted(parts)
-    low, high = np.log(LEAST_ARM), np.log(_MOST_ARM)
-    start = np.log(np.clip([y[:, :3].std() / 2, y[:, 3:].std() / 2], LEAST_ARM, _MOST_ARM))
-    starts = [start, np.array([start[0], low[1]]), np.array([low[0], start[1]])]
+    scatter = y[:, :3].std() / 2, y[:, 3:].std() / 2
+    starts = [scatter, (scatter[0], LEAST_ARM[1]), (LEAST_ARM[0], scatter[1])]
     if now is not None:
-        starts.insert(0, np.log(np.clip(now, LEAST_ARM, _MOST_ARM)))
-    ends = [
-        minimize(unlikely, at, jac=True, bounds=list(zip(low, high, strict=True))) for at in starts
-    ]
-    best = min(ends, key=lambda found: float(found.fun))
-    if now is not None and ends[0].fun <= best.fun + AS_LIKELY:
-        best = ends[0]
-    sigma = np.exp(best.x)
-    m, rad = (
-        0.0 if value < 2.0 * least else float(value)
-        for value, least in zip(sigma, LEAST_ARM, strict=True)
-    )
+        starts.insert(0, now)
+    low, high = np.log(LEAST_ARM), np.log(_MOST_ARM)
+    x = np.clip(np.log(np.maximum(starts, LEAST_ARM)), low, high)
+    damping = np.zeros(len(x))
+    value, slope, curvature = unlikely(x)
+    for _ in range(_MOST_STEPS):
+        # at a bound only the way back is free
+        free = ~(((x <= low) & (slope >= 0.0)) | ((x >= high) & (slope <= 0.0)))
+        own = np.einsum("lii->li", curvature)
+        matrix = curvature * free[:, :, None] * free[:, None]
+        more = damping[:, None] * own + np.finfo(float).tiny
+        matrix[:, [0, 1], [0, 1]] = np.where(free, own + more, 1.0)
+        step = -np.linalg.solve(matrix, np.where(free, slope, 0.0)[..., None])[..., 0]
+        new = np.clip(x + np.clip(step, -_LONGEST, _LONGEST), low, high)
+        if (np.abs(new - x) < _ARRIVED).all():
+            break
+        there = unlikely(new)
+        good = there[0] <= value + 1e-12 * np.abs(value)
+        x = np.where(good[:, None], new, x)
+        value, slope = np.where(good, there[0], value), np.where(good[:, None], there[1], slope)
+        curvature = np.where(good[:, None, None], there[2], curvature)
+        damping = np.where(good, damping / 10.0, np.maximum(10.0 * damping, 0.1))
+    best = int(np.argmin(value))
+    if now is not None and value[0] <= value[best] + AS_LIKELY:
+        best = 0
+    sigma = np.exp(x[best])
+    m, rad = np.where(sigma < 2.0 * np.array(LEAST_ARM), 0.0, sigma).tolist()
     return m, rad
 
 

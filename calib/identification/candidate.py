@@ -114,14 +114,16 @@ def fit(
 
 
 def _tune(
-    candidate: Candidate, data: Measurements, loss: Loss, *, identifiable: bool = False
+    candidate: Candidate, data: Measurements, loss: Loss, like: IdentificationResult | None = None
 ) -> TunedPriors:
+    """Find sizes and noise, from the weights of a model that has the same parameters and more."""
     return tune_priors(
         candidate.model,
         data,
         candidate.groups,
         loss=loss if loss in LOSSES else "student-t",
-        identifiable=identifiable,
+        weights=None if like is None else like.weights,
+        identifiable=like is not None,
     )
 
 
@@ -263,7 +265,7 @@ def fit_reference(
         ]
         one = replace(one, model=one.model.with_measurements(kinds))
         with suppress(CalibError):
-            tuned = _tune(one, data, usual, identifiable=True)  # as the whole arm is
+            tuned = _tune(one, data, usual, fitted.result)
             if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
                 fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
             logs[one.name] = tuned.log_marginal

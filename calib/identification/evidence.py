@@ -146,6 +146,7 @@ def tune_priors(
     *,
     loss: Loss = "least-squares",
     noise_bounds: tuple[float, float] = NOISE_BOUNDS,
+    weights: FloatArray | None = None,
     identifiable: bool = False,
 ) -> TunedPriors:
     """Find the standard deviations of groups of parameters, and noise that is not known.
@@ -160,6 +161,8 @@ def tune_priors(
         As in the identification that is to follow.
     noise_bounds : tuple of float
         Of noise that is to be estimated, over what it starts with.
+    weights : array (N,), optional
+        Of the squares of the measurements, to start from: those of a similar model are near.
     identifiable : bool
         That a model was checked which has these parameters, and more: this one needs no check.
 
@@ -188,10 +191,10 @@ def tune_priors(
     x = first_guess(tuned, data)
     if not identifiable:
         check_identifiable_at(tuned, data, x)
-    rows, weights = model.rows_read(data.setup), np.ones(data.count)
+    rows, w = model.rows_read(data.setup), np.ones(data.count) if weights is None else weights
 
     def linearised() -> LinearEvidence:
-        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
+        shares = w / costs_of(tuned, data, x, w, loss)[0]  # as the fit has them
         return linear_evidence(model, data, x, members, shares)
 
     for passes in range(_PASSES):  # linearise, maximise, solve and weigh
@@ -200,8 +203,8 @@ def tune_priors(
             theta = known.likeliest(problem, theta)
         x = problem.parameters(theta)
         tuned = _applied(model, data, members, theta)
-        lighter, weights = weights, WEIGHTS[loss](distances2(tuned, data, x), rows)
-        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(weights - lighter).max())
+        lighter, w = w, WEIGHTS[loss](distances2(tuned, data, x), rows)
+        moved = max(np.abs(theta - before).max(initial=0.0), np.abs(w - lighter).max())
         if moved < _SETTLED and passes > 1:
             break
     else:
@@ -215,7 +218,7 @@ def tune_priors(
     log_evidence = problem.log_evidence(theta)[0]
     log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
-        log_marginal += log_weights(weights)
+        log_marginal += log_weights(w)
     moves = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
@@ -224,7 +227,7 @@ def tune_priors(
         log_evidence=log_evidence,
         log_marginal=log_marginal,
         x=x,
-        weights=weights,
+        weights=w,
         covariance=moves @ np.linalg.solve(curvature, moves.T),
         passes=passes + 1,
         notes=tuple(_notes(groups, theta, known.bounds)),
@@ -283,19 +286,22 @@ class _Known:
 
         from scipy.optimize import minimize
 
+        # in units of what each is known by at best, so that no direction is much steeper than others
+        unit = 1.0 / np.sqrt(2.0 * problem.counts)
+
         def worse(t: FloatArray) -> tuple[float, FloatArray]:
-            value, gradient = self.slope(problem, t)
-            return -value, -gradient
+            value, gradient = self.slope(problem, t * unit)
+            return -value, -gradient * unit
 
         found = minimize(
             worse,
-            np.clip(theta, *self.bounds),
+            np.clip(theta, *self.bounds) / unit,
             jac=True,
             method="L-BFGS-B",
-            bounds=[(float(low), float(high)) for low, high in self.bounds.T],
+            bounds=list(zip(*(self.bounds / unit), strict=True)),
             options={"maxiter": 300, "ftol": 1e-13, "gtol": 1e-5},
         )
-        return np.asarray(found.x)
+        return np.clip(found.x * unit, *self.bounds)
 
     def information(self, problem: LinearEvidence, theta: FloatArray) -> FloatArray:
         """Information ``(G + C, G + C)``: the curvature, but no less than the bounds give."""
@@ -368,89 +374,66 @@ def _notes(groups: Sequence[PriorGroup], theta: FloatArray, bounds: FloatArray) 
 class LinearEvidence:
     """Marginal likelihood of a linearised problem, as a function of its standard deviations.
 
-    Parameters are ``x = nominal + unit z``; rows of the class c over their noise, ``B_c z - y_c``,
-    have the variance ``exp(2 t_c)``. Those of the last class have the variance 1: what is measured
-    with noise that is given, and what is known besides.
+    Parameters are ``x = nominal + unit z``; rows ``B_c z - y_c`` of the class c have the variance
+    ``exp(2 t_c)``: of each group those of its prior, then of each noise what is measured with it,
+    over what it starts with. Those of the last class have the variance 1: what is measured with
+    noise that is given, and what is known besides.
     """
 
     nominal: FloatArray
     unit: FloatArray  # nominal, unit (p,)
-    pull: FloatArray
-    """(p,): ``unit`` over the standard deviation of each parameter, in units of that of its
-    group."""
     grams: FloatArray  # (C + 1, p + 1, p + 1): ``[B y]ᵀ[B y]`` of each class
     counts: FloatArray  # (C,): rows of each class but the last
-    members: tuple[IntArray, ...]  # columns of the parameters of each of G groups
     constant: float  # what of the logarithm no standard deviation changes
 
-    def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Best parameters z ``(p,)``, their covariance ``(p, p)``, and half log of its inverse."""
-        from scipy.linalg import cho_factor, cho_solve
+    def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+        """Best ``[z -1]`` (p + 1,), covariance ``(p, p)`` of z, half log of its inverse, weights.
 
-        gram = np.einsum("c,cij->ij", self._precisions(theta), self.grams)
-        H = gram[:-1, :-1].copy()
-        for columns, log_sigma in zip(self.members, theta, strict=False):
-            H[columns, columns] += self.pull[columns] ** 2 * np.exp(-2.0 * log_sigma)
-        try:
-            factor = cho_factor(H, lower=True)
-        except np.linalg.LinAlgError:
+        The weights ``(C + 1,)`` are the precisions of the classes.
+        """
+        from scipy.linalg.lapack import dpotrf, dpotri
+
+        precisions = np.append(np.exp(-2.0 * theta), 1.0)
+        gram = np.tensordot(precisions, self.grams, axes=1)
+        factor, failed = dpotrf(gram[:-1, :-1])
+        if failed:
             raise ConvergenceError(
                 "sizes of priors cannot be found: at some of them rounding hides what the "
                 "measurements tell",
                 hint="give the noise of the measurements, or free fewer parameters",
-            ) from None
-        covariance = cho_solve(factor, np.eye(len(H)))
-        half_log = float(np.log(np.diag(factor[0])).sum())
-        return np.asarray(covariance @ gram[:-1, -1]), np.asarray(covariance), half_log
-
-    def _precisions(self, theta: FloatArray) -> FloatArray:
-        return np.append(np.exp(-2.0 * theta[len(self.members) :]), 1.0)
+            )
+        upper = np.triu(dpotri(factor)[0])
+        covariance = upper + np.triu(upper, 1).T
+        half_log = float(np.log(np.diag(factor)).sum())
+        return np.append(covariance @ gram[:-1, -1], -1.0), covariance, half_log, precisions
 
     def parameters(self, theta: FloatArray) -> FloatArray:
         """Likeliest parameters ``(p,)`` [SI]."""
-        return np.asarray(self.nominal + self.unit * self._solve(theta)[0])
+        return np.asarray(self.nominal + self.unit * self._solve(theta)[0][:-1])
 
     def sensitivity(self, theta: FloatArray) -> FloatArray:
-        """Derivatives ``(p, G + C)`` of the likeliest parameters [SI], see :meth:`log_evidence`.
+        """Derivatives ``(p, C)`` of the likeliest parameters [SI], see :meth:`log_evidence`.
 
         Of ``H z = b``, in closed form: differences would amplify the rounding of the solution.
         """
-        z, covariance, _ = self._solve(theta)
-        columns_of = []
-        for g, columns in enumerate(self.members):
-            pull = np.zeros(len(z))
-            pull[columns] = 2.0 * (self.pull[columns] * np.exp(-theta[g])) ** 2 * z[columns]
-            columns_of.append(pull)
-        ends = np.append(z, -1.0)
-        for gram, precision in zip(self.grams[:-1], self._precisions(theta), strict=False):
-            columns_of.append(2.0 * precision * (gram[:-1] @ ends))
-        moved = covariance @ np.array(columns_of).reshape(-1, len(z)).T
-        return np.asarray(self.unit[:, None] * moved)
+        ends, covariance, _, precisions = self._solve(theta)
+        pulls = 2.0 * precisions[:-1, None] * (self.grams[:-1, :-1] @ ends)
+        return np.asarray(self.unit[:, None] * (covariance @ pulls.T))
 
     def log_evidence(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """Logarithm of the marginal likelihood, and its gradient ``(G + C,)``.
+        """Logarithm of the marginal likelihood, and its gradient ``(C,)``.
 
         Parameters
         ----------
-        theta : array (G + C,)
+        theta : array (C,)
             Logarithms of the standard deviations of the groups [SI], then of the noise of the
-            classes over what they start with.
+            others over what it starts with.
         """
-        z, covariance, half_log = self._solve(theta)
-        ends = np.append(z, -1.0)
-        squares = np.einsum("i,cij,j->c", ends, self.grams, ends)  # of the residuals of each class
-        precisions = self._precisions(theta)
-        value = self.constant - 0.5 * squares @ precisions - half_log
-        gradient = np.empty_like(theta)
-        for g, columns in enumerate(self.members):
-            share = (self.pull[columns] * np.exp(-theta[g])) ** 2
-            value -= 0.5 * share @ z[columns] ** 2 + len(columns) * theta[g]
-            spread = z[columns] ** 2 + covariance[columns, columns]
-            gradient[g] = share @ spread - len(columns)
-        taken = np.einsum("ij,cij->c", covariance, self.grams[:-1, :-1, :-1])
-        value -= self.counts @ theta[len(self.members) :]
-        gradient[len(self.members) :] = precisions[:-1] * (squares[:-1] + taken) - self.counts
-        return float(value), gradient
+        ends, covariance, half_log, precisions = self._solve(theta)
+        squares = self.grams @ ends @ ends  # of the residuals of each class
+        value = self.constant - 0.5 * squares @ precisions - half_log - self.counts @ theta
+        taken = np.tensordot(self.grams[:-1, :-1, :-1], covariance)
+        return float(value), precisions[:-1] * (squares[:-1] + taken) - self.counts
 
 
 def linear_evidence(
@@ -469,40 +452,40 @@ def linear_evidence(
         tied[columns] = True
         shares[columns] = proportions(model.prior[columns])
     fixed = model.with_prior(np.where(tied, np.inf, model.prior))
-    linear = model.linearise_at(data, x)
-    weighed = linear.weighed(weights)
+    weighed = model.linearise_at(data, x).weighed(weights)
     rows, J = weighed.white_rows, weighed.white_jacobian
-    known, K = fixed.known(x[None])
-    unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K[0]]))
-    classes, counts = noise_classes(model, data), []
+    known, K = (each[0] for each in fixed.known(x[None]))
+    unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K]))
+
+    def gram(rows: FloatArray, J: FloatArray) -> FloatArray:
+        both = np.column_stack([J * unit, J @ (x - model.nominal) - rows])
+        return np.asarray(both.T @ both)
+
     there = data.setup.seen  # rows that measurements have; others fill the block
     if there is None:
         there = np.arange(model.rows) < model.rows_read(data.setup)[:, None]
-    grams = np.zeros((len(classes) + 1, model.p + 1, model.p + 1))
-    rest = there.copy()
-    for c, own in enumerate(classes):
-        grams[c] = _gram(rows[own], J[own], x - model.nominal, unit)
-        counts.append(float(own.sum()))
-        rest &= ~own
-    grams[-1] = _gram(rows[rest], J[rest], x - model.nominal, unit)
-    grams[-1] += _gram(known[0], K[0], x - model.nominal, unit)
+    classes = noise_classes(model, data)
+    rest = there & ~np.any(classes, axis=0) if classes else there
+    priors = np.zeros((len(members), model.p + 1, model.p + 1))
+    for own, columns in zip(priors, members, strict=True):
+        own[columns, columns] = (unit / shares)[columns] ** 2
+    found = [*priors, *(gram(rows[own], J[own]) for own in classes)]
+    counts = [len(columns) for columns in members] + [own.sum() for own in classes]
     # densities of the rows as they were, before noise and weights divided them, and of what is
     # known besides
     sigma = np.ones(there.shape)
     for k, kind in enumerate(model.measurements):
         sigma[data.setup.kind == k, : kind.rows] = kind.sigma
-    given = fixed.prior[np.isfinite(fixed.prior)]
-    constant = float(
-        np.log(np.sqrt(weights)[:, None] / sigma)[there].sum()
-        + np.log(unit).sum()
-        - np.log(given).sum()
-    )
-    constant -= float(np.log(shares).sum())
-    constant -= sum(np.log(known.sigma_m) for known in model.distances)
-    left = int(there.sum()) + known.shape[1] + int(tied.sum()) - model.p
-    constant -= 0.5 * left * np.log(2.0 * np.pi)
+    given = [fixed.prior[np.isfinite(fixed.prior)], [known.sigma_m for known in model.distances]]
+    constant = np.log(np.sqrt(weights)[:, None] / sigma)[there].sum() + np.log(unit / shares).sum()
+    constant -= np.log(np.concatenate(given)).sum()
+    left = int(there.sum()) + len(known) + int(tied.sum()) - model.p
     return LinearEvidence(
-        model.nominal, unit, unit / shares, grams, np.array(counts), tuple(members), constant
+        model.nominal,
+        unit,
+        np.array([*found, gram(rows[rest], J[rest]) + gram(known, K)]),
+        np.array(counts, dtype=float),
+        float(constant - 0.5 * left * np.log(2.0 * np.pi)),
     )
 
 
@@ -511,12 +494,6 @@ def proportions(prior: FloatArray) -> FloatArray:
     if not np.isfinite(prior).all():
         return np.ones_like(prior)
     return np.asarray(prior / np.sqrt(np.mean(prior**2)))
-
-
-def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) -> FloatArray:
-    """``[B y]ᵀ[B y]`` of rows (M,) with the derivative (M, p), off the nominal values by (p,)."""
-    both = np.column_stack([J * unit, J @ moved - rows])
-    return np.asarray(both.T @ both)
 
 
 def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:

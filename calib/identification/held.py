@@ -247,11 +247,12 @@ def log_odds(found: Tuned, effect: Effect) -> float:
     model, data = held.model, held.data
     members = members_of(model, found.priors.groups)
     plain = linear_evidence(model, data, held.x, members, np.ones(data.count))
-    start = np.append(np.log(found.priors.sigma), np.zeros(len(plain.counts)))
+    start = np.zeros(len(plain.counts))
+    start[: len(members)] = np.log(found.priors.sigma)
     before = plain.log_evidence(start)[0]
-    wider = _with(plain, held, effect)
+    wider = _with(plain, held, effect, len(members))
     bounds = [(np.log(group.lower), np.log(group.upper)) for group in found.priors.groups]
-    bounds += [_NOISE] * len(plain.counts)
+    bounds += [_NOISE] * (len(plain.counts) - len(members))
 
     def worse(theta: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = wider.log_evidence(theta)
@@ -261,7 +262,7 @@ def log_odds(found: Tuned, effect: Effect) -> float:
     return float((-best.fun - before) * lasting(effect.alike) - effect.tried)
 
 
-def _with(plain: LinearEvidence, held: Held, effect: Effect) -> LinearEvidence:
+def _with(plain: LinearEvidence, held: Held, effect: Effect, groups: int) -> LinearEvidence:
     """The linearised problem with the columns of an effect as further parameters."""
     model, data = held.model, held.data
     k, p = effect.columns.shape[-1], model.p
@@ -269,20 +270,18 @@ def _with(plain: LinearEvidence, held: Held, effect: Effect) -> LinearEvidence:
     both = np.concatenate([held.J * plain.unit, effect.columns, y[..., None]], axis=-1)
     masks = noise_classes(model, data)
     masks.append(~np.any(masks, axis=0) if masks else np.ones(both.shape[:2], dtype=bool))
-    kept = [*range(p), p + k]
-    grams = np.zeros((len(masks), p + k + 1, p + k + 1))
-    for c, own in enumerate(masks):
+    grams = np.zeros((len(plain.grams), p + k + 1, p + k + 1))
+    for c, own in enumerate(masks, start=groups):
         grams[c] = both[own].T @ both[own]
-        grams[c][np.ix_(kept, kept)] = plain.grams[c]  # with what is known besides
+    kept = [*range(p), p + k]
+    grams[np.ix_(range(len(grams)), kept, kept)] = plain.grams  # with what is known besides
     added = np.arange(p, p + k)
     grams[-1, added, added] += effect.usual**-2
     return LinearEvidence(
         np.append(plain.nominal, np.zeros(k)),
         np.append(plain.unit, np.ones(k)),
-        np.append(plain.pull, np.ones(k)),
         grams,
         plain.counts,
-        plain.members,
         plain.constant - k * float(np.log(effect.usual)),
     )
 

@@ -271,9 +271,15 @@ def variance_factor(loss: Loss, rows: int, share: float = 1.0) -> float:
 @cache
 def _expected(loss: Loss, rows: int, share: float) -> tuple[float, float, float]:
     """Means of w, w s²/m and w² s²/m for s² of m Gaussian rows; w of ``share`` of the s²."""
-    s2 = chi2_quantile((np.arange(_NODES) + 0.5) / _NODES, rows)
+    s2 = _nodes(rows)
     w = WEIGHTS[loss](share * s2, np.full(_NODES, rows))
     return float(w.mean()), float(np.mean(w * s2)) / rows, float(np.mean(w**2 * s2)) / rows
+
+
+@cache
+def _nodes(rows: int) -> FloatArray:
+    """Quantiles of the squares of m Gaussian rows."""
+    return chi2_quantile((np.arange(_NODES) + 0.5) / _NODES, rows)
 
 
 def log_weights(weights: FloatArray) -> float:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from calib.errors import RobotModelError, near_names
+from calib.errors import RobotModelError, model_error, near_names
 from calib.robots.chain import ExternalAxes, SerialChain
 from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, transform
@@ -27,14 +28,31 @@ MOST_JOINTS = 100
 """Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
 
 
+@dataclass(frozen=True, eq=False)
+class RobotDescription:
+    """What is known of a robot, or of a whole cell of them, before a chain is taken out of it."""
+
+    model: pin.Model
+    """Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg."""
+    shapes: Sequence[LinkShape] = ()  # collision geometry
+    lost_shapes: Sequence[str] = ()
+    """Links with collision geometry that cannot be had; ``notices`` say why."""
+    notices: Sequence[str] = ()  # what was read otherwise than it stands in the file
+    joint_notices: Mapping[str, str] = field(default_factory=dict)
+    """The same of single joints, which matters where the joint moves."""
+    flaws: Mapping[str, RobotModelError] = field(default_factory=dict)
+    """Joints that can be held still but not moved, and why: no limits, or led by another joint."""
+    led: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+    """Joints that follow another: its name, the factor and the offset [rad, m]."""
+    stiffness: Mapping[str, float] = field(default_factory=dict)  # of reducers, by joint [Nm/rad]
+
+
 def frame_id(model: pin.Model, name: str) -> int:
     """Index of a link's frame; RobotModelError with near names where there is none."""
     # getFrameId returns nframes in silence for a name that does not exist
     if not model.existFrame(name, pin.FrameType.BODY):
         known = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-        raise RobotModelError(
-            f"{model.name}: there is no link {name!r}", hint=near_names(name, known), name=name
-        )
+        raise model_error(model.name, f"there is no link {name!r}", near_names(name, known), name)
     return int(model.getFrameId(name, pin.FrameType.BODY))
 
 
@@ -43,10 +61,10 @@ def root_id(model: pin.Model) -> int:
     for i, frame in enumerate(model.frames):
         if frame.type == pin.FrameType.BODY and frame.parentJoint == 0:
             return i
-    raise RobotModelError(
-        f"{model.name}: has no link that its first joint hangs on",
-        hint="add a frame of type BODY on joint 0, or name a base",
-        name=model.name,
+    raise model_error(
+        model.name,
+        "has no link that its first joint hangs on",
+        "add a frame of type BODY on joint 0, or name a base",
     )
 
 
@@ -93,51 +111,43 @@ def joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
     """Indices of the moving joints among the names; a fixed joint is locked already."""
     moving = list(model.names)[1:]
     found = []
-    for name in [lock] if isinstance(lock, str) else lock:
+    for name in lock:
         if name in moving:
             found.append(int(model.getJointId(name)))
         elif not model.existFrame(name, pin.FrameType.FIXED_JOINT):
-            raise RobotModelError(
-                f"{model.name}: there is no joint {name!r} to lock",
-                hint=near_names(name, moving),
-                name=name,
+            raise model_error(
+                model.name, f"there is no joint {name!r} to lock", near_names(name, moving), name
             )
     return sorted(set(found))
 
 
+def _joint_error(
+    model: pin.Model, name: str, what: str, hint: str, **found: object
+) -> RobotModelError:
+    return model_error(model.name, f"joint {name} {what}", hint, name, **found)
+
+
 def values_held(
-    model: pin.Model,
+    described: RobotDescription,
     locked: Sequence[int],
     held_rad: Mapping[str, float],
     held_m: Mapping[str, float],
     state: Mapping[str, float],
-    led: Mapping[str, tuple[str, float, float]],
-    flaws: Mapping[str, RobotModelError],
 ) -> dict[int, float]:
     """Values other than zero [rad, m] of locked joints: as asked, or as their leader has it.
 
-    Parameters
-    ----------
-    held_rad, held_m : mapping of str to float
-        As asked, of joints that turn and of joints that slide.
-    state : mapping of str to float
-        Of joints of either kind, where nothing else is asked; those that are not locked do not
-        matter.
-    led : mapping of str to (str, float, float)
-        Joints that follow another: its name, the factor and the offset.
-    flaws : mapping of str to RobotModelError
-        Joints whose limits mean nothing.
+    As asked of joints that turn and of joints that slide; in a ``state``, of joints of either kind,
+    where nothing else is asked.
     """
+    model = described.model
     for name in (*held_rad, *held_m):
         if not model.existJointName(name):  # one that is fixed passes where joints are locked
-            raise RobotModelError(
-                f"{model.name}: joint {name} is fixed, and has no value to be held at",
-                hint="leave it out",
-                name=name,
+            raise _joint_error(
+                model, name, "is fixed, and has no value to be held at", "leave it out"
             )
     held = {**state, **held_rad, **held_m}
     values = {name: float(held.get(name, 0.0)) for name in names_of(model, locked)}
-    for name, (leader, factor, offset) in led.items():
+    for name, (leader, factor, offset) in described.led.items():
         if name in values and name not in held and leader in values:
             values[name] = factor * values[leader] + offset
     found = {}
@@ -145,41 +155,32 @@ def values_held(
         i = int(model.getJointId(name))
         joint = model.joints[i]
         if name in held and (joint.nq, joint.nv) != (1, 1):
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no one value to be held at",
-                hint="only revolute and prismatic joints have",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "has no one value to be held at",
+                "only revolute and prismatic joints have",
             )
         unit, scale = _unit(model, i)
         if name in (held_rad if unit == "mm" else held_m):
-            raise RobotModelError(
-                f"{model.name}: joint {name} {'slides' if unit == 'mm' else 'turns'}",
-                hint=f"give its value in {unit}",
-                name=name,
+            raise _joint_error(
+                model, name, f"{'slides' if unit == 'mm' else 'turns'}", f"give its value in {unit}"
             )
-        lower, upper = (float(b[joint.idx_q]) for b in _limits(model))
-        if not math.isfinite(value) or (
-            name in held and name not in flaws and not lower - 1e-9 <= value <= upper + 1e-9
-        ):
-            raise RobotModelError(
-                f"{model.name}: joint {name} is to be held at {scale * value:g} {unit}, and its "
-                f"limits are {scale * lower:g} and {scale * upper:g}",
-                hint="hold it inside its limits",
-                name=name,
-                value=value,
-            )
+        lower, upper = _limits(model, i)
+        limited = name in held and name not in described.flaws
+        if not math.isfinite(value) or (limited and not lower - 1e-9 <= value <= upper + 1e-9):
+            limits = f"{scale * lower:g} and {scale * upper:g}"
+            what = f"is to be held at {scale * value:g} {unit}, and its limits are {limits}"
+            raise _joint_error(model, name, what, "hold it inside its limits", value=value)
         if value:
             found[i] = value
     return found
 
 
-def held_in_words(model: pin.Model, values: Mapping[int, float]) -> list[str]:
+def held_in_words(model: pin.Model, values: Mapping[int, float]) -> str:
     """Each joint with the value that it is held at [rad, m], in degrees or mm."""
-    units = {i: _unit(model, i) for i in values}
-    return [
-        f"{model.names[i]} at {units[i][1] * value:.6g} {units[i][0]}"
-        for i, value in values.items()
-    ]
+    told = ((model.names[i], value, *_unit(model, i)) for i, value in values.items())
+    return ", ".join(f"{name} at {scale * value:.6g} {unit}" for name, value, unit, scale in told)
 
 
 class HeldJoint(NamedTuple):
@@ -216,8 +217,9 @@ def configuration(model: pin.Model, values: Mapping[int, float]) -> FloatArray:
     return q
 
 
-def _limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
-    return np.asarray(model.lowerPositionLimit), np.asarray(model.upperPositionLimit)
+def _limits(model: pin.Model, joint: int) -> tuple[float, float]:
+    place = model.joints[joint].idx_q  # a floating joint before it has seven values for six speeds
+    return float(model.lowerPositionLimit[place]), float(model.upperPositionLimit[place])
 
 
 def is_slide(model: pin.Model, joint: int) -> bool:
@@ -232,18 +234,11 @@ def _unit(model: pin.Model, joint: int) -> tuple[str, float]:
 
 
 class Path(NamedTuple):
-    """Joints between two links of a tree, without those that are locked.
-
-    Attributes
-    ----------
-    positioner : list of int
-        From the base to where its branch meets that of the tip: those of what carries the base.
-    arm : list of int
-        From there to the tip.
-    """
+    """Joints between two links of a tree, without those that are locked."""
 
     positioner: list[int]
-    arm: list[int]
+    """From the base to where its branch meets that of the tip: those of what carries the base."""
+    arm: list[int]  # from there to the tip
 
     @property
     def joints(self) -> list[int]:
@@ -261,12 +256,13 @@ def joints_between(model: pin.Model, base_id: int, tip_id: int, locked: Sequence
     )
     if not down:
         hangs = base.parentJoint in to_tip
-        raise RobotModelError(
-            f"{model.name}: there is no moving joint between {base.name} and {tip.name}"
+        raise model_error(
+            model.name,
+            f"there is no moving joint between {base.name} and {tip.name}"
             if hangs
             else f"{model.name}: {tip.name} does not hang on {base.name}, nor on what carries it",
-            hint="name another tip" if hangs else "give a base between the root and the tip",
-            name=tip.name if hangs else base.name,
+            "name another tip" if hangs else "give a base between the root and the tip",
+            tip.name if hangs else base.name,
         )
     return Path(up[::-1], down)
 
@@ -276,10 +272,10 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
     _check_positioner(model, path.positioner)
     joints = path.joints
     if len(joints) > MOST_JOINTS:
-        raise RobotModelError(
-            f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
-            hint="name another base or tip, or hold joints at zero with lock",
-            name=model.name,
+        raise model_error(
+            model.name,
+            f"has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
+            "name another base or tip, or hold joints at zero with lock",
             value=len(joints),
             bound=MOST_JOINTS,
         )
@@ -289,50 +285,51 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
         name, turns = model.names[i], model.joints[i].shortname().startswith("JointModelR")
         turned |= turns and not carries
         if not (turns or is_slide(model, i)):
-            raise RobotModelError(
-                f"{model.name}: joint {name} is neither revolute nor prismatic",
-                hint="name another base or tip, or hold the joint at zero with lock",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "is neither revolute nor prismatic",
+                "name another base or tip, or hold the joint at zero with lock",
             )
         if turned and not turns:
-            raise RobotModelError(
-                f"{model.name}: joint {name} slides, behind joints that turn",
-                hint="slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "slides, behind joints that turn",
+                "slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
             )
         if name in flaws:
             raise flaws[name]
-        place = model.joints[i].idx_q  # a floating joint before it has seven values for six speeds
-        lower, upper = _limits(model)
-        if not lower[place] < upper[place]:
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no range: its limits are the same",
-                hint="correct the limits, make the joint fixed, or hold it at zero with lock",
-                name=name,
+        lower, upper = _limits(model, i)
+        if not lower < upper:
+            raise _joint_error(
+                model,
+                name,
+                "has no range: its limits are the same",
+                "correct the limits, make the joint fixed, or hold it at zero with lock",
             )
     if not turned:
-        raise RobotModelError(
-            f"{model.name}: no joint between base and tip turns", hint="name another tip"
-        )
+        raise model_error(model.name, "no joint between base and tip turns", "name another tip")
 
 
 def _check_positioner(model: pin.Model, joints: list[int]) -> None:
     """Refuse what carries the base and is no positioner."""
     if len(joints) > MOST_OF_POSITIONER:
-        raise RobotModelError(
-            f"{model.name}: {len(joints)} joints carry the base, more than {MOST_OF_POSITIONER}: "
+        raise model_error(
+            model.name,
+            f"{len(joints)} joints carry the base, more than {MOST_OF_POSITIONER}: "
             + ", ".join(names_of(model, joints)),
-            hint="hold some of them with lock, or name another base",
-            name=model.name,
+            "hold some of them with lock, or name another base",
             value=len(joints),
             bound=MOST_OF_POSITIONER,
         )
     for i in joints:
         if is_slide(model, i):
-            raise RobotModelError(
-                f"{model.name}: joint {model.names[i]} slides, and carries the base",
-                hint="only positioners that turn can carry it; hold this one with lock",
-                name=model.names[i],
+            raise _joint_error(
+                model,
+                model.names[i],
+                "slides, and carries the base",
+                "only positioners that turn can carry it; hold this one with lock",
             )
 
 
@@ -352,7 +349,7 @@ def body_of(
 
     ``others`` are links that are not fixed to the one that the arm hangs on.
     """
-    number, T_link_mover = _link_of(model, shape.link, path, base_id)
+    number, T_link_mover = link_of(model, shape.link, path, base_id)
     T_mover_shape = model.frames[frame_id(model, shape.link)].placement.homogeneous
     standing = number == len(path.positioner)
     return Body(
@@ -367,8 +364,8 @@ def body_of(
     )
 
 
-def _link_of(model: pin.Model, link: str, path: Path, base_id: int) -> tuple[int, pin.SE3]:
-    """Number of the link of a chain that a link is fixed to, and where its joint is in it.
+def link_of(model: pin.Model, link: str, path: Path, base_id: int) -> tuple[int, pin.SE3]:
+    """Number of the link of a chain that a link is fixed to (0: the base), its joint's place in it.
 
     A link that a positioner's joint moves against the next one outwards sits at that next joint,
     as the last link of the way back; what no joint moves stands on the floor.
@@ -380,11 +377,6 @@ def _link_of(model: pin.Model, link: str, path: Path, base_id: int) -> tuple[int
     if number == 0:
         return 0, model.frames[base_id].placement.inverse()
     return number, model.jointPlacements[up[number - 1]].inverse()
-
-
-def link_number(model: pin.Model, link: str, path: Path, base_id: int) -> int:
-    """Number of the link of the chain that a link is fixed to: 0 is the base."""
-    return _link_of(model, link, path, base_id)[0]
 
 
 def _carrier(model: pin.Model, joint: int) -> str:

@@ -18,7 +18,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, JointLimitError, RobotModelError, check_type
+from calib.errors import InputError, JointLimitError, check_type, model_error
+from calib.robots import model_chain as tree
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, ExternalAxes, SerialChain
 from calib.robots.controller import Controller, Coupling, controller_of, shown_of
@@ -29,29 +30,9 @@ from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.on_external_axes import OnExternalAxes
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
-from calib.robots.model_chain import (
-    HeldJoint,
-    body_of,
-    chain_of,
-    check_joints,
-    configuration,
-    floor_of,
-    frame_id,
-    gravity_at,
-    held_in_words,
-    held_on_path,
-    joints_between,
-    joints_to_lock,
-    link_names,
-    link_number,
-    links_of_other_branches,
-    names_of,
-    root_id,
-    usual_tip,
-    values_held,
-)
-from calib.robots.presets import load_preset
-from calib.robots.shapes import Body, LinkShape
+from calib.robots.model_chain import HeldJoint, RobotDescription, frame_id, gravity_at, root_id
+from calib.robots.presets import coupled_limits_of, describe_preset, preset_info
+from calib.robots.shapes import Body
 from calib.se3 import BoolArray, FloatArray, check_transforms, numbers, transform
 
 _WORLD = "base"
@@ -186,21 +167,14 @@ class Robot:
         check_type(path, (str, PathLike), "path")
         check_type(tip, (str, type(None)), "tip")
         check_type(base, (str, type(None)), "base")
-        urdf = load_urdf(Path(path), packages, xacro_args)
         return cls.from_model(
-            urdf.model,
-            tip=tip,
-            base=base,
+            load_urdf(Path(path), packages, xacro_args),
+            tip,
+            base,
             lock=lock,
             held_rad=held_rad,
             held_m=held_m,
             state=state,
-            led=urdf.led,
-            notices=urdf.notices,
-            joint_notices=urdf.joint_notices,
-            flaws=urdf.flaws,
-            shapes=urdf.shapes,
-            lost_shapes=urdf.lost_shapes,
         )
 
     @classmethod
@@ -210,82 +184,65 @@ class Robot:
         Raises RobotModelError: there is no preset of that name; the hint lists near names.
         """
         check_type(name, str, "name")
-        preset = load_preset(name)
-        robot = cls.from_model(
-            preset.model,
-            tip=tip or preset.tip,
-            base=base,
-            stiffness=preset.stiffness,
-            shapes=preset.shapes,
-        )
-        if robot.n < preset.model.njoints - 1:  # a part of the arm has no controller of its own
+        info, described = preset_info(name), describe_preset(name)
+        robot = cls.from_model(described, tip or info["tip"], base)
+        if robot.n < described.model.njoints - 1:  # a part of the arm has no controller of its own
             return robot
-        return replace(robot, coupled_limits=preset.coupled_limits).controlled_by(preset.controller)
+        limited = replace(robot, coupled_limits=coupled_limits_of(info))
+        return limited.controlled_by(info["controller"])
 
     @classmethod
     def from_model(
         cls,
-        model: pin.Model,
-        *,
+        model: pin.Model | RobotDescription,
         tip: str | None = None,
         base: str | None = None,
+        *,
         lock: Iterable[str] = (),
         held_rad: Mapping[str, float] = MappingProxyType({}),
         held_m: Mapping[str, float] = MappingProxyType({}),
         state: Mapping[str, float] = MappingProxyType({}),
-        led: Mapping[str, tuple[str, float, float]] = MappingProxyType({}),
-        notices: Sequence[str] = (),
-        joint_notices: Mapping[str, str] = MappingProxyType({}),
-        flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
-        stiffness: dict[str, float] | None = None,
-        shapes: Sequence[LinkShape] = (),
-        lost_shapes: Sequence[str] = (),
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
-        said = list(notices)
+        described = model if isinstance(model, RobotDescription) else RobotDescription(model)
+        model, said, own = described.model, list(described.notices), described.joint_notices
         to_lock = [lock] if isinstance(lock, str) else list(lock)
-        asked = joints_to_lock(model, [*to_lock, *held_rad, *held_m])
+        asked = tree.joints_to_lock(model, [*to_lock, *held_rad, *held_m])
         base_id = frame_id(model, base) if base else root_id(model)
-        tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
-        path = joints_between(model, base_id, tip_id, asked)
-        check_joints(model, path, flaws)
-        joints = path.joints
-        said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
-        locked = [i for i in range(1, model.njoints) if i not in joints]
-        others = links_of_other_branches(model, path.arm[0])
+        tip_id = frame_id(model, tip) if tip else tree.usual_tip(model, said)
+        path = tree.joints_between(model, base_id, tip_id, asked)
+        tree.check_joints(model, path, described.flaws)
+        said[:0] = [own[name] for name in tree.names_of(model, path.joints) if name in own]
+        locked = [i for i in range(1, model.njoints) if i not in path.joints]
+        others = tree.links_of_other_branches(model, path.arm[0])
         state = {name: value for name, value in state.items() if name not in to_lock}
-        at = values_held(model, locked, held_rad, held_m, state, led, flaws)
-        still = [i for i in locked if i not in at]
-        for why, which in (
-            ("not between base and tip", [i for i in still if i not in asked]),
-            ("as asked", [i for i in still if i in asked]),
-        ):
-            if which:
-                said.append(f"locked at zero, {why}: {', '.join(names_of(model, which))}")
+        at = tree.values_held(described, locked, held_rad, held_m, state)
+        for why, as_asked in (("not between base and tip", False), ("as asked", True)):
+            still = [i for i in locked if i not in at and (i in asked) == as_asked]
+            if still:
+                said.append(f"locked at zero, {why}: {', '.join(tree.names_of(model, still))}")
         if at:
-            said.append(f"held: {', '.join(held_in_words(model, at))}")
-        held = held_on_path(model, base_id, tip_id, locked, at)
+            said.append(f"held: {tree.held_in_words(model, at)}")
+        held = tree.held_on_path(model, base_id, tip_id, locked, at)
         if locked:
             frames = model.frames[base_id].name, model.frames[tip_id].name
-            model = pin.buildReducedModel(model, locked, configuration(model, at))
+            model = pin.buildReducedModel(model, locked, tree.configuration(model, at))
             base_id, tip_id = (frame_id(model, name) for name in frames)
-            path = joints_between(model, base_id, tip_id)
-            joints = path.joints
-        names = tuple(names_of(model, joints))
+            path = tree.joints_between(model, base_id, tip_id)
+        joints = path.joints
+        names = tuple(tree.names_of(model, joints))
         columns = [model.joints[i].idx_v for i in joints]
         speed = np.array(model.velocityLimit)[columns]
         if not (speed > 0).all():
-            said.append(
-                "no speed given for "
-                + ", ".join(n for n, s in zip(names, speed, strict=True) if not s > 0)
-            )
+            slow = (n for n, s in zip(names, speed, strict=True) if not s > 0)
+            said.append(f"no speed given for {', '.join(slow)}")
         # what a positioner moves is carried by no joint behind it
         inertias = [pin.Inertia.Zero() for _ in path.positioner]
         inertias += [model.inertias[i] for i in path.arm]
-        floor = floor_of(model, path, base_id)
+        floor = tree.floor_of(model, path, base_id)
         return cls(
             name=model.name,
-            chain=chain_of(model, path, base_id, tip_id),
+            chain=tree.chain_of(model, path, base_id, tip_id),
             joint_names=names,
             lower=np.array(model.lowerPositionLimit)[columns],
             upper=np.array(model.upperPositionLimit)[columns],
@@ -293,13 +250,16 @@ class Robot:
             link_mass=np.array([i.mass for i in inertias]),
             link_com=np.array([i.lever for i in inertias]),
             gravity=gravity_at(floor),
-            stiffness=np.array([(stiffness or {}).get(n, np.inf) for n in names]),
+            stiffness=np.array([described.stiffness.get(n, np.inf) for n in names]),
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
-            bodies=tuple(body_of(model, shape, path, base_id, others) for shape in shapes),
+            bodies=tuple(
+                tree.body_of(model, shape, path, base_id, others) for shape in described.shapes
+            ),
             lost_shapes=tuple(
-                (link_number(model, name, path, base_id), name) for name in lost_shapes
+                (tree.link_of(model, name, path, base_id)[0], name)
+                for name in described.lost_shapes
             ),
             model=model,
             held=held,
@@ -397,7 +357,7 @@ class Robot:
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """The link that the first joint hangs on, and the link that each joint moves."""
-        return link_names(self.model, self.joint_names, self.base_frame, self.floor)
+        return tree.link_names(self.model, self.joint_names, self.base_frame, self.floor)
 
     def T_base_floor(self, q: ArrayLike) -> FloatArray:
         """The link that stands on the floor in the base frame, ``(..., 4, 4)``, at postures [m]."""
@@ -505,8 +465,8 @@ class Robot:
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
         posture = numbers(q, "the posture")
-        if posture.ndim == 0 or posture.shape[-1] != self.n:
-            found = posture.shape[-1] if posture.ndim else 0
+        found = posture.shape[-1] if posture.ndim else 0
+        if found != self.n:
             raise InputError(
                 f"{self.name} has {self.n} joints, the posture has {found} values",
                 hint=f"give one value for each of {', '.join(self.joint_names)}",
@@ -562,11 +522,11 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
         )
     up, before = robot.floor, robot.chain.placements
     if up and not np.allclose(placed[0], before[0], rtol=0.0, atol=1e-12):
-        raise RobotModelError(
-            f"{robot.name}: {robot.joint_names[0]} would sit elsewhere in {robot.base_frame}, "
-            "which it moves",
-            hint="leave its frame as it is: where targets are on it says the same",
-            name=robot.joint_names[0],
+        raise model_error(
+            robot.name,
+            f"{robot.joint_names[0]} would sit elsewhere in {robot.base_frame}, which it moves",
+            "leave its frame as it is: where targets are on it says the same",
+            robot.joint_names[0],
         )
     model, found = robot.model, robot
     if model is not None:

@@ -25,18 +25,14 @@ from posedesign.constraints import (
     Checker,
     Collision,
     Constraint,
-    Distance,
-    InImage,
     MotionChecker,
     Retreat,
     SelfCollision,
-    Tilt,
 )
-from posedesign.constraints.board_sight import BoardSight, sight_constraints
 from posedesign.constraints.checker import Singularity
 from posedesign.constraints.mark_sight import MarkSight
 from posedesign.constraints.space import POINT_M, BackingOff, Workspace, workspace_scene
-from posedesign.constraints.visibility import LineOfSight, TargetView
+from posedesign.constraints.visibility import BoardSight, TargetView, sight_constraints
 
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
 """Distance that bodies which meet at the target keep before: moves are checked to half of it."""
@@ -179,13 +175,13 @@ def build_checker(
                 T_tip_own=there.X,
                 T_base_other=there.Z,
                 carried=there.carried,
+                share=there.share,
             ),
             scene,
             nearest_m=there.nearest_m,
             farthest_m=there.farthest_m,
             largest_tilt=there.largest_tilt,
             border_px=there.border_px,
-            share=there.share,
         )
     elif camera is not None:
         view = TargetView(
@@ -195,13 +191,14 @@ def build_checker(
             normal=cell.target_normal,
             radius_m=cell.config.target.radius_mm / 1e3,
         )
-        found += [
-            Distance(view, camera.nearest_mm / 1e3, camera.farthest_mm / 1e3),
-            Tilt(view, float(np.deg2rad(camera.largest_tilt_deg))),
-            InImage(view, camera.border_px),
-        ]
-        if scene.bodies:
-            found.append(LineOfSight(view, scene))
+        found += sight_constraints(
+            view,
+            scene,
+            nearest_m=camera.nearest_mm / 1e3,
+            farthest_m=camera.farthest_mm / 1e3,
+            largest_tilt=float(np.deg2rad(camera.largest_tilt_deg)),
+            border_px=camera.border_px,
+        )
     backing_off = [] if retreat is None else [BackingOff(retreat)]
     seen = [] if sight is None else [sight]
     return Checker(cell.robot, [*found, *solid, *seen, *backing_off], cell.margin)

@@ -68,12 +68,12 @@ class Constraint(ABC):
     different kinds can be compared. ``hint_words``: what to change where it is broken.
     """
 
-    name: ClassVar[str]
+    name: str
     unit: ClassVar[str] = ""
     display: ClassVar[float] = 1.0
     comfort: ClassVar[float] = 1.0
     measured: ClassVar[bool] = True
-    hint_words: ClassVar[str]
+    hint_words: str
 
     @abstractmethod
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:

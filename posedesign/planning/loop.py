@@ -18,6 +18,7 @@ from calib.model.parameters import ReadingParameters
 from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.cell import posture_section
+from posedesign.cell.observations import touched_by_tool
 from posedesign.cell.orientations import GRID, cone_rotations
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
@@ -406,18 +407,20 @@ class _Loop:
         )
 
 
-def check_base_pose(cell: Cell) -> None:
+def check_base_pose(cell: Cell, *, of_pool: bool = False) -> None:
     """Check that the base posture touches the target and keeps the margin from the limits.
 
     Where there are several targets, or instruments that see the tool anywhere, the base pose is
-    where the tour begins, and touches nothing.
+    where the tour begins, and touches nothing. An arm of fewer than six joints cannot turn the tool
+    about a point; ``of_pool``: poses come from a pool, which needs that of touched targets only.
     """
     q, robot = cell.base_posture, cell.robot
-    if robot.n < MOST_FREE:
+    if robot.n < MOST_FREE and (touched_by_tool(cell.config) or not of_pool):
         raise InputError(
             f"{robot.name} has {robot.n} joints: fewer than {MOST_FREE} cannot hold the tool point "
             "while W, P and R vary",
-            hint="plan such an arm by hand and judge the poses with posedesign score",
+            hint="choose its poses from a pool of joint values (method exchange) for an instrument "
+            "that reads the tool anywhere; or judge poses of your own with posedesign score",
             name="robot",
         )
     several = not cell.is_hand_eye and len(cell.observations) > 1

@@ -75,7 +75,6 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
-from posedesign.constraints.board_sight import BoardDistance, BoardInImage, BoardTilt
 from posedesign.constraints.checker import CoupledLimits, JointLimits
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import (
@@ -115,9 +114,6 @@ COLUMN_OF: dict[type[Constraint], str] = {
     InImage: "view_margin_px",
     Tilt: "tilt_margin_deg",
     Distance: "camera_distance_margin_mm",
-    BoardInImage: "view_margin_px",
-    BoardTilt: "tilt_margin_deg",
-    BoardDistance: "camera_distance_margin_mm",
 }
 """The column of each constraint; of those that share one, the smaller counts."""
 

@@ -25,6 +25,9 @@ from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
 from posedesign.selection.certificate import Relaxation
 from posedesign.selection.information import InformationState
 
+NO_GAIN = 1e-9
+"""Relative gains below are rounding: exchanging for them could go on for ever."""
+
 FIRST_BATCH, LARGEST_BATCH = 32, 1024
 """Candidates whose costs are computed at once where those that cannot be best are left out."""
 
@@ -106,16 +109,23 @@ class Objective(ABC):
         """
         return np.zeros(self.candidates.N)[part]
 
-    def best_with_each(self, state: InformationState, limit: float = np.inf) -> int | None:
+    def best_with_each(
+        self, state: InformationState, limit: float = np.inf, than: int | None = None
+    ) -> int | None:
         """The candidate that costs least besides the choice; None where none is below ``limit``.
+
+        ``than``: the candidate that it has to be better than, in place of a limit.
 
         Most candidates are far from the best: they are left out by what they cost at least, the
         others are tried in the order of it until none that is left can be better.
         """
         if not self.has_floor:
             costs = self.costs_with_each(state)
+            limit = limit if than is None else (1.0 - NO_GAIN) * costs[than]
             best = int(np.argmin(costs))
             return best if costs[best] < limit else None
+        if than is not None:
+            limit = (1.0 - NO_GAIN) * float(self.costs(state, np.array([than]), 1.0)[0])
         floor = np.empty(self.candidates.N)
         for part in self.candidates.chunks(self.width):
             floor[part] = self.at_least(state, part, None)

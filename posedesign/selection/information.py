@@ -104,51 +104,45 @@ class InformationState:
         root``. It is NaN where the change cannot be made.
         """
         CU = self.C if right is None else self.C @ right
-        root = CU.T @ self.candidates.by_row[:, :, part]
-        _solve_root(self.root_of_change(part, sign), root)
-        possible = np.asarray(np.isfinite(root).all(axis=(0, 1)))
+        moved, root = CU.T @ self.candidates.by_row[:, :, part], self.root_of_change(part, sign)
+        with np.errstate(invalid="ignore"):
+            for a in range(len(root)):
+                for b in range(a):
+                    moved[a] -= root[a, b] * moved[b]
+                moved[a] *= root[a, a]
+        possible = np.asarray(np.isfinite(root[-1, -1]))
         if not possible.all():
-            root[:, :, ~possible] = np.nan
-        return root, possible
+            moved[:, :, ~possible] = np.nan
+        return moved, possible
 
     def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
-        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``; zero where there is none."""
+        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, with the inverses of their diagonals.
+
+        The last of these is not finite where there is no root.
+        """
         A = np.asarray(sign * self.S[:, :, part])
         m = len(A)
         A[np.arange(m), np.arange(m)] += 1.0
-        for a in range(m):
-            pivot = np.sqrt(np.maximum(A[a, a], 0.0))
-            inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > 0.0)
-            A[a, a] = pivot
-            A[a + 1 :, a] *= inverse
-            for b in range(a + 1, m):
-                A[b:, b] -= A[b:, a] * A[b, a]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for a in range(m):
+                A[a, a] = 1.0 / np.sqrt(A[a, a])
+                A[a + 1 :, a] *= A[a, a]
+                for b in range(a + 1, m):
+                    A[b:, b] -= A[b:, a] * A[b, a]
         return A
 
 
 def log_det_of_root(root: FloatArray) -> FloatArray:
-    """Logarithm ``(n,)`` of the determinant of what triangular roots ``(m, m, n)`` are those of."""
+    """Logarithm ``(n,)`` of the determinant of what roots of a change ``(m, m, n)`` are those of.
+
+    Minus infinity where there is none.
+    """
     diagonal = np.einsum("aan->an", root)
     total = np.zeros(root.shape[2])
-    with np.errstate(divide="ignore"):
-        # few logarithms, of products that are too short to overflow
-        for a in range(0, len(diagonal), _AT_ONCE):
-            total += np.log(np.prod(diagonal[a : a + _AT_ONCE], axis=0))
-    return 2.0 * total
-
-
-def _solve_root(root: FloatArray, moved: FloatArray) -> None:
-    """Forward substitution of ``moved`` (m, r, n) by triangular roots ``(m, m, n)``, in place.
-
-    Infinite where a root is singular: the change cannot be made.
-    """
-    for a in range(len(root)):
-        for b in range(a):
-            moved[a] -= root[a, b] * moved[b]
-        pivot = root[a, a]
-        inverse = np.divide(1.0, pivot, out=np.full_like(pivot, np.inf), where=pivot > 0.0)
-        with np.errstate(invalid="ignore"):
-            moved[a] *= inverse
+    # few logarithms, of products that are too short to overflow
+    for a in range(0, len(diagonal), _AT_ONCE):
+        total -= np.log(np.prod(diagonal[a : a + _AT_ONCE], axis=0))
+    return np.where(np.isfinite(total), 2.0 * total, -np.inf)
 
 
 class Informations:

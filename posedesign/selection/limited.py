@@ -22,10 +22,10 @@ from calib.errors import InputError, NotIdentifiableError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation, Smooth
-from posedesign.selection.criterion import Criterion, Objective
+from posedesign.selection.criterion import NO_GAIN, Criterion, Objective
 from posedesign.selection.information import InformationState
 from posedesign.selection.limits import Cut, Limits
-from posedesign.selection.search import NO_GAIN, Found
+from posedesign.selection.search import Found
 from posedesign.selection.variances import DeviationObjective, SpectrumObjective, VolumeObjective
 
 MeanObjective = VolumeObjective | SpectrumObjective | DeviationObjective

@@ -18,7 +18,7 @@ import numpy as np
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation
-from posedesign.selection.criterion import Criterion, Objective
+from posedesign.selection.criterion import NO_GAIN, Criterion, Objective
 from posedesign.selection.information import InformationState
 
 METHODS = {
@@ -27,9 +27,6 @@ METHODS = {
     "greedy": "the best single pose taken in, again and again",
     "rounding": "the poses that count most in the convex relaxation, as they are",
 }
-
-NO_GAIN = 1e-9
-"""Relative gains below are rounding: exchanging for them could go on for ever."""
 
 MOST_PASSES = 30
 """Passes over all chosen poses; more than a handful are not seen."""
@@ -120,8 +117,7 @@ def _pass(objective: Objective, state: InformationState, kept: IntArray) -> bool
     for row in free.tolist():
         before = state.snapshot
         state.drop(row)
-        own = float(objective.costs(state, np.array([row]), 1.0)[0])
-        best = objective.best_with_each(state, (1.0 - NO_GAIN) * own)
+        best = objective.best_with_each(state, than=row)
         if best is None:
             state.snapshot = before
         else:

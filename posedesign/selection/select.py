@@ -276,6 +276,7 @@ def _select_under(
 ) -> Selection:
     """The choice under limits, with what no other within them beats."""
     from posedesign.selection.limited import (
+        CLOSED,
         SMALL,
         best_under,
         mean_objective,
@@ -292,9 +293,14 @@ def _select_under(
     relaxed, scores = relax_under(objective, pool, limits, tolerance)
     if threshold is not None:
         _check_threshold(criterion, threshold, relaxed.bound, n)
-    found = search_under(criterion, pool, limits, relaxed, scores, starts, rng)
-    if pool.N <= SMALL:
-        found, relaxed = best_under(objective, pool, limits, relaxed, found)
+    if pool.N > SMALL:
+        found = search_under(criterion, pool, limits, relaxed, scores, starts, rng)
+        return _selection(pool, np.arange(pool.N), criterion, found, relaxed)
+    found = search_under(criterion, pool, limits, relaxed, scores, 1, rng)
+    found, relaxed = best_under(objective, pool, limits, relaxed, found)
+    if relaxed.bound < (1.0 - CLOSED) * min(found.costs):  # not proven: chance may find a better
+        other = search_under(criterion, pool, limits, relaxed, scores, starts, rng)
+        found = min(found, other, key=lambda each: min(each.costs))
     return _selection(pool, np.arange(pool.N), criterion, found, relaxed)
 
 

@@ -230,15 +230,14 @@ def run(data: Path, tables: Path, advance: Advance = lambda what, part: None) ->
 
 def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README: in each cell with noise from the residuals, and with noise given."""
-    head = ["model", "p", "rms [mm]", "leave-one-out", "rms [mrad]", "leave-one-out"]
-    lines = []
+
+    def both(name: str, how: str) -> writing.Cell:
+        return lambda pair: " / ".join(dict.fromkeys(format(row[name], how) for row in pair))
+
+    def left(name: str) -> writing.Cell:
+        return lambda pair: both(name, ".1f" if pair[0]["model"] == NOMINAL else ".3f")(pair)
+
     pairs = zip(*(found[name]["models"] for name in CELLS), strict=True)
-    for row, other in pairs:
-        both = [row["parameters"], other["parameters"]]
-        cells = [row["model"], " / ".join(str(p) for p in dict.fromkeys(both))]
-        for name in SHOWN:
-            digits = 1 if row["model"] == NOMINAL else 3
-            shown = [f"{r[name]:.{digits}f}" for r in (row, other)]
-            cells.append(" / ".join(dict.fromkeys(shown)))
-        lines.append(cells)
-    return writing.table_of(head, lines)
+    heads = ["model", "p", "rms [mm]", "leave-one-out", "rms [mrad]", "leave-one-out"]
+    cells = [lambda pair: pair[0]["model"], both("parameters", ""), *map(left, SHOWN)]
+    return writing.table(pairs, cells, heads)

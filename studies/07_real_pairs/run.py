@@ -18,7 +18,7 @@ from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import log_ticks, rows_of_marks
 from studies.real_data import MM, TABB, TAGS, UR3E, Sides, data_with, from_the_images, real_pairs
-from studies.writing import table_by, table_of
+from studies.writing import Cell, cell, table, table_across
 
 from .real_rows import ON_B, against_images, compared, proof, row_names, row_of, solved
 
@@ -61,111 +61,75 @@ def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-Found = Mapping[str, Any]
+def _pair(name: str) -> str:
+    return f"{{{name}_deg:.3f}} / {{{name}_mm:.4g}}"
 
 
-def _pair(row: Found, name: str) -> str:
-    return f"{row[f'{name}_deg']:.3f} / {row[f'{name}_mm']:.4g}"
+OF_DATA_SET: Mapping[str, Cell] = {
+    "method": "{method}", "rms [deg / mm]": _pair("rms"), "left-out rms": _pair("out_rms"),
+    "median": _pair("median"), "left-out median": _pair("out_median"),
+    "σ of X [deg / mm]": "{sigma_X_deg:.2g} / {sigma_X_mm:.3g}",
+    "σ of Z": "{sigma_Z_deg:.2g} / {sigma_Z_mm:.3g}",
+    "pairs left out": "{left_out}", "status": "{status}",
+}  # fmt: skip
+REFERENCE: Mapping[str, Cell] = {
+    "data": "{data}", "pairs": "{pairs}", "reference": "{reference[0]} / {reference[1]}",
+    "here": _pair("rms"), "left-out rms": _pair("out_rms"),
+    "noise on B estimated": "{on_B[rms_deg]:.3f} / {on_B[rms_mm]:.4g}",
+    "left-out": "{on_B[out_rms_deg]:.3f} / {on_B[out_rms_mm]:.4g}",
+}  # fmt: skip
+CERTIFICATES: Mapping[str, Cell] = {
+    "data": "{data}", "noise on B [deg / mm]": "{noise_deg:.3f} / {noise_mm:.3g}",
+    "χ²": "{chi2:.1f}", "relative gap": "{relative_gap:.0e}", "status": "{status}",
+    "only one": lambda row: "yes" if row["unique"] else "no",
+}  # fmt: skip
 
 
-def _sigma(row: Found, letter: str) -> str:
-    deg, mm = (row[f"sigma_{letter}_{unit}"] for unit in ("deg", "mm"))
-    return "-" if deg is None else f"{deg:.2g} / {mm:.3g}"
-
-
-def _table_of_data_set(rows: Iterable[Found]) -> str:
-    """Every method on one data set."""
-    columns = {
-        "method": lambda row: row["method"],
-        "rms [deg / mm]": lambda row: _pair(row, "rms"),
-        "left-out rms": lambda row: _pair(row, "out_rms"),
-        "median": lambda row: _pair(row, "median"),
-        "left-out median": lambda row: _pair(row, "out_median"),
-        "σ of X [deg / mm]": lambda row: _sigma(row, "X"),
-        "σ of Z": lambda row: _sigma(row, "Z"),
-        "pairs left out": lambda row: str(row["left_out"]),
-        "status": lambda row: row["status"],
-    }
-    return table_by(rows, columns)
-
-
-def against_reference(found: Found) -> str:
-    """The other program's maximum likelihood, and this one's with its ratio and without."""
-    columns = {
-        "data": lambda item: item[0],
-        "pairs": lambda item: str(item[1]["rows"][0]["pairs"]),
-        "reference": lambda item: " / ".join(item[1]["reference"]),
-        "here": lambda item: _pair(item[1]["rows"][0], "rms"),
-        "left-out rms": lambda item: _pair(item[1]["rows"][0], "out_rms"),
-        "noise on B estimated": lambda item: _pair(item[1]["rows"][1], "rms"),
-        "left-out": lambda item: _pair(item[1]["rows"][1], "out_rms"),
-    }
-    return table_by(found["data"].items(), columns)
-
-
-def prediction(found: Found) -> str:
-    """Prediction by halves: the method's error over that of ml, and in how many splits it loses."""
-    names = list(found["data"])
-    head = ["method", *(f"{name}: rms [deg], [mm]" for name in names), "worse in mm [%]"]
-    cells = []
-    for method in found["data"][names[0]]["splits"]["methods"]:
-        of = [found["data"][name]["splits"]["methods"][method] for name in names]
-        worse = [row["rms_mm_worse"] for row in of]
-        ratios = [f"{row['rms_deg_ratio']:.3f}, {row['rms_mm_ratio']:.3f}" for row in of]
-        shares = "-" if worse[0] is None else ", ".join(f"{100 * share:.0f}" for share in worse)
-        cells.append([method, *ratios, shares])
-    return table_of(head, cells)
-
-
-def certificates(found: Found) -> str:
-    """What is proven of each solution of ml."""
-    rows = [
-        {"data": name} | of["rows"][1] | of["certificate"] for name, of in found["data"].items()
-    ]
-    columns = {
-        "data": lambda row: row["data"],
-        "noise on B [deg / mm]": lambda row: f"{row['noise_deg']:.3f} / {row['noise_mm']:.3g}",
-        "χ²": lambda row: f"{row['chi2']:.1f}",
-        "relative gap": lambda row: f"{row['relative_gap']:.0e}",
-        "status": lambda row: row["status"],
-        "only one": lambda row: "yes" if row["unique"] else "no",
-    }
-    return table_by(rows, columns)
-
-
-def _table_of_images(found: Found) -> str:
-    """Tabb's reference from images: differences ± sigma by the side that the noise is put on."""
-    sides = found["images"]["noise_on"]
-    head = ["to the reference", *(f"noise on {side}" for side in sides)]
-    cells = []
-    for letter, frame in (("X", "target"), ("Z", "camera")):
-        for what, unit in (("turn", "deg"), ("shift", "mm")):
-            digits = 2 if unit == "deg" else 0
-            row = [f"{what} of {letter}, x y z of the {frame} [{unit}]"]
-            for of in sides.values():
-                parts = [of["components"][f"{letter} {what} {axis}"] for axis in "xyz"]
-                row.append(
-                    ", ".join(
-                        f"{p['difference']:.{digits}f} ± {p['sigma']:.{digits}f}" for p in parts
-                    )
-                )
-            cells.append(row)
-    cells.append(["χ² of 12", *(f"{of['chi2']:.0f}" for of in sides.values())])
-    return table_of(head, cells)
-
-
-def all_tables(found: Found) -> dict[str, str]:
+def all_tables(found: Mapping[str, Any]) -> dict[str, str]:
     """Every table that the README has."""
+    data = found["data"]
+    of_ml = [
+        first | {"data": name, "reference": of["reference"], "on_B": second}
+        for name, of in data.items()
+        for first, second in [of["rows"][:2]]
+    ]
+    proven = [{"data": name} | of["rows"][1] | of["certificate"] for name, of in data.items()]
+    by_method = [
+        {"method": method} | {name: of["splits"]["methods"][method] for name, of in data.items()}
+        for method in next(iter(data.values()))["splits"]["methods"]
+    ]
+    worse = ", ".join(f"{{{name}[rms_mm_worse]:p}}" for name in data)
+    prediction: dict[str, Cell] = {"method": "{method}"}
+    for name in data:
+        ratios = f"{{{name}[rms_deg_ratio]:.3f}}, {{{name}[rms_mm_ratio]:.3f}}"
+        prediction[f"{name}: rms [deg], [mm]"] = ratios
+    prediction["worse in mm [%]"] = worse
     every = {
-        "reference": against_reference(found),
-        "prediction": prediction(found),
-        "certificates": certificates(found),
-        "images": _table_of_images(found),
+        "reference": table(of_ml, REFERENCE),
+        "prediction": table(by_method, prediction),
+        "certificates": table(proven, CERTIFICATES),
+        "images": _table_of_images(found["images"]["noise_on"]),
     }
-    return every | {name: _table_of_data_set(of["rows"]) for name, of in found["data"].items()}
+    return every | {name: table(of["rows"], OF_DATA_SET) for name, of in data.items()}
 
 
-def markdown(found: Found) -> str:
+def _table_of_images(sides: Mapping[str, Any]) -> str:
+    """Tabb's reference from images: differences ± sigma by the side that the noise is put on."""
+    rows = []
+    for side, of in sides.items():
+        for letter, frame in (("X", "target"), ("Z", "camera")):
+            for what, unit, how in (("turn", "deg", ".2f"), ("shift", "mm", ".0f")):
+                parts = (of["components"][f"{letter} {what} {axis}"] for axis in "xyz")
+                shown = f"{{difference:{how}}} ± {{sigma:{how}}}"
+                said = ", ".join(cell(part, shown) for part in parts)
+                name = f"{what} of {letter}, x y z of the {frame} [{unit}]"
+                rows.append({"side": side, "name": name, "said": said})
+        rows.append({"side": side, "name": "χ² of 12", "said": f"{of['chi2']:.0f}"})
+    columns = {"noise on {}": "{said}"}
+    return table_across(rows, {"to the reference": "{name}"}, "side", columns)
+
+
+def markdown(found: Mapping[str, Any]) -> str:
     """All of them, each with its name."""
     return "\n\n".join(f"{name}\n{table}" for name, table in all_tables(found).items())
 
@@ -208,11 +172,7 @@ def run(
     for k, (name, sides) in enumerate(every.items()):
         own = writing.part_of(advance, k, len(every), name)
         found[name] = of_data_set(sides, name, names, sigma, own)
-    return {
-        "tolerance": TOLERANCE,
-        "data": found,
-        "images": images(every["Tabb"], data),
-    }
+    return {"tolerance": TOLERANCE, "data": found, "images": images(every["Tabb"], data)}
 
 
 def of_data_set(

@@ -44,9 +44,7 @@ def everything(bench: Bench) -> Everything:
     x = bench.fit(others)
     whole = bench.fit(np.ones((1, bench.count), dtype=bool))
     return Everything(
-        np.diag(bench.squares(x)),
-        np.diag(bench.check_squares(x, others)),
-        bench.squares(whole)[0],
+        np.diag(bench.squares(x)), np.diag(bench.check_squares(x, others)), bench.squares(whole)[0]
     )
 
 
@@ -236,12 +234,7 @@ def run(
                 "left_out_of_all_mm": float(1e3 * np.sqrt(all36.left_out.mean())),
                 "counts": [
                     compare(
-                        bench,
-                        all36,
-                        n,
-                        tried,
-                        draws,
-                        np.random.default_rng([SETTINGS["seed"], n]),
+                        bench, all36, n, tried, draws, np.random.default_rng([SETTINGS["seed"], n])
                     )
                     for n in SETTINGS["counts"]
                 ],
@@ -250,33 +243,32 @@ def run(
     return rows
 
 
+HEADS = ["model", "poses", "chosen by", "efficiency", "left [mm]", "over all 36: left out"]
+HEADS += ["in sample", "expected", "better than", "check points [mm]"]
+CHOSEN = (
+    "{name} ({p})", "{n}", "{criterion}", "{efficiency:.2f}", "{error_mm:.3f}",
+    "{over_all_left_out:.2f}", "{over_all_in_sample:.2f}", "{expected_over_all:.2f}",
+    "{better_than:p} %", "{check_mm:.3f}",
+)  # fmt: skip
+
+
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """The table of the README: all criteria of the first model, the one recommended of others."""
-    lines = [
-        "| model | poses | chosen by | efficiency | left [mm] | over all 36: left out | in sample "
-        "| expected | better than | check points [mm] |",
-        "|---" * 10 + "|",
-    ]
+    lines: list[str] = []
     for row in rows:
         for of in row["counts"]:
-            lot, head = of["by_lot"], f"| {row['model']} ({row['parameters']}) | {of['n']} "
-            lines.append(
-                head + f"| *lot: median (5 to 95 %)* | | {_range(lot['error_mm'])} "
-                f"| {_range(lot['over_all_left_out'], 2)} | | | | {_range(lot['check_mm'])} |"
-            )
-            lines += [
-                head + f"| {c['criterion']} | {c['efficiency']:.2f} | {c['error_mm']:.3f} "
-                f"| {c['over_all_left_out']:.2f} | {c['over_all_in_sample']:.2f} "
-                f"| {c['expected_over_all']:.2f} | {100 * c['better_than']:.0f} % "
-                f"| {c['check_mm']:.3f} |"
-                for c in of["chosen"]
-                if row is rows[0] or c["criterion"] == RECOMMENDED
+            lot = {name: own["quantiles"] for name, own in of["by_lot"].items()}
+            by_lot = (
+                "{name} ({p})", "{n}", "*lot: median (5 to 95 %)*", "", range_text("error_mm"),
+                range_text("over_all_left_out", 2), "", "", "", range_text("check_mm"),
+            )  # fmt: skip
+            head = {"name": row["model"], "p": row["parameters"], "n": of["n"]}
+            shown = [
+                c | head for c in of["chosen"] if row is rows[0] or c["criterion"] == RECOMMENDED
             ]
+            lines.append(writing.table([lot | head], by_lot, () if lines else HEADS))
+            lines.append(writing.table(shown, CHOSEN))
     return "\n".join(lines)
-
-
-def _range(of: dict[str, Any], digits: int = 3) -> str:
-    return range_text(of["quantiles"], digits)
 
 
 def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -27,6 +27,7 @@ from posedesign.study import Advance, Options
 from studies import writing
 from studies.choices import by_lot, draw_choices, range_text, spread, write
 from studies.real_data import data_with
+from studies.writing import cell
 
 from .panda_bench import SITES, Bench, bench_of, touched
 
@@ -231,37 +232,25 @@ def together(sites: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "efficiency": min(of["chosen"][k]["efficiency"] for of in sites),
             }
         )
-    return {
-        "all_mm": whole,
-        "by_lot_mm": spread(drawn),
-        "drawn_mm": drawn,
-        "chosen": chosen,
-    }
+    return {"all_mm": whole, "by_lot_mm": spread(drawn), "drawn_mm": drawn, "chosen": chosen}
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """The table of the README: what is left at each site held out, and how it compares."""
     places = [*SITES, EVERY]
-    lines = [
-        "| model | touch-ups | efficiency | " + " | ".join(f"{p} [mm]" for p in places) + " |",
-        "|---" * (3 + len(places)) + "|",
-    ]
+    heads = ["model", "touch-ups", "efficiency", *(f"{place} [mm]" for place in places)]
+    how = "{error_mm:.3f} (x{over_all:.2f}, {better_than:p} %)"
+    lines: list[str] = []
     for row in rows:
         of = [row["sites"][place] for place in places]
-        head = f"| {row['model']} ({row['parameters']}) "
-        lines.append(head + "| all 30 | | " + " | ".join(f"{s['all_mm']:.3f}" for s in of) + " |")
-        ranges = (range_text(s["by_lot_mm"]["quantiles"]) for s in of)
-        lines.append(head + "| *10 by lot: median (5 to 95 %)* | | " + " | ".join(ranges) + " |")
+        name = f"{row['model']} ({row['parameters']})"
+        every = [[name, "all 30", "", *(cell(s, "{all_mm:.3f}") for s in of)]]
+        by_lot = "*10 by lot: median (5 to 95 %)*"
+        every.append([name, by_lot, "", *(cell(s, range_text("by_lot_mm[quantiles]")) for s in of)])
         for k, c in enumerate(of[-1]["chosen"]):
-            proven = f"{c['efficiency']:.2f}" if c["efficiency"] is not None else ""
-            cells = [
-                f"{s['chosen'][k]['error_mm']:.3f} (x{s['chosen'][k]['over_all']:.2f}, "
-                f"{100 * s['chosen'][k]['better_than']:.0f} %)"
-                for s in of
-            ]
-            lines.append(
-                head + f"| 10 by {c['criterion']} | {proven} | " + " | ".join(cells) + " |"
-            )
+            left = [cell(s["chosen"][k], how) for s in of]
+            every.append([name, f"10 by {c['criterion']}", cell(c, "{efficiency:.2f}", ""), *left])
+        lines.append(writing.lines_of(() if lines else heads, every))
     return "\n".join(lines)
 
 

@@ -7,7 +7,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -164,23 +163,10 @@ def rows(found: dict[str, Measured]) -> list[dict[str, Any]]:
 
 
 def _figures(prefix: str, errors: ToolErrors) -> dict[str, float]:
-    (low, high), (worst_low, worst_high) = errors.rms_interval_m, errors.worst_interval_m
-    found = {
-        "predicted_rms": errors.predicted_rms_m,
-        "rms": errors.rms_m,
-        "rms_low": low,
-        "rms_high": high,
-        "median_of_trials": float(np.median(errors.of_trials_m)),
-        "predicted_worst": errors.predicted_worst_m,
-        "worst": errors.worst_m,
-        "worst_low": worst_low,
-        "worst_high": worst_high,
-        "median_of_worst": float(np.median(errors.worst_of_trials_m)),
-    }
+    found = errors.figures_mm
     if prefix:  # the same plan: the same prediction
-        del found["predicted_rms"], found["predicted_worst"]
-    in_mm: dict[str, float] = {f"{prefix}{name}_mm": 1e3 * value for name, value in found.items()}
-    return in_mm | {f"{prefix}failed": errors.failed}
+        found = {k: v for k, v in found.items() if not k.startswith("predicted")}
+    return {f"{prefix}{k}": v for k, v in found.items()} | {f"{prefix}failed": errors.failed}
 
 
 def before(arm: str) -> dict[str, float]:
@@ -201,25 +187,19 @@ def markdown(said: Mapping[str, Any]) -> str:
     )
 
 
-def table(table: list[dict[str, Any]]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
     """The table that people read."""
-    lines = []
-    for row in table:
-        cells = [row["says"], f"{row['measurements']}", f"{row['minutes']:.1f}"]
-        cells += [_short(row["predicted_rms_mm"]), _short(row["rms_mm"])]
-        cells += [f"{_short(row['rms_low_mm'])} to {_short(row['rms_high_mm'])}"]
-        cells += [_short(row["median_of_trials_mm"])]
-        cells += [_short(row["predicted_worst_mm"]), _short(row["worst_mm"])]
-        cells += [_digits(row["worth_a_minute"], 2)]
-        if "deflecting_rms_mm" in row:
-            cells += [_digits(row["deflecting_rms_mm"], 3)]
-        lines.append(writing.table_line(cells))
-    return "\n".join(lines)
+    deflects = ["{deflecting_rms_mm:.3g}"] if "deflecting_rms_mm" in rows[0] else []
+    return writing.table(rows, [*COLUMNS, *deflects])
 
 
-def _digits(value: float, count: int) -> str:
-    return f"{float(f'{value:.{count}g}'):g}"
+def _worth(row: Mapping[str, Any]) -> str:
+    two_digits = float(f"{row['worth_a_minute']:.2g}")
+    return f"{two_digits:g}"
 
 
-def _short(value_mm: float) -> str:
-    return f"{value_mm:.4f}".lstrip("0")
+COLUMNS: Sequence[writing.Cell] = (
+    "{says}", "{measurements}", "{minutes:.1f}", "{predicted_rms_mm:s.4f}", "{rms_mm:s.4f}",
+    "{rms_low_mm:s.4f} to {rms_high_mm:s.4f}", "{median_of_trials_mm:s.4f}",
+    "{predicted_worst_mm:s.4f}", "{worst_mm:s.4f}", _worth,
+)  # fmt: skip

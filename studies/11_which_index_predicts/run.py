@@ -14,6 +14,7 @@ from posedesign.report.drawing import set_answer
 from posedesign.study import Options
 from studies import writing
 from studies.drawing import MARKS
+from studies.writing import cell, span, table_across
 
 from .index_ranks import Bank, correlations
 from .index_truths import chosen, held
@@ -130,52 +131,25 @@ def ranked(
 
 
 def markdown(said: Mapping[str, Any]) -> str:
-    """The tables that people read."""
-    return "\n\n".join((_chosen_table(said), _ranked_table(said), _held_table(said)))
+    """The tables that people read: a column, or two, for each problem or set of poses."""
+    places = [(kind, problem) for kind in KINDS for problem in SETTINGS["problems"]]
+    ranked_ = [row | {"at": (row["sets"], row["problem"])} for row in said["ranked"]]
+    ranked_.sort(key=lambda row: places.index(row["at"]))
+    return "\n\n".join(
+        [
+            table_across(
+                said["chosen"], ("{criterion}", "{poses}"), "problem", ("{rms_mm:s.4f}", _times)
+            ),
+            table_across(ranked_, ("{index}",), "at", (span(".2f", "rho", "low", "high"),)),
+            table_across(said["held"], ("{says}",), "set", ("{rms_mm:s.3f}", _ratio)),
+        ]
+    )
 
 
-def _chosen_table(said: Mapping[str, Any]) -> str:
-    lines = []
-    by_cell = {(r["criterion"], r["poses"], r["problem"]): r for r in said["chosen"]}
-    for name, poses in dict.fromkeys((c, n) for c, n, _ in by_cell):
-        cells = [name, f"{poses}"]
-        for problem in SETTINGS["problems"]:
-            row = by_cell[name, poses, problem]
-            cells.append(f"{row['rms_mm']:.4f}".lstrip("0"))
-            times = f"{row['times_I']:.2f}"
-            if row["times_I_low"] < row["times_I_high"]:
-                times += f" ({row['times_I_low']:.2f} to {row['times_I_high']:.2f})"
-            cells.append(times)
-        lines.append(writing.table_line(cells))
-    return "\n".join(lines)
+def _times(row: Mapping[str, Any]) -> str:
+    known = row["times_I_low"] < row["times_I_high"]
+    return cell(row, span(".2f", "times_I") if known else "{times_I:.2f}")
 
 
-def _ranked_table(said: Mapping[str, Any]) -> str:
-    lines = []
-    by_cell = {(r["index"], r["problem"], r["sets"]): r for r in said["ranked"]}
-    for name in dict.fromkeys(index for index, _, _ in by_cell):
-        cells = [name]
-        for kind in KINDS:
-            for problem in SETTINGS["problems"]:
-                row = by_cell.get((name, problem, kind))
-                cells.append(
-                    f"{row['rho']:.2f} ({row['low']:.2f} to {row['high']:.2f})" if row else ""
-                )
-        lines.append(writing.table_line(cells))
-    return "\n".join(lines)
-
-
-def _held_table(said: Mapping[str, Any]) -> str:
-    lines = []
-    by_cell = {(r["case"], r["set"]): r for r in said["held"]}
-    names = list(dict.fromkeys(s for _, s in by_cell))
-    for case in dict.fromkeys(c for c, _ in by_cell):
-        cells = [by_cell[case, names[0]]["says"]]
-        for name in names:
-            row = by_cell[case, name]
-            digits = 2 if row["ratio"] < 10 else 0
-            cells.append(f"{row['rms_mm']:.3f}".lstrip("0"))
-            ends = f"{row['ratio_low']:.{digits}f} to {row['ratio_high']:.{digits}f}"
-            cells.append(f"{row['ratio']:.{digits}f} ({ends})")
-        lines.append(writing.table_line(cells))
-    return "\n".join(lines)
+def _ratio(row: Mapping[str, Any]) -> str:
+    return cell(row, span(".2f" if row["ratio"] < 10 else ".0f", "ratio"))

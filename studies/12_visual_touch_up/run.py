@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from calib.se3 import FloatArray
 from posedesign.report.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION, set_answer
 from posedesign.study import Advance, Options
 from studies import writing
+from studies.writing import Cell, cell, span, table
 
 from . import visual_pin as pin
 from . import visual_tables as tables
@@ -233,61 +233,41 @@ def derived() -> dict[str, Any]:
     }
 
 
-def _short(value: float, sign: str = "") -> str:
-    """Three decimals without the zero before the point, and no sign of nothing."""
-    return re.sub(r"\b0\.", ".", f"{round(value, 3) + 0.0:{sign}.3f}")
-
-
-def _cells(row: dict[str, Any], axes: Sequence[str]) -> list[str]:
-    return [
-        f"{_short(row[f'{axis}_mm'])} "
-        f"({_short(row[f'{axis}_low_mm'])} to {_short(row[f'{axis}_high_mm'])})"
-        for axis in axes
-    ]
-
-
-def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    rule = ["---"] * len(head)
-    return "\n".join(writing.table_line(cells) for cells in (head, rule, *lines))
-
-
-def markdown_repeated(rows: list[dict[str, Any]], axes: Sequence[str]) -> str:
-    """Table 1 (axes X, Y, Z) or Table 2 (V, H, D) as the README has it."""
-    is_stereo = tuple(axes) == tables.BASE_AXES
-    last = ["Z / D of a touch-up"] if is_stereo else ["D, least to most of a set-up", "moves"]
-    lines = []
-    for row in rows:
-        if row["key"] == LINE_ONLY and not is_stereo:
-            continue  # the same touch-ups as in the base
-        failed = row["stereo_failed" if is_stereo else "failed"]
-        if is_stereo:
-            ends = (row[f"depth_ratio{end}"] for end in ("", "_low", "_high"))
-            values = ["{:.2f} ({:.2f} to {:.2f})".format(*ends)]
-        else:
-            ends = (_short(row[f"D_{end}_mm"]) for end in ("least", "most"))
-            values = [" to ".join(ends), f"{row['moves']:.1f}"]
-        lines.append([row["says"], str(row["trials"]), *_cells(row, axes), *values, str(failed)])
-    return _table(["condition", "trials", *axes, *last, "failed"], lines)
-
-
-def markdown_pin(rows: list[dict[str, Any]]) -> str:
-    """Table 3 as the README has it."""
-    lines = []
-    for row in rows:
-        turn = "xyz"[int(np.argmax(row["turn_deg"]))]
-        mean = [_short(value, "+") for value in row["mean_mm"]]
-        expected = [_short(value, "+") for value in row["predicted_mm"]]
-        said = ", ".join(expected) if any(row["predicted_mm"]) else "0"
-        sigma = ", ".join(_short(3 * value) for value in row["sigma_mm"])
-        lines.append([turn, row["variant"], *mean, said, sigma])
-    return _table(["45 deg about", "touch-up", "x", "y", "z", "predicted", "3 sigma"], lines)
-
-
 def markdown(said: Mapping[str, Any]) -> str:
     """What people read: Tables 2, 1 and 3, and figures that the text has besides."""
-    repeated = [markdown_repeated(said["rows"], axes) for axes in (tables.AXES, tables.BASE_AXES)]
+    touched = [row for row in said["rows"] if row["key"] != LINE_ONLY]  # the same as in the base
     besides = json.dumps(said["pin"]["largest"] | said["derived"])
-    return "\n\n".join((*repeated, markdown_pin(said["pin"]["rows"]), besides))
+    pin = (_flat(row) for row in said["pin"]["rows"])
+    tables_ = (table(touched, TOUCHED), table(said["rows"], MET), table(pin, AGAINST_PIN))
+    return "\n\n".join((*tables_, besides))
+
+
+def _axes(names: Sequence[str]) -> dict[str, Cell]:
+    return {name: span("s.3f", f"{name}_mm") for name in names}
+
+
+def _predicted(row: Mapping[str, Any]) -> str:
+    """Three figures, or none where nothing is predicted; no sign of nothing."""
+    names = [f"predicted_{axis}_mm" for axis in "xyz"]
+    shown = ", ".join(f"{{{name}:s+z.3f}}" for name in names)
+    return cell(row, shown) if any(row[name] for name in names) else "0"
+
+
+def _three_sigma(row: Mapping[str, Any]) -> str:
+    return ", ".join(cell({"v": 3 * row[f"sigma_{axis}_mm"]}, "{v:s.3f}") for axis in "xyz")
+
+
+HEAD: Mapping[str, Cell] = {"condition": "{says}", "trials": "{trials}"}
+TOUCHED = HEAD | _axes(tables.AXES)
+TOUCHED |= {"D, least to most of a set-up": "{D_least_mm:s.3f} to {D_most_mm:s.3f}"}
+TOUCHED |= {"moves": "{moves:.1f}", "failed": "{failed}"}
+MET = HEAD | _axes(tables.BASE_AXES)
+MET |= {"Z / D of a touch-up": span(".2f", "depth_ratio"), "failed": "{stereo_failed}"}
+AGAINST_PIN: Mapping[str, Cell] = {
+    "45 deg about": "{about}", "touch-up": "{touch_up}",
+    **{axis: f"{{mean_{axis}_mm:s+z.3f}}" for axis in "xyz"},
+    "predicted": _predicted, "3 sigma": _three_sigma,
+}  # fmt: skip
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from posedesign.identification.models import OFFSETS
 from studies.intervals import wilson
-from studies.writing import table_of
+from studies.writing import Cell, table
 
 from .recommended_trials import KNOWN, NOMINAL, PULLED, REDUCED
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+PEERS = {"reduced": REDUCED, "pulled": PULLED, "known": KNOWN}
 EVERY = "all"
 WORSE = 1e-6
 """Part of an error by which another is larger, and not the same one rounded."""
@@ -58,29 +59,22 @@ def _outcome(rows: pd.DataFrame) -> dict[str, Any]:
     def said(column: str) -> float:
         return np.nan if taken is None else float(taken[column])
 
-    model = NOMINAL if taken is None else str(taken.name)
+    name = NOMINAL if taken is None else str(taken.name)
     return {
-        "preset": str(head["preset"]),
-        "way": str(head["way"]),
-        "trial": int(head["trial"]),
-        "compliant": bool(head["compliant"]),
-        "wavy": bool(head["wavy"]),
+        "preset": str(head["preset"]), "way": str(head["way"]), "trial": int(head["trial"]),
+        "compliant": bool(head["compliant"]), "wavy": bool(head["wavy"]),
         "refused": head["role"] == "refused",
-        "model": model,
-        "recommended": of(model) if taken is None else float(taken["error_mm"]),
+        "model": name,
+        "recommended": of(name) if taken is None else float(taken["error_mm"]),
         "best": float(models["error_mm"].min()),
         "nominal": of(NOMINAL),
         "offsets": of(OFFSETS),
         "reference": float(own["error_mm"].iloc[0]) if len(own) else np.nan,
-        "reduced": float(peers.get(REDUCED, np.nan)),
-        "pulled": float(peers.get(PULLED, np.nan)),
-        "known": float(peers.get(KNOWN, np.nan)),
-        "box": of(model, "box_mm"),
+        **{key: float(peers.get(peer, np.nan)) for key, peer in PEERS.items()},
+        "box": of(name, "box_mm"),
         "box_best": float(models["box_mm"].min()),
         "box_nominal": of(NOMINAL, "box_mm"),
-        "expected": said("expected_mm"),
-        "expected_low": said("expected_low_mm"),
-        "expected_high": said("expected_high_mm"),
+        **{key: said(f"{key}_mm") for key in ("expected", "expected_low", "expected_high")},
         "incomplete": taken is not None and bool(taken["incomplete"]),
         "blames": bool(head["blames"]),
         "covered": 0 if taken is None else int(taken["covered"]),
@@ -184,75 +178,43 @@ def worst(found: pd.DataFrame, count: int = 10) -> list[dict[str, Any]]:
 
 def markdown(said: Mapping[str, Any]) -> str:
     """The tables that people read."""
-    return "\n\n".join([_choice(said["rows"]), _errors(said["rows"]), _belief(said["rows"])])
-
-
-def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ["measured by", "arms", "within 10 %", "95 %", "sizes known", "median", "worst"]
-    head += ["worse than nominal", "beyond its interval", "95 %", "than offsets", "95 %"]
-    head += ["compliance on rigid arms", "95 %"]
-    return table_of(
-        head,
-        [
-            [
-                *(_where(row), f"{row['arms']}", _percent(row, "near"), _ends(row, "near")),
-                _percent(row, "known_near"),
-                *(_digits(row["over_best_median"]), _digits(row["over_best_worst"])),
-                *(f"{row['harms']}", f"{row['harms_beyond']}", _ends(row, "harms_beyond")),
-                *(f"{row['worse_than_offsets']}", _ends(row, "worse_than_offsets")),
-                *(f"{row['compliance_of_rigid']} of {row['compliance_of_rigid_of']}",),
-                _ends(row, "compliance_of_rigid"),
-            ]
-            for row in rows
-        ],
-    )
-
-
-def _errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    names = ("nominal", "offsets", "recommended", "reference", "best", "reduced", "pulled", "known")
-    head = ["measured by", "nominal", "offsets", "recommended", "reference", "best model"]
-    head += ["QR, no priors", "pulled to nominal", "sizes known"]
-    return table_of(
-        head, [[_where(row), *(_mm(row[f"{name}_mm"]) for name in names)] for row in rows]
-    )
-
-
-def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ["measured by", "covered", "95 %", "smooth", "wavy", "wavy, nothing said"]
-    head += ["said of wavy", "mistakes named", "error in its interval", "found over expected"]
-    return table_of(
-        head,
-        [
-            [
-                *(_where(row), _percent(row, "covered"), _ends(row, "covered")),
-                *(_percent(row, "covered_smooth"), _percent(row, "covered_wavy")),
-                *(_percent(row, "covered_wavy_silent"),),
-                f"{row['incomplete_wavy']} of {row['incomplete_wavy_of']}",
-                f"{row['blames']} of {row['blames_of']}",
-                *(_percent(row, "expected"), _digits(row["found_over_expected"])),
-            ]
-            for row in rows
-        ],
-    )
+    rows = [row | {"where": _where(row)} for row in said["rows"]]
+    for row in rows:
+        for name in [key for key in row if f"{key}_of" in row]:
+            row[f"share {name}"] = row[name] / row[f"{name}_of"] if row[f"{name}_of"] else None
+            if not row[f"{name}_of"]:
+                row |= {f"{name}_low": None, f"{name}_high": None}
+    return "\n\n".join(table(rows, cells, heads.split(" | ")) for heads, cells in TABLES.items())
 
 
 def _where(row: Mapping[str, Any]) -> str:
     return f"**{row['way']}**" if row["preset"] == EVERY else f"{row['way']}, {row['preset']}"
 
 
-def _percent(row: Mapping[str, Any], name: str) -> str:
-    return f"{100 * row[name] / row[f'{name}_of']:.0f} %" if row[f"{name}_of"] else "-"
+def _ends(name: str) -> str:
+    return f"{{{name}_low:p}} to {{{name}_high:p}} %"
 
 
-def _ends(row: Mapping[str, Any], name: str) -> str:
-    if not row[f"{name}_of"]:
-        return "-"
-    return f"{100 * row[f'{name}_low']:.0f} to {100 * row[f'{name}_high']:.0f} %"
-
-
-def _digits(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
-
-
-def _mm(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}".lstrip("0")
+TABLES: Mapping[str, Sequence[Cell]] = {
+    "measured by | arms | within 10 % | 95 % | sizes known | median | worst | worse than nominal | "
+    "beyond its interval | 95 % | than offsets | 95 % | compliance on rigid arms | 95 %": (
+        "{where}", "{arms}", "{share near:p} %", _ends("near"), "{share known_near:p} %",
+        "{over_best_median:.2f}", "{over_best_worst:.2f}", "{harms}", "{harms_beyond}",
+        _ends("harms_beyond"), "{worse_than_offsets}", _ends("worse_than_offsets"),
+        "{compliance_of_rigid} of {compliance_of_rigid_of}", _ends("compliance_of_rigid"),
+    ),
+    "measured by | nominal | offsets | recommended | reference | best model | QR, no priors | "
+    "pulled to nominal | sizes known": (
+        "{where}", "{nominal_mm:s.3f}", "{offsets_mm:s.3f}", "{recommended_mm:s.3f}",
+        "{reference_mm:s.3f}", "{best_mm:s.3f}", "{reduced_mm:s.3f}", "{pulled_mm:s.3f}",
+        "{known_mm:s.3f}",
+    ),
+    "measured by | covered | 95 % | smooth | wavy | wavy, nothing said | said of wavy | mistakes "
+    "named | error in its interval | found over expected": (
+        "{where}", "{share covered:p} %", _ends("covered"), "{share covered_smooth:p} %",
+        "{share covered_wavy:p} %", "{share covered_wavy_silent:p} %",
+        "{incomplete_wavy} of {incomplete_wavy_of}", "{blames} of {blames_of}",
+        "{share expected:p} %", "{found_over_expected:.2f}",
+    ),
+}  # fmt: skip
+"""Heads and cells of each table."""

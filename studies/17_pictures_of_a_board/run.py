@@ -15,7 +15,7 @@ from posedesign.report.drawing import set_answer
 from posedesign.study import Options
 from studies import writing
 from studies.drawing import log_ticks, rows_of_marks
-from studies.writing import table_by
+from studies.writing import Cell, cell, table
 
 from .board_peers import EVERY, LENSES, PIXELS, trial_rows
 
@@ -124,24 +124,17 @@ def markdown(found: Found) -> str:
     for arm in SETTINGS["arms"]:
         for lens in LENSES:
             rows = [r for r in found["rows"] if r["arm"] == arm and r["lens"] == lens]
-            bound = f"bound {rows[0]['bound_mm']:.3f} mm, {rows[0]['bound_deg']:.4f} deg"
-            every.append(f"**{arm.capitalize()}, {lens}** ({bound})\n\n{table_by(rows, COLUMNS)}")
+            bound = cell(rows[0], "bound {bound_mm:.3f} mm, {bound_deg:.4f} deg")
+            every.append(f"**{arm.capitalize()}, {lens}** ({bound})\n\n{table(rows, COLUMNS)}")
     return "\n\n".join(every)
 
 
-def _ratio(unit: str) -> Any:
-    return lambda row: f"{row[f'over_{unit}']:.2f} ± {row[f'error_{unit}']:.2f}"
-
-
-COLUMNS = {
+COLUMNS: Mapping[str, Cell] = {
     "method": lambda row: "**pixels**" if row["method"] == PIXELS else row["method"],
-    "rms [mm]": lambda row: f"{row['rms_mm']:.3g}",
-    "over the bound": _ratio("mm"),
-    "rms [deg]": lambda row: f"{row['rms_deg']:.3g}",
-    "over the bound, rotation": _ratio("deg"),
-    "NEES": lambda row: "-" if row["nees"] is None else f"{row['nees']:.2f}",
-    "no result": lambda row: str(row["failed"]),
-}
+    "rms [mm]": "{rms_mm:.3g}", "over the bound": "{over_mm:.2f} ± {error_mm:.2f}",
+    "rms [deg]": "{rms_deg:.3g}", "over the bound, rotation": "{over_deg:.2f} ± {error_deg:.2f}",
+    "NEES": "{nees:.2f}", "no result": "{failed}",
+}  # fmt: skip
 
 
 def nees_band(trials: int) -> tuple[float, float]:

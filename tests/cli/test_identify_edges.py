@@ -20,6 +20,8 @@ from posedesign.identification import identify_models
 from posedesign.report.identification import answer_of_identification
 from tests.cli.conftest import offsets_only, rows_of, strict_json
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
 
 

@@ -13,6 +13,8 @@ from posedesign.files.measurements import write_measurements
 from tests import instrument_files as files
 from tests.instrument_files import Session, session
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 ALL = 'reflectors = ["SMR1", "SMR2", "SMR3"]\n'
 TURNED = (
     'kind = "pose"\nunit = "mm"\nturn = "quaternion-xyzw"\n[instrument.columns]\n'

@@ -32,6 +32,8 @@ from tests.cli.conftest import offsets_only
 from tests.measured_cells import check_scatter
 from tests.positioners import beside_positioner
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 TABLE = ExternalAxes(positioner=2)
 PLACE = {"r2000ic165f": 1.6, "irb120": 0.5, "kr6r900sixx": 0.7, "ur10e": 0.8}
 MAKERS = {"r2000ic165f": "fanuc", "irb120": "abb", "kr6r900sixx": "kuka", "ur10e": "ur"}

@@ -46,6 +46,8 @@ from tests.measured_cells import TRACKER, check_scatter
 from tests.rails import on_slides
 from tests.unit.acceptance.conftest import identified_in
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 RAIL = ExternalAxes(slides=1)
 POSTURE = {
     "r2000ic165f": [6.0, 12.0, -40.0, -2.0, -40.0, -73.0],

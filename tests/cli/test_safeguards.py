@@ -52,7 +52,7 @@ def test_bodies_that_are_given_in_metres_are_doubted(cli, work):
 def test_a_study_without_offsets_shows_the_tool(cli, change_cell, work, monkeypatch):
     drawn = "posedesign.report.accuracy.draw_accuracy"
     monkeypatch.setattr(drawn, lambda study, path: path)  # longer than the study
-    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[15, 15, 15]"})
+    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[10, 10, 10]"})
     said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
     assert said.code == 0
     assert "x sd" in said.out
@@ -107,21 +107,43 @@ def test_a_stiffness_of_ones_own_makes_the_arm_deflect(cli, change_cell, work):
     assert files[0] != files[1]
 
 
-def test_arms_of_few_joints_are_not_planned_for(cli, tmp_path):
+def test_arms_of_few_joints_are_planned_for_what_reads_the_tool_anywhere(cli, tmp_path):
+    """They cannot turn the tool about a target; joint values of a pool need not."""
     joints = "".join(
         f"""<link name="l{i + 1}"/><joint name="j{i + 1}" type="revolute"><parent link="l{i}"/>
         <child link="l{i + 1}"/><origin xyz="0.3 0 0.1"/><axis xyz="0 {i % 2} {1 - i % 2}"/>
         <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>"""
-        for i in range(3)
+        for i in range(4)
     )
     (tmp_path / "arm.urdf").write_text(f'<robot name="short"><link name="l0"/>{joints}</robot>')
-    (tmp_path / "cell.toml").write_text(
+    offsets = {"j2": 0.3, "j3": -0.2}
+    config = (
         '[robot]\nurdf = "arm.urdf"\n[tool]\npoint_mm = [10, 0, 10]\n'
-        "[base_pose]\nposture_deg = [10, 20, 30]\n[constraints]\ncollisions = false\n"
+        "[base_pose]\nposture_deg = [10, 20, 30, 40]\n[constraints]\ncollisions = false\n"
+        f'[parameters]\nzero_offsets = {list(offsets)}\nmodels = [["zero_offsets"]]\n'
+        f"[truth]\nzero_offsets_deg = [0.0, {offsets['j2']}, {offsets['j3']}, 0.0]\n"
+        "deflection = false\n"
     )
-    said = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
-    assert said.code == 2
-    assert "short has 3 joints: fewer than 6 cannot hold the tool point" in said.err
+    tracker = (
+        '[target]\nposition_mm = [2500, 500, 800]\n[measurement]\nkind = "point"\n'
+        '[[noise]]\nkind = "point"\nthree_sigma_mm = 0.1\n'
+    )
+    touched, read = tmp_path / "touched.toml", tmp_path / "read.toml"
+    touched.write_text(config)
+    read.write_text(config + tracker)
+    for cell, method in ((touched, ()), (touched, ("--method", "exchange")), (read, ())):
+        said = cli("plan", cell, *method, "--out", tmp_path)
+        assert said.code == 2
+        assert "short has 4 joints: fewer than 6 cannot hold the tool point" in said.err
+    assert cli("plan", read, "--method", "exchange", "--out", tmp_path).code == 0
+    assert cli("simulate", read, tmp_path / "poses.csv", "--out", tmp_path).code == 0
+    assert cli("identify", read, tmp_path / "measurements.csv", "--out", tmp_path).code == 0
+    models = json.loads((tmp_path / "identification.json").read_text())["models"]
+    (model,) = (model for model in models if model["name"] == "offsets")
+    found = {p["name"].removeprefix("zero_offset."): p for p in model["parameters"]}
+    for joint, true in offsets.items():
+        assert found[joint]["value"] == pytest.approx(true, abs=4.0 * found[joint]["sigma"])
+        assert found[joint]["sigma"] < 0.1
 
 
 def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):

@@ -156,11 +156,3 @@ class TestWhole:
         assert set(study.versions(())) == {"opencv", "scipy"}
         for name in study.EXTRA:
             assert study._sentence(name).startswith(f"{name} is not installed and left out; to")
-
-
-class TestReadme:
-    def test_sentences_are_the_result(self, study, written):
-        text = (FOLDER / "README.md").read_text(encoding="utf-8")
-        assert not written["left_out"]
-        for name, sentence in study.sentences(written).items():
-            assert sentence in text, name

@@ -122,12 +122,6 @@ class TestWhatBuys:
                 low, high = row["rms_low_mm"], row["rms_high_mm"]
                 assert low / 1.1 < row["predicted_rms_mm"] < high / 0.9, row["key"]
 
-    def test_tables_and_advice_that_people_read_are_the_result(self, buys):
-        text = (BUYS / "README.md").read_text(encoding="utf-8")
-        for part in written(BUYS)["arms"].values():
-            for line in buys.table(part["rows"]).splitlines():
-                assert line in text
-
 
 class TestWhichIndex:
     def test_ranks_are_those_of_scipy(self, index):

@@ -180,23 +180,3 @@ class TestAgainstPin:
         assert worst["tilt taken off"] < 0.03
         largest = written["pin"]["largest"]
         assert largest["low_mm"] < bar < largest["high_mm"]
-
-
-class TestReadme:
-    def test_tables_that_people_read_are_the_result(self, study, written):
-        text = (FOLDER / "README.md").read_text(encoding="utf-8")
-        tables = [study.markdown_repeated(written["rows"], axes) for axes in (TOUCH, STEREO)]
-        tables.append(study.markdown_pin(written["pin"]["rows"]))
-        for line in "\n".join(tables).splitlines():
-            assert line in text
-
-    def test_verdicts_have_the_figures_of_the_tables(self, study, expected):
-        lines = (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
-        second = next(line for line in lines if line.startswith("| 2: "))
-        first = next(line for line in lines if line.startswith("| 1: "))
-        for axis, cell in zip(TOUCH, study._cells(expected["images"], TOUCH), strict=True):
-            assert f"{axis} {cell}" in second
-        for axis, cell in zip(
-            STEREO, study._cells(expected["any side, tenth"], STEREO), strict=True
-        ):
-            assert f"{axis} {cell}" in first

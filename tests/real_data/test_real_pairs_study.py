@@ -174,9 +174,3 @@ def test_the_study_is_as_written(found, written, name):
         halves, before = (of["data"][name]["splits"]["methods"][method] for of in (found, written))
         for figure in ("rms_deg_ratio", "rms_mm_ratio"):
             assert halves[figure] == pytest.approx(before[figure], rel=5.0 * rel), (method, figure)
-
-
-def test_the_tables_that_people_read_are_the_result(study, written):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    for name, table in study.all_tables(written).items():
-        assert table in text, name

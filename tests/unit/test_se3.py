@@ -134,15 +134,15 @@ def test_projection_is_the_nearest_rotation():
     nearest = se3.project_to_rotation(matrices)
     np.testing.assert_allclose(np.linalg.det(nearest), 1.0, atol=1e-14)
     np.testing.assert_allclose(nearest @ np.swapaxes(nearest, -1, -2) - np.eye(3), 0.0, atol=1e-14)
-    others = rotations(20_000, seed=8)
+    others = rotations(5_000, seed=8)
     for matrix, best in zip(matrices, nearest, strict=True):
         distance = np.linalg.norm(others - matrix, axis=(-2, -1))
         closest = others[np.argmin(distance)]
         assert np.linalg.norm(best - matrix) <= distance.min()
         # the search ends near it: it is no other stationary point
-        refined = closest @ se3.rotation_exp(rng.uniform(-0.1, 0.1, (20_000, 3)))
+        refined = closest @ se3.rotation_exp(rng.uniform(-0.1, 0.1, (5_000, 3)))
         shortest = np.linalg.norm(refined - matrix, axis=(-2, -1)).min()
-        assert np.linalg.norm(best - matrix) <= shortest < np.linalg.norm(best - matrix) + 0.01
+        assert np.linalg.norm(best - matrix) <= shortest < np.linalg.norm(best - matrix) + 0.02
 
 
 def test_projection_leaves_a_rotation_and_turns_no_mirror_image_into_itself():
@@ -239,7 +239,7 @@ component = st.floats(-1, 1, allow_subnormal=False)
 quaternions = st.tuples(component, component, component, component).filter(
     lambda q: np.linalg.norm(q) > 1e-3
 )
-few = settings(max_examples=60, deadline=None)
+few = settings(max_examples=30, deadline=None)
 
 
 @few

@@ -22,12 +22,12 @@ import defusedxml
 import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
-from calib.errors import RobotModelError
+from calib.errors import RobotModelError, model_error
 from calib.limited import read_bounded, run_limited
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
-from calib.robots.shapes import LinkShape
+from calib.robots.model_chain import RobotDescription
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -47,25 +47,9 @@ class Description:
     notices: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Urdf:
-    """What a URDF holds."""
-
-    model: pin.Model
-    """Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg."""
-    notices: tuple[str, ...]  # what was read otherwise than it stands in the file
-    joint_notices: Mapping[str, str]
-    """The same of single joints, which matters where the joint moves."""
-    flaws: Mapping[str, RobotModelError]
-    """Joints that can be held still but not moved, and why: no limits, or led by another joint."""
-    led: Mapping[str, tuple[str, float, float]]
-    """Joints that follow another: its name, the factor and the offset [rad, m]."""
-    shapes: tuple[LinkShape, ...]  # collision geometry
-    lost_shapes: tuple[str, ...]
-    """Links with collision geometry that cannot be had; ``notices`` say why."""
-
-
-def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:
+def load_urdf(
+    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+) -> RobotDescription:
     """Read a URDF file, or a xacro file that expands to one; see :func:`read_description`.
 
     Raises
@@ -73,20 +57,17 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
     RobotModelError
         The file is missing, is no URDF, or something in it cannot be used.
     """
-    description = read_description(path, packages, xacro_args)
-    root = description.root
-    kinematics = read_kinematics(root, path)
-    shapes, lost, missing = read_collision_shapes(
-        root, path, description.folders, description.packages
-    )
-    return Urdf(
+    file = read_description(path, packages, xacro_args)
+    kinematics = read_kinematics(file.root, path)
+    shapes, lost, missing = read_collision_shapes(file.root, path, file.folders, file.packages)
+    return RobotDescription(
         model=_build(kinematics, path),
-        notices=(*description.notices, *missing),
-        joint_notices=MappingProxyType(kinematics.notices),
-        flaws=MappingProxyType(kinematics.flaws),
-        led=MappingProxyType(kinematics.led),
         shapes=shapes,
         lost_shapes=lost,
+        notices=(*file.notices, *missing),
+        joint_notices=kinematics.notices,
+        flaws=kinematics.flaws,
+        led=kinematics.led,
     )
 
 
@@ -132,16 +113,14 @@ def read_description(
         default = f"every {'other ' if given else ''}argument at its default"
         notices = (", ".join(["expanded from xacro", *given, default]),)
     elif arguments:
-        raise RobotModelError(
-            f"{path}: is no xacro file, and has no arguments",
-            hint="leave them out",
-            name=next(iter(arguments)),
+        raise model_error(
+            path, "is no xacro file, and has no arguments", "leave them out", next(iter(arguments))
         )
     if root.tag != "robot":
-        raise RobotModelError(
-            f"{path}: the outermost element is <{root.tag}>, not <robot>",
-            hint="is it an SDF or a MuJoCo model? convert it to a URDF first",
-            name=str(path),
+        raise model_error(
+            path,
+            f"the outermost element is <{root.tag}>, not <robot>",
+            "is it an SDF or a MuJoCo model? convert it to a URDF first",
         )
     return Description(text, root, tuple(folders), known, notices)
 
@@ -153,10 +132,11 @@ def _arguments(path: Path, words: Iterable[str]) -> dict[str, str]:
         name, separator, value = word.partition(":=")
         if not (name and separator) or name in given:
             why = "is given twice" if name in given else "is not NAME:=VALUE"
-            raise RobotModelError(
-                f"{path}: the xacro argument {shown(word)} {why}",
-                hint='write each as xacro takes it: "prefix:=left_"',
-                name=name,
+            raise model_error(
+                path,
+                f"the xacro argument {shown(word)} {why}",
+                'write each as xacro takes it: "prefix:=left_"',
+                name,
             )
         given[name] = value
     return given
@@ -166,10 +146,11 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
     given = tuple(packages)
     for folder in given:
         if not folder.is_dir():
-            raise RobotModelError(
-                f"{path}: {folder}, where packages are to be searched, is no folder",
-                hint="give the folder that the packages lie in, such as the src of a workspace",
-                name=str(folder),
+            raise model_error(
+                path,
+                f"{folder}, where packages are to be searched, is no folder",
+                "give the folder that the packages lie in, such as the src of a workspace",
+                str(folder),
             )
     return folders_to_search(given)
 
@@ -178,16 +159,14 @@ def _read(path: Path, hint: str) -> bytes:
     try:
         text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
-        raise RobotModelError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
-            hint=hint,
-            name=str(path),
+        raise model_error(
+            path, f"cannot be read: {getattr(error, 'strerror', error)}", hint
         ) from error
     if len(text) > LARGEST_URDF_BYTES:
-        raise RobotModelError(
-            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a description",
-            hint="give the kinematics only",
-            name=str(path),
+        raise model_error(
+            path,
+            f"more than {LARGEST_URDF_BYTES} bytes is too large for a description",
+            "give the kinematics only",
         )
     return text
 
@@ -196,15 +175,13 @@ def _parse(text: bytes, path: Path) -> Element:
     try:
         root: Element = fromstring(text, forbid_dtd=True)
     except defusedxml.DefusedXmlException as error:
-        raise RobotModelError(
-            f"{path}: document types and entities are not accepted in a description",
-            hint="remove the <!DOCTYPE> part",
-            name=str(path),
+        raise model_error(
+            path,
+            "document types and entities are not accepted in a description",
+            "remove the <!DOCTYPE> part",
         ) from error
     except (ParseError, LookupError, ValueError) as error:  # the last two: unknown encodings
-        raise RobotModelError(
-            f"{path}: is not well-formed XML: {error}", hint="mend the file", name=str(path)
-        ) from error
+        raise model_error(path, f"is not well-formed XML: {error}", "mend the file") from error
     if root.tag.endswith("}robot"):  # a name space for all elements, as some tools write it
         space = root.tag.removesuffix("robot")
         for element in root.iter():
@@ -216,10 +193,10 @@ def _build(kinematics: Kinematics, path: Path) -> pin.Model:
     try:
         return pin.buildModelFromXML(tostring(kinematics.root, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
-        raise RobotModelError(
-            f"{path}: Pinocchio cannot build a model of it: {str(error).splitlines()[0]}",
-            hint="check the file with check_urdf",
-            name=str(path),
+        raise model_error(
+            path,
+            f"Pinocchio cannot build a model of it: {str(error).splitlines()[0]}",
+            "check the file with check_urdf",
         ) from error
 
 
@@ -254,11 +231,10 @@ def expand_xacro(
         The xacro package is not installed, or the file cannot be expanded, or not within bounds.
     """
     if find_spec("xacro") is None:
-        raise RobotModelError(
-            f"{path}: contains xacro macros, and the package xacro is not installed",
-            hint='pip install "posedesign[xacro]", or expand it first: xacro file.xacro > '
-            "file.urdf",
-            name=str(path),
+        raise model_error(
+            path,
+            "contains xacro macros, and the package xacro is not installed",
+            'pip install "posedesign[xacro]", or expand it first: xacro file.xacro > file.urdf',
         )
     job = {
         "file": str(path.resolve()),
@@ -285,8 +261,8 @@ def expand_xacro(
 
 
 def _failed(path: Path, why: str) -> RobotModelError:
-    return RobotModelError(
-        f"{path}: xacro cannot be expanded: {why}",
-        hint="correct it, or expand it yourself, where you trust it: xacro file.xacro > file.urdf",
-        name=str(path),
+    return model_error(
+        path,
+        f"xacro cannot be expanded: {why}",
+        "correct it, or expand it yourself, where you trust it: xacro file.xacro > file.urdf",
     )

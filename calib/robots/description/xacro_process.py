@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from defusedxml import DefusedXmlException
-from defusedxml.minidom import parseString
+from defusedxml.expatbuilder import parseString
 
 from calib.robots.description.packages import Packages, is_inside
 

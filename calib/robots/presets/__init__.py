@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import tomllib
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -20,38 +19,15 @@ import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
 from calib.robots.bounds import CoupledLimit
+from calib.robots.model_chain import RobotDescription
 from calib.robots.shapes import Box, LinkShape, capsule_between
 from calib.se3 import rotation_from_wpr
 
 _NO_LIMIT = np.finfo(float).max
 
 
-@dataclass(frozen=True, eq=False)
-class Preset:
-    """A robot as loaded from its file."""
-
-    name: str
-    title: str
-    source: str
-    confidence: str
-    missing: tuple[str, ...]  # what the source does not say
-    controller: str  # maker of the controller, a key of ``calib.robots.POSITIVE_AXES``
-    payload_kg: float
-    repeatability_mm: float | None
-    arm_mass_kg: float | None
-    """repeatability_mm, arm_mass_kg: as the maker's catalogue has them; None where not known."""
-    tip: str  # link that carries the tool
-    base_posture_deg: tuple[float, ...]
-    """A posture to start planning from, the tool in front of the arm and pointing down."""
-    model: pin.Model  # links have no mass where the file gives none
-    stiffness: dict[str, float]  # torsional stiffness by joint name [Nm/rad]
-    shapes: tuple[LinkShape, ...]  # the links as capsules and boxes
-    shape_fit: str  # how the shapes were found, and how far off they may be
-    coupled_limits: tuple[CoupledLimit, ...]
-
-
 def preset_names() -> list[str]:
-    """Names that :func:`load_preset` knows, sorted."""
+    """Names of the presets, sorted."""
     return list(_names())
 
 
@@ -82,7 +58,14 @@ def _plain(name: str) -> str:
 
 
 def preset_info(name: str) -> dict[str, Any]:
-    """Everything that stands in the file of a preset; for names see :func:`find_preset`."""
+    """Everything that stands in the file of a preset; for names see :func:`find_preset`.
+
+    ``missing``: what its source does not say. ``controller``: its maker, a key of
+    ``calib.robots.POSITIVE_AXES``. ``repeatability_mm`` and ``arm_mass_kg``, where they are known,
+    and ``payload_kg``: as the maker's catalogue has them. ``tip``: link that carries the tool.
+    ``base_posture_deg``: to start planning from, the tool in front of the arm and pointing down.
+    ``shape_fit``: how the shapes were found, and how far off they may be.
+    """
     return deepcopy(_content(find_preset(name)))
 
 
@@ -93,32 +76,18 @@ def _content(preset: str) -> dict[str, Any]:
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def load_preset(name: str) -> Preset:
-    """Load a preset and build its Pinocchio model; for names see :func:`find_preset`."""
+def describe_preset(name: str) -> RobotDescription:
+    """Build the Pinocchio model of a preset; for names see :func:`find_preset`.
+
+    Links have no mass where the file gives none, and are capsules and boxes.
+    """
     name = find_preset(name)
     info = _content(name)
-    stiffness = {
-        j["name"]: float(j["stiffness_nm_per_rad"])
-        for j in info["joint"]
-        if "stiffness_nm_per_rad" in j
-    }
-    return Preset(
-        name=name,
-        title=info["title"],
-        source=info["source"],
-        confidence=info["confidence"],
-        missing=tuple(info["missing"]),
-        controller=info["controller"],
-        payload_kg=float(info["payload_kg"]),
-        repeatability_mm=info.get("repeatability_mm"),
-        arm_mass_kg=info.get("arm_mass_kg"),
-        tip=info["tip"],
-        base_posture_deg=tuple(info["base_posture_deg"]),
+    known = [joint for joint in info["joint"] if "stiffness_nm_per_rad" in joint]
+    return RobotDescription(
         model=_build_model(name, info),
-        stiffness=stiffness,
-        shapes=tuple(_shape(entry) for entry in info["shape"]),
-        shape_fit=info["shape_fit"],
-        coupled_limits=tuple(_coupled_limit(entry) for entry in info.get("coupled_limit", ())),
+        shapes=[_shape(entry) for entry in info["shape"]],
+        stiffness={joint["name"]: float(joint["stiffness_nm_per_rad"]) for joint in known},
     )
 
 
@@ -175,7 +144,13 @@ def _shape(entry: dict[str, Any]) -> LinkShape:
     return LinkShape(link, name, _placement(entry).homogeneous, Box((x, y, z)))
 
 
-def _coupled_limit(entry: dict[str, Any]) -> CoupledLimit:
-    lower, upper = np.deg2rad([entry["lower_deg"], entry["upper_deg"]])
-    coefficients = np.array(entry["coefficients"], dtype=float)
-    return CoupledLimit(entry["name"], coefficients, float(lower), float(upper))
+def coupled_limits_of(info: dict[str, Any]) -> tuple[CoupledLimit, ...]:
+    """Limits that joints have together, of what stands in the file of a preset."""
+    return tuple(
+        CoupledLimit(
+            entry["name"],
+            np.array(entry["coefficients"], dtype=float),
+            *np.deg2rad([entry["lower_deg"], entry["upper_deg"]]).tolist(),
+        )
+        for entry in info.get("coupled_limit", ())
+    )

@@ -1,8 +1,5 @@
 """Orders against all orders; tours are short, along clear motions, with one-sided arrivals."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import pairwise, permutations
 
@@ -52,7 +49,7 @@ def best_of_all(cost: np.ndarray, closed: bool) -> float:
 
 
 @pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(5))
 def test_order_against_all_orders(seed, closed):
     """Four to eight places: none of all orders is shorter by more than costs are rounded."""
     count = 4 + seed % 5
@@ -65,7 +62,7 @@ def test_order_against_all_orders(seed, closed):
 
 
 @pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(5))
 def test_costs_that_differ_there_and_back(seed, closed):
     """As with approaches: near the best of all orders, though the library averages the two."""
     cost = costs(8, seed, uneven=0.03)
@@ -87,9 +84,9 @@ def test_rounding_to_whole_numbers_loses_nothing_that_counts():
 
 
 def test_the_library_finds_what_the_quick_search_does_not():
-    """Of five sets of 60 places most are shorter, none is longer."""
+    """Of three sets of 60 places most are shorter, none is longer."""
     gains = []
-    for seed in range(5):
+    for seed in range(3):
         cost = costs(60, seed)
         quick, thorough = (
             length(cost, shortest_order(cost, closed=True, thorough=t), True) for t in (False, True)
@@ -101,33 +98,25 @@ def test_the_library_finds_what_the_quick_search_does_not():
 
 def test_the_same_places_have_the_same_order():
     cost = costs(27, 1)
-    assert len({tuple(shortest_order(cost, closed=True)) for _ in range(5)}) == 1
+    assert len({tuple(shortest_order(cost, closed=True)) for _ in range(3)}) == 1
 
 
-ON_A_BUSY_PROCESSOR = """
-import os, subprocess, sys, time
-from tests.unit.constraints.test_motion import costs
-from posedesign.motion.order import shortest_order
-os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
-try:
-    os.nice(5)
-    cost, start = costs(36, 2), time.thread_time()
-    shortest_order(cost, thorough=False)
-    quick = time.thread_time() - start
-    shortest_order(cost)
-    print(time.thread_time() - start - 2.0 * quick)
-finally:
-    for process in busy:
-        process.kill()
-"""
+@pytest.mark.parametrize(("share", "asked"), [(1.0, 1), (0.45, 1), (0.1, 2), (0.02, 4)])
+def test_on_a_busy_machine_the_library_has_its_time(monkeypatch, share, asked):
+    """Asked again, with four times as much, until it had enough of the processor."""
+    cost, clock, budgets = costs(36, 2), [0.0], []
 
+    def find_tour(whole, budget, **_):
+        budgets.append(budget)
+        clock[0] += share * budget
+        return list(range(len(whole)))
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processors cannot be chosen here")
-def test_on_a_busy_machine_the_library_has_its_time():
-    run = [sys.executable, "-c", ON_A_BUSY_PROCESSOR]
-    worked = float(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
-    assert worked > sequence.ENOUGH * sequence.LIBRARY_S_PER_PAIR * 36**2
+    monkeypatch.setattr(sequence.time, "thread_time", lambda: clock[0])
+    monkeypatch.setattr("fast_tsp.find_tour", find_tour)
+    assert sorted(shortest_order(cost)) == list(range(36))
+    usual = sequence.LIBRARY_S_PER_PAIR * 37**2  # an open way has one place more
+    np.testing.assert_allclose(budgets, usual * 4.0 ** np.arange(asked))
+    assert share * budgets[-1] >= sequence.ENOUGH * usual
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.2])
@@ -155,7 +144,7 @@ def test_few_places(count, closed):
 
 
 @pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_ways_that_do_not_exist_are_avoided(seed, closed):
     """One round, and as many ways again: every order but one of few leads through a wall."""
     rng = np.random.default_rng(seed)
@@ -188,7 +177,7 @@ def test_times_against_joints_that_are_run(moves_deg):
     moves = np.deg2rad(moves_deg)
     slowest = 0.0
     for way, speed in zip(np.abs(moves), speeds, strict=True):
-        step, gone, going, clock = 1e-5, 0.0, 0.0, 0.0
+        step, gone, going, clock = 1e-4, 0.0, 0.0, 0.0
         braking = 0.0  # way that is needed to stop
         while gone + braking < way:
             going = min(speed, going + speed / ramp * step)
@@ -354,7 +343,7 @@ def test_a_pose_that_no_way_leads_to_is_lost(reference_cell):
     assert sorted(found.order) == [0, 2]
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(5))
 def test_a_path_through_a_maze_is_found(reference_cell, seed):
     """One clear path through seven poses and as many ways that lead nowhere: none is given up."""
     rng = np.random.default_rng(seed)

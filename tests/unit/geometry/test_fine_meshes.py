@@ -52,8 +52,8 @@ def settled(bodies: list[Body], placed: Placed) -> np.ndarray:
 def test_distances_are_those_of_the_triangles(ring, monkeypatch):
     bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate([ring, *SOLIDS])]
     rng = np.random.default_rng(5)
-    rotations = rotation_exp(rng.normal(size=(60, len(bodies), 3)))
-    placed = Placed(rotations, rng.uniform(-0.5, 0.5, size=(60, len(bodies), 3)))
+    rotations = rotation_exp(rng.normal(size=(25, len(bodies), 3)))
+    placed = Placed(rotations, rng.uniform(-0.5, 0.5, size=(25, len(bodies), 3)))
     here = settled(bodies, placed)
     monkeypatch.setattr(engine, "_FINE", 10**9)
     monkeypatch.setattr(engine, "_thinned", lambda solid: (solid, 0.0))
@@ -74,8 +74,8 @@ def test_distances_are_those_of_the_triangles(ring, monkeypatch):
 def test_pairs_that_are_far_are_told_by_the_balls_about_them(ring, far_m):
     bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate([*SOLIDS, ring])]
     rng = np.random.default_rng(6)
-    rotations = rotation_exp(rng.normal(size=(80, len(bodies), 3)))
-    placed = Placed(rotations, rng.uniform(-0.5, 0.5, size=(80, len(bodies), 3)))
+    rotations = rotation_exp(rng.normal(size=(40, len(bodies), 3)))
+    placed = Placed(rotations, rng.uniform(-0.5, 0.5, size=(40, len(bodies), 3)))
     found = Engine(bodies, np.array([[a, b] for b in range(len(bodies)) for a in range(b)]))
     known, whole = found.bounds(placed, far_m=far_m), found.bounds(placed)
     found.settle_all(known, far_m)
@@ -93,7 +93,7 @@ def test_bounds_are_none_too_large(ring):
     pairs = np.array([[0, k] for k in range(1, len(bodies))])
     found = Engine(bodies, pairs)
     rng = np.random.default_rng(6)
-    M = 100
+    M = 40
     R, p = rotation_exp(rng.normal(size=(M, 3))), rng.uniform(-0.8, 0.8, size=(M, 3))
     for pair in range(len(pairs)):
         which = np.full(M, pair)
@@ -117,7 +117,7 @@ def test_the_polytope_holds_the_mesh_a_flat_one_too(ring):
 @pytest.mark.parametrize("cut", [0, 40])
 def test_sides_of_a_surface_are_remembered_where_it_is_closed(ring, cut):
     mesh = Mesh(ring.vertices, ring.triangles[cut:])
-    points = np.random.default_rng(1).uniform(-0.42, 0.42, (100, 3)) * [1, 1, 0.25]
+    points = np.random.default_rng(1).uniform(-0.42, 0.42, (50, 3)) * [1, 1, 0.25]
     clear = to_surface(mesh, points)
     wanted = MeshSurface(mesh).encloses(points)
     remembers = MeshSurface(mesh)
@@ -150,15 +150,15 @@ def test_a_surface_is_convex_that_is_all_of_its_hull(ring):
 
 def test_a_convex_mesh_is_as_its_triangles_are(monkeypatch):
     rng = np.random.default_rng(8)
-    start, end = rng.uniform(-0.4, 0.4, size=(2, 400, 3))
+    start, end = rng.uniform(-0.4, 0.4, size=(2, 200, 3))
     found = []
     for fine in (engine._FINE, 10**9):
         monkeypatch.setattr(engine, "_FINE", fine)
         mesh = egg()
         assert (engine._own_polytope(mesh) is not None) == (fine < 10**9)
         bodies = [Body(str(k), 1, np.eye(4), solid) for k, solid in enumerate([mesh, *SOLIDS])]
-        turns = rotation_exp(np.random.default_rng(9).normal(size=(60, len(bodies), 3)))
-        places = np.random.default_rng(10).uniform(-0.35, 0.35, size=(60, len(bodies), 3))
+        turns = rotation_exp(np.random.default_rng(9).normal(size=(25, len(bodies), 3)))
+        places = np.random.default_rng(10).uniform(-0.35, 0.35, size=(25, len(bodies), 3))
         found.append(
             (settled(bodies, Placed(turns, places)), MeshSurface(mesh).crosses(start, end))
         )

@@ -116,10 +116,9 @@ def test_the_deviation_of_the_arm_is_unbiased_by_what_is_estimated_with_it(scene
 def test_the_slope_of_the_restricted_likelihood_is_central_differences(scene):
     parts = parts_of(scene, scene.seen(np.random.default_rng(37), arm=STOPS_OFF))
     unlikely = restricted(parts)
-    for at in np.log([STOPS_OFF, (1e-6, 1e-3), (1e-3, 1e-6)]):
-        steps = 1e-5 * np.eye(2)
-        wanted = [(unlikely(at + s)[0] - unlikely(at - s)[0]) / 2e-5 for s in steps]
-        np.testing.assert_allclose(unlikely(at)[1], wanted, rtol=1e-4, atol=1e-4)
+    at, steps = np.log([STOPS_OFF, (1e-6, 1e-3), (1e-3, 1e-6)]), 1e-5 * np.eye(2)
+    wanted = [(unlikely(at + s)[0] - unlikely(at - s)[0]) / 2e-5 for s in steps]
+    np.testing.assert_allclose(unlikely(at)[1], np.transpose(wanted), rtol=1e-4, atol=1e-4)
 
 
 def test_no_other_deviation_is_likelier(scene):
@@ -132,8 +131,8 @@ def test_no_other_deviation_is_likelier(scene):
     for arm in [EXACT] * 6 + [STOPS_OFF] * 2:
         parts = parts_of(scene, scene.seen(rng, arm=arm))
         unlikely = restricted(parts)
-        found = unlikely(np.log(np.maximum(arm_deviation(parts), LEAST_ARM)))[0]
-        assert found <= min(unlikely(at)[0] for at in grid.reshape(-1, 2)) + 0.1
+        found = unlikely(np.log(np.maximum([arm_deviation(parts)], LEAST_ARM)))[0]
+        assert found <= unlikely(grid.reshape(-1, 2))[0].min() + 0.1
 
 
 def test_an_exact_arm_is_found_to_be_one(scene):

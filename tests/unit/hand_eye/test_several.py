@@ -103,7 +103,7 @@ def test_what_two_cameras_are_apart_is_known_better_than_where_they_are():
     second = X @ BESIDE
     apart, sigmas = [], []
     names = tuple(f"P{i}" for i in range(8))
-    for _ in range(8):
+    for _ in range(5):
         place = scene.flange[:, :3, 3] + STOPS_OFF[0] * rng.standard_normal((8, 3))
         turn = rotation_exp(STOPS_OFF[1] * rng.standard_normal((8, 3)))
         flange = transform(turn @ scene.flange[:, :3, :3], place)
@@ -127,8 +127,8 @@ def test_what_two_cameras_are_apart_is_known_better_than_where_they_are():
         found = result.poses["right"][:3, 3] - result.poses["left"][:3, 3]
         apart.append((found - (second - X)[:3, 3]) / sigma)
         sigmas.append(np.linalg.norm(sigma) / np.linalg.norm(result.frames[0].sigma_m))
-    # rms of 24 numbers, three of a trial not independent: 1 +- 0.25
-    assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.5
+    # rms of 15 numbers, three of a trial not independent: 1 +- 0.3
+    assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.6
     assert np.median(sigmas) < 0.7
     assert result.warnings == ()
     assert {frame.name for frame in result.frames} == {

@@ -24,6 +24,8 @@ from posedesign.identification.comparison import (
 )
 from tests.marks import rest_in_full
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 OFFSETS = {"parameters": {"models": [["zero_offsets"]]}}
 
 

@@ -427,6 +427,6 @@ def test_what_rounding_hides_is_refused() -> None:
     problem = problem_of(model, data)
     grams = problem.grams.copy()
     grams[:, 1], grams[:, :, 1] = -grams[:, 0], -grams[:, :, 0]
-    hidden = replace(problem, grams=grams, members=(), counts=problem.counts)
+    hidden = replace(problem, grams=grams[2:], counts=problem.counts[2:])  # without priors
     with pytest.raises(ConvergenceError, match="rounding hides"):
         hidden.log_evidence(np.zeros(1))

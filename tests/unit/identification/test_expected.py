@@ -125,12 +125,14 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
     other = fitted.model.nominal.copy()
     other[truth.nuisance] = x[truth.nuisance]
     arms = DrawnArms([Posterior(fitted.model, x, C)], at)
-    draws = rng.multivariate_normal(x, C, size=600, method="eigh")
+    draws = rng.multivariate_normal(x, C, size=300, method="eigh")
     for values in (x, other):
         points = fitted.model.view(q, values).tool_points
-        off = np.array([aligned_rms(points, fitted.model.view(q, d).tool_points) for d in draws])
+        off = np.array(
+            [aligned_rms(points, drawn) for drawn in fitted.model.view(q, draws).tool_points]
+        )
         found = arms.error_of(fitted.model, values)
-        spread = np.std(off**2) / np.sqrt(600) / (2.0 * np.sqrt(np.mean(off**2)))
+        spread = np.std(off**2) / np.sqrt(300) / (2.0 * np.sqrt(np.mean(off**2)))
         assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)), abs=5.0 * spread + 1e-6)
         low, high = np.quantile(off, [0.025, 0.975])
         assert found.low_m == pytest.approx(low, rel=0.15)

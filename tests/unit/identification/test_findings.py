@@ -15,6 +15,8 @@ from posedesign.identification import identify_models, results_as_dict
 from posedesign.identification.findings import as_dict, in_words
 from posedesign.report.identification import answer_of_identification
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 THINGS: dict[str, tuple[str, ...]] = {
     "harmonic": ("joint_2", "1"),
     "zero": ("joint_2", "+90"),
@@ -32,7 +34,7 @@ JOINTS = ("harmonic", "sign", "zero", "sign and zero", "coupling", "swapped join
 @pytest.fixture(scope="module")
 def table(lab, tmp_path_factory) -> MeasurementTable:
     """Touch-ups of three targets, as read from a file."""
-    measured = lab.measure(["touch-up"], 45, targets_each=3, noise=2e-5)
+    measured = lab.measure(["touch-up"], 27, targets_each=3, noise=2e-5)
     path = tmp_path_factory.mktemp("said") / "m.csv"
     return read_measurements(write_measurements(path, measured.data, measured.kinds), 6)
 
@@ -71,7 +73,7 @@ def test_a_scale_that_no_arm_is_off_by(size, gross):
 def test_another_arm_is_said_to_be_one(table, make_cell, capsys):
     """Also where a gap of the model is named: that is no reason why it is another arm."""
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
-    q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.05, (45, 6))
+    q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.05, (27, 6))
     found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
     gap = Finding("harmonic", ("joint_2", "1"), "joint", (), 1e-3, "rad", 0.1, 0.05, 20.0)
     for findings in ((), (gap,)):

@@ -26,6 +26,8 @@ from posedesign.identification.models import (
     name_of,
 )
 
+pytestmark = pytest.mark.usefixtures("one_alternative")
+
 WORDS = [word for word in get_args(Word) if word != "priors"]
 
 STEMS = {

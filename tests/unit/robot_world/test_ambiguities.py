@@ -89,11 +89,11 @@ def test_all_answers_are_given_where_nothing_decides(method, case, turned):
 
 @every_case
 def test_there_are_no_other_answers(case):
-    """By brute force over the half turns about 50,000 axes."""
+    """By brute force over the half turns about 20,000 axes."""
     A = poses(CASES[case][0], TURNED[1], moving=False)
     B = seen(A)
     result = solve(A, B, "shah")
-    axes = np.random.default_rng(1).normal(size=(50_000, 3))
+    axes = np.random.default_rng(1).normal(size=(20_000, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     turned = (2.0 * axes[:, :, None] * axes[:, None, :] - np.eye(3)) @ result.X[:3, :3]
     implied = A[:, None, :3, :3] @ turned @ np.swapaxes(B[:, None, :3, :3], -1, -2)
@@ -126,18 +126,17 @@ def test_noise_hides_no_choice(on, moving):
     rng = np.random.default_rng(2)
     A = poses(SIX, moving=moving)
     for sigma in (1e-5, 1e-3, 5e-3):
-        for _ in range(2):
-            noise = PairNoise(sigma, 1e-4, on)
-            result = solve(*add_noise(rng, A, seen(A), noise), "ml", noise)
-            answers = [result.X, *(x for x, _ in result.alternatives)]
-            angles = [se3.rotation_angle(x[:3, :3] @ X[:3, :3].T) for x in answers]
-            assert min(angles) < 20.0 * sigma
-            if moving:
-                assert result.status == "ok"
-                assert len(answers) == 1
-            else:
-                assert result.status == "ambiguous"
-                assert max(angles) > np.pi - 20.0 * sigma
+        noise = PairNoise(sigma, 1e-4, on)
+        result = solve(*add_noise(rng, A, seen(A), noise), "ml", noise)
+        answers = [result.X, *(x for x, _ in result.alternatives)]
+        angles = [se3.rotation_angle(x[:3, :3] @ X[:3, :3].T) for x in answers]
+        assert min(angles) < 20.0 * sigma
+        if moving:
+            assert result.status == "ok"
+            assert len(answers) == 1
+        else:
+            assert result.status == "ambiguous"
+            assert max(angles) > np.pi - 20.0 * sigma
 
 
 @pytest.mark.parametrize("method", ["ml", "shah", "ml-robust"])

@@ -23,7 +23,7 @@ def anywhere(rng, count=None):
     return se3.transform(R, rng.uniform(-1.0, 1.0, size=(*R.shape[:-2], 3)))
 
 
-def best_of_many(rng, A, B, noise, starts=20):
+def best_of_many(rng, A, B, noise, starts):
     """Least cost that descents from random rotations find, for noise on B."""
     costs = [
         minimise(A, B, *anywhere(rng, 2 * len(A))[:, :3, :3].reshape(2, -1, 3, 3), noise).cost
@@ -38,7 +38,7 @@ def best_of_many(rng, A, B, noise, starts=20):
 def test_optimum_is_proven_at_usual_noise(side, cone_deg, pairs):
     rng = np.random.default_rng(1)
     noise = PairNoise(np.radians(0.5), 1e-3, side)
-    problems, A, B = noisy(rng, noise, 10, pairs, cone_deg)
+    problems, A, B = noisy(rng, noise, 5, pairs, cone_deg)
     for a, b, X, Z in zip(A, B, problems.X, problems.Z, strict=True):
         proof = certify(a, b, X, Z, noise)
         assert proof.certified
@@ -59,24 +59,24 @@ def test_optimum_is_proven_at_usual_noise(side, cone_deg, pairs):
 @pytest.mark.parametrize(
     ("noise_deg", "noise_m"), [(0.01, 1e-5), (0.05, 1e-4), (0.5, 1e-3), (2.0, 4e-3), (5.0, 1e-2)]
 )
-def test_optimum_is_proven_in_99_of_100_problems(side, cone_deg, noise_deg, noise_m):
+def test_optimum_is_proven_at_any_noise(side, cone_deg, noise_deg, noise_m):
     rng = np.random.default_rng(2)
     noise = PairNoise(np.radians(noise_deg), noise_m, side)
     proofs = []
     for pairs in (5, 10, 30):
-        problems, A, B = noisy(rng, noise, 34, pairs, cone_deg)
+        problems, A, B = noisy(rng, noise, 17, pairs, cone_deg)
         each = zip(A, B, problems.X, problems.Z, strict=True)
         proofs += [certify(a, b, X, Z, noise) for a, b, X, Z in each]
-    assert sum(proof.certified for proof in proofs) >= 0.99 * len(proofs)
+    assert all(proof.certified for proof in proofs)
 
 
 def test_a_wrong_optimum_is_never_certified():
     rng = np.random.default_rng(3)
     noise = PairNoise(np.radians(2.0), 4e-3, "B")
-    _, A, B = noisy(rng, noise, 15, 3, 40.0)
-    best = best_of_many(rng, A, B, cost_weights(noise))
+    _, A, B = noisy(rng, noise, 8, 3, 40.0)
+    best = best_of_many(rng, A, B, cost_weights(noise), starts=10)
     wrong = 0
-    for t in range(15):
+    for t in range(8):
         proof = certify(A[t], B[t], anywhere(rng), anywhere(rng), noise)
         assert proof.bound <= best[t]
         assert proof.certified == (proof.cost <= best[t] * (1.0 + GAP_TOLERANCE))
@@ -117,7 +117,7 @@ def test_a_saddle_is_never_certified():
     best = best_of_many(rng, A, B, weights, starts=10)
     stayed = 0
     for t in range(3):
-        for X, Z, curvature in stationary_points(rng, A[[t]], B[[t]], weights, 30):
+        for X, Z, curvature in stationary_points(rng, A[[t]], B[[t]], weights, 20):
             proof = certify(A[t], B[t], X[0], Z[0], noise)
             assert proof.bound <= best[t]
             assert proof.certified == (proof.cost < best[t] * (1.0 + GAP_TOLERANCE))

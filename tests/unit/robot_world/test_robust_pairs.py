@@ -51,7 +51,7 @@ def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, g
 
     Of ten pairs, with the noise unknown, a good one is left out now and then.
     """
-    A, B, problems, bad = spoilt(pairs, 100, pairs, pairs // 5)
+    A, B, problems, bad = spoilt(pairs, 60, pairs, pairs // 5)
     noise = NOISE if given else None
     found = solve_batch(A, B, "ml-robust", noise)
     oracle = solve_batch(*without_the_bad(A, B, bad), "ml", noise)
@@ -63,9 +63,9 @@ def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, g
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", rest_in_full([20, 50], (20,)))
 def test_a_fifth_of_gross_errors_raises_the_error_by_less_than_a_fifth(pairs, given):
-    """Of 0.8 N good pairs errors are 1.12 to 1.15 times those of N; 500 trials: within 5 %."""
+    """Of 0.8 N good pairs errors are 1.12 to 1.15 times those of N; 250 trials: within 7 %."""
     rng = np.random.default_rng(7)
-    trials = 500
+    trials = 250
     problems = random_problems(rng, trials, pairs)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     noise = NOISE if given else None
@@ -79,7 +79,7 @@ def test_a_fifth_of_gross_errors_raises_the_error_by_less_than_a_fifth(pairs, gi
 
 
 def test_the_spoilt_pairs_do_spoil_the_plain_method():
-    A, B, problems, bad = spoilt(1, 12, 20, 4)
+    A, B, problems, bad = spoilt(1, 8, 20, 4)
     plain = solve_batch(A, B, "ml")
     oracle = solve_batch(*without_the_bad(A, B, bad), "ml")
     assert (rms(errors(plain, problems)) > 10.0 * rms(errors(oracle, problems))).all()
@@ -117,7 +117,7 @@ def test_small_gross_errors_are_found_too():
 def test_good_pairs_are_hardly_ever_left_out(pairs, given):
     """One of a thousand by design, somewhat more of ten pairs that show the noise themselves."""
     rng = np.random.default_rng(4)
-    trials = 40
+    trials = 25
     problems = random_problems(rng, trials, pairs)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     noise = NOISE if given else None

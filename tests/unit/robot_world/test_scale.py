@@ -67,8 +67,8 @@ def test_the_scale_is_corrected_on_request(method, noise):
 
 @pytest.mark.slow
 def test_a_scale_of_one_is_rarely_doubted():
-    """In one of 10,000 sets by chance; here in none of 100."""
-    results = [solve(*looking(100 + seed)[:2]) for seed in range(100)]
+    """In one of 10,000 sets by chance; here in none of 40."""
+    results = [solve(*looking(100 + seed)[:2]) for seed in range(40)]
     assert [result.message for result in results if result.status != "ok"] == []
     assert [
         result.warnings for result in results if "translations of B" in str(result.warnings)
@@ -78,7 +78,7 @@ def test_a_scale_of_one_is_rarely_doubted():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("on", "sets"),
-    [("both", 100), *(pytest.param(on, 1000, marks=pytest.mark.full) for on in ("A", "B", "both"))],
+    [("both", 60), *(pytest.param(on, 1000, marks=pytest.mark.full) for on in ("A", "B", "both"))],
 )
 def test_a_scale_of_one_is_rarely_doubted_of_many(on, sets):
     """Noise on A as well, which the solver does not know of: at most 3 of 1,000 are named."""
@@ -94,7 +94,7 @@ def test_a_scale_of_one_is_rarely_doubted_of_many(on, sets):
 def test_covariance_with_the_scale_is_the_scatter(method):
     rng = np.random.default_rng(3)
     problems = viewing_pairs(rng, 15)
-    trials, small = 150, PairNoise(5e-4, 5e-4)
+    trials, small = 100, PairNoise(5e-4, 5e-4)
     errors = []
     for _ in range(trials):
         A, B = add_noise(rng, problems.A[0], problems.B[0], small)

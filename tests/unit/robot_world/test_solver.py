@@ -210,10 +210,10 @@ def test_opencv_names_the_same_equation_from_the_other_side(problem):
 def test_residuals_beyond_the_noise_given_widen_the_deviations(side):
     noise = PairNoise(np.radians(0.1), 1e-3, on=side)
     rng = np.random.default_rng(4)
-    problems = random_problems(rng, 100, 12)
+    problems = random_problems(rng, 30, 12)
     A, B = add_noise(rng, problems.A, problems.B, noise)
     found = [solve(a, b, "hirsh", noise) for a, b in zip(A, B, strict=True)]
-    # the right noise explains the residuals: one chance in ten thousand for each of 100 sets
+    # the right noise explains the residuals: one chance in ten thousand for each of 30 sets
     assert sum("times the noise" in result.message for result in found) <= 1
     small = PairNoise(noise.rotation_rad / 10, noise.translation_m / 10, on=side)
     doubted = solve(A[0], B[0], "hirsh", small)

@@ -10,9 +10,8 @@ from calib import Robot, se3
 from calib.robots.inverse import offset_wrist
 from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.solutions import close_in, pose_error
-from tests.arms import Joint, urdf_from
+from tests.arms import Joint, apart, arm_from, missed
 
-TURN = 2 * np.pi
 LIMIT = 180.0
 
 ARMS: dict[str, list[Joint]] = {
@@ -56,25 +55,8 @@ ARMS: dict[str, list[Joint]] = {
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def robot(request, tmp_path_factory) -> Robot:
-    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    path.write_text(urdf_from(ARMS[request.param]))
-    return replace(Robot.from_urdf(path), name=request.param)
-
-
-def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Largest joint difference, full turns aside [rad]."""
-    return np.abs((a - b + np.pi) % TURN - np.pi).max(axis=-1)
-
-
-def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """How far the nearest answer to each posture is from it [rad]; all answers close."""
-    poses = robot.fk(q)
-    answers = robot.inverse(poses)
-    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-9)
-    out = np.full(len(q), np.inf)
-    np.minimum.at(out, answers.pose, apart(answers.postures, q[answers.pose]))
-    return out
+def robot(request) -> Robot:
+    return replace(arm_from(ARMS[request.param]), name=request.param)
 
 
 def found_by_search(robot: Robot, pose: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
@@ -91,7 +73,7 @@ def found_by_search(robot: Robot, pose: np.ndarray, starts: int, seed: int) -> l
 
 
 def test_no_posture_is_lost_and_each_is_given_once(robot):
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (400, 6))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (150, 6))
     assert isinstance(robot._inverse, OffsetWrist)
     assert missed(robot, q).max() < 1e-7
     answers = robot.inverse(robot.fk(q))
@@ -118,7 +100,7 @@ def check_against_search(robot: Robot, poses: int, starts: int) -> None:
 
 
 def test_all_that_a_search_finds_is_found(robot):
-    check_against_search(robot, poses=3, starts=500)
+    check_against_search(robot, poses=2, starts=300)
 
 
 @pytest.mark.slow
@@ -128,43 +110,41 @@ def test_all_that_a_long_search_finds_is_found(robot, poses):
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 1e-3])
-def test_almost_singular_postures_are_found(robot, joint, angle):
+def test_almost_singular_postures_are_found(robot, joint):
     """Straight wrists and arms: two branches meet, and the polynomial has a double zero."""
+    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (140, 6))
+    q[:, joint] = np.repeat([0.0, 1e-9, 1e-6, 1e-3], 35)
     if robot.name == "oblique":
-        angle += -np.pi / 2 if joint == 2 else 0.3
-    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (100, 6))
-    q[:, joint] = angle
+        q[:, joint] += -np.pi / 2 if joint == 2 else 0.3
     off = missed(robot, q)
     assert np.quantile(off, 0.99) < 1e-6
     assert off.max() < 1e-4
 
 
 @pytest.mark.parametrize("fold", [0.0, np.pi])
-@pytest.mark.parametrize("beyond", [0.0, 1e-8, 1e-4])
-def test_the_end_of_the_reach_is_reached(robot, fold, beyond):
+def test_the_end_of_the_reach_is_reached(robot, fold):
     """The elbow stretched or folded: both its branches meet."""
     solver = robot._inverse
     flat = [np.arctan2(v[1], v[0]) for v in (solver._upper, solver._fore)]
-    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (100, 6))
+    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (120, 6))
+    beyond = np.repeat([0.0, 1e-8, 1e-4], 40)
     way = solver._axes[2][2]  # of axis 3, along or against axis 2
     q[:, 2] = way * (flat[0] - flat[1]) + fold + beyond
     # the pose, rounded to 1e-16, leaves 1e-8 of the stretched elbow open
     assert np.quantile(missed(robot, q), 0.99) < 1e-5
 
 
-@pytest.mark.parametrize("beside", [0.0, 1e-8, 1e-4])
-def test_joint_1_is_found_where_the_wrist_is_above_the_base(robot, beside):
+def test_joint_1_is_found_where_the_wrist_is_above_the_base(robot):
     """There any angle of joint 1 takes the wrist's point to its place, and its axes decide."""
     if robot.name == "oblique":
         pytest.skip("its wrist passes the first axis")
     at = {"crx10ial": [0.54, 0, 0], "hc10dt": [0, 0, -0.5], "crb15000": [0.47, 0, 0.11]}[robot.name]
-    q = np.random.default_rng(4).uniform(-np.pi, np.pi, (100, 6))
+    q = np.random.default_rng(4).uniform(-np.pi, np.pi, (120, 6))
     q[:, :2] = 0.0
     elbow = robot.state(q)
     x, _, z = (elbow.rotations[:, 2] @ at + elbow.origins[:, 2] - elbow.origins[:, 1]).T
-    q[:, 0] = np.random.default_rng(5).uniform(-np.pi, np.pi, 100)
-    q[:, 1] = beside - np.arctan2(x, z)
+    q[:, 0] = np.random.default_rng(5).uniform(-np.pi, np.pi, 120)
+    q[:, 1] = np.repeat([0.0, 1e-8, 1e-4], 40) - np.arctan2(x, z)
     off = missed(robot, q)
     smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
     assert off[smallest > 1e-3].max() < 1e-5
@@ -178,7 +158,7 @@ def test_a_calibrated_arm_is_solved_through_its_ideal(robot):
     placements = robot.chain.placements @ off
     robot = replace(robot, chain=replace(robot.chain, placements=placements))
     assert isinstance(robot._inverse, OffsetWrist)
-    q = rng.uniform(-np.pi, np.pi, (400, 6))
+    q = rng.uniform(-np.pi, np.pi, (150, 6))
     smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
     off = missed(robot, q)
     assert off[smallest > 0.01].max() < 1e-6
@@ -191,7 +171,7 @@ def test_limits_and_turns_are_those_of_every_arm(robot):
         np.deg2rad([190, 100, 200, 350, 180, 400]),
     )
     robot = replace(robot, lower=lower, upper=upper)
-    q = np.random.default_rng(6).uniform(lower, upper, (25, 6))
+    q = np.random.default_rng(6).uniform(lower, upper, (8, 6))
     every = robot.inverse(robot.fk(q), every_turn=True)
     for i, posture in enumerate(q):
         assert np.abs(every.of(i) - posture).max(axis=1).min() < 1e-7  # in its own turn
@@ -203,7 +183,7 @@ def test_limits_and_turns_are_those_of_every_arm(robot):
         np.testing.assert_allclose(best[0], posture, atol=1e-7)
 
 
-@pytest.mark.parametrize("place", [[3.5, 0, 0.9], [2.0, 0.5, 2.5], [-1.6, 1, 0.5]])
+@pytest.mark.parametrize("place", [[3.5, 0, 0.9], [-1.6, 1, 0.5]])
 def test_what_is_too_far_says_by_how_much(robot, place):
     pose = se3.transform(np.diag([1.0, -1.0, -1.0]), place)
     answers = robot.inverse(pose)
@@ -212,14 +192,13 @@ def test_what_is_too_far_says_by_how_much(robot, place):
         assert np.isnan(answers.gap_m[0])
         return
     solver = robot._inverse
-    G = solver._moved(pose[None])
+    G, zero = solver._moved(pose[None]), robot.chain.forward(np.zeros(6))
+    local = zero.rotations[2].T @ (solver._F.T @ solver._meeting - zero.origins[2])
 
     def short(x):
         # joint 6 of the pose, joints 1 to 3 of the arm: the wrist's point from both ends
         W = solver._F.T @ solver._wrist(G, x[:1])[0][:, 0]
         state = robot.chain.forward(np.append(x[1:], [0, 0, 0]))
-        zero = robot.chain.forward(np.zeros(6))
-        local = zero.rotations[2].T @ (solver._F.T @ solver._meeting - zero.origins[2])
         return np.linalg.norm(state.rotations[2] @ local + state.origins[2] - W)
 
     rng = np.random.default_rng(0)
@@ -230,14 +209,14 @@ def test_what_is_too_far_says_by_how_much(robot, place):
 def test_what_the_axes_forbid_is_out_of_reach_by_nothing_known(robot):
     """The wrist's point can be reached, but axis 5 cannot follow."""
     rng = np.random.default_rng(7)
-    poses = robot.fk(rng.uniform(-np.pi, np.pi, (300, 6)))
-    poses[:, :3, :3] = se3.rotation_exp(rng.normal(0, 2, (300, 3)))
+    poses = robot.fk(rng.uniform(-np.pi, np.pi, (100, 6)))
+    poses[:, :3, :3] = se3.rotation_exp(rng.normal(0, 2, (100, 3)))
     answers = robot.inverse(poses)
-    lost = np.setdiff1d(np.arange(300), answers.pose)
+    lost = np.setdiff1d(np.arange(100), answers.pose)
     assert len(lost)
     assert (np.isnan(answers.gap_m[lost]) | (answers.gap_m[lost] > 0)).all()
-    for i in lost[:3]:
-        assert not found_by_search(robot, poses[i], 300, int(i))
+    for i in lost[:2]:
+        assert not found_by_search(robot, poses[i], 200, int(i))
 
 
 def test_many_poses_at_once_are_the_same_poses_one_by_one(robot, monkeypatch):
@@ -274,9 +253,11 @@ def test_wrists_of_other_kinds_are_left_to_others(robot):
     assert OffsetWrist.of(Robot.preset("panda").chain) is None
 
 
-@pytest.mark.parametrize("far", [1e2, 1e8, 1e30, 1e100])
-def test_poses_beyond_all_measure_are_out_of_reach(robot, far):
-    poses = np.stack([robot.fk(np.full(6, 0.3)), se3.transform(np.eye(3), [far, 0.0, 0.0])])
+def test_poses_beyond_all_measure_are_out_of_reach(robot):
+    far = np.array([1e2, 1e8, 1e30, 1e100])
+    places = np.column_stack([far, np.zeros((4, 2))])
+    poses = np.stack([robot.fk(np.full(6, 0.3)), *se3.transform(np.eye(3), places)])
     answers = robot.inverse(poses)
     assert set(answers.pose.tolist()) == {0}
-    assert np.isnan(answers.gap_m[1]) or answers.gap_m[1] == pytest.approx(far, rel=0.02)
+    gap = answers.gap_m[1:]
+    assert (np.isnan(gap) | (np.abs(gap / far - 1.0) < 0.02)).all()

@@ -12,7 +12,6 @@ from calib import Robot, preset_names, se3
 from calib.errors import RobotModelError
 from calib.geometry import Box, Capsule
 from calib.robots import POSITIVE_AXES, preset_info
-from calib.robots.presets import load_preset
 
 FIG7 = "r2000ia165f_fig7"
 
@@ -171,29 +170,28 @@ def test_panda_as_its_published_dh_parameters():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_preset_says_where_it_is_from(name):
-    preset = load_preset(name)
-    assert preset.name == name
-    for text in (preset.title, preset.source, preset.confidence, preset.shape_fit):
-        assert text.strip() == text
-        assert len(text) > 8
-    assert all(preset.missing)
-    assert preset.payload_kg > 0
-    assert preset.repeatability_mm is None or 0.005 <= preset.repeatability_mm <= 0.5
-    assert preset.arm_mass_kg is None or preset.arm_mass_kg > preset.payload_kg
+    info = preset_info(name)
+    for key in ("title", "source", "confidence", "shape_fit"):
+        assert info[key].strip() == info[key]
+        assert len(info[key]) > 8
+    assert all(info["missing"])
+    assert info["payload_kg"] > 0
+    assert 0.005 <= info.get("repeatability_mm", 0.5) <= 0.5
+    assert info.get("arm_mass_kg", np.inf) > info["payload_kg"]
     # catalogue figures are from memory, which the file must say
-    assert "unverified" in preset.confidence.lower()
-    assert preset.controller in POSITIVE_AXES
+    assert "unverified" in info["confidence"].lower()
+    assert info["controller"] in POSITIVE_AXES
 
 
 def test_what_is_from_memory_says_so():
-    assert load_preset("hp3").confidence.startswith("UNVERIFIED")
-    assert "not fitted to a mesh" in load_preset("r2000ic165f").shape_fit
+    assert preset_info("hp3")["confidence"].startswith("UNVERIFIED")
+    assert "not fitted to a mesh" in preset_info("r2000ic165f")["shape_fit"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_base_posture_points_the_tool_down_inside_all_limits(name):
-    preset, robot = load_preset(name), Robot.preset(name)
-    q = np.deg2rad(preset.base_posture_deg)
+    robot = Robot.preset(name)
+    q = np.deg2rad(preset_info(name)["base_posture_deg"])
     room = np.minimum(q - robot.lower, robot.upper - q)
     assert (room > np.deg2rad(20.0)).all()
     assert all(limit.margin(q) > np.deg2rad(20.0) for limit in robot.coupled_limits)
@@ -231,7 +229,7 @@ def test_limits_speeds_and_what_the_arm_weighs(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_j3_of_fanuc_is_limited_against_the_horizontal_too(name):
     robot = Robot.preset(name)
-    if load_preset(name).controller != "fanuc":
+    if preset_info(name)["controller"] != "fanuc":
         assert robot.coupled_limits == ()
         return
     (limit,) = robot.coupled_limits
@@ -246,7 +244,7 @@ def test_j3_of_fanuc_is_limited_against_the_horizontal_too(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_pendant_is_read_back(name):
     robot = Robot.preset(name)
-    assert robot.controller.maker == load_preset(name).controller
+    assert robot.controller.maker == preset_info(name)["controller"]
     q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (50, robot.n))
     np.testing.assert_allclose(robot.controller.posture(robot.controller.pendant(q)), q, atol=1e-13)
 
@@ -302,7 +300,7 @@ def test_every_link_has_a_shape(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_shapes_do_not_touch_where_the_arm_works(name):
     """At zero and at the base posture nothing touches, and 40 deg about it hardly anything."""
-    robot, q0 = Robot.preset(name), np.deg2rad(load_preset(name).base_posture_deg)
+    robot, q0 = Robot.preset(name), np.deg2rad(preset_info(name)["base_posture_deg"])
     geometry = solid_geometry(robot)
     found, data = pin.GeometryData(geometry), robot.model.createData()
 
@@ -313,7 +311,7 @@ def test_shapes_do_not_touch_where_the_arm_works(name):
     assert not touches(np.clip(np.zeros(robot.n), robot.lower, robot.upper))
     assert not touches(q0)
     lower, upper = np.maximum(q0 - AROUND, robot.lower), np.minimum(q0 + AROUND, robot.upper)
-    near = np.random.default_rng(2).uniform(lower, upper, (400, robot.n))
+    near = np.random.default_rng(2).uniform(lower, upper, (200, robot.n))
     assert np.mean([touches(q) for q in near]) <= 0.05
 
 
@@ -338,10 +336,10 @@ def test_shapes_touch_when_the_arm_is_folded_up(name):
     geometry = solid_geometry(robot)
     found, data = pin.GeometryData(geometry), robot.model.createData()
     hits = 0
-    for q in np.random.default_rng(3).uniform(robot.lower, robot.upper, (200, robot.n)):
+    for q in np.random.default_rng(3).uniform(robot.lower, robot.upper, (100, robot.n)):
         pin.updateGeometryPlacements(robot.model, data, geometry, found, q)
         hits += bool(pin.computeCollisions(geometry, found, True))
-    assert 0 < hits < 120
+    assert 0 < hits < 60
 
 
 @pytest.mark.parametrize("name", ELBOW_ARMS)
@@ -351,7 +349,7 @@ def test_shapes_reach_from_joint_to_joint(name):
     The links of other arms run beside the lines between their joints.
     """
     robot = Robot.preset(name)
-    state = robot.state(np.deg2rad(load_preset(name).base_posture_deg))
+    state = robot.state(np.deg2rad(preset_info(name)["base_posture_deg"]))
     corners = [*state.origins, state.p_base_tip]
     gaps = []
     for a, b in itertools.pairwise(corners):

@@ -36,14 +36,14 @@ def test_kinematics_are_pinocchio_s(robot):
 
 
 def test_every_answer_of_the_inverse_takes_the_pose(robot):
-    q = postures(robot, 6)
+    q = postures(robot, 2)
     T = robot.fk(q)
     solved = robot.inverse(T, near=q[0])
     off = np.abs(robot.fk(solved.postures) - T[solved.pose]).max(axis=(1, 2))
     assert off.max() < 1e-8
     good = solved.postures[solved.inside]
     assert ((good >= robot.lower - 1e-8) & (good <= robot.upper + 1e-8)).all()
-    assert len(np.unique(solved.pose[solved.inside])) == 6
+    assert len(np.unique(solved.pose[solved.inside])) == 2
     # the reference itself is found at its own pose
     nearest, found = solved.nearest()
     assert found.all()

@@ -50,7 +50,7 @@ def damaged(draw: st.DrawFn) -> str:
     return text[: draw(st.integers(0, len(text)))] if draw(st.booleans()) else text
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=damaged())
 def test_an_arm_or_an_error(capfd, text):
     with tempfile.TemporaryDirectory() as folder:
@@ -73,7 +73,7 @@ def test_an_arm_or_an_error(capfd, text):
 NUMBERS = [i for i in range(len(VALID)) if VALID[i - 1] == '"' and VALID[i] in "-0123456789"]
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.sampled_from(NUMBERS), value=st.floats().map(repr) | st.text(max_size=5))
 def test_a_strange_number(capfd, place, value):
     end = VALID.index('"', place)

@@ -22,17 +22,17 @@ ALL = f"reflectors = {list(files.REFLECTORS)}".replace("'", '"')
 
 @pytest.fixture(scope="module")
 def kuka() -> Session:
-    return session()
+    return session(count=10)
 
 
 @pytest.fixture(scope="module")
 def ur() -> Session:
-    return session("ur10e")
+    return session("ur10e", 10)
 
 
 @pytest.fixture(scope="module")
 def abb() -> Session:
-    return session("irb6700_200_260")
+    return session("irb6700_200_260", 10)
 
 
 INSTRUMENTS: dict[str, tuple[files.Writer, str, str]] = {

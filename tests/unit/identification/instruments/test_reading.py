@@ -261,7 +261,7 @@ LOGS: dict[str, tuple[files.Writer, str, Callable[[str], str], str]] = {
 @pytest.mark.parametrize("name", LOGS)
 def test_logs_that_cannot_be_read_are_said_in_one_line(tmp_path, name):
     write, robot, edit, words = LOGS[name]
-    of = session("ur10e" if write is files.rtde else robot)
+    of = session("ur10e" if write is files.rtde else robot, 8)
     log = write(of, tmp_path)
     log.write_text(edit(log.read_text(encoding="utf-8")), encoding="utf-8")
     cell = Cell.load(session(robot).cell(tmp_path, PLAIN))

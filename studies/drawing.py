@@ -7,21 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posedesign.report.drawing import BLACK, BLUE, GREEN, GREY, VERMILION
+from posedesign.report.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, set_answer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MARKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (BLACK, "D"))
 """A colour with a shape for each series."""
 
 
 def rows_of_marks(
-    axes: Axes,
-    names: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    *,
-    apart: float = 0.0,
+    axes: Axes, names: Sequence[str], series: Mapping[str, Sequence[float]], *, apart: float = 0.0
 ) -> None:
     """Draw a row for each name, the first on top, with a mark for each series.
 
@@ -40,6 +37,28 @@ def rows_of_marks(
         axes.plot(values, at, mark, color=colour, ms=6, mfc="none", mew=1.5, label=label)
     axes.set_yticks(height, names)
     axes.grid(visible=True, axis="both", alpha=0.3)
+
+
+def figure_of_marks(
+    names: Sequence[str],
+    series: Mapping[str, Sequence[float]],
+    ticks: Sequence[float],
+    what: str,
+    answer: str,
+    *,
+    legend: str | None = None,
+) -> Figure:
+    """A panel of :func:`rows_of_marks` on a logarithmic axis, and what it tells."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.2 if legend else 4.4), layout="constrained")
+    axes = figure.subplots()
+    rows_of_marks(axes, names, series)
+    log_ticks(axes, ticks)
+    axes.set_xlabel(f"{what} [mm], log scale")
+    axes.legend(title=legend, frameon=False)
+    set_answer(figure, answer)
+    return figure
 
 
 def rows_with_intervals(

@@ -18,16 +18,7 @@ from numpy.typing import NDArray
 from calib import se3
 from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
-from calib.hand_eye.checks import (
-    Step,
-    Suspicion,
-    doubt_of_size,
-    step_with,
-    suspicion_of_arm,
-    suspicion_of_board,
-    suspicion_of_lens,
-    suspicion_of_move,
-)
+from calib.hand_eye import checks
 from calib.hand_eye.noise import (
     Deviations,
     arm_deviation,
@@ -371,21 +362,21 @@ def _listed(
     return tuple(names), tuple(status), np.array(at)
 
 
-def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
+def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[str]]:
     """What another size of the first board would be, and what looks wrong, the worst first."""
     kept = np.flatnonzero(fit.good)
-    data, found = fit.data[kept], list[Suspicion | None]()
+    data, found = fit.data[kept], list[checks.Suspicion | None]()
     cameras = np.array(problem.cameras)[kept]
     fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
-    def tried(new: Sequence[str], **more: Any) -> Step:
+    def tried(new: Sequence[str], **more: Any) -> checks.Step:
         """With the noise that is left with them: without, it has taken them up."""
         model = problem.model(fit.sigma_px, fit.arm_sigma, **more)
         pairs = zip(model.names, model.nominal, strict=True)
         x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
         parts = deviations(model, data, x)
         noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
-        return step_with(problem.model(*noise, **more), data, x, new)
+        return checks.step_with(problem.model(*noise, **more), data, x, new)
 
     frames = {
         label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
@@ -399,19 +390,23 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[Step | None, list[str]]:
             for errors in (("scale",), ("scale", "bend_x", "bend_y"))
         )
         sizes.append(size)
-        found.append(suspicion_of_board(every) or doubt_of_size(size, list(frames.values())))
+        found.append(
+            checks.suspicion_of_board(every) or checks.doubt_of_size(size, list(frames.values()))
+        )
     for camera, (lens, is_free) in problem.lenses.items():
         if not is_free:
             step = tried(LensParameters(lens, camera).names, free_lens=True)
-            found.append(suspicion_of_lens(step, lens))
+            found.append(checks.suspicion_of_lens(step, lens))
     parts = deviations(fit.model, data, fit.x)
-    found.append(suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names))))
-    found.append(suspicion_of_arm(fit.arm_sigma))
+    found.append(
+        checks.suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names)))
+    )
+    found.append(checks.suspicion_of_arm(fit.arm_sigma))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
     return (sizes[0] if sizes else None), [one.text for one in order]
 
 
-def _scale(estimate: IdentificationResult, board: Step | None) -> tuple[float, float]:
+def _scale(estimate: IdentificationResult, board: checks.Step | None) -> tuple[float, float]:
     """How much larger the first board seems to be, and its standard deviation."""
     name = next((n for n in estimate.names if n.startswith("board") and "scale" in n), "")
     if name:

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, JointLimitError, RobotModelError, check_type
+from calib.errors import InputError, JointLimitError, check_type, model_error
 from calib.robots import model_chain as tree
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, ExternalAxes, SerialChain
@@ -465,8 +465,8 @@ class Robot:
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
         posture = numbers(q, "the posture")
-        if posture.ndim == 0 or posture.shape[-1] != self.n:
-            found = posture.shape[-1] if posture.ndim else 0
+        found = posture.shape[-1] if posture.ndim else 0
+        if found != self.n:
             raise InputError(
                 f"{self.name} has {self.n} joints, the posture has {found} values",
                 hint=f"give one value for each of {', '.join(self.joint_names)}",
@@ -522,11 +522,11 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
         )
     up, before = robot.floor, robot.chain.placements
     if up and not np.allclose(placed[0], before[0], rtol=0.0, atol=1e-12):
-        raise RobotModelError(
-            f"{robot.name}: {robot.joint_names[0]} would sit elsewhere in {robot.base_frame}, "
-            "which it moves",
-            hint="leave its frame as it is: where targets are on it says the same",
-            name=robot.joint_names[0],
+        raise model_error(
+            robot.name,
+            f"{robot.joint_names[0]} would sit elsewhere in {robot.base_frame}, which it moves",
+            "leave its frame as it is: where targets are on it says the same",
+            robot.joint_names[0],
         )
     model, found = robot.model, robot
     if model is not None:

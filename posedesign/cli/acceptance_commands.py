@@ -8,9 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from posedesign.cli.output import (
-    DONE,
     LARGEST_SEED,
-    NOT_REACHED,
     AsJson,
     CellFile,
     JointsFile,
@@ -22,10 +20,13 @@ from posedesign.cli.output import (
     knowing,
     note,
     progress,
+    refuse_given,
     rehearsed_words,
     results_in,
     tell,
 )
+
+_OF_MEASUREMENTS = "is of measurements, and none are given"
 
 Measured = Annotated[
     Path | None, typer.Argument(help="What was measured at these poses; none: plan them.")
@@ -112,18 +113,15 @@ def prove(
         out, "prove", cell, measurements, identification, rule, joints, overwrite=overwrite
     )
     if measurements is None:
-        only = {"frame": given_frame, "rule": rule, "joints": joints}
-        _refuse(
-            next((name for name, value in only.items() if value), None),
-            "is of measurements, and none are given",
-        )
+        only = {"frame": given_frame or None, "rule": rule, "joints": joints}
+        refuse_given(only, _OF_MEASUREMENTS)
         if limit is not None:
             given["limit_m"] = parse_length(str(given.pop("limit")))
         request = AcceptanceRequest(**given)  # type: ignore[arg-type]
         with progress("planning"), knowing(loaded):
             plan = workflow.plan_acceptance_test(loaded, request, results, identification, model)
         files = [str(out / name) for name in (workflow.POSES[0], workflow.ACCEPTANCE_RULE[0])]
-        tell(
+        return tell(
             answer_of_acceptance_plan(loaded, plan, files),
             verbose=verbose,
             then=command_line("program", files[0], "--cell", cell, "--out", out),
@@ -131,8 +129,7 @@ def prove(
             content={**rule_as_dict(plan), "notes": plan.notes, "files": files},
             as_json=as_json,
         )
-        return DONE
-    _refuse(next(iter(given), None), "was fixed when the test was planned")
+    refuse_given(given, "was fixed when the test was planned")
     with progress("judging"):
         found = workflow.judge_acceptance_test(
             loaded,
@@ -146,22 +143,15 @@ def prove(
             trust_units=trust_units,
         )
     names = (workflow.ACCEPTANCE[0], workflow.ACCEPTANCE_DRAWN[0][0])
-    tell(
+    return tell(
         answer_of_verdict(found, [str(out / name) for name in names]),
+        found.passed,
         verbose=verbose,
         then=command_line("report", out),
         first=rehearsed_words(measurements, identification),
         content=found.model_dump(),
         as_json=as_json,
     )
-    return DONE if found.passed else NOT_REACHED
-
-
-def _refuse(name: object, why: str) -> None:
-    from calib.errors import InputError
-
-    if name:
-        raise InputError(f"--{name} {why}", hint="leave it out", name=str(name))
 
 
 def recheck(
@@ -195,13 +185,13 @@ def recheck(
         out, "recheck", cell, measurements, identification, joints, overwrite=overwrite
     )
     if measurements is None:
-        _refuse("joints" if joints else None, "is of measurements, and none are given")
+        refuse_given({"joints": joints}, _OF_MEASUREMENTS)
         with progress("choosing poses"), knowing(loaded):
             plan = workflow.plan_recheck_poses(
                 loaded, identification, results, poses, set_up_anew=set_up_anew
             )
         files = [str(out / workflow.POSES[0])]
-        tell(
+        return tell(
             answer_of_recheck_plan(loaded, plan, files),
             verbose=verbose,
             then=command_line("program", files[0], "--cell", cell, "--out", out),
@@ -209,7 +199,6 @@ def recheck(
             content={"smallest_si": plan.smallest(), "blind": plan.blind, "files": files},
             as_json=as_json,
         )
-        return DONE
     found = workflow.recheck_file(
         loaded,
         measurements,
@@ -220,12 +209,12 @@ def recheck(
         trust_units=trust_units,
         warn=lambda text: note(f"warning: {measurements}: {text}"),
     )
-    tell(
+    return tell(
         answer_of_recheck(found, [str(out / workflow.RECHECK[0])]),
+        found.same,
         verbose=verbose,
         then=command_line("report", out),
         first=rehearsed_words(measurements, identification),
         content=recheck_as_dict(found),
         as_json=as_json,
     )
-    return DONE if found.same else NOT_REACHED

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
     AsJson,
     CameraPlace,
     CellFile,
@@ -182,7 +180,6 @@ def robot_world(
         certify=certify,
         quiet=as_json,
     )
-    rehearsed = rehearsed_words(pairs, a, b)
     opencv = convention == "opencv"
     made = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
     files = [str(out / name) for name in made if (out / name).is_file()]
@@ -195,8 +192,8 @@ def robot_world(
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
     content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
-    tell(answer, verbose=verbose, first=rehearsed, content=content, as_json=as_json)
-    return DONE if reached(outcomes) else NOT_REACHED
+    good, first = reached(outcomes), rehearsed_words(pairs, a, b)
+    return tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
 def _solved(
@@ -387,14 +384,14 @@ def camera(
         found, files = calibrate_from_pictures(
             loaded, shown, asked, results, advance, transforms=transforms
         )
-    tell(
+    return tell(
         answer_of_camera(found, [str(path) for path in files]),
+        found.result.is_ok,
         verbose=verbose,
         first=rehearsed_words(joints),
         content=result_as_dict(found),
         as_json=as_json,
     )
-    return DONE if found.result.is_ok else NOT_REACHED
 
 
 def lens_of(text: str) -> LensName | Lens:

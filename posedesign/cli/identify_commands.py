@@ -5,7 +5,6 @@ And predict: what poses will identify.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -28,6 +27,7 @@ from posedesign.cli.output import (
     poses_of,
     print_json,
     progress,
+    refuse_given,
     rehearsed_words,
     results_in,
     say,
@@ -134,14 +134,13 @@ def identify(
     if as_json:
         note(rehearsed)
         show_file(file.read_text(encoding="utf-8"))
-    else:
-        beside = ("joined.csv", "residuals.csv") if identified.table.facts else ()
-        named = (file, file.with_suffix(".png"), *(out / name for name in beside))
-        files = [str(path) for path in named if path.is_file()]
-        then = command_line("correct", cell, file, "--out", out) if good else ""
-        answer = answer_of_identification(identified, files)
-        tell(answer, verbose=verbose, then=then, first=rehearsed)
-    return DONE if good else NOT_REACHED
+        return DONE if good else NOT_REACHED
+    beside = ("joined.csv", "residuals.csv") if identified.table.facts else ()
+    named = (file, file.with_suffix(".png"), *(out / name for name in beside))
+    files = [str(path) for path in named if path.is_file()]
+    then = command_line("correct", cell, file, "--out", out) if good else ""
+    answer = answer_of_identification(identified, files)
+    return tell(answer, good, verbose=verbose, then=then, first=rehearsed)
 
 
 def calibrate(
@@ -291,12 +290,10 @@ def correct(
     results = results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
     of_program = poses is not None and is_program(poses, dialect)
     if of_program:
-        _check_for_nothing("a program", {"box": box, "export": export})
+        refuse_given({"box": box, "export": export}, "does nothing for a program")
     else:
-        _check_for_nothing(
-            "anything but a program",
-            {"joints": joints or None, "leave": leave, "again": (again and poses is None) or None},
-        )
+        given = {"joints": joints or None, "leave": leave, "again": (again and not poses) or None}
+        refuse_given(given, "does nothing for anything but a program")
     if poses is not None and of_program:
         with progress("correcting"):
             program = correct_program(
@@ -331,15 +328,6 @@ def correct(
     first = rehearsed_words(cell, identification)
     tell(answer, verbose=verbose, first=first, content=content, as_json=as_json)
     return DONE if ok else NOT_REACHED
-
-
-def _check_for_nothing(what: str, given: Mapping[str, object]) -> None:
-    """Refuse options that would do nothing."""
-    from calib.errors import InputError
-
-    name = next((name for name, value in given.items() if value is not None), None)
-    if name is not None:
-        raise InputError(f"`{name}` does nothing for {what}", hint="leave it out", name=name)
 
 
 def predict(
@@ -377,5 +365,4 @@ def predict(
     files = [str(out / "predicted_accuracy.csv")]
     content = {"reference": found.reference, "points": found.rows(), "files": files}
     answer = answer_of_prediction(found, files)
-    tell(answer, verbose=verbose, content=content, as_json=as_json)
-    return DONE
+    return tell(answer, verbose=verbose, content=content, as_json=as_json)

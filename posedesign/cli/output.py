@@ -197,14 +197,15 @@ def rehearsed_words(*inputs: Path | None) -> str:
 
 def tell(
     answer: Answer,
+    good: bool = True,
     *,
     verbose: bool = False,
     then: str = "",
     first: str = "",
     content: object = None,
     as_json: bool = False,
-) -> None:
-    """Print an answer: what fits at a glance, or all of it with its tables.
+) -> int:
+    """Print an answer: what fits at a glance, or all of it with its tables; give the exit code.
 
     Warnings and notes go to standard error. As JSON ``content`` is printed in place of the result;
     what was not checked then goes to standard error as well.
@@ -215,7 +216,7 @@ def tell(
         for line in answer.all_lines():
             if line.is_remark:
                 _print_line(line, sys.stderr)
-        return
+        return DONE if good else NOT_REACHED
     if verbose:
         for text in Line("", first).wrapped(plain) if first else ():
             print(text)
@@ -226,6 +227,7 @@ def tell(
         lines = replace(answer, then=then, first=first).short("see --verbose")
     for line in lines:
         _print_line(line, sys.stdout if line.goes_with_result else sys.stderr)
+    return DONE if good else NOT_REACHED
 
 
 def _print_line(line: Line, stream: TextIO) -> None:
@@ -236,6 +238,15 @@ def _print_line(line: Line, stream: TextIO) -> None:
 def command_line(*words: object) -> str:
     """A command as a person types it, paths quoted where they have to be."""
     return "posedesign " + " ".join(shlex.quote(str(word)) for word in words)
+
+
+def refuse_given(options: Mapping[str, object], why: str) -> None:
+    """Refuse options that would do nothing: the first that is given, by ``why``."""
+    from calib.errors import InputError
+
+    name = next((name for name, value in options.items() if value is not None), None)
+    if name is not None:
+        raise InputError(f"`{name}` {why}", hint="leave it out", name=name)
 
 
 @contextmanager

@@ -11,7 +11,6 @@ import typer
 
 from posedesign.cli.output import (
     DONE,
-    NOT_REACHED,
     AsJson,
     CellFile,
     JointsFile,
@@ -246,14 +245,14 @@ def plan(
         result = plan_optimal_poses(loaded, results, request, advance, own)
     names = ("poses.csv", *["validation.csv"] * (result.validation is not None), "plan.png")
     files = [str(out / name) for name in names if result.route is not None]
-    tell(
+    return tell(
         answer_of_choice(loaded, result, files),
+        result.reached,
         verbose=verbose,
         then=_program_command(loaded, files, cell),
         content=choice_as_dict(loaded, result) | {"files": files},
         as_json=as_json,
     )
-    return DONE if result.reached else NOT_REACHED
 
 
 def next_poses(
@@ -311,15 +310,15 @@ def next_poses(
     if not result.worth:
         of = ("--joints", joints) if joints else ()
         then = command_line("identify", cell, measurements, *of)
-    tell(
+    return tell(
         answer_of_next(loaded, result, files),
+        not result.dropped,
         verbose=verbose,
         then=then,
         first=rehearsed_words(cell, measurements),
         content=next_as_dict(loaded, result) | {"files": files},
         as_json=as_json,
     )
-    return NOT_REACHED if result.dropped else DONE
 
 
 def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verbose: bool) -> int:
@@ -339,14 +338,14 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
         )
         outlook = outlook_of(loaded, result.model, result.postures)
     files = [str(out.folder / name) for name in ("poses.csv", "rounds.csv", "plan.png")]
-    tell(
+    return tell(
         told_plan(loaded, result, outlook, files),
+        result.reached,
         verbose=verbose,
         then=_program_command(loaded, files, cell),
         content=plan_as_dict(loaded, result, outlook) | {"files": files},
         as_json=as_json,
     )
-    return DONE if result.reached else NOT_REACHED
 
 
 def _program_command(cell: Cell, files: Sequence[str], path: Path) -> str:
@@ -416,8 +415,7 @@ def check(
         "not_checked": loaded.not_checked,
     }
     answer = answer_of_check(loaded, verdicts, off)
-    tell(answer, verbose=verbose, content=content, as_json=as_json)
-    return DONE if good else NOT_REACHED
+    return tell(answer, good, verbose=verbose, content=content, as_json=as_json)
 
 
 def score(
@@ -456,5 +454,4 @@ def score(
         "reached": good,
     }
     answer = answer_of_score(loaded, scored, scaling)
-    tell(answer, verbose=verbose, content=content, as_json=as_json)
-    return DONE if good else NOT_REACHED
+    return tell(answer, good, verbose=verbose, content=content, as_json=as_json)

@@ -104,11 +104,10 @@ def program(
     options = program_options(loaded, listed, form)
     results = results_in(out, "program", poses, cell, overwrite=overwrite)
     written = write_program(listed, results, chosen, options, title, loaded, forced)
-    rehearsed = rehearsed_words(poses, cell)
+    good, first = not written.problems, rehearsed_words(poses, cell)
     content = {**written.__dict__, "paths": [str(path) for path in written.paths]}
     told = _told(written, loaded)
-    tell(told, verbose=verbose, first=rehearsed, content=content, as_json=as_json)
-    return NOT_REACHED if written.problems else DONE
+    return tell(told, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
 def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
@@ -260,14 +259,14 @@ def import_positions(
         "missing": imported.missing,
         "warnings": imported.warnings,
     }
-    tell(
+    return tell(
         _told_imported(imported, path, planned=plan is not None),
+        not imported.doubtful,
         verbose=verbose,
         then=command_line("identify", cell, path),
         content=content,
         as_json=as_json,
     )
-    return NOT_REACHED if imported.doubtful else DONE
 
 
 def _told_imported(imported: Imported, path: Path, *, planned: bool) -> Answer:

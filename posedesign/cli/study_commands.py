@@ -57,9 +57,8 @@ def accuracy(
     table, figure = write_study(study, results)
     if as_json:
         print_json([finding.__dict__ for finding in study.findings])
-    else:
-        tell(answer_of_study(study, [str(table), str(figure)]), verbose=verbose)
-    return DONE
+        return DONE
+    return tell(answer_of_study(study, [str(table), str(figure)]), verbose=verbose)
 
 
 StudyName = Annotated[str, typer.Argument(help="The study, see: posedesign study list")]

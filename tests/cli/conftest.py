@@ -3,19 +3,22 @@
 import csv
 import io
 import json
+import pickle
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from posedesign import identification, workflow
 from posedesign.cell import Cell, cell_template
 from posedesign.cli.main import run
 from posedesign.files import Claim, Results, write_bytes_atomic
+from posedesign.files.measurements import MeasurementTable
 from posedesign.planning.optimal import outlook
 from posedesign.report.answer import WIDTH
 
@@ -59,11 +62,13 @@ def _rendering() -> tuple[tuple[Any, str, Callable[..., Any]], ...]:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     from posedesign import workflow
-    from posedesign.report import figures
+    from posedesign.report import figures, page
 
     named = (
         (workflow, "draw"),
         (figures, "draw"),
+        (page, "figure_of_plan"),
+        (figures, "as_svg"),
         (ConstrainedLayoutEngine, "execute"),
         (Figure, "savefig"),
         (FigureCanvasAgg, "print_png"),
@@ -104,6 +109,8 @@ def empty_pictures() -> Iterator[None]:
     instead: tuple[Callable[..., None], ...] = (
         draw_empty,
         draw_empty,
+        lambda *args: None,
+        lambda figure: empty_picture("svg").decode(),
         lambda engine, figure: None,
         save_empty,
         lambda canvas, to, **kwargs: write(to, "png"),
@@ -122,38 +129,71 @@ def _pictures() -> Iterator[None]:
         yield
 
 
-_OUTLOOK = {name: getattr(outlook, name) for name in ("CANDIDATES", "_chosen_tcp_m")}
+_FOUND: dict[object, Any] = {}
+"""What was planned and identified for a cell that is described once."""
+
+_FILE = re.compile(r"(urdf|mesh|srdf)='")
 
 
-_FOUND: dict[tuple[str, int], float | None] = {}
-"""What the poses of a cell that is described once would be worth, found in small pools."""
+def _once(owner: Any, name: str, key: Callable[..., object]) -> Callable[..., Any]:
+    """A function of a cell whose results are found once, by its description and a key.
+
+    The files of others that a cell names may change between two commands: those are not kept.
+    """
+    find = getattr(owner, name)
+
+    def found(cell: Cell, *args: Any, **kwargs: Any) -> Any:
+        described = repr(cell.config)
+        if _FILE.search(described):
+            return find(cell, *args, **kwargs)
+        of = name, described, key(*args, **kwargs)
+        if of not in _FOUND:
+            _FOUND[of] = find(cell, *args, **kwargs)
+        return _FOUND[of]
+
+    return found
+
+
+def _rows(table: MeasurementTable, *_: object) -> bytes:
+    """The content of a table, wherever it lies."""
+    return pickle.dumps(replace(table, path=Path()))
+
+
+_WHOLE = {"CANDIDATES": outlook.CANDIDATES, "_chosen_tcp_m": outlook._chosen_tcp_m}
+_plan = _once(workflow, "plan", lambda progress=None: "")
+_identify = _once(identification, "identify_models", _rows)
+_KEPT: tuple[tuple[Any, str, Any], ...] = (
+    (outlook, "CANDIDATES", 60),
+    (outlook, "_chosen_tcp_m", _once(outlook, "_chosen_tcp_m", lambda count: count)),
+    (workflow, "plan", _plan),
+    (
+        identification,
+        "identify_models",
+        lambda cell, table: replace(_identify(cell, table), table=table),
+    ),
+)
 
 
 @contextmanager
-def small_outlook() -> Iterator[None]:
-    """What other poses would be worth, half of most plans, is found in small pools, and once."""
-    find = _OUTLOOK["_chosen_tcp_m"]
+def found_once() -> Iterator[None]:
+    """Plans and identifications of the same cell and rows are made once.
 
-    def once(cell: Cell, count: int) -> float | None:
-        key = repr(cell.config), count
-        if cell.config.robot.urdf is not None or key not in _FOUND:
-            _FOUND[key] = find(cell, count)
-        return _FOUND[key]
-
+    What other poses would be worth, half of most plans, is found in small pools.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outlook, "CANDIDATES", 60)
-        patch.setattr(outlook, "_chosen_tcp_m", once)
+        for owner, name, instead in _KEPT:
+            patch.setattr(owner, name, instead)
         yield
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _small_outlook() -> Iterator[None]:
-    """Tests have small pools for that where they do not ask for ``whole_outlook``.
+def _found_once() -> Iterator[None]:
+    """Tests have it so, and whole pools where they ask for ``whole_outlook``.
 
     By module: a folder without ``__init__.py`` is no package to pytest, so that a fixture of
     that scope would stay on for the tests of other folders.
     """
-    with small_outlook():
+    with found_once():
         yield
 
 
@@ -161,7 +201,7 @@ def _small_outlook() -> Iterator[None]:
 def whole_outlook() -> Iterator[None]:
     """What other poses would be worth, found in the pools that users have."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, whole in _OUTLOOK.items():
+        for name, whole in _WHOLE.items():
             patch.setattr(outlook, name, whole)
         yield
 
@@ -298,7 +338,7 @@ def worked_on(folder: Path, text: str) -> Path:
     """A folder with a cell and what plan and simulate make of it."""
     (folder / "cell.toml").write_text(text)
     cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
-    with empty_pictures(), small_outlook():
+    with empty_pictures(), found_once():
         assert run(["plan", cell, "--out", str(folder)]) == 0
     assert (
         run(["simulate", str(with_camera(folder / "cell.toml")), poses, "--out", str(folder)]) == 0

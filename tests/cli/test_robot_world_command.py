@@ -27,6 +27,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.hand_eye.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.hand_eye.pairs import results as pairs_results
 from posedesign.hand_eye.pairs.forms import PoseForm
+from posedesign.hand_eye.pairs.results import methods_of
 from tests.cli.conftest import refusals, rows_of, unfolded
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
@@ -71,7 +72,7 @@ def headerless(path: Path, T: FloatArray, form: PoseForm) -> Path:
     return path
 
 
-def test_every_way_in_gives_the_same_answer(cli, tmp_path, pairs):
+def test_every_way_in_gives_the_same_answer(cli, in_this_process, tmp_path, pairs):
     target2cam = inverse(pairs.B)
     quaternions = "qw,qx,qy,qz,x_m,y_m,z_m"
     table = write_pairs(tmp_path / "t.csv", pairs, QUATERNION, PoseForm("mm", "matrix"))
@@ -303,16 +304,16 @@ def test_notes_on_the_file_are_warnings(cli, tmp_path, pairs):
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(cli, tmp_path, path):
-    (tmp_path / "named").mkdir()
-    papers = list(PAPER_METHODS)
-    for methods, expected in (
-        ((), ["ml", "ml-robust", *papers]),
-        (("--method", "papers"), papers),
-        (("--method", "shah,papers,zhuang"), ["shah", *papers]),
-    ):
-        assert cli("robot-world", path, *methods, "--out", tmp_path).code == 0
-        assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == expected
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("papers", [*PAPER_METHODS]),
+        ("shah,papers,zhuang", ["shah", *PAPER_METHODS]),
+        ("shah, all", ["shah", *(name for name in METHODS if name != "shah")]),
+    ],
+)
+def test_papers_and_all_stand_for_their_methods_each_once(typed, expected):
+    assert methods_of(typed) == expected
 
 
 def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, pairs):
@@ -531,17 +532,11 @@ def test_progress_goes_method_by_method(measured):
     assert [part for _, part in told] == pytest.approx([k / 6 for k in range(7)])
 
 
-def test_all_among_other_names(cli, tmp_path, path):
-    assert cli("robot-world", path, "--method", "shah, all", "--out", tmp_path).code == 0
-    found = [row["method"] for row in rows_of(tmp_path / "robot_world.csv")]
-    assert found == ["shah", *(name for name in METHODS if name != "shah")]
-
-
 @pytest.mark.parametrize(
     ("method", "status"),
     [
         *(("ml", status) for status in ("ambiguous", "doubtful", "misfit", "not converged")),
-        *((method, "doubtful") for method in ("ml,shah", "shah,ml", "all")),
+        *((method, "doubtful") for method in ("ml,shah", "shah,ml")),
     ],
 )
 def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, path, monkeypatch, method, status):
@@ -559,7 +554,7 @@ def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, path, monkeypatch, met
     assert row["status"] == status
 
 
-def test_opencv_order_in_every_kind_of_file(cli, tmp_path, pairs):
+def test_opencv_order_in_every_kind_of_file(cli, in_this_process, tmp_path, pairs):
     """gripper2base and target2cam as they are, with A and B where OpenCV's function has them."""
     gripper2base, target2cam = pairs.A, inverse(pairs.B)
     form = PoseForm("m", "vector-rad")

@@ -52,7 +52,7 @@ def test_bodies_that_are_given_in_metres_are_doubted(cli, work):
 def test_a_study_without_offsets_shows_the_tool(cli, change_cell, work, monkeypatch):
     drawn = "posedesign.report.accuracy.draw_accuracy"
     monkeypatch.setattr(drawn, lambda study, path: path)  # longer than the study
-    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[15, 15, 15]"})
+    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[10, 10, 10]"})
     said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
     assert said.code == 0
     assert "x sd" in said.out

@@ -93,15 +93,15 @@ def test_error_goes_to_standard_error_alone(tmp_path):
 
 
 def test_json_in_a_pipe_is_all_that_is_printed():
-    said = shell("robots", "--json")
+    said = shell("study", "list", "--json")
     assert (said.returncode, said.stderr) == (0, "")
     assert json.loads(said.stdout)
 
 
 def test_reader_that_stops_reading(tmp_path):
-    """``posedesign new | head -1``"""
+    """``posedesign --help | head -1``"""
     with subprocess.Popen(
-        [*COMMAND, "robots", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [*COMMAND, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -128,7 +128,7 @@ def not_reached(tmp_path) -> Path:
     [
         ('"$@" check cell.toml poses.csv | true; echo "${PIPESTATUS[0]}"', "1\n"),
         ('"$@" validate bad.LS --json >&- 2>&- <&-; echo $?', "1\n"),
-        ('"$@" validate none.LS 2>&1 | true; echo "${PIPESTATUS[0]}"', "2\n"),
+        ('"$@" plan --nothing 2>&1 | true; echo "${PIPESTATUS[0]}"', "2\n"),
         ('PYTHONIOENCODING=ascii "$@" robots >/dev/null; echo $?', "0\n"),
     ],
 )

@@ -11,13 +11,7 @@ from calib.hand_eye import calibrate
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.measurements.board_view import Carried
-from calib.model.parameters import (
-    LensParameters,
-    TargetFrame,
-    TimeOffsets,
-    ToolFrame,
-    ZeroOffsets,
-)
+from calib.model.parameters import LensParameters, TargetFrame, TimeOffsets, ToolFrame, ZeroOffsets
 from calib.robots import Robot
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import FloatArray

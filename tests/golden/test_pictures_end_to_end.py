@@ -62,7 +62,7 @@ def check(scene: Scene, result: HandEyeResult, off: float) -> float:
 
 @pytest.mark.parametrize(("carried", "board"), [("camera", BOARD), ("board", ROUND)])
 def test_a_handful_of_pictures_tells_where_the_camera_is(carried, board):
-    scene, result, off = photographed(8, carried, EXACT, 60, board)
+    scene, result, off = photographed(6, carried, EXACT, 60, board)
     check(scene, result, off)
     place, turn = result.sigma_of("X" if carried == "camera" else "Z")
     assert np.linalg.norm(place) < 5e-4

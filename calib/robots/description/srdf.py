@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
-from calib.errors import RobotModelError, near_names
+from calib.errors import RobotModelError, model_error, near_names
 from calib.robots.description.urdf import read_description
 from calib.robots.description.urdf_kinematics import numbers, shown
 from calib.robots.shapes import Body
@@ -79,7 +79,7 @@ class Srdf:
         return pair not in self.enabled and (pair in self.allowed or bool(pair & self.allowed_of))
 
     def _fail(self, what: str, hint: str, name: str) -> RobotModelError:
-        return RobotModelError(f"{self.path}: {what}", hint=hint, name=name)
+        return model_error(self.path, f"{what}", hint, name)
 
 
 def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
@@ -92,17 +92,16 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
     """
     root = read_description(path, packages, hint="give the .srdf of a MoveIt configuration").root
     if len(list(root.iter())) > MOST_ELEMENTS:
-        raise RobotModelError(
-            f"{path}: has more than {MOST_ELEMENTS} elements", hint="is it an SRDF?", name=str(path)
-        )
+        raise model_error(path, f"has more than {MOST_ELEMENTS} elements", "is it an SRDF?")
     for element in root:
         tag = str(element.tag)
         if tag not in _KNOWN:
             is_urdf = tag in ("link", "joint")
-            raise RobotModelError(
-                f"{path}: the element {shown(tag)} is not known in an SRDF",
-                hint="is it a URDF?" if is_urdf else near_names(tag, _KNOWN),
-                name=tag,
+            raise model_error(
+                path,
+                f"the element {shown(tag)} is not known in an SRDF",
+                "is it a URDF?" if is_urdf else near_names(tag, _KNOWN),
+                tag,
             )
 
     def pairs(tag: str) -> frozenset[frozenset[str]]:
@@ -133,10 +132,11 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
 def _word(element: Element, key: str, path: Path) -> str:
     value = element.get(key, "").strip()
     if not value or not value.isprintable():
-        raise RobotModelError(
-            f"{path}: <{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
-            hint="add it",
-            name=str(element.tag),
+        raise model_error(
+            path,
+            f"<{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
+            "add it",
+            str(element.tag),
         )
     return value
 
@@ -149,11 +149,12 @@ def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, fl
         if len(value) > 1:  # floating and planar joints have several; no arm has such joints
             continue
         if not value:
-            raise RobotModelError(
-                f"{path}: the state {shown(name)} has {shown(joint)} at "
+            raise model_error(
+                path,
+                f"the state {shown(name)} has {shown(joint)} at "
                 f"{shown(element.get('value'))}, no number",
-                hint="give rad, or m",
-                name=joint,
+                "give rad, or m",
+                joint,
             )
         values[joint] = value[0]
     return (_word(state, "group", path), name), MappingProxyType(values)

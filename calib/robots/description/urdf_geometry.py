@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from calib.errors import CalibError, RobotModelError
+from calib.errors import CalibError, RobotModelError, model_error
 from calib.robots.description.packages import Packages, is_inside
 from calib.robots.description.urdf_kinematics import LARGEST_LENGTH_M, numbers, printable, shown
 from calib.robots.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
@@ -67,10 +67,10 @@ def read_collision_shapes(
     """
     found = [(link, c) for link in root.iterfind("link") for c in link.iterfind("collision")]
     if len(found) > MOST_BODIES:
-        raise RobotModelError(
-            f"{path}: has {len(found)} collision bodies, more than {MOST_BODIES}",
-            hint="simplify the collision geometry",
-            name=str(path),
+        raise model_error(
+            path,
+            f"has {len(found)} collision bodies, more than {MOST_BODIES}",
+            "simplify the collision geometry",
             value=len(found),
             bound=MOST_BODIES,
         )
@@ -182,10 +182,11 @@ class _Reader:
         return values
 
     def _fail(self, what: str) -> RobotModelError:
-        return RobotModelError(
-            f"{self._path}: link {shown(self._link)} has collision geometry of {what}",
-            hint="sizes are in metres and above zero; correct it, or leave <collision> out",
-            name=self._link,
+        return model_error(
+            self._path,
+            f"link {shown(self._link)} has collision geometry of {what}",
+            "sizes are in metres and above zero; correct it, or leave <collision> out",
+            self._link,
         )
 
 

@@ -30,11 +30,9 @@ from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.loop import told_by
 from posedesign.planning.optimal.choose import (
-    ATTEMPTS,
     as_pose_set,
+    chosen_with_way,
     no_clear_way,
-    reached_of,
-    without_unreached,
 )
 from posedesign.planning.optimal.request import PlanObjective, Request, objective_of
 from posedesign.planning.optimal.result import NextPoses
@@ -247,30 +245,21 @@ def _choose(
     """
     model = measured.model
     known = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
-    router, why = Router.of_cell(cell), ""
-    for attempt in range(ATTEMPTS):
-        few = min(count, len(pool)) if attempt else count
+
+    def choose(pool: CandidatePoses, few: int) -> IntArray:
         blocks, white = objective.of_pool(model, pool, x), pool.white(model, x)
         # what was known before measuring, in the rows that the criterion is of
         scale = np.sqrt((blocks**2).sum() / (white**2).sum())
         there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
         found = select(blocks, few, objective.criterion, known=there, starts=1, bound=False)
-        rows = _best_first(white, found.indices, known, box)
-        route = router.route(pool.postures[rows], pool.loads[rows])
-        if not route.lost:
-            break
-        why = next(iter(route.lost.values()))
-        others = without_unreached(router, pool, rows[list(route.lost)], attempt)
-        if attempt == ATTEMPTS - 1 or not len(others):
-            break
-        pool = others
-    dropped = [*route.lost.values(), *[why] * (count - len(rows))]
-    reached, route = reached_of(router, pool.take(rows), route)
-    if not len(reached):
-        raise no_clear_way(why)
-    rows = rows[reached]
-    poses = as_pose_set(pool.take(rows)).and_dropped(dropped)
-    return poses, route, _errors(white[rows], known, box)
+        return _best_first(white, found.indices, known, box)
+
+    pool, rows, route, dropped = chosen_with_way(Router.of_cell(cell), pool, count, choose)
+    if not len(rows):
+        raise no_clear_way(dropped[0])
+    chosen = pool.take(rows)
+    poses = as_pose_set(chosen).and_dropped(dropped)
+    return poses, route, _errors(chosen.white(model, x), known, box)
 
 
 def _last_number(names: Sequence[str]) -> int:

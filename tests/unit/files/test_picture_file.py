@@ -142,6 +142,7 @@ def twice(data: bytes, tag: int, other: int) -> bytes:
     return data.replace(struct.pack("<HH", tag, 4), struct.pack("<HH", other, 4))
 
 
+@cache
 def bombs() -> dict[str, bytes]:
     """Small files that claim much: 60,000 x 60,000 pixels or as many as the format has."""
     header = struct.pack(">II", HUGE, HUGE) + encoded(".png")[24:29]
@@ -170,6 +171,7 @@ def bombs() -> dict[str, bytes]:
     }
 
 
+@cache
 def oddities() -> dict[str, bytes]:
     """Files that break their format's rules, and claim no more than they hold."""
     bmp = encoded(".bmp")
@@ -216,7 +218,7 @@ def test_bombs_are_refused_by_their_heads(kind, tmp_path):
             reader(path)
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(st.data())
 def test_notes_of_a_camera_that_are_damaged_change_no_picture(tmp_path_factory, data):
     entry = struct.pack("<HHII", 0x8769, 4, 1, 26) + struct.pack("<HHII", 36867, 2, 20, 60)
@@ -282,7 +284,7 @@ def test_wrong_files(tmp_path, monkeypatch):
     assert "is larger" in refusal(encoded(".bmp"), tmp_path)
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(st.data())
 def test_damaged_pictures_give_pixels_or_one_line(tmp_path_factory, data):
     whole = data.draw(

@@ -11,7 +11,7 @@ from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, so
 from tests.marks import rest_in_full
 
 seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=15, deadline=None)
+many = settings(max_examples=8, deadline=None)
 quick = settings(max_examples=2, deadline=None)
 kinds = st.sampled_from(["one axis", "translations", "identical", "two poses", "still target"])
 sides = st.sampled_from(["A", "B", "both"])
@@ -91,14 +91,14 @@ def test_a_batch_is_ok_only_where_a_single_problem_is(seed, pairs, kind, sigma_d
 @pytest.mark.parametrize("kind", ["one axis", "translations", "identical"])
 @pytest.mark.parametrize("pairs", rest_in_full([3, 4, 5, 8], (3,)))
 def test_silence_is_as_rare_as_said(kind, pairs):
-    """At most three of a thousand sets with noise on both sides; chance adds as much again."""
+    """At most three of a thousand sets with noise on both sides: of 360 hardly ever five."""
     rng = np.random.default_rng(pairs)
     silent = sum(
         is_silent(*setup(kind, rng, pairs, sigma_deg, "both"), "shah")
         for sigma_deg in (0.01, 0.1, 1.0)
-        for _ in range(300)
+        for _ in range(120)
     )
-    assert silent <= 5
+    assert silent <= 4
 
 
 def disordered(kind, rng, B):

@@ -29,7 +29,7 @@ from calib.robots.flange_poses import flange_robot, posture_of_pose
 from calib.se3 import rotation_exp, transform
 from studies.board_scenes import EXACT, LENS, SIGMA_PX, STOPS_OFF, Scene, draw_scene
 
-TRIALS = 30
+TRIALS = 20
 SURE = normal_quantile(1 - 1e-5)
 """Standard errors of a mean within which it is right."""
 
@@ -128,7 +128,7 @@ def test_no_other_deviation_is_likelier(scene):
     """
     rng = np.random.default_rng(38)
     grid = np.log(np.stack(np.meshgrid(*[np.geomspace(1e-7, 1e-2, 13)] * 2), axis=-1))
-    for arm in [EXACT] * 6 + [STOPS_OFF] * 2:
+    for arm in [EXACT] * 4 + [STOPS_OFF] * 2:
         parts = parts_of(scene, scene.seen(rng, arm=arm))
         unlikely = restricted(parts)
         found = unlikely(np.log(np.maximum([arm_deviation(parts)], LEAST_ARM)))[0]
@@ -142,7 +142,7 @@ def test_an_exact_arm_is_found_to_be_one(scene):
     found = np.array([arm_deviation(one) for one in parts])
     own = np.sqrt(np.median(np.einsum("nii->ni", parts[0].covariance), axis=0)).reshape(2, 3)
     assert (found.max(axis=0) < own.max(axis=1)).all()
-    assert ((found == 0).mean(axis=0) > 0.2).all()
+    assert ((found == 0).mean(axis=0) > 0.15).all()
 
 
 def test_deviations_are_those_of_views_of_boards():

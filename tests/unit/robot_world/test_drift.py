@@ -68,15 +68,15 @@ def test_a_drift_of_few_pairs_is_named():
 @pytest.mark.parametrize("pairs", [8, 11])
 def test_few_steady_pairs_are_not_said_to_drift(pairs):
     rng = np.random.default_rng(pairs)
-    for _ in range(12):
+    for _ in range(6):
         problem = viewing_pairs(rng, pairs)
         assert not solve(problem.A[0], noisy(rng, problem.B[0])).drift
 
 
 def test_steady_pairs_are_not_doubted():
     rng = np.random.default_rng(0)
-    sets = [along_a_path(seed, 30)[:2] for seed in range(40)]
-    sets += [(p.A[0], p.B[0]) for p in (viewing_pairs(rng, 30) for _ in range(40))]
+    sets = [along_a_path(seed, 30)[:2] for seed in range(20)]
+    sets += [(p.A[0], p.B[0]) for p in (viewing_pairs(rng, 30) for _ in range(20))]
     A, B = np.array([A for A, _ in sets]), np.array([noisy(rng, B) for _, B in sets])
     assert solve_batch(A, B).doubtful.mean() <= 0.01
 

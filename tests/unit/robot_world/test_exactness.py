@@ -49,7 +49,7 @@ def assert_exact(found, X, Z):
 )
 @pytest.mark.parametrize("method", SOUND)
 def test_exact_without_noise(method, pairs, cone_deg):
-    problems = random_problems(np.random.default_rng(pairs), 15, pairs, cone_deg)
+    problems = random_problems(np.random.default_rng(pairs), 6, pairs, cone_deg)
     found = solve_batch(problems.A, problems.B, method)
     assert found.ok.all()
     assert_exact(found, problems.X, problems.Z)

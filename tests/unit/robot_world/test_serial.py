@@ -37,8 +37,8 @@ def by_noise_alone(problems, B):
 
 @pytest.mark.parametrize("pairs", [20, pytest.param(60, marks=pytest.mark.slow)])
 def test_independent_errors_change_nothing(pairs):
-    problems, B = sequences(pairs, 150, pairs, 0.0)
-    factor = widening(by_noise_alone(problems, B), np.ones((150, pairs), dtype=bool))
+    problems, B = sequences(pairs, 100, pairs, 0.0)
+    factor = widening(by_noise_alone(problems, B), np.ones((100, pairs), dtype=bool))
     assert (factor > 1.0).any(axis=1).mean() < 0.04
     assert np.sqrt((factor**2).mean()) < 1.03
     assert 0.93 < covered(problems, solve_batch(problems.A, B)) < 0.975

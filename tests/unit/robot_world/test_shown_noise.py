@@ -84,7 +84,7 @@ def noisy_robot(seed, pairs):
 @pytest.mark.parametrize("method", ["ml", pytest.param("ml-robust", marks=pytest.mark.slow)])
 def test_noise_that_shows_is_taken_and_said(method):
     off_by = {"B": [], None: []}
-    for seed in range(8):
+    for seed in range(6):
         A, B, X, Z = noisy_robot(seed, 40)
         shown, of_B = solve(A, B, method), solve(A, B, method, "B")
         assert shown.noise_estimated
@@ -154,7 +154,7 @@ def test_a_noise_of_no_kind_is_refused():
 def test_noise_that_grows_with_the_distance_is_found_and_used(inverse):
     rng = np.random.default_rng(1)
     plain, weighed, deviations = [], [], []
-    for _ in range(15):
+    for _ in range(10):
         A, B, X, Z = seen_from_afar(rng, 40, inverse=inverse)
         noise = shown_noise(A, B)
         assert isinstance(noise, PairCovariances)

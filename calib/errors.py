@@ -69,6 +69,14 @@ class RobotModelError(CalibError):
     """A robot description that is missing, malformed or not a serial arm."""
 
 
+def model_error(
+    where: object, what: str, hint: str, name: str | None = None, **found: object
+) -> RobotModelError:
+    """Say what cannot be used in a description: a file, or a model by its name."""
+    named = str(where) if name is None else name
+    return RobotModelError(f"{where}: {what}", hint=hint, name=named, **found)
+
+
 class UnreachableError(CalibError):
     """A pose that no posture inside the joint limits takes."""
 

@@ -55,10 +55,7 @@ class Scene:
         return inverse(self.Z) @ flange @ self.X
 
     def seen(
-        self,
-        rng: np.random.Generator,
-        sigma_px: float = SIGMA_PX,
-        arm: tuple[float, float] = EXACT,
+        self, rng: np.random.Generator, sigma_px: float = SIGMA_PX, arm: tuple[float, float] = EXACT
     ) -> FloatArray:
         """Pixels ``(N, K, 2)``, with noise, of an arm that stops off."""
         N = len(self.flange)

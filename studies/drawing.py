@@ -7,21 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posedesign.report.drawing import BLACK, BLUE, GREEN, GREY, VERMILION
+from posedesign.report.drawing import BLACK, BLUE, GREEN, VERMILION, set_answer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MARKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (BLACK, "D"))
 """A colour with a shape for each series."""
 
 
 def rows_of_marks(
-    axes: Axes,
-    names: Sequence[str],
-    series: Mapping[str, Sequence[float]],
-    *,
-    apart: float = 0.0,
+    axes: Axes, names: Sequence[str], series: Mapping[str, Sequence[float]], *, apart: float = 0.0
 ) -> None:
     """Draw a row for each name, the first on top, with a mark for each series.
 
@@ -42,6 +39,28 @@ def rows_of_marks(
     axes.grid(visible=True, axis="both", alpha=0.3)
 
 
+def figure_of_marks(
+    names: Sequence[str],
+    series: Mapping[str, Sequence[float]],
+    ticks: Sequence[float],
+    what: str,
+    answer: str,
+    *,
+    legend: str | None = None,
+) -> Figure:
+    """A panel of :func:`rows_of_marks` on a logarithmic axis, and what it tells."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.2 if legend else 4.4), layout="constrained")
+    axes = figure.subplots()
+    rows_of_marks(axes, names, series)
+    log_ticks(axes, ticks)
+    axes.set_xlabel(f"{what} [mm], log scale")
+    axes.legend(title=legend, frameon=False)
+    set_answer(figure, answer)
+    return figure
+
+
 def rows_with_intervals(
     axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, by: str, columns: Sequence[str]
 ) -> None:
@@ -60,9 +79,11 @@ def rows_with_intervals(
             middle, at + 0.22 * ((len(series) - 1) / 2.0 - k), xerr=[middle - low, high - middle],
             fmt=mark, color=colour, mfc="none", mew=1.5, ms=5, capsize=2.5, label=label,
         )  # fmt: skip
+    for k in range(1, len(names), 2):
+        axes.axhspan(k - 0.5, k + 0.5, color="#eeeeee", lw=0)
     axes.set_yticks(range(len(names)), names[::-1])
-    axes.tick_params(axis="y", colors=GREY)
-    axes.grid(visible=True, alpha=0.3)
+    axes.set_ylim(-0.6, len(names) - 0.4)
+    axes.grid(visible=True, axis="x", alpha=0.3)
 
 
 def log_ticks(axes: Axes, ticks: Sequence[float]) -> None:

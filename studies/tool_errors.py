@@ -196,6 +196,20 @@ class ToolErrors:
         return interval(np.sqrt(self.resampled.max(axis=1)))
 
     @property
+    def figures_mm(self) -> dict[str, float]:
+        """Predicted and found, with intervals, over the box and at its worst point [mm]."""
+        (low, high), (worst_low, worst_high) = self.rms_interval_m, self.worst_interval_m
+        found = {
+            "predicted_rms": self.predicted_rms_m, "rms": self.rms_m,
+            "rms_low": low, "rms_high": high,
+            "median_of_trials": float(np.median(self.of_trials_m)),
+            "predicted_worst": self.predicted_worst_m, "worst": self.worst_m,
+            "worst_low": worst_low, "worst_high": worst_high,
+            "median_of_worst": float(np.median(self.worst_of_trials_m)),
+        }  # fmt: skip
+        return {f"{name}_mm": 1e3 * value for name, value in found.items()}
+
+    @property
     def ratio(self) -> float:
         """Simulated over predicted root mean square."""
         return self.rms_m / self.predicted_rms_m

@@ -25,8 +25,9 @@ PRESETS = {
 PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
 """Of an arm of Yaskawa in one degree."""
 
-Joint = tuple[tuple[float, float, float], tuple[float, float, float], str, float]
-"""Origin [m], its roll, pitch and yaw [deg], axis, and the limit on both sides [deg]."""
+Vector = tuple[float, float, float]
+Joint = tuple[Vector, Vector, str, float | tuple[float, float]]
+"""Origin [m], its roll, pitch and yaw [deg], axis, and the limits, or one on both sides [deg]."""
 
 DESCRIPTIONS: dict[str, list[Joint]] = {
     # Kawasaki RS007N: its own khi_robot, rs007n_macro.xacro
@@ -64,18 +65,47 @@ def urdf_of(maker: str) -> str:
     return urdf_from(DESCRIPTIONS[maker])
 
 
-def urdf_from(joints: list[Joint]) -> str:
-    """A description without shapes of these joints."""
+def urdf_from(joints: list[Joint], flange_m: float | None = None) -> str:
+    """A description without shapes of these joints, and of a flange along the last z."""
     parts = ['<robot name="arm"><link name="l0"/>']
     for k, (xyz, rpy, axis, limit) in enumerate(joints, start=1):
-        turn, most = (" ".join(map(str, np.radians(values))) for values in (rpy, [limit]))
+        turn = " ".join(map(str, np.radians(rpy)))
+        least, most = np.radians(limit if isinstance(limit, tuple) else (-limit, limit))
         parts.append(
             f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'
             f'<child link="l{k}"/><origin xyz="{" ".join(map(str, xyz))}" rpy="{turn}"/>'
-            f'<axis xyz="{axis}"/><limit lower="-{most}" upper="{most}" velocity="3" effort="1"/>'
+            f'<axis xyz="{axis}"/><limit lower="{least}" upper="{most}" velocity="3" effort="1"/>'
             "</joint>"
         )
+    if flange_m is not None:
+        parts.append(
+            f'<joint name="mount" type="fixed"><parent link="l{len(joints)}"/>'
+            f'<child link="flange"/><origin xyz="0 0 {flange_m}"/></joint><link name="flange"/>'
+        )
     return "\n".join([*parts, "</robot>"])
+
+
+def arm_from(joints: list[Joint], flange_m: float | None = None) -> Robot:
+    """The arm of such a description."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(urdf_from(joints, flange_m))
+        return Robot.from_urdf(path)
+
+
+def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Largest joint difference, full turns aside [rad]."""
+    return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
+
+
+def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """How far the nearest answer to each posture is from it [rad]; all answers close."""
+    poses = robot.fk(q)
+    answers = robot.inverse(poses)
+    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-9)
+    out = np.full(len(q), np.inf)
+    np.minimum.at(out, answers.pose, apart(answers.postures, q[answers.pose]))
+    return out
 
 
 @cache

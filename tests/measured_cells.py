@@ -145,7 +145,7 @@ def cell_text(kind: str, robot: str, posture_deg: tuple[float, ...]) -> str:
 def measured_cell(kind: str, arm: str, folder: Path | None = None) -> Cell:
     """A cell of a preset, or of a description in a folder."""
     if folder is None:
-        text = cell_text(kind, f'preset = "{arm}"', ARMS[arm]) + "[pool]\ncandidates = 150\n"
+        text = cell_text(kind, f'preset = "{arm}"', ARMS[arm]) + "[pool]\ncandidates = 100\n"
     else:
         # without shapes of its own
         robot = f'urdf = "{folder / arm}"\ncapsule_radius_mm = 60.0'

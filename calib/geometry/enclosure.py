@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import assert_never
+from typing import TypeVar, assert_never
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -71,7 +72,19 @@ def outer_points(solid: Solid) -> tuple[FloatArray, float]:
     return around.corners, around.radius_m
 
 
-_HULLS: WeakKeyDictionary[Mesh, tuple[FloatArray, float]] = WeakKeyDictionary()
+Made = TypeVar("Made")
+
+
+def once_a_mesh(make: Callable[[Mesh], Made]) -> Callable[[Mesh], Made]:
+    """Remember what is made of a mesh, whoever asks, for as long as there is the mesh."""
+    known: WeakKeyDictionary[Mesh, Made] = WeakKeyDictionary()
+
+    def made(mesh: Mesh) -> Made:
+        if mesh not in known:
+            known[mesh] = make(mesh)
+        return known[mesh]
+
+    return made
 
 
 def hull_vertices(mesh: Mesh) -> FloatArray:
@@ -79,18 +92,16 @@ def hull_vertices(mesh: Mesh) -> FloatArray:
     return _hull(mesh)[0]
 
 
+@once_a_mesh
 def _hull(mesh: Mesh) -> tuple[FloatArray, float]:
     """Vertices ``(K, 3)`` [m] of the convex hull of a mesh, and its volume [m³]."""
-    found = _HULLS.get(mesh)
-    if found is None:
-        from scipy.spatial import ConvexHull, QhullError
+    from scipy.spatial import ConvexHull, QhullError
 
-        vertices, volume = mesh.vertices[np.unique(mesh.triangles)], 0.0
-        with suppress(QhullError):  # all in a plane
-            hull = ConvexHull(vertices)
-            vertices, volume = vertices[hull.vertices], float(hull.volume)
-        found = _HULLS[mesh] = vertices, volume
-    return found
+    vertices, volume = mesh.vertices[np.unique(mesh.triangles)], 0.0
+    with suppress(QhullError):  # all in a plane
+        hull = ConvexHull(vertices)
+        vertices, volume = vertices[hull.vertices], float(hull.volume)
+    return vertices, volume
 
 
 _SAME_VOLUME = 1e-6
@@ -258,18 +269,19 @@ def candidate_pairs(
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
+def check_names(ignored: Iterable[str], names: Sequence[str]) -> None:
+    """Refuse to ignore what is not there."""
+    for name in ignored:
+        if name not in names:
+            hint = near_names(name, dict.fromkeys(names))
+            raise InputError(f"there is no body {name!r} to ignore", hint=hint, name=name)
+
+
 def without_ignored(
     pairs: IntArray, names: Sequence[str], ignore: Sequence[tuple[str, str]]
 ) -> IntArray:
     """Leave out the pairs whose names are ignored, in either order."""
-    for pair in ignore:
-        for name in pair:
-            if name not in names:
-                raise InputError(
-                    f"there is no body {name!r} to ignore",
-                    hint=near_names(name, dict.fromkeys(names)),
-                    name=name,
-                )
+    check_names(itertools.chain.from_iterable(ignore), names)
     gone = {frozenset(pair) for pair in ignore}
     kept = [frozenset((names[a], names[b])) not in gone for a, b in pairs]
     return np.asarray(pairs[np.array(kept, dtype=bool)])
@@ -285,8 +297,8 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
     """
     outward, inward = _radii(chain, bodies)
     links = np.array([body.link for body in bodies], dtype=np.intp)
-    lower = np.where(links[pairs[:, 0]] <= links[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
-    upper = np.where(lower == pairs[:, 0], pairs[:, 1], pairs[:, 0])
+    order = np.argsort(links[pairs], axis=1, kind="stable")
+    lower, upper = np.take_along_axis(pairs, order, axis=1).T
     joint = np.arange(1, chain.n + 1)
     between = (joint > links[lower, None]) & (joint <= links[upper, None])
     return np.where(between, np.minimum(outward[upper], inward[lower]), 0.0)
@@ -312,21 +324,18 @@ def _radii(chain: SerialChain, bodies: Sequence[Body]) -> tuple[FloatArray, Floa
         points, radius = outer_points(body.solid)
         points = points @ body.T_link_body[:3, :3].T + body.T_link_body[:3, 3]
         own = body.link - 1  # row of the joint that moves the body
-        for k in range(own + 1):
-            if k == own:
-                outward[b, k] = _off_axis(points, chain.axes[k]) + radius
+        for k in range(n):
+            if k <= own:
+                found, axis, seen = outward, chain.axes[k], points
+                first, between = k + 1, length[k + 2 : own + 1]
+            else:  # seen from the next joint outside
+                found, axis, seen = inward, axis_inside[k], points - step[own + 1]
+                first, between = k, length[own + 2 : k]
+            if k in (own, own + 1):
+                found[b, k] = _off_axis(seen, axis) + radius
             else:
-                first = _off_axis(step[k + 1 : k + 2], chain.axes[k])
-                far = np.linalg.norm(points, axis=-1).max() + radius
-                outward[b, k] = first + length[k + 2 : own + 1].sum() + far
-        for k in range(own + 1, n):
-            seen = points - step[own + 1]  # from the next joint outside
-            if k == own + 1:
-                inward[b, k] = _off_axis(seen, axis_inside[k]) + radius
-            else:
-                first = _off_axis(step[k : k + 1], axis_inside[k])
                 far = np.linalg.norm(seen, axis=-1).max() + radius
-                inward[b, k] = first + length[own + 2 : k].sum() + far
+                found[b, k] = _off_axis(step[first][None], axis) + between.sum() + far
         if chain.external.slides:
             if own < slides.stop - 1:
                 inward[b, slides.stop :] = np.inf

@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import assert_never
-from weakref import WeakKeyDictionary
+from typing import Any, assert_never
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.geometry.enclosure import (
     enclose,
     hull_vertices,
     is_closed,
     is_convex,
+    once_a_mesh,
     polytope_vertices,
     reach,
 )
@@ -63,18 +64,10 @@ class Bounds:
 
 
 class Engine:
-    """Distances of given pairs of bodies.
+    """Distances of pairs ``(P, 2)`` of bodies, by their rows.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-    pairs : array (P, 2) of int
-        Rows of ``bodies``; a half-space stands second, and there is at most one in a pair.
-
-    Attributes
-    ----------
-    hulls : list of array (K, 3) or None
-        Vertices on the convex hulls of meshes [m].
+    A half-space stands second, and there is at most one in a pair. ``hulls``: vertices ``(K, 3)``
+    on the convex hulls of meshes [m].
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: IntArray) -> None:
@@ -135,13 +128,8 @@ class Engine:
     ) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.
 
-        Parameters
-        ----------
-        placed : Placed
-        done : array (S, P) of bool, optional
-            Pairs that are looked at no more: they count as infinitely far.
-        far_m : array (S, P) or float
-            Pairs that the balls about them keep at least so far apart get that bound [m].
+        ``done (S, P)``: pairs that are looked at no more, which count as infinitely far.
+        ``far_m (S, P)``: pairs that the balls about them keep so far apart get that bound [m].
         """
         (a, b), planes = self._pairs.T, self._half_space[self._pairs[:, 1]]
         distance = np.full((len(placed.origins), len(a)), np.inf)
@@ -195,18 +183,11 @@ class Engine:
         *,
         one_will_do: bool = False,
     ) -> None:
-        """Improve the bounds until the smallest of each posture is exact, or large enough.
+        """Improve the bounds, in place, until the smallest of each posture is exact, or enough.
 
-        Parameters
-        ----------
-        known : Bounds
-            Changed in place.
-        beyond : array (S, P) or float
-            Taken off the distances before they are compared [m].
-        enough : array (S,) or float
-            Rows whose smallest value is at least this are not looked at any further [m].
-        one_will_do : bool
-            Leave a row, too, when any exact value of it is below ``enough``.
+        ``beyond (S, P)``: taken off the distances before they are compared [m]. ``enough (S,)``:
+        rows whose smallest value is at least this are not looked at any further [m].
+        ``one_will_do``: leave a row, too, when any exact value of it is below ``enough``.
         """
         key = known.distance_m - beyond
         if not key.shape[1]:
@@ -341,11 +322,8 @@ class _Oracle:
 
         By polytopes about such meshes, hundreds of times as fast as by their triangles.
         """
-        found = np.empty(len(pairs))
-        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
-        for m, (pair, R, p) in enumerate(zip(pairs.tolist(), R_a_b, p_a_b, strict=True)):
-            there.setRotation(R)
-            there.setTranslation(p)
+        found, here = np.empty(len(pairs)), coal.Transform3s.Identity()
+        for m, (pair, there) in enumerate(_places(pairs, R_a_b, p_a_b)):
             self._result.clear()
             found[m] = self._bounds[pair](here, there, self._request, self._result)
         return found - CONTACT_M
@@ -356,12 +334,9 @@ class _Oracle:
         Contact is below zero by :data:`CONTACT_M` at least; where one of the two is a mesh, whose
         distance coal gives as zero or as what it met first, by that much.
         """
-        found = np.empty(len(pairs))
-        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
+        found, here = np.empty(len(pairs)), coal.Transform3s.Identity()
         request, result, touch, touches = self._request, self._result, self._touch, self._touches
-        for m, (pair, R, p) in enumerate(zip(pairs.tolist(), R_a_b, p_a_b, strict=True)):
-            there.setRotation(R)
-            there.setTranslation(p)
+        for m, (pair, there) in enumerate(_places(pairs, R_a_b, p_a_b)):
             contact = self._contacts[pair]
             if contact is not None:
                 touches.clear()
@@ -469,17 +444,29 @@ def _meets(solid: coal.CollisionGeometry, start: FloatArray, end: FloatArray) ->
     z = np.where(length[:, None] > 0.0, way, [0.0, 0.0, 1.0])
     rotations = frame_about(z / np.linalg.norm(z, axis=-1, keepdims=True))
     middles = (start + end) / 2.0
-    here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    here, request, result = (
+        coal.Transform3s.Identity(),
+        coal.CollisionRequest(),
+        coal.CollisionResult(),
+    )
     met = np.empty(len(start), dtype=bool)
-    for m, (R, p, l_m) in enumerate(zip(rotations, middles, length.tolist(), strict=True)):
-        there.setRotation(R)
-        there.setTranslation(p)
+    for m, (l_m, there) in enumerate(_places(length, rotations, middles)):
         result.clear()
         # its round ends must not reach beyond the segment, which may end on the surface
         line = coal.Capsule(LINE_RADIUS_M, max(0.0, l_m - 4.0 * LINE_RADIUS_M))
         met[m] = coal.collide(solid, here, line, there, request, result) > 0
     return met
+
+
+def _places(
+    of: NDArray[Any], rotations: FloatArray, origins: FloatArray
+) -> Iterator[tuple[Any, coal.Transform3s]]:
+    """Each of (M,) with its placement, in one object of coal's that changes."""
+    there = coal.Transform3s.Identity()
+    for one, R, p in zip(of.tolist(), rotations, origins, strict=True):
+        there.setRotation(R)
+        there.setTranslation(p)
+        yield one, there
 
 
 _REMEMBERED = 64
@@ -526,33 +513,23 @@ def _many(mesh: Mesh) -> bool:
     return len(mesh.triangles) >= _FINE
 
 
-_OWN: WeakKeyDictionary[Mesh, coal.ConvexBase | None] = WeakKeyDictionary()
-_POLYTOPES: WeakKeyDictionary[Mesh, coal.ConvexBase] = WeakKeyDictionary()
-
-
+@once_a_mesh
 def _own_polytope(mesh: Mesh) -> coal.ConvexBase | None:
     """A fine convex mesh as the polytope that it is the surface of; None of others."""
-    if mesh not in _OWN:
-        convex = _many(mesh) and is_convex(mesh)
-        _OWN[mesh] = _solid_of(mesh) if convex else None
-    return _OWN[mesh]
-
-
-def _solid_of(mesh: Mesh) -> coal.ConvexBase:
-    """What a convex surface encloses."""
+    if not (_many(mesh) and is_convex(mesh)):
+        return None
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(mesh.vertices))
     triangles.extend([coal.Triangle(*corners) for corners in mesh.triangles.tolist()])
     return coal.Convex(points, triangles)
 
 
+@once_a_mesh
 def _polytope(mesh: Mesh) -> coal.ConvexBase:
     """A polytope of few faces about a mesh."""
-    if mesh not in _POLYTOPES:
-        points = coal.StdVec_Vec3s()
-        points.extend(list(polytope_vertices(mesh)))
-        _POLYTOPES[mesh] = coal.ConvexBase.convexHull(points, True, "Qt")
-    return _POLYTOPES[mesh]
+    points = coal.StdVec_Vec3s()
+    points.extend(list(polytope_vertices(mesh)))
+    return coal.ConvexBase.convexHull(points, True, "Qt")
 
 
 def _thinned(solid: Solid) -> tuple[Solid, float]:
@@ -572,16 +549,12 @@ def _a_point(solid: Solid) -> FloatArray:
     return np.zeros(3)
 
 
-_TREES: WeakKeyDictionary[Mesh, coal.BVHModelOBBRSS] = WeakKeyDictionary()
-"""One tree a mesh, whoever asks: it takes half a kilobyte a triangle."""
-
-
+@once_a_mesh
 def _tree(mesh: Mesh) -> coal.BVHModelOBBRSS:
-    tree = _TREES.get(mesh)
-    if tree is None:
-        tree = _TREES[mesh] = coal.BVHModelOBBRSS()
-        tree.beginModel(len(mesh.triangles), len(mesh.vertices))
-        tree.addVertices(np.ascontiguousarray(mesh.vertices, dtype=float))
-        tree.addTriangles(np.ascontiguousarray(mesh.triangles, dtype=np.dtype("l")))
-        tree.endModel()
+    """Takes half a kilobyte a triangle."""
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(mesh.triangles), len(mesh.vertices))
+    tree.addVertices(np.ascontiguousarray(mesh.vertices, dtype=float))
+    tree.addTriangles(np.ascontiguousarray(mesh.triangles, dtype=np.dtype("l")))
+    tree.endModel()
     return tree

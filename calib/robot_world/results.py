@@ -10,24 +10,8 @@ from numpy.typing import ArrayLike
 
 from calib import se3
 from calib.errors import InputError, one_line
-from calib.robot_world.accuracy import (
-    covariance_of,
-    judged,
-    least_chi2,
-    left_out_residuals,
-    noise_shown,
-    propagate,
-    rank_of,
-)
+from calib.robot_world import accuracy, diagnosis
 from calib.robot_world.components import explain
-from calib.robot_world.diagnosis import (
-    POOR,
-    copies,
-    drifting,
-    few_for_the_noise,
-    named,
-    outstanding,
-)
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.identifiability import direction
 from calib.robot_world.noise import Noise
@@ -49,7 +33,7 @@ LARGEST_SIGMA_RAD = float(np.radians(3.0))
 """Standard deviation of a rotation of X or Z from which on nobody would call it calibrated: by hand
 a camera is mounted as well."""
 
-LARGEST_SIGMA = POOR
+LARGEST_SIGMA = diagnosis.POOR
 """The same for their translations, in parts of how far the poses move."""
 
 LEFT_OUT = 3.0
@@ -141,9 +125,11 @@ class RobotWorldResult(Shown):
         chi2, probability, excess = None, None, 1.0
         freedom = 6 * int(used.sum()) - 12
         if status == "ok" and solution.noise is not None and not noise_estimated:
-            chi2 = least_chi2(solution.pairs, found, used, solution.noise)
+            chi2 = accuracy.least_chi2(solution.pairs, found, used, solution.noise)
         if chi2 is not None:
-            probability, excess = (float(part[0]) for part in judged(np.array([chi2]), freedom))
+            probability, excess = (
+                float(part[0]) for part in accuracy.judged(np.array([chi2]), freedom)
+            )
         if excess > 1.0:
             message += (
                 f"; the least residuals are {excess:.1f} times the noise given: standard "
@@ -246,7 +232,7 @@ class RobotWorldResult(Shown):
             return None
         if one.noise is not None:
             return one.noise
-        return noise_shown(one.found, self.residuals, self.used)
+        return accuracy.noise_shown(one.found, self.residuals, self.used)
 
     @cached_property
     def drift(self) -> tuple[str, ...]:
@@ -254,7 +240,7 @@ class RobotWorldResult(Shown):
         one = self._solution
         if one.doubts or one.others:
             return ()
-        return drifting(one.pairs, one.found, one.used, one.noise)
+        return diagnosis.drifting(one.pairs, one.found, one.used, one.noise)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -264,8 +250,8 @@ class RobotWorldResult(Shown):
         if not doubts:
             doubts = self._scale_doubts() + self._alone()
             if not one.method.robust:
-                doubts += outstanding(one.sizes(one.noise), one.used)
-        doubts += copies(one.pairs, one.used)
+                doubts += diagnosis.outstanding(one.sizes(one.noise), one.used)
+        doubts += diagnosis.copies(one.pairs, one.used)
         if self.noise_estimated and N < _FEWEST_FOR_SIGMA:
             part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
             doubts += (
@@ -279,7 +265,7 @@ class RobotWorldResult(Shown):
                     "residuals show other noise than the one of B that is the same in all "
                     f"directions, which was taken: {other.name}",
                 )
-        return doubts + few_for_the_noise(one.motion)
+        return doubts + diagnosis.few_for_the_noise(one.motion)
 
     @cached_property
     def scale(self) -> Scale | None:
@@ -299,7 +285,7 @@ class RobotWorldResult(Shown):
         else:
             A, B = one.pairs.A[0, self.used], one.pairs.B[0, self.used]
             estimate = partial(_with_scale, one)
-            covariance = propagate(estimate, A, B, self.noise, self._excess)
+            covariance = accuracy.propagate(estimate, A, B, self.noise, self._excess)
             sigma = float(np.sqrt(covariance[12, 12]))
             scale = Scale(1.0, sigma, self.X, self.Z, covariance, self.freedom - 1)
         return scale if one.factor is None else scale.times(one.factor)
@@ -308,7 +294,7 @@ class RobotWorldResult(Shown):
     def rank(self) -> int:
         """Directions of X and Z, of 12, that the pairs see."""
         found = self._solution.found
-        return rank_of(self._solution.pairs, found.X, found.Z, self.used)
+        return accuracy.rank_of(self._solution.pairs, found.X, found.Z, self.used)
 
     @cached_property
     def covariance(self) -> FloatArray | None:
@@ -326,7 +312,7 @@ class RobotWorldResult(Shown):
             return None if joint is None else joint[:12, :12]
         one = self._solution
         known = not self.noise_estimated
-        return covariance_of(
+        return accuracy.covariance_of(
             one.method, one.pairs, one.found, self.used, self._excess, known, self.noise
         )
 
@@ -334,7 +320,7 @@ class RobotWorldResult(Shown):
     def left_out_residuals(self) -> FloatArray:
         """Residuals ``(N, 6)`` of each pair with X and Z from all others: how well they predict."""
         one = self._solution
-        return left_out_residuals(one.method, one.pairs, one.found, one.used, one.noise)
+        return accuracy.left_out_residuals(one.method, one.pairs, one.found, one.used, one.noise)
 
     @property
     def residual_rotation_rad(self) -> FloatArray:
@@ -437,7 +423,9 @@ class RobotWorldResult(Shown):
         N = int(self.used.sum())
         if N <= _FEWEST_LEFT or not one.any():
             return self._not_predicted() if N <= _FEW else ()
-        return (f"without {named(one)} the others identify nothing: X and Z hang on it alone",)
+        return (
+            f"without {diagnosis.named(one)} the others identify nothing: X and Z hang on it alone",
+        )
 
     def _scale_doubts(self) -> tuple[str, ...]:
         """What the scale of B's translations says of the pairs, in sentences."""
@@ -494,7 +482,7 @@ class RobotWorldResult(Shown):
             ("deg", 180.0 / np.pi, self.rotation_rms_rad, predicted[0], turned_rad),
             ("mm", 1e3, self.translation_rms_m, predicted[1], size),
         ):
-            bound = LEFT_OUT * fits if N > _FEW else max(LEFT_OUT * fits, POOR * whole)
+            bound = LEFT_OUT * fits if N > _FEW else max(LEFT_OUT * fits, diagnosis.POOR * whole)
             if predicts > max(bound, _ROUNDING * whole):
                 said.append(f"{scale * predicts:.3g} {unit} in place of {scale * fits:.3g} {unit}")
         if not said:

@@ -8,19 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from calib.errors import InputError, NotIdentifiableError
+from calib.robot_world import identifiability
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rows
 from calib.robot_world.components import Component, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
-from calib.robot_world.identifiability import (
-    Motion,
-    Other,
-    examine,
-    half_turns,
-    not_identifiable,
-    turned_by_translations,
-)
 from calib.robot_world.methods import Method
 from calib.robot_world.methods.robust import widening
 from calib.robot_world.noise import Noise, PairNoise
@@ -41,9 +34,9 @@ class Solution:
     noise: Noise | None  # by which the pairs were weighed
     found: Estimate
     used: BoolArray  # (N,)
-    motion: Motion  # of the pairs used
+    motion: identifiability.Motion  # of the pairs used
     doubts: tuple[str, ...] = ()  # what is wrong with the pairs whatever X and Z are
-    others: tuple[Other, ...] = ()  # solutions that fit as well
+    others: tuple[identifiability.Other, ...] = ()  # solutions that fit as well
     factor: float | None = None  # the scale of B's translations where it was estimated
 
     @property
@@ -121,23 +114,23 @@ def find_solution(
         kept = pairs if used.all() else PairSets(pairs.A[:, used], pairs.B[:, used])
     else:
         found, used, kept = None, np.ones(pairs.N, dtype=bool), pairs
-    motion = examine(kept)
+    motion = identifiability.examine(kept)
     doubts = suspicions(pairs, used, motion)
-    others: tuple[Other, ...] = ()
+    others: tuple[identifiability.Other, ...] = ()
     if motion.degenerate[0]:
         if doubts and not motion.rank_deficient[0]:
             raise InputError("the pairs do not fit together: " + "; ".join(doubts), name="pairs")
-        others = half_turns(kept, motion, kept.rotations[0][0])
+        others = identifiability.half_turns(kept, motion, kept.rotations[0][0])
         if not others:
-            raise not_identifiable(motion, kept.A[0], kept.B[0])
-        kept = turned_by_translations(kept, others)
-        motion = examine(kept)
+            raise identifiability.not_identifiable(motion, kept.A[0], kept.B[0])
+        kept = identifiability.turned_by_translations(kept, others)
+        motion = identifiability.examine(kept)
     if found is None:
         found = method.run(kept, noise)
     if others:
         others = tuple(
             (text, X, Z)
-            for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
+            for text, X, Z in identifiability.half_turns(kept, motion, found.X[0, :3, :3])
             if not motion.is_misfit(*kept.residual_rms(X[None], Z[None]))[0]
         )
     return Solution(method, pairs, noise, found, used, motion, doubts, others, factor)

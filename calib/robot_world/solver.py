@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from calib.errors import check_type
 from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.components import FEWEST_PAIRS as FEWEST_FOR_NOISE
-from calib.robot_world.components import shown_noise
+from calib.robot_world.components import explain, shown_noise
 from calib.robot_world.diagnosis import ALIEN, drifting, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.identifiability import Motion, examine
@@ -260,6 +260,8 @@ def _with_other_noise(
     used, others = found.used(pairs.N), found
     for trial in np.flatnonzero(used.sum(axis=1) >= FEWEST_FOR_NOISE).tolist():
         own, kept = np.array([trial]), used[trial]
+        if explain(pairs.A[trial], pairs.B[trial], found.X[trial], found.Z[trial], kept) is None:
+            continue
         sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
         motion = examine(PairSets(sets.A[:, kept], sets.B[:, kept]))
         if motion.degenerate[0] or not enough_agree(kept):

@@ -35,17 +35,10 @@ class ExternalAxes:
     A rail, a gantry or a lift carries the arm. A positioner carries what is measured, and with it
     the base that everything is seen from: its joints come first, in the order from there to the
     floor, and each moves what is behind it the other way round.
-
-    Attributes
-    ----------
-    positioner : int
-        How many turn: the first ones.
-    slides : int
-        How many slide, behind those.
     """
 
-    positioner: int = 0
-    slides: int = 0
+    positioner: int = 0  # how many turn: the first ones
+    slides: int = 0  # how many slide, behind those
 
     @property
     def count(self) -> int:
@@ -88,29 +81,14 @@ NO_EXTERNAL_AXES = ExternalAxes()
 
 @dataclass(frozen=True, eq=False)
 class ChainState:
-    """Where every joint and the tip of a chain are, in the base frame.
+    """Where every joint and the tip of a chain are, in the base frame."""
 
-    Attributes
-    ----------
-    rotations : array (..., n, 3, 3)
-        ``R_base_link`` of the link that each joint moves.
-    origins : array (..., n, 3)
-        A point on each joint axis [m].
-    axes : array (..., n, 3)
-        Unit vector of each joint axis.
-    R_base_tip : array (..., 3, 3)
-    p_base_tip : array (..., 3)
-        [m]
-    external : ExternalAxes
-        Which of the joints slide along their axes.
-    """
-
-    rotations: FloatArray
-    origins: FloatArray
-    axes: FloatArray
-    R_base_tip: FloatArray
-    p_base_tip: FloatArray
-    external: ExternalAxes = NO_EXTERNAL_AXES
+    rotations: FloatArray  # (..., n, 3, 3): ``R_base_link`` of the link that each joint moves
+    origins: FloatArray  # (..., n, 3): a point on each joint axis [m]
+    axes: FloatArray  # (..., n, 3): unit vector of each joint axis
+    R_base_tip: FloatArray  # (..., 3, 3)
+    p_base_tip: FloatArray  # (..., 3) [m]
+    external: ExternalAxes = NO_EXTERNAL_AXES  # which of the joints slide along their axes
 
     @property
     def T_base_tip(self) -> FloatArray:
@@ -142,29 +120,17 @@ class ChainState:
 
 
 class Walk(NamedTuple):
-    """A chain at S postures, in base axes, the posture last.
-
-    Attributes
-    ----------
-    columns : array (n, 3, 3, S)
-        The three columns, then their rows, of the rotation of a frame on each joint that turns
-        with it: of ``R_base_link`` where the joint axis is an axis of the link's frame.
-    origins : array (n, 3, S)
-        A point on each joint axis [m]: where the frame of its link sits.
-    tip : array (3, 3, S)
-        Columns, then rows, of ``R_base_tip``.
-    p_base_tip : array (3, S)
-        [m]
-    placed : dict of array (3, 3, S)
-        For each joint whose placement is displaced: columns, then rows, of the rotation of its
-        frame before the joint turns it, in the axes of the description.
-    """
+    """A chain at S postures, in base axes, the posture last."""
 
     columns: FloatArray
-    origins: FloatArray
-    tip: FloatArray
-    p_base_tip: FloatArray
+    """(n, 3, 3, S): the three columns, then their rows, of the rotation of a frame on each joint
+    that turns with it: of ``R_base_link`` where the joint axis is an axis of the link's frame."""
+    origins: FloatArray  # (n, 3, S): a point on each axis [m], where the frame of its link sits
+    tip: FloatArray  # (3, 3, S): columns, then rows, of ``R_base_tip``
+    p_base_tip: FloatArray  # (3, S) [m]
     placed: dict[int, FloatArray]
+    """(3, 3, S), for each joint whose placement is displaced: columns, then rows, of the rotation
+    of its frame before the joint turns it, in the axes of the description."""
 
 
 class Displacement(NamedTuple):
@@ -172,9 +138,6 @@ class Displacement(NamedTuple):
 
     translation: FloatArray  # (3, S) or (3, 1) [m]
     rotation: FloatArray  # (3, 3, S) or (3, 3, 1): rows, then columns
-
-
-_AS_DESCRIBED: Mapping[int, Displacement] = MappingProxyType({})
 
 
 _Terms = list[list[tuple[int, float]]]
@@ -202,24 +165,14 @@ class SerialChain:
 
     External axes move all of the arm against the base, so that what is known of the arm (its
     branches, its controller's view) holds wherever they are.
-
-    Attributes
-    ----------
-    placements : array (n, 4, 4)
-        Frame of each joint at zero, in the frame of the link before it (the first: in the base).
-    axes : array (n, 3)
-        Unit vector of each joint axis in its own frame.
-    T_link_tip : array (4, 4)
-        The tip in the frame of the last link.
-    external : ExternalAxes
-        What moves the arm. Values of those that slide are in metres wherever those of the others
-        are in radians.
     """
 
     placements: FloatArray
-    axes: FloatArray
-    T_link_tip: FloatArray
+    """(n, 4, 4): frame of each joint at zero, in that of the link before it (first: the base)."""
+    axes: FloatArray  # (n, 3): unit vector of each joint axis in its own frame
+    T_link_tip: FloatArray  # (4, 4): the tip in the frame of the last link
     external: ExternalAxes = NO_EXTERNAL_AXES
+    """What moves the arm: values of slides are in metres where those of others are in radians."""
 
     @cached_property
     def arm(self) -> SerialChain:
@@ -285,26 +238,19 @@ class SerialChain:
         return joints
 
     @cached_property
-    def _mount(self) -> tuple[FloatArray, list[tuple[int, float]]]:
+    def _mount(self) -> tuple[FloatArray, _Terms, list[tuple[int, float]]]:
         """The tip in the frame that the last joint turns: rotation, and steps along its columns."""
-        to_link = self._joints[-1].to_link
-        T = self.T_link_tip
+        to_link, T = self._joints[-1].to_link, self.T_link_tip
         R = np.eye(3) if to_link is None else to_link
-        return _exact(R @ T[:3, :3]), _steps(R @ T[:3, 3])
+        rotation = _exact(R @ T[:3, :3])
+        return rotation, _terms(rotation), _steps(R @ T[:3, 3])
 
-    @cached_property
-    def _mount_terms(self) -> _Terms:
-        return _terms(self._mount[0])
+    def walk(
+        self, q: FloatArray, displaced: Mapping[int, Displacement] = MappingProxyType({})
+    ) -> Walk:
+        """Go from the base to the tip at postures ``(n, S)`` [rad, m], C-contiguous is fastest.
 
-    def walk(self, q: FloatArray, displaced: Mapping[int, Displacement] = _AS_DESCRIBED) -> Walk:
-        """Go from the base to the tip at postures ``(n, S)`` [rad, m], posture last.
-
-        Parameters
-        ----------
-        q : array (n, S)
-            C-contiguous rows are fastest.
-        displaced : mapping, optional
-            Joints whose frames are not where the description has them.
+        ``displaced``: joints whose frames are not where the description has them.
         """
         count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
@@ -337,7 +283,7 @@ class SerialChain:
             here[b] -= np.multiply(s, at_zero[a], out=spare)
             here[k] = at_zero[k]
             before = here
-        R, steps = self._mount
+        R, _, steps = self._mount
         p_base_tip = _moved(origin, before, steps, np.empty((3, count)))
         return Walk(columns, origins, _turned(before, R), p_base_tip, placed)
 
@@ -360,7 +306,7 @@ class SerialChain:
             before[b] = cosine * bx - s * ax, cosine * by - s * ay, cosine * bz - s * az
             columns.append(before)
             origins.append(origin)
-        terms, steps = self._mount_terms, self._mount[1]
+        _, terms, steps = self._mount
         tip, p_base_tip = _turned_one(before, terms), _moved_one(origin, before, steps)
         columns_, origins_, tip_, p_ = (
             np.array(part)[..., None] for part in (columns, origins, tip, p_base_tip)
@@ -369,16 +315,14 @@ class SerialChain:
 
     def axes_of(self, walk: Walk, joint: int) -> FloatArray:
         """Unit vectors ``(3, S)`` of one joint axis."""
-        way, k = self._joints[joint].way, self._joints[joint].turning[2]
-        axis: FloatArray = walk.columns[joint, k]
-        return axis if way > 0 else -axis
+        turning, ways = self._ways
+        return np.asarray(walk.columns[joint, turning[joint]] * ways[joint])
 
     @cached_property
     def _ways(self) -> tuple[IntArray, FloatArray]:
         """Of each joint the column that it turns about, and whether as that or against it."""
-        joints = self._joints
-        ways = np.array([1.0 if joint.way > 0 else -1.0 for joint in joints])
-        return np.array([joint.turning[2] for joint in joints]), ways[:, None, None]
+        ways = np.array([joint.way for joint in self._joints])
+        return np.array([joint.turning[2] for joint in self._joints]), ways[:, None, None]
 
     def all_axes(self, walk: Walk) -> FloatArray:
         """Unit vectors ``(n, 3, S)`` of the joint axes."""
@@ -508,9 +452,8 @@ def _moved_along(
     origin: FloatArray, columns: FloatArray, translation: FloatArray, out: FloatArray
 ) -> FloatArray:
     """A point ``(3, S)`` moved by ``(3, S)`` in the axes that are columns; written to ``out``."""
-    np.add(origin, columns[0] * translation[0], out=out)
-    for k in (1, 2):
-        out += columns[k] * translation[k]
+    for k in range(3):
+        origin = np.add(origin, columns[k] * translation[k], out=out)
     return out
 
 
@@ -545,16 +488,12 @@ def idealised(chain: SerialChain) -> SerialChain:
         T[:3, :3] = _squared(T[:3, :3])
     p = placements[:, :3, 3]
     placements[:, :3, 3] = np.where(np.abs(p) < SLIGHT_M, 0.0, p)
-    axes = np.array([_straightened(axis) for axis in chain.axes])
+    axes = np.array([_squared(axis) for axis in chain.axes])
     return replace(chain, placements=placements, axes=axes)
 
 
-def _squared(R: FloatArray) -> FloatArray:
-    right = np.round(R)
-    near = np.abs(R - right).max() < SLIGHT_TURN
-    return right if near and np.array_equal(right @ right.T, np.eye(3)) else R
-
-
-def _straightened(axis: FloatArray) -> FloatArray:
-    straight = np.round(axis)
-    return straight if np.abs(axis - straight).max() < SLIGHT_TURN else axis
+def _squared(near: FloatArray) -> FloatArray:
+    """A rotation with right angles for almost right ones; or an axis."""
+    right = np.round(near)
+    is_one = near.ndim == 1 or np.array_equal(right @ right.T, np.eye(3))
+    return right if is_one and np.abs(near - right).max() < SLIGHT_TURN else near

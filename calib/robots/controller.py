@@ -63,22 +63,13 @@ _LEAST_DETERMINANT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """How a controller shows joints and positions.
-
-    Attributes
-    ----------
-    pendant_from_joints : array (n, n)
-        Joint values on the pendant of those in the description.
-    T_base_world : array (4, 4)
-        The controller's world in the base frame of the robot [m].
-    external : ExternalAxes
-        The first joints: shown as the description has them, in millimetres and degrees.
-    """
+    """How a controller shows joints and positions."""
 
     maker: str
-    pendant_from_joints: FloatArray
-    T_base_world: FloatArray
+    pendant_from_joints: FloatArray  # (n, n): values on the pendant of those in the description
+    T_base_world: FloatArray  # (4, 4): the controller's world in the base frame of the robot [m]
     external: ExternalAxes = NO_EXTERNAL_AXES
+    """The first joints: shown as the description has them, in millimetres and degrees."""
 
     @property
     def differs(self) -> bool:
@@ -110,8 +101,8 @@ class Controller:
 
     def _check(self, values: ArrayLike) -> FloatArray:
         array = np.asarray(values, dtype=float)
-        if array.ndim == 0 or array.shape[-1] != self._n:
-            found = array.shape[-1] if array.ndim else 0
+        found = array.shape[-1] if array.ndim else 0
+        if found != self._n:
             raise InputError(
                 f"the posture has {found} joint values, the arm {self._n}", name="posture"
             )
@@ -125,20 +116,13 @@ def shown_of(n: int, external: ExternalAxes = NO_EXTERNAL_AXES) -> FloatArray:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A joint that the controller shows with a part of another one in it.
-
-    Attributes
-    ----------
-    joint, of : str
-        Names in the description.
-    ratio : float
-        Part of ``of`` that is added to what is shown of ``joint``, both in the signs of the
-        controller: FANUC's J3 has -1 of J2. Zero for none.
-    """
+    """A joint that the controller shows with a part of another one in it, by their names."""
 
     joint: str
     of: str
     ratio: float
+    """Part of ``of`` that is added to what is shown of ``joint``, both in the signs of the
+    controller: FANUC's J3 has -1 of J2. Zero for none."""
 
 
 def controller_of(

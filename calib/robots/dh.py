@@ -31,7 +31,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, RobotModelError, near_names
+from calib.errors import InputError, RobotModelError, model_error, near_names
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 
@@ -104,11 +104,11 @@ def dh_table(robot: Robot, form: Form = "standard", parallel_rad: float = 0.0) -
             f"unknown form {form!r} of a table", hint=near_names(form, get_args(Form)), name="form"
         )
     if robot.n_external:
-        raise RobotModelError(
-            f"{robot.name}: {robot.joint_names[0]} is an external axis, and the "
-            "table is of the arm alone",
-            hint="hold it, or name a base behind it",
-            name=robot.joint_names[0],
+        raise model_error(
+            robot.name,
+            f"{robot.joint_names[0]} is an external axis, and the table is of the arm alone",
+            "hold it, or name a base behind it",
+            robot.joint_names[0],
         )
     at_zero = robot.chain.forward(np.zeros(robot.n))
     world = np.eye(4) if robot.controller is None else robot.controller.T_base_world

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from calib.errors import RobotModelError, near_names
+from calib.errors import RobotModelError, model_error, near_names
 from calib.robots.chain import ExternalAxes, SerialChain
 from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, transform
@@ -52,9 +52,7 @@ def frame_id(model: pin.Model, name: str) -> int:
     # getFrameId returns nframes in silence for a name that does not exist
     if not model.existFrame(name, pin.FrameType.BODY):
         known = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-        raise RobotModelError(
-            f"{model.name}: there is no link {name!r}", hint=near_names(name, known), name=name
-        )
+        raise model_error(model.name, f"there is no link {name!r}", near_names(name, known), name)
     return int(model.getFrameId(name, pin.FrameType.BODY))
 
 
@@ -63,10 +61,10 @@ def root_id(model: pin.Model) -> int:
     for i, frame in enumerate(model.frames):
         if frame.type == pin.FrameType.BODY and frame.parentJoint == 0:
             return i
-    raise RobotModelError(
-        f"{model.name}: has no link that its first joint hangs on",
-        hint="add a frame of type BODY on joint 0, or name a base",
-        name=model.name,
+    raise model_error(
+        model.name,
+        "has no link that its first joint hangs on",
+        "add a frame of type BODY on joint 0, or name a base",
     )
 
 
@@ -117,12 +115,16 @@ def joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
         if name in moving:
             found.append(int(model.getJointId(name)))
         elif not model.existFrame(name, pin.FrameType.FIXED_JOINT):
-            raise RobotModelError(
-                f"{model.name}: there is no joint {name!r} to lock",
-                hint=near_names(name, moving),
-                name=name,
+            raise model_error(
+                model.name, f"there is no joint {name!r} to lock", near_names(name, moving), name
             )
     return sorted(set(found))
+
+
+def _joint_error(
+    model: pin.Model, name: str, what: str, hint: str, **found: object
+) -> RobotModelError:
+    return model_error(model.name, f"joint {name} {what}", hint, name, **found)
 
 
 def values_held(
@@ -140,10 +142,8 @@ def values_held(
     model = described.model
     for name in (*held_rad, *held_m):
         if not model.existJointName(name):  # one that is fixed passes where joints are locked
-            raise RobotModelError(
-                f"{model.name}: joint {name} is fixed, and has no value to be held at",
-                hint="leave it out",
-                name=name,
+            raise _joint_error(
+                model, name, "is fixed, and has no value to be held at", "leave it out"
             )
     held = {**state, **held_rad, **held_m}
     values = {name: float(held.get(name, 0.0)) for name in names_of(model, locked)}
@@ -155,28 +155,23 @@ def values_held(
         i = int(model.getJointId(name))
         joint = model.joints[i]
         if name in held and (joint.nq, joint.nv) != (1, 1):
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no one value to be held at",
-                hint="only revolute and prismatic joints have",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "has no one value to be held at",
+                "only revolute and prismatic joints have",
             )
         unit, scale = _unit(model, i)
         if name in (held_rad if unit == "mm" else held_m):
-            raise RobotModelError(
-                f"{model.name}: joint {name} {'slides' if unit == 'mm' else 'turns'}",
-                hint=f"give its value in {unit}",
-                name=name,
+            raise _joint_error(
+                model, name, f"{'slides' if unit == 'mm' else 'turns'}", f"give its value in {unit}"
             )
         lower, upper = _limits(model, i)
         limited = name in held and name not in described.flaws
         if not math.isfinite(value) or (limited and not lower - 1e-9 <= value <= upper + 1e-9):
-            raise RobotModelError(
-                f"{model.name}: joint {name} is to be held at {scale * value:g} {unit}, and its "
-                f"limits are {scale * lower:g} and {scale * upper:g}",
-                hint="hold it inside its limits",
-                name=name,
-                value=value,
-            )
+            limits = f"{scale * lower:g} and {scale * upper:g}"
+            what = f"is to be held at {scale * value:g} {unit}, and its limits are {limits}"
+            raise _joint_error(model, name, what, "hold it inside its limits", value=value)
         if value:
             found[i] = value
     return found
@@ -261,12 +256,13 @@ def joints_between(model: pin.Model, base_id: int, tip_id: int, locked: Sequence
     )
     if not down:
         hangs = base.parentJoint in to_tip
-        raise RobotModelError(
-            f"{model.name}: there is no moving joint between {base.name} and {tip.name}"
+        raise model_error(
+            model.name,
+            f"there is no moving joint between {base.name} and {tip.name}"
             if hangs
             else f"{model.name}: {tip.name} does not hang on {base.name}, nor on what carries it",
-            hint="name another tip" if hangs else "give a base between the root and the tip",
-            name=tip.name if hangs else base.name,
+            "name another tip" if hangs else "give a base between the root and the tip",
+            tip.name if hangs else base.name,
         )
     return Path(up[::-1], down)
 
@@ -276,10 +272,10 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
     _check_positioner(model, path.positioner)
     joints = path.joints
     if len(joints) > MOST_JOINTS:
-        raise RobotModelError(
-            f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
-            hint="name another base or tip, or hold joints at zero with lock",
-            name=model.name,
+        raise model_error(
+            model.name,
+            f"has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
+            "name another base or tip, or hold joints at zero with lock",
             value=len(joints),
             bound=MOST_JOINTS,
         )
@@ -289,49 +285,51 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
         name, turns = model.names[i], model.joints[i].shortname().startswith("JointModelR")
         turned |= turns and not carries
         if not (turns or is_slide(model, i)):
-            raise RobotModelError(
-                f"{model.name}: joint {name} is neither revolute nor prismatic",
-                hint="name another base or tip, or hold the joint at zero with lock",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "is neither revolute nor prismatic",
+                "name another base or tip, or hold the joint at zero with lock",
             )
         if turned and not turns:
-            raise RobotModelError(
-                f"{model.name}: joint {name} slides, behind joints that turn",
-                hint="slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "slides, behind joints that turn",
+                "slides carry an arm (a rail, a gantry, a lift); hold this one with lock",
             )
         if name in flaws:
             raise flaws[name]
         lower, upper = _limits(model, i)
         if not lower < upper:
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no range: its limits are the same",
-                hint="correct the limits, make the joint fixed, or hold it at zero with lock",
-                name=name,
+            raise _joint_error(
+                model,
+                name,
+                "has no range: its limits are the same",
+                "correct the limits, make the joint fixed, or hold it at zero with lock",
             )
     if not turned:
-        raise RobotModelError(
-            f"{model.name}: no joint between base and tip turns", hint="name another tip"
-        )
+        raise model_error(model.name, "no joint between base and tip turns", "name another tip")
 
 
 def _check_positioner(model: pin.Model, joints: list[int]) -> None:
     """Refuse what carries the base and is no positioner."""
     if len(joints) > MOST_OF_POSITIONER:
-        raise RobotModelError(
-            f"{model.name}: {len(joints)} joints carry the base, more than {MOST_OF_POSITIONER}: "
+        raise model_error(
+            model.name,
+            f"{len(joints)} joints carry the base, more than {MOST_OF_POSITIONER}: "
             + ", ".join(names_of(model, joints)),
-            hint="hold some of them with lock, or name another base",
-            name=model.name,
+            "hold some of them with lock, or name another base",
             value=len(joints),
             bound=MOST_OF_POSITIONER,
         )
     for i in joints:
         if is_slide(model, i):
-            raise RobotModelError(
-                f"{model.name}: joint {model.names[i]} slides, and carries the base",
-                hint="only positioners that turn can carry it; hold this one with lock",
-                name=model.names[i],
+            raise _joint_error(
+                model,
+                model.names[i],
+                "slides, and carries the base",
+                "only positioners that turn can carry it; hold this one with lock",
             )
 
 

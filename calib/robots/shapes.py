@@ -57,29 +57,18 @@ Solid = Capsule | Cylinder | Sphere | Box | HalfSpace | Mesh
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A solid that is fixed to the base or to a link of the arm.
+    """A solid that is fixed to the base or to a link of the arm."""
 
-    Attributes
-    ----------
-    name : str
-        As reasons and tables say it.
-    link : int
-        0: fixed to the base; j from 1 to n: moved by joint j.
-    T_link_body : array (4, 4)
-        The solid in the base frame (link 0), or in the frame of joint j, as
-        :class:`~calib.robots.chain.ChainState` has it.
-    of_other_branch : bool
-        Stands still with the base, but on no link next to the first joint: another arm, a lift.
-    beside_positioner : bool
-        Stands on the floor as a positioner does, but is not what its first joint hangs on.
-    """
-
-    name: str
-    link: int
+    name: str  # as reasons and tables say it
+    link: int  # 0: fixed to the base; j from 1 to n: moved by joint j
     T_link_body: FloatArray
+    """(4, 4): the solid in the base frame (link 0), or in the frame of joint j, as
+    :class:`~calib.robots.chain.ChainState` has it."""
     solid: Solid
     of_other_branch: bool = False
+    """Stands still with the base, but on no link next to the first joint: another arm, a lift."""
     beside_positioner: bool = False
+    """Stands on the floor as a positioner does, but is not what its first joint hangs on."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -256,13 +256,8 @@ class _Session:
 
     def files(self, results: Results, *, check: bool) -> SessionFiles:
         """Its files in a folder, under a name that no other session has."""
-        return SessionFiles.of(
-            results,
-            session=f"session {_digest(self.about)[:8]}",
-            simulated=self.simulated,
-            pictures=self.pictures,
-            check=check,
-        )
+        name = f"session {_digest(self.about)[:8]}"
+        return SessionFiles.of(results, name, self.simulated, self.pictures, check=check)
 
 
 def _calibrate(
@@ -325,20 +320,14 @@ def _check_options(
     folder: Path | None, dialect: str | None, camera: str | None, kind: Kind, seed: int | None
 ) -> None:
     """Refuse what would have no effect."""
-    if folder is None and camera is not None:
-        raise InputError(
-            "a simulated robot has its own camera",
-            hint="name the folder of the real one with `robot_folder`",
-            name="camera",
-            value=camera,
-        )
-    if folder is None and dialect is not None:
-        raise InputError(
-            "a simulated robot reads no programs: there is no dialect to choose",
-            hint="name the folder of the real one with `robot_folder`",
-            name="dialect",
-            value=dialect,
-        )
+    no_dialect = "a simulated robot reads no programs: there is no dialect to choose"
+    for said, name, value in (
+        ("a simulated robot has its own camera", "camera", camera),
+        (no_dialect, "dialect", dialect),
+    ):
+        if folder is None and value is not None:
+            hint = "name the folder of the real one with `robot_folder`"
+            raise InputError(said, hint=hint, name=name, value=value)
     if folder is not None and (kind != "image" or seed is not None):
         raise InputError(
             "the pictures of a real robot are its own: neither their noise nor a seed is chosen",

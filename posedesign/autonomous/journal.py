@@ -25,13 +25,7 @@ from calib.vision.camera.observers import Target
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
 from calib.vision.touch_up.jacobian import MeasuredJacobian
 from calib.vision.touch_up.servo import Bias, Status
-from posedesign.files import (
-    identity_of,
-    json_text,
-    load_json,
-    not_written,
-    read_bytes_bounded,
-)
+from posedesign.files import identity_of, json_text, load_json, not_written, read_bytes_bounded
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
@@ -266,12 +260,11 @@ class KeptStation(Station):
         return super().image_px if self._image_px is None else self._image_px
 
     def look(self, name: str, q: FloatArray) -> Views:
-
         def measure() -> dict[str, Any]:
-            seen = super(KeptStation, self).look(name, q)
+            seen = Station.look(self, name, q)
             # of an arm that was not moved there is no picture
-            size = None if any(seen.reasons) else super(KeptStation, self).image_px
-            return {"ellipses": seen.ellipses, "reasons": list(seen.reasons), "image_px": size}
+            size = None if any(seen.reasons) else Station(self.drive).image_px
+            return vars(seen) | {"image_px": size}
 
         def read(answer: dict[str, Any]) -> Views:
             if answer["image_px"] is not None:
@@ -284,18 +277,15 @@ class KeptStation(Station):
     def jacobian(
         self, name: str, q: FloatArray, relation: Relation, step_m: float, *, both_ways: bool
     ) -> MeasuredJacobian:
-
         def measure() -> dict[str, Any]:
-            found = super(KeptStation, self).jacobian(
-                name, q, relation, step_m, both_ways=both_ways
-            )
+            found = Station.jacobian(self, name, q, relation, step_m, both_ways=both_ways)
             matrix = None if found.jacobian is None else found.jacobian.matrix
             return {"matrix": matrix, "reason": found.reason, "status": found.status}
 
         def read(answer: dict[str, Any]) -> MeasuredJacobian:
-            jacobian = None
-            if answer["matrix"] is not None:
-                jacobian = ImageJacobian(_numbers(answer["matrix"], (3, 3)), relation)
+            matrix, jacobian = answer["matrix"], None
+            if matrix is not None:
+                jacobian = ImageJacobian(_array(matrix, (3, 3), finite=True), relation)
             return MeasuredJacobian(jacobian, str(answer["reason"]), str(answer["status"]))
 
         asked = np.array([*q, *relation.center_px, relation.size_px, step_m])
@@ -309,23 +299,15 @@ class KeptStation(Station):
         loop: Loop,
         bias: Bias | None = None,
     ) -> TouchUps:
-
         def measure() -> dict[str, Any]:
-            done = super(KeptStation, self).touch_up(name, q, jacobian, loop, bias)
-            return {
-                "q": done.q,
-                "error_px": done.error_px,
-                "ellipses": done.ellipses,
-                "moves": done.moves,
-                "status": list(done.status),
-                "reasons": list(done.reasons),
-            }
+            return vars(Station.touch_up(self, name, q, jacobian, loop, bias))
 
         def read(answer: dict[str, Any]) -> TouchUps:
             (status,) = answer["status"]
-            joints = _array(answer["q"], (1, len(q)))
-            if status == "touched":
-                self._check_joints(joints[0])
+            joints, within = _array(answer["q"], (1, len(q))), self.drive.shown_within_rad
+            low, high = self.drive.robot.lower - within, self.drive.robot.upper + within
+            if status == "touched" and not ((joints >= low) & (joints <= high)).all():
+                raise ValueError("outside the joint limits")
             return TouchUps(
                 joints,
                 _array(answer["error_px"], (1, 3)),
@@ -345,10 +327,10 @@ class KeptStation(Station):
         def measure() -> dict[str, Any]:
             if not self._has_moved:
                 return {"T": None}  # stopped between the touch-up and this: the arm may be anywhere
-            return {"T": super(KeptStation, self).target_pose(name, camera, target, about)}
+            return {"T": Station.target_pose(self, name, camera, target, about)}
 
         def read(answer: dict[str, Any]) -> FloatArray | None:
-            return None if answer["T"] is None else _numbers(answer["T"], (4, 4))
+            return None if answer["T"] is None else _array(answer["T"], (4, 4), finite=True)
 
         return self._journal.recall(name, np.zeros(0), measure, read)
 
@@ -392,12 +374,6 @@ class KeptStation(Station):
         self._passing.clear()
         return answer
 
-    def _check_joints(self, q: FloatArray) -> None:
-        """Raise a ValueError for joint values ``(n,)`` [rad] that this arm cannot have shown."""
-        robot, within = self.drive.robot, self.drive.shown_within_rad
-        if not ((q >= robot.lower - within) & (q <= robot.upper + within)).all():
-            raise ValueError("outside the joint limits")
-
     def _prepare(self, name: str) -> None:
         if not self._has_moved and self._left is not None and np.isfinite(self._left).all():
             self.drive.was_left_at(_ONLY, self._left[None])
@@ -411,15 +387,10 @@ class KeptStation(Station):
             reseed(np.random.default_rng([self._seed, crc32(name.encode())]))
 
 
-def _array(value: object, shape: tuple[int, ...]) -> FloatArray:
+def _array(value: object, shape: tuple[int, ...], *, finite: bool = False) -> FloatArray:
     """Numbers as an array; what JSON has as null was no number."""
-    return np.array(value, dtype=float).reshape(shape)
-
-
-def _numbers(value: object, shape: tuple[int, ...]) -> FloatArray:
-    """The same where all have to be finite."""
-    found = _array(value, shape)
-    if not np.isfinite(found).all():
+    found = np.array(value, dtype=float).reshape(shape)
+    if finite and not np.isfinite(found).all():
         raise ValueError("not a finite number")
     return found
 

@@ -110,10 +110,10 @@ class SessionFiles:
     def of(
         cls,
         results: Results,
-        *,
         session: str = "a calibration",
         simulated: bool = False,
         pictures: bool = True,
+        *,
         check: bool = True,
     ) -> SessionFiles:
         """Files in a folder.

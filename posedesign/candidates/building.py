@@ -24,6 +24,7 @@ from posedesign.candidates.candidate_poses import CandidatePoses, checkers_of, t
 from posedesign.candidates.postures import (
     IN_WORDS,
     MOST_PER_POSE,
+    Configurations,
     asked_for,
     check_configurations,
     check_count,
@@ -44,6 +45,7 @@ from posedesign.cell import (
 from posedesign.cell.board_set_up import rotations_to
 from posedesign.cell.observations import normal_of, place_of, touched_by_tool
 from posedesign.cell.task_box import BOX_OF_REACH, box_functions
+from posedesign.constraints import Checker
 from posedesign.files.measurements import TOOL
 
 LEVELS = 16
@@ -191,16 +193,7 @@ def _touching(
     ]
     postures = np.concatenate([q for q, _ in found])
     if not len(postures):
-        raise no_pose(
-            checkers[0],
-            poses[0],
-            cell.base_posture,
-            lambda solutions: asked_for(solutions, chosen),
-            (
-                "only with the first joint on the other side of the base posture",
-                'take configurations = "all"',
-            ),
-        )
+        raise _none_taken(cell, checkers[0], poses[0], chosen)
     turned = [part[pose, :3, :3] for part, (_, pose) in zip(poses, found, strict=True)]
     target = np.repeat(np.arange(len(targets_m)), [len(q) for q, _ in found])
     pool = CandidatePoses(
@@ -293,15 +286,35 @@ def joint_candidates(
     if not len(postures):
         otherwise = "only with joints turned farther from the base posture", "raise largest_turn"
         raise no_pose(cell.checker, views(), base, within, otherwise)
+    words = f"joints within {np.rad2deg(largest_turn):g} deg of the base posture"
+    return _pool_of(cell, postures, tried, words + ", the target in view" * (camera is not None))
+
+
+def _pool_of(cell: Cell, postures: FloatArray, tried: int, words: str) -> CandidatePoses:
+    """Postures ``(N, n)`` [rad] of the cell's own target as a pool, out of so many."""
     return CandidatePoses(
         postures=postures,
-        orientations=robot.fk(postures)[:, :3, :3],
+        orientations=cell.robot.fk(postures)[:, :3, :3],
         target=np.zeros(len(postures), dtype=np.intp),
         targets_m=cell.target_m[None],
         target_names=(cell.config.target.name,),
         tried=tried,
-        description=f"joints within {np.rad2deg(largest_turn):g} deg of the base posture"
-        + ", the target in view" * (camera is not None),
+        description=words,
+    )
+
+
+def _none_taken(
+    cell: Cell, checker: Checker, poses: FloatArray, configurations: Configurations
+) -> UnreachableError:
+    return no_pose(
+        checker,
+        poses,
+        cell.base_posture,
+        lambda solutions: asked_for(solutions, configurations),
+        (
+            "only with the first joint on the other side of the base posture",
+            'take configurations = "all"',
+        ),
     )
 
 
@@ -369,26 +382,9 @@ def view_candidates(
         tried += at_once
     postures = np.concatenate(found)
     if not len(postures):
-        raise no_pose(
-            cell.checker,
-            poses,
-            cell.base_posture,
-            lambda solutions: asked_for(solutions, chosen),
-            (
-                "only with the first joint on the other side of the base posture",
-                'take configurations = "all"',
-            ),
-        )
+        raise _none_taken(cell, cell.checker, poses, chosen)
     postures = postures[once(postures)][:count]
-    return CandidatePoses(
-        postures=postures,
-        orientations=cell.robot.fk(postures)[:, :3, :3],
-        target=np.zeros(len(postures), dtype=np.intp),
-        targets_m=cell.target_m[None],
-        target_names=(cell.config.target.name,),
-        tried=tried,
-        description=f"the board anywhere in view, {IN_WORDS[chosen]}",
-    )
+    return _pool_of(cell, postures, tried, f"the board anywhere in view, {IN_WORDS[chosen]}")
 
 
 def _with_z(z: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Literal, get_args
 
@@ -188,12 +187,13 @@ def local_poses(
     bounds = Bounds.within(
         robot.lower, robot.upper, robot.coupled_limits, cell.margin, robot.external
     )
-    steps = max(1, math.ceil(np.linalg.norm(by, axis=1).max(initial=0.0) / _STEP_RAD))
-    found = q
-    for k in range(1, steps + 1):
-        turned = state.R_base_tip @ rotation_exp(by * (k / steps))
-        T = touching_poses(turned, tool, place)
-        found = _followed(robot, found, T, bounds)
+    steps = np.maximum(1.0, np.ceil(np.linalg.norm(by, axis=1) / _STEP_RAD))
+    found = q.copy()
+    for k in range(1, int(steps.max(initial=0.0)) + 1):
+        rows = np.flatnonzero(steps >= k)
+        turned = state.R_base_tip[rows] @ rotation_exp(by[rows] * (k / steps[rows, None]))
+        T = touching_poses(turned, tool[rows], place[rows])
+        found[rows] = _followed(robot, found[rows], T, bounds)
     found[~_same_branch(robot, q, found)] = np.nan
     found[~(bounds.excess(found).max(axis=1) <= LIMIT_TOLERANCE)] = np.nan
     return found

@@ -301,19 +301,11 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     if found.lost:
         i, why = next(iter(found.lost.items()))
         raise InputError(f"pose {poses.measured.names[i]} {why}", name="approach")
-    names: list[str] = []
-    postures: list[FloatArray] = []
-    via: list[bool] = []
-    short = iter(found.postures)
-    for name, posture, passed in zip(poses.names, poses.postures, poses.via, strict=True):
-        if not passed:
-            names.append(f"{name}-approach")
-            postures.append(next(short))
-            via.append(True)
-        names.append(name)
-        postures.append(posture)
-        via.append(bool(passed))
-    return PoseList(tuple(names), np.stack(postures), np.array(via))
+    at = np.flatnonzero(~poses.via)
+    short = [f"{poses.names[i]}-approach" for i in at]
+    names = np.insert(np.array(poses.names, dtype=object), at, short)
+    postures = np.insert(poses.postures, at, found.postures, axis=0)
+    return PoseList(tuple(names.tolist()), postures, np.insert(poses.via, at, True))
 
 
 def stopping_short(cell: Cell, poses: PoseList) -> PoseList:

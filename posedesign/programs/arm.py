@@ -15,12 +15,8 @@ from calib.robots import POSITIVE_AXES, Controller, Robot
 from calib.se3 import FloatArray, IntArray, inverse
 from posedesign.programs.configurations import Configuration, configuration_of
 
-USUAL_JOINTS = 6
-"""Of the arms of every maker whose joint count is not given with its axes."""
-
-_SAME_RAD = 4e-5
-"""Answers all within this are one, found twice near a singularity: 0.002 deg."""
-
+USUAL_JOINTS = 6  # of the arms of every maker whose joint count is not given with its axes
+_SAME_RAD = 4e-5  # answers all within this are one, found twice near a singularity: 0.002 deg
 _AT_ONCE = 500
 """Poses solved at once: each has up to eight arm positions in up to 27 combinations of turns."""
 
@@ -107,6 +103,11 @@ class Arm:
     def n_external(self) -> int:
         """How many joints are external axes, which stand behind the others."""
         return self.controller.external.count
+
+    def slowest_rad_s(self, usual: float) -> float:
+        """Speed of its slowest joint [rad/s]; the usual one where none is known."""
+        known = self.robot.speed[np.isfinite(self.robot.speed)] if self.robot is not None else ()
+        return float(min(known, default=usual))
 
     @property
     def order(self) -> IntArray:

@@ -365,9 +365,7 @@ def turn_numbers(angles_deg: FloatArray) -> IntArray:
 
 _NUMBER = r"(\d{1,3}|'(?:B ?[01]{1,8}|H ?[\dA-F]{1,2})')"
 
-_ARM_BITS = 0b111
-"""Bits of S that say where the arm is."""
-
+_ARM_BITS = 0b111  # bits of S that say where the arm is
 _LARGEST_STATUS, _LARGEST_TURN = 0b11111, 0b111111
 
 

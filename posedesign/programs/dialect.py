@@ -14,21 +14,14 @@ import numpy as np
 
 from calib.errors import InputError
 from posedesign.files import Results, encoded, head_of
+from posedesign.programs import sets
 from posedesign.programs.arm import Arm
 from posedesign.programs.notation import Notation
-from posedesign.programs.program import Form, PoseProgram
+from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import MOST_BYTES, read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram, corrected_by
-from posedesign.programs.sets import (
-    MOST_PARTS,
-    beside,
-    claim_set,
-    marked_as_set,
-    set_mark,
-    strangers,
-    write_set,
-)
-from posedesign.programs.writing import NameRule
+from posedesign.programs.sets import MOST_PARTS, beside, claim_set, marked_as_set, strangers
+from posedesign.programs.writing import Limits, NameRule, check_call
 
 
 class Dialect:
@@ -64,6 +57,8 @@ class Dialect:
     begins: ClassVar[re.Pattern[bytes] | None] = None
     """What stands in all of its programs, where other dialects have the same ending."""
     notation: ClassVar[Notation] = Notation()
+    limits: ClassVar[Limits | None] = None  # of what programs say; None: nothing is called in them
+    position_name: ClassVar[re.Pattern[str] | None] = None  # of positions that are variables
     writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
     reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
     rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
@@ -141,27 +136,7 @@ class Dialect:
 
         Raises InputError: the program cannot be said in this dialect.
         """
-        if program.options.form not in self.forms:
-            raise InputError(
-                f"{self.name} has no {program.options.form} form",
-                hint=f"write the {self.forms[0]} form",
-                name="form",
-                value=program.options.form,
-            )
-        if program.options.keep == "register" and not self.keeps:
-            raise InputError(
-                f"programs in {self.name} keep no registers",
-                hint='keep positions with keep = "position"',
-                name="keep",
-                value=program.options.keep,
-            )
-        if program.options.measure_output is not None and not self.switches:
-            raise InputError(
-                f"a program in {self.name} switches no output",
-                hint="leave out measure_output, or write a program for the controller",
-                name="measure_output",
-                value=program.options.measure_output,
-            )
+        self._check_options(program.options)
         self.names.check(program.name)
         arm = self._arm_of(program)
         if arm.n_external > self.external_axes:
@@ -179,8 +154,28 @@ class Dialect:
                 for k, name in enumerate(arm.joint_names[-arm.n_external :], start=1)
             )
             program = replace(program, not_checked=(*unknown, *program.not_checked))
-        parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
+        parts = []
+        for part in self.parts(program):
+            if self.limits is not None:
+                self.limits.check(part)
+                check_call(self.names, part.options, part.name, self.position_name)
+            parts.append(list(self.render(part, arm).items()))
         return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
+
+    def _check_options(self, options: ProgramOptions) -> None:
+        """Raise InputError for what no program of the dialect can say."""
+        wrong, hint, name = "", "", "form"
+        if options.form not in self.forms:
+            wrong = f"{self.name} has no {options.form} form"
+            hint = f"write the {self.forms[0]} form"
+        elif options.keep == "register" and not self.keeps:
+            wrong, name = f"programs in {self.name} keep no registers", "keep"
+            hint = 'keep positions with keep = "position"'
+        elif options.measure_output is not None and not self.switches:
+            wrong, name = f"a program in {self.name} switches no output", "measure_output"
+            hint = "leave out measure_output, or write a program for the controller"
+        if wrong:
+            raise InputError(wrong, hint=hint, name=name, value=getattr(options, name))
 
     def write(self, program: PoseProgram, out: Path | Results) -> tuple[Path, ...]:
         """Write the files of a program into a folder, which is made; see :meth:`files`.
@@ -198,7 +193,7 @@ class Dialect:
             }
         )
         old = self.claim(program.name, results, files) if results else []
-        write_set(files, old, in_folder=self.in_folder)
+        sets.write_set(files, old, in_folder=self.in_folder)
         return tuple(files)
 
     def claim(
@@ -242,7 +237,7 @@ class Dialect:
     @staticmethod
     def levels_of(path: Path) -> tuple[Level, ...]:
         """Levels that a file is asked for: one that carries the mark of a plan has to measure."""
-        return ("error", "measuring") if set_mark(read_program_bytes(path)) else ("error",)
+        return ("error", "measuring") if sets.set_mark(read_program_bytes(path)) else ("error",)
 
     def strangers(self, path: Path) -> list[str]:
         """Files beside one of this dialect that it does not belong to, in words."""

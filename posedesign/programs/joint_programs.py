@@ -13,36 +13,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calib.errors import FileFormatError
+from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import MOST_JOINT_DEG, carried_off, joint_deg, refuse, text_of
-from posedesign.programs.recorded import (
-    Level,
-    PlanMark,
-    Problem,
-    RecordedPosition,
-    RecordedProgram,
-)
+from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
-from posedesign.programs.writing import (
-    Limits,
-    Phrases,
-    check_call,
-    plain,
-    plain_all,
-    shown_deg,
-    title_lines,
-)
+from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
 
-TEXT_LENGTH = 100
-"""Characters of a remark: lines have at most 127 on the oldest controllers."""
-
-JOINTS = 6
-"""Of an arm; values behind them are of axes that carry it, or a part."""
-
+TEXT_LENGTH = 100  # characters of a remark: lines have at most 127 on the oldest controllers
+JOINTS = 6  # of an arm; values behind them are of axes that carry it, or a part
 LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, begins=("POSE ", "PLAN "), settle_s=1e4)
 """Outputs are of each language."""
 
@@ -52,16 +35,13 @@ LEAST_S = 0.1
 USUAL_SPEED_RAD_S = np.pi / 2
 """Joint speed of 100 percent where the robot is not known: no arm's slowest joint is far slower."""
 
-PLAIN = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)")
-"""A number as it stands in a program."""
-
+PLAIN = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)")  # a number as it stands in a program
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
 
 def _speed(arm: Arm, options: ProgramOptions) -> str:
     """So many percent of the speed of the slowest joint [deg/s]."""
-    known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
-    slowest = np.degrees(min(known, default=USUAL_SPEED_RAD_S))
+    slowest = np.degrees(arm.slowest_rad_s(USUAL_SPEED_RAD_S))
     return plain(max(slowest * options.speed_percent / 100, 0.01), 2)
 
 
@@ -74,24 +54,19 @@ class JointDialect(Dialect, ABC):
         Moves are of ``name``, ``number``, ``target``, joints [deg], ``percent``, ``speed`` [deg/s].
     head : tuple of str
         Steps behind the first remarks, of ``name``, ``percent``, ``speed``.
-    most_output : int
-        Largest number of an output.
     """
 
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     keeps: ClassVar[bool] = False
     phrases: ClassVar[Phrases]
     head: ClassVar[tuple[str, ...]] = ()
-    most_output: ClassVar[int] = 4096
+    limits = LIMITS
 
     def most_poses(self, program: PoseProgram) -> int | None:
         """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""
         return 1000
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        """Text of the file; InputError for what cannot stand in it."""
-        check_call(self.names, program.options, program.name)
-        replace(LIMITS, outputs=(1, self.most_output)).check(program)
         lines = self.lines(program, arm, list(self._steps(program, arm)))
         return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
 
@@ -101,7 +76,7 @@ class JointDialect(Dialect, ABC):
 
     def _steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
         options, phrases = program.options, replace(self.phrases, least_s=LEAST_S, always=True)
-        for note in title_lines(program, TEXT_LENGTH):
+        for note in writing.title_lines(program, TEXT_LENGTH):
             yield phrases.note.format(note)
         percent, speed = options.speed_percent, _speed(arm, options)
         own = {"name": program.name, "percent": percent, "speed": speed}
@@ -292,8 +267,7 @@ class Standing:
     ) -> Iterator[Problem]:
         """Problems of a step that does these."""
         if self.moves and (moves or measures):
-            reason = f"no {self.words[0]} since the last move"
-            yield Problem(row, "standstill", reason, "measuring")
+            yield Problem(row, "standstill", f"no {self.words[0]} since the last move", "measuring")
         elif measures and not self.waited:
             reason = f"no {self.words[1]} since the last move"
             yield Problem(row, "wait-to-measure", reason, "measuring")

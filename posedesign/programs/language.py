@@ -31,9 +31,7 @@ MOST_FAULTS = 1000
 MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
-MOST_STATEMENTS = 250_000
-"""Of a program: one of 10,000 positions has a hundred thousand."""
-
+MOST_STATEMENTS = 250_000  # of a program: one of 10,000 positions has a hundred thousand
 MOST_NUMBERS = 600_000
 """Numbers and texts in quotes of a program, those of equal statements once: 10,000 positions have
 240,000 at most."""
@@ -147,8 +145,7 @@ def text_of(node: Node) -> str:
 
 Build = Callable[[Sequence[str]], Any]
 
-NOTHING: Tree[Token] = Tree("fault", [])
-"""What a grammar makes of a statement that is none."""
+NOTHING: Tree[Token] = Tree("fault", [])  # what a grammar makes of a statement that is none
 
 
 @dataclass
@@ -170,8 +167,7 @@ class Language:
     letters: str = ""
     """Characters of names, as in a set of a regular expression. None of them can stand behind a
     keyword then; empty where words are not separated, as in ``CNT50``."""
-    indented: bool = False
-    """Texts of statements keep the blanks before them, which mean something."""
+    indented: bool = False  # texts of statements keep the blanks before them, which mean something
     _builders: dict[tuple[str, str, int], Build] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)
@@ -274,7 +270,6 @@ class Language:
 
 
 def _depth(text: str) -> int:
-    """How deep brackets stand in each other."""
     depth = most = 0
     for mark in re.finditer(r"[([{]|[)\]}]", text):
         depth += 1 if mark[0] in "([{" else -1
@@ -398,7 +393,6 @@ def _token(kind: str, text: str) -> Token:
 
 
 def _fault(text: str, error: UnexpectedInput, parser: Lark) -> tuple[int, str]:
-    """Where in a text a fault is, and what it is."""
     at = (error.pos_in_stream or 0) if isinstance(error, UnexpectedCharacters) else None
     if at is None:
         token = getattr(error, "token", None)

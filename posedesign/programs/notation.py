@@ -67,9 +67,7 @@ class Turn:
 
 
 WPR = Turn(
-    3,
-    lambda R: np.rad2deg(wpr_from_rotation(R)),
-    lambda v: rotation_from_wpr(np.deg2rad(v)),
+    3, lambda R: np.rad2deg(wpr_from_rotation(R)), lambda v: rotation_from_wpr(np.deg2rad(v))
 )
 ABC = Turn(
     3,

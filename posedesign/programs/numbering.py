@@ -59,9 +59,7 @@ class Stored(Named, ABC):
 
 P = TypeVar("P", bound=Named)
 
-NO_NAME = re.compile(r"(?!)")
-"""Of a program that numbers no positions, or has no such array."""
-
+NO_NAME = re.compile(r"(?!)")  # of a program that numbers no positions, or has no such array
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)", re.ASCII)
 _FIRST_REGISTER = re.compile(r"\w+[\[{](\d{1,6})[\]}] IS P(\d{1,6})\s*", re.ASCII)
 

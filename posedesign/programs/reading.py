@@ -21,12 +21,8 @@ MOST_BYTES = 20_000_000
 """Largest program file read: the largest that a controller holds is far smaller, and 10,000 poses
 take a tenth of it."""
 
-MOST_JOINT_DEG = 720.0
-"""No arm turns so far: a value beyond is a damaged file, or in another unit."""
-
-MOST_POSITION_MM = 100_000.0
-"""No arm on any track reaches so far."""
-
+MOST_JOINT_DEG = 720.0  # no arm turns so far: a value beyond is a damaged file, or in another unit
+MOST_POSITION_MM = 100_000.0  # no arm on any track reaches so far
 EXTERNAL_AT_REST = 0.01
 """Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
 
@@ -81,8 +77,7 @@ def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = Fal
     return data.decode("latin-1")
 
 
-MOST_LINES = 1_000_000
-"""Of a file that is read line by line: 10,000 poses take a hundredth of them."""
+MOST_LINES = 1_000_000  # of a file that is read line by line: 10,000 poses take a hundredth of them
 
 
 def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:

@@ -14,9 +14,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
 from posedesign.programs.configurations import Configuration
 
-Level = Literal["error", "measuring", "note"]
-"""How much a problem weighs; see `Problem`."""
-
+Level = Literal["error", "measuring", "note"]  # how much a problem weighs; see `Problem`
 _MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})(?: \d{1,3} [0-9a-f]{8})?")
 """What stands behind it is of the files of the program: :mod:`.sets`."""
 
@@ -97,8 +95,7 @@ class RecordedProgram:
     positions: tuple[RecordedPosition, ...]  # at least one, in the order of the file
     maker: str | None
     """Whose controller shows the joint values; None: they are those of the description."""
-    in_registers: bool = False
-    """Positions are numbered as the registers that they were kept in."""
+    in_registers: bool = False  # positions are numbered as the registers that they were kept in
     empty_registers: bool = False
     """The program keeps touched-up positions in registers of its own, and none holds a value yet:
     the positions are the planned ones."""

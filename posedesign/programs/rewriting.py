@@ -18,10 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.se3 import (
-    FloatArray,
-    rotation_angle,
-)
+from calib.se3 import FloatArray, rotation_angle
 from posedesign.programs.configurations import Configuration
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.notation import QUATERNION, Literal, Notation
@@ -37,14 +34,9 @@ UNCHANGED = 1e-10
 
 _UNCHANGED_DEG = 1e-9
 
-MOST_NUMBERS = 1_000_000
-"""Of a file: 10,000 positions have a quarter of them."""
-
-_WIDEST = 40
-"""Blanks before a number that is right-aligned, at most."""
-
-_NEAR = 400
-"""Numbers that are looked through first; a position has its own right behind its line."""
+MOST_NUMBERS = 1_000_000  # of a file: 10,000 positions have a quarter of them
+_WIDEST = 40  # blanks before a number that is right-aligned, at most
+_NEAR = 400  # numbers that are looked through first; a position has its own right behind its line
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +119,6 @@ class _Text:
         self.edits.append((start, literal.end, text))
 
     def result(self) -> str:
-        """The text with its new numbers."""
         parts, last = [], 0
         for start, end, text in sorted(self.edits, key=lambda edit: edit[:2]):
             parts += [self.text[last:start], text]

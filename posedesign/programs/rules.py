@@ -37,8 +37,7 @@ def syntax(statements: Iterable[Statement]) -> Iterator[Problem]:
     return (Problem(s.row, "syntax", s.fault) for s in statements if s.fault)
 
 
-Fault = tuple[str, str, Level]
-"""A rule, what breaks it, and the level."""
+Fault = tuple[str, str, Level]  # a rule, what breaks it, and the level
 
 
 def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Iterator[Problem]:
@@ -71,9 +70,7 @@ def check_line_ends(data: bytes) -> Iterator[Problem]:
 
 
 def check_names(
-    there: Iterable[tuple[int, str]],
-    used: Iterable[tuple[int, str]],
-    rules: tuple[str, str, str],
+    there: Iterable[tuple[int, str]], used: Iterable[tuple[int, str]], rules: tuple[str, str, str]
 ) -> Iterator[Problem]:
     """Whether names, with their lines, are there once, there where they are used, and used at all.
 

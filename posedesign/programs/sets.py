@@ -29,8 +29,7 @@ _DIGITS = 8
 _LONGEST = 32
 """Characters of a remark on the controller that takes the fewest; a longer mark names no set."""
 
-MOST_PARTS = 99
-"""Of a program that is looked for where a shorter one takes its place."""
+MOST_PARTS = 99  # of a program that is looked for where a shorter one takes its place
 
 
 @dataclass(frozen=True)

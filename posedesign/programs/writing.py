@@ -22,8 +22,7 @@ LONGEST_WARNING = 300
 """Characters of one warning in the head of a program: ten lines of a FANUC remark."""
 
 
-LIST_LENGTH = 90
-"""Characters of a line of what the head of a list of joint values warns of."""
+LIST_LENGTH = 90  # characters of a line of what the head of a list of joint values warns of
 
 
 def plain(value: float, decimals: int) -> str:
@@ -283,10 +282,15 @@ def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> lis
     return [f"* {line}" for line in lines]
 
 
+def head_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
+    """What the head of a program says: the mark of its plan, and warnings."""
+    return [program.mark] * bool(program.mark) + warning_lines(program, length, forbidden)
+
+
 def title_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
-    """What the head of a program says: its title, the mark of its plan, and warnings."""
-    told = [text for text in (program.options.comment, program.mark) if text]
-    return told + warning_lines(program, length, forbidden)
+    """The same behind its title."""
+    title = program.options.comment
+    return [title] * bool(title) + head_lines(program, length, forbidden)
 
 
 def check_call(

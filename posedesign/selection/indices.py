@@ -221,19 +221,7 @@ def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:
     """
     scaled = PER_MRAD_AND_MM * white
     cond = condition_2(blocks)
-    return Indices(
-        poses=len(blocks),
-        rows=len(stack(blocks)),
-        parameters=white.shape[-1],
-        c_g=condition_inf(blocks),
-        cond_2_g=cond,
-        cond_2_gtg=cond**2,
-        o1=o1(scaled),
-        o2=o2(scaled),
-        o3=o3(scaled),
-        o4=o4(scaled),
-        o5=o5(scaled),
-        d=d_optimality(scaled),
-        a=a_optimality(scaled),
-        e=e_optimality(scaled),
-    )
+    counts = len(blocks), len(stack(blocks)), white.shape[-1]
+    of_scaled = (o1, o2, o3, o4, o5, d_optimality, a_optimality, e_optimality)
+    found = [index(scaled) for index in of_scaled]
+    return Indices(*counts, condition_inf(blocks), cond, cond**2, *found)

@@ -35,7 +35,7 @@ INNER = 0.2
 """Part of the tolerance to which a working set is solved."""
 
 NEXT_IN_LINE = 0.8
-"""Part of the least score that is chosen from which candidates are taken into the set."""
+"""Part of the least score that is chosen from which smooth costs take candidates into the set."""
 
 AT_ZERO = 1e-6
 """Weights below do not count, and leave the working set."""
@@ -65,33 +65,6 @@ def first_set(candidates: Candidates, size: int) -> IntArray:
         if inside.all():
             break
     return np.flatnonzero(inside)
-
-
-def grown_set(
-    working: IntArray,
-    weights: FloatArray,
-    scores: FloatArray,
-    count: int,
-    take: int,
-    at_zero: float,
-    next_in_line: float | None = None,
-) -> IntArray | None:
-    """The working set with up to ``take`` of the best of the rest, without what does not count.
-
-    ``scores`` (N,) are those of all; None where none outside would be among the ``count`` best.
-    """
-    N = len(scores)
-    outside = scores.copy()
-    outside[working] = -np.inf
-    least = float(np.partition(scores, N - count)[N - count])
-    if not (outside >= least - AS_GOOD * abs(least)).any():
-        return None
-    take = min(take, N - len(working))
-    added = np.argpartition(outside, N - take)[N - take :]
-    if next_in_line is not None:
-        added = added[scores[added] > next_in_line * least]
-    counts = (weights > at_zero) | (scores[working] >= least)
-    return np.sort(np.concatenate([working[counts], added]))
 
 
 class Certified(Protocol):
@@ -141,26 +114,67 @@ def relax_by(
     ``minimise``: solves a working set, such as :func:`minimise_smooth`. ``count`` is above 0, and
     less than there are candidates.
     """
-    working = first_set(candidates, max(3 * count, 4 * candidates.p, 60))
-    best, proven = None, 0.0
-    for _ in range(MOST_SETS):
-        weights, smooth = minimise(objective, candidates.take(working), count, INNER * tolerance)
+
+    def solve(part: Candidates) -> Solved:
+        weights, smooth = minimise(objective, part, count, INNER * tolerance)
         proof = objective.certificate_of(smooth)
-        bound = proof.bound(candidates, count)
+        return Solved(weights, smooth.cost, proof, lambda pool: pool.scores(smooth.Z))
+
+    first, take = max(3 * count, 4 * candidates.p, 60), max(2 * count, 3 * candidates.p, 60)
+    sizes = first, take, AT_ZERO
+    return relax_on_sets(solve, candidates, count, tolerance, sizes, next_in_line=NEXT_IN_LINE)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The best of a working set: weights ``(n,)``, cost, proof, and how much each is wanted."""
+
+    weights: FloatArray
+    cost: float
+    proof: Certificate
+    scores: Callable[[Candidates], FloatArray]  # of a pool, (N,)
+
+
+def relax_on_sets(
+    solve: Callable[[Candidates], Solved],
+    candidates: Candidates,
+    count: int,
+    tolerance: float,
+    sizes: tuple[int, int, float],
+    proof: Certificate | None = None,
+    next_in_line: float | None = None,
+) -> Relaxation:
+    """Weights of working sets that grow until none is missing, or the bound is near the cost.
+
+    ``sizes``: candidates to begin with, those that are taken in at most, and the weight from which
+    one stays. ``proof``: that is known. ``next_in_line``: part of the least score that is chosen
+    from which others come in, too: they will be wanted once the first have been taken in.
+    """
+    first, most, at_zero = sizes
+    N, working = candidates.N, first_set(candidates, first)
+    proven = 0.0 if proof is None else proof.bound(candidates, count)
+    for _ in range(MOST_SETS):
+        found = solve(candidates.take(working))
+        bound = found.proof.bound(candidates, count)
         if bound > proven:
-            best, proven = proof, bound
-        if proven >= (1.0 - tolerance) * smooth.cost:
+            proof, proven = found.proof, bound
+        out = np.zeros(N)
+        out[working] = found.weights
+        if proven >= (1.0 - tolerance) * found.cost:
             break
-        # those next in line, too: they will be wanted once the first have been taken in
-        take = max(2 * count, 3 * candidates.p, 60)
-        scores = candidates.scores(smooth.Z)
-        grown = grown_set(working, weights, scores, count, take, AT_ZERO, NEXT_IN_LINE)
-        if grown is None:
+        scores = found.scores(candidates)
+        outside = scores.copy()
+        outside[working] = -np.inf
+        least = float(np.partition(scores, N - count)[N - count])
+        if not (outside >= least - AS_GOOD * abs(least)).any():
             break  # the set has all that could help: what is left is the precision of the steps
-        working = grown
-    out = np.zeros(candidates.N)
-    out[working] = weights
-    return Relaxation(out, smooth.cost, best, proven)
+        take = min(most, N - len(working))
+        added = np.argpartition(outside, N - take)[N - take :]
+        if next_in_line is not None:
+            added = added[scores[added] > next_in_line * least]
+        counts = (found.weights > at_zero) | (scores[working] >= least)
+        working = np.sort(np.concatenate([working[counts], added]))
+    return Relaxation(out, found.cost, proof, proven)
 
 
 def minimise_smooth(

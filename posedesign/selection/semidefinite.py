@@ -19,17 +19,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray
 from posedesign.selection.candidates import Candidates, products_by_pairs
 from posedesign.selection.certificate import ConditionCertificate, MeanCertificate, Relaxation
 from posedesign.selection.relaxation import (
     BOLD,
     LONG,
     TIMID,
-    first_set,
-    grown_set,
+    Solved,
     newton_step,
     reach,
+    relax_on_sets,
 )
 
 MOST_STEPS = 60
@@ -37,9 +37,6 @@ MOST_STEPS = 60
 
 TO_THE_WALL = 0.95
 """Part of the way to the border of what is allowed that a step goes at most."""
-
-MOST_SETS = 30
-"""Working sets; about eight are seen."""
 
 MOST_RATIOS = 25
 """Ratios tried in the search for the smallest; about six are seen."""
@@ -218,21 +215,13 @@ def relax_smallest(
 
     ``max t`` with ``M(w) - t K Kᵀ`` positive semidefinite; its dual variable is the proof.
     """
-    proof = MeanCertificate(np.eye(candidates.p), K, np.inf)
-    bound = proof.bound(candidates, count)
-    working = _start(candidates, count)
-    for _ in range(MOST_SETS):
-        part = candidates.take(working)
+
+    def solve(part: Candidates) -> Solved:
         w, Z, cost = _smallest(part, K, count, INNER * tolerance)
-        own = MeanCertificate(Z, K, np.inf)
-        reached = own.bound(candidates, count)
-        if reached > bound:
-            proof, bound = own, reached
-        grown = grown_set(working, w, candidates.scores(Z), count, max(2 * count, 60), SEEN)
-        if bound >= (1.0 - tolerance) * cost or grown is None:
-            break
-        working = grown
-    return Relaxation(_spread(candidates.N, working, w), cost, proof, bound)
+        return Solved(w, cost, MeanCertificate(Z, K, np.inf), lambda pool: pool.scores(Z))
+
+    known = MeanCertificate(np.eye(candidates.p), K, np.inf)
+    return relax_on_sets(solve, candidates, count, tolerance, _sizes(candidates, count), known)
 
 
 def _smallest(
@@ -281,27 +270,21 @@ def relax_condition(
     ``lowest``, ``highest`` (p,): between which the squares of the scales lie. ``root``: the cost is
     the root of the ratio.
     """
-    tolerance = 2.0 * tolerance if root else tolerance
-    one, bound = np.eye(candidates.p), 0.0
-    proof = ConditionCertificate(one, one, lowest, highest, root)
-    working = _start(candidates, count)
-    for _ in range(MOST_SETS):
-        search = _RatioSearch(candidates.take(working), count, lowest, highest)
-        search.run(INNER * tolerance)
-        own = ConditionCertificate(search.Y, search.Z, lowest, highest, root)
-        reached = own.of_ratio(candidates, count)
-        if reached > bound:
-            proof, bound = own, reached
-        # what raises the small eigenvalues more than it raises the large ones is wanted
-        scores = candidates.scores(search.Y) - candidates.scores(search.Z) / search.proven
-        grown = grown_set(working, search.w, scores, count, max(2 * count, 60), SEEN)
-        if bound >= (1.0 - tolerance) * search.ratio or grown is None:
-            break
-        working = grown
-    cost = search.ratio
-    if root:
-        cost, bound = float(np.sqrt(cost)), float(np.sqrt(bound))
-    return Relaxation(_spread(candidates.N, working, search.w), cost, proof, bound)
+    inner = INNER * tolerance * (2.0 if root else 1.0)  # of the square
+
+    def solve(part: Candidates) -> Solved:
+        search = _RatioSearch(part, count, lowest, highest)
+        search.run(inner)
+        Y, Z, proven = search.Y, search.Z, search.proven
+        return Solved(
+            search.w,
+            float(np.sqrt(search.ratio)) if root else search.ratio,
+            ConditionCertificate(Y, Z, lowest, highest, root),
+            # what raises the small eigenvalues more than it raises the large ones is wanted
+            lambda pool: pool.scores(Y) - pool.scores(Z) / proven,
+        )
+
+    return relax_on_sets(solve, candidates, count, tolerance, _sizes(candidates, count))
 
 
 class _RatioSearch:
@@ -406,11 +389,5 @@ def _diagonals(
     return shape, rows, start
 
 
-def _start(candidates: Candidates, count: int) -> IntArray:
-    return first_set(candidates, max(4 * count, 6 * candidates.p, 100))
-
-
-def _spread(N: int, working: IntArray, w: FloatArray) -> FloatArray:
-    weights = np.zeros(N)
-    weights[working] = w
-    return weights
+def _sizes(candidates: Candidates, count: int) -> tuple[int, int, float]:
+    return max(4 * count, 6 * candidates.p, 100), max(2 * count, 60), SEEN

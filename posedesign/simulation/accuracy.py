@@ -9,7 +9,7 @@ test of section 3.4 of Watanabe et al. 2006.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +20,6 @@ from calib.chance import spread_interval
 from calib.errors import CalibError, ConvergenceError, InputError, UnreachableError
 from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel, Setup, simulate
-from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints
 from calib.robot_world import PAPER_METHODS, solve_batch_by_each
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
@@ -55,8 +54,8 @@ class PlateTest:
         Raises UnreachableError: the arm cannot reach all of the plate.
         """
         cell = robot.cell
-        points = _points_around(cell, robot.target_m)
-        q = _plate_postures(cell, robot.target_m)
+        points = points_around(cell, robot.target_m)
+        q = plate_postures(cell, robot.target_m)
         # each point is a target of its own, touched once
         labels = [f"plate{i}" for i in range(len(points))]
         targets = TargetPoints(points, labels)
@@ -91,10 +90,10 @@ class PlateTest:
         ``trials``: how often the plate is measured. Raises UnreachableError: a point cannot be
         reached, or was not touched.
         """
-        found = _plate_postures(cell, cell.target_m)
+        found = plate_postures(cell, cell.target_m)
         R = cell.robot.fk(cell.base_posture)[:3, :3]
         targets = np.tile(truth.T_base_target, (len(found), 1, 1))
-        targets[:, :3, 3] += plate_points() @ R.T
+        targets[:, :3, 3] += _plate_points() @ R.T
         every = np.tile(targets, (trials, 1, 1))
         q = np.tile(found, (trials, 1))
         arms = SimulatedArms(
@@ -128,14 +127,14 @@ class PlateTest:
         return worst
 
 
-def _points_around(cell: Cell, middle: FloatArray) -> FloatArray:
+def points_around(cell: Cell, middle: FloatArray) -> FloatArray:
     """Points of a plate ``(25, 3)`` [m] about a point, in the plane across the tool."""
-    return np.asarray(middle + plate_points() @ cell.robot.fk(cell.base_posture)[:3, :3].T)
+    return np.asarray(middle + _plate_points() @ cell.robot.fk(cell.base_posture)[:3, :3].T)
 
 
-def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
+def plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
     """Postures ``(25, n)`` [rad] that touch a plate, the tool held as at the base pose."""
-    points = _points_around(cell, middle)
+    points = points_around(cell, middle)
     rotation = cell.robot.fk(cell.base_posture)[:3, :3]
     poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
     limits = Checker(cell.robot, margin=cell.margin)  # the plate is thought of, not there
@@ -149,7 +148,7 @@ def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
     return found.q
 
 
-def plate_points() -> FloatArray:
+def _plate_points() -> FloatArray:
     """Points of the plate ``(25, 3)`` [m] about its centre, in its own plane z = 0."""
     steps = PLATE_PITCH_M * (np.arange(PLATE_POINTS) - (PLATE_POINTS - 1) / 2.0)
     x, y = np.meshgrid(steps, steps, indexing="ij")
@@ -157,19 +156,11 @@ def plate_points() -> FloatArray:
 
 
 class _Arm(NamedTuple):
-    """An arm of the study, and a plate as it touches it, or in words why it does not."""
+    """An arm of the study, and a plate as it touches it, if it can."""
 
     cell: Cell
     robot: SimulatedRobot
-    plate: PlateTest | str
-
-
-def _arm(cell: Cell, draws: int, rng: np.random.Generator) -> _Arm:
-    robot = SimulatedRobot.of(cell)
-    try:
-        return _Arm(cell, robot, PlateTest.measure(robot, rng, draws))
-    except CalibError as error:
-        return _Arm(cell, robot, f"plate test left out: {error.message}")
+    plate: PlateTest | None
 
 
 IDENTIFIED_ARM = ", identified arm"
@@ -264,20 +255,23 @@ def accuracy_study(
         raise InputError(
             "no pose set of this cell identifies the parameters", hint=history.advice, name="cell"
         )
-    arms = [
-        _arm(cell, draws, np.random.default_rng([seed, k])) for k, cell in enumerate(truths(cell))
-    ]
+    arms, notes = list[_Arm](), dict[str, None]()
+    for k, own in enumerate(truths(cell)):
+        robot, plate = SimulatedRobot.of(own), None
+        try:
+            plate = PlateTest.measure(robot, np.random.default_rng([seed, k]), draws)
+        except CalibError as error:
+            notes[f"plate test left out: {error.message}"] = None
+        arms.append(_Arm(own, robot, plate))
     findings: list[Finding] = []
-    notes = list(dict.fromkeys(a.plate for a in arms if isinstance(a.plate, str)))
     for done, (turn, postures) in enumerate(sets):
         if progress is not None:
             progress(f"D = {'/'.join(f'{d:g}' for d in turn.variation_deg)} deg", done / len(sets))
         # a seed for each set: a set added or left out changes no other
         rng = np.random.default_rng([seed, len(arms), done])
         for arm in arms:
-            study = _SetStudy(arm, turn, postures, draws, rng)
-            findings += study.run()
-            notes += [note for note in study.notes if note not in notes]
+            for errors in _errors(arm, postures, draws, rng, notes):
+                findings.append(_finding(arm.cell, turn, len(postures), *errors))
     return AccuracyStudy(tuple(findings), history, draws, seed, tuple(notes))
 
 
@@ -308,14 +302,6 @@ def to_the_widest(cell: Cell) -> Cell:
     return replace(cell, config=cell.config.changed(plan={"condition_threshold": 1.0}))
 
 
-class _Recorded(NamedTuple):
-    """A pose set as one kind of measurement recorded it."""
-
-    robot: SimulatedRobot
-    model: CalibrationModel  # that is identified
-    touched: Measurements  # a trial for each draw
-
-
 ESTIMATORS: tuple[tuple[str, str, bool], ...] = (
     ("touch-up weighted", "touch-up", True),
     ("touch-up unweighted", "touch-up", False),
@@ -324,125 +310,99 @@ ESTIMATORS: tuple[tuple[str, str, bool], ...] = (
 """Identifications of a pose set: name, measurement, and whether rows are weighted by its noise."""
 
 
-class _SetStudy:
-    """Everything that is done with one pose set on one arm."""
+_Errors = tuple[str, str, str, FloatArray, float]
+"""Estimator, quantity, unit, errors of the draws ``(T,)``, and what is predicted of them; NaN for
+errors that have no sign."""
 
-    def __init__(
-        self,
-        arm: _Arm,
-        turn: Round,
-        postures: FloatArray,
-        draws: int,
-        rng: np.random.Generator,
-    ) -> None:
-        self.cell, self.robot, self.plate = arm
-        self.turn, self.postures = turn, postures
-        self.draws, self.rng = draws, rng
-        self.notes: list[str] = []
 
-    def run(self) -> Iterator[Finding]:
-        recorded = {kind: self._record(kind) for kind in ("touch-up", "view-line")}
-        identified: dict[tuple[str, bool], FloatArray] = {}
-        for name, kind, weighted in ESTIMATORS:
-            try:
-                identified[kind, weighted] = yield from self._identification(
-                    name, recorded[kind], weighted
-                )
-            except CalibError as error:
-                self.notes.append(f"{name} left out: {error.message}")
-        if isinstance(self.plate, PlateTest):
-            model = self.cell.model()
-            worst = self.plate.worst_error(model, model.nominal)
-            yield from self._plate_findings("uncalibrated", worst)
-        kind = self.cell.observations[0].kind
-        weighted = kind == "view-line" or self.cell.config.measurement.weighted
-        yield from self._robot_world(recorded[kind], identified.get((kind, weighted)))
-
-    def _record(self, kind: str) -> _Recorded:
-        measurement = noise_of_kind(self.cell, kind)
-        robot = SimulatedRobot.of(self.cell, measurement)
-        touched = robot.touch_up(self.postures, self.rng, trials=self.draws)
-        return _Recorded(robot, self.cell.model(measurement=measurement), touched)
-
-    def _identification(
-        self, name: str, recorded: _Recorded, weighted: bool
-    ) -> Generator[Finding, None, FloatArray]:
-        """What is found of each parameter and on the plate; returns the parameters ``(T, p)``."""
-        robot, model, touched = recorded
-        values = identify_batch(model, touched, weighted=weighted)
-        covariance = covariance_of(model, self.postures, weighted=weighted)
-        truth = effective_truth(robot, model)
+def _errors(
+    arm: _Arm, postures: FloatArray, draws: int, rng: np.random.Generator, notes: dict[str, None]
+) -> Iterator[_Errors]:
+    """Everything that is done with one pose set on one arm; what cannot be is noted."""
+    cell, recorded = arm.cell, {}
+    for kind in ("touch-up", "view-line"):
+        measurement = noise_of_kind(cell, kind)
+        robot = SimulatedRobot.of(cell, measurement)
+        touched = robot.touch_up(postures, rng, trials=draws)
+        recorded[kind] = robot, cell.model(measurement=measurement), touched
+    identified: dict[tuple[str, bool], FloatArray] = {}
+    for name, kind, weighted in ESTIMATORS:
+        robot, model, touched = recorded[kind]
+        try:
+            values = identify_batch(model, touched, weighted=weighted)
+            covariance = covariance_of(model, postures, weighted=weighted)
+        except CalibError as error:
+            notes[f"{name} left out: {error.message}"] = None
+            continue
+        identified[kind, weighted] = values
+        truth, sigma = effective_truth(robot, model), np.sqrt(np.diag(covariance))
         for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
             label, factor = DISPLAY[unit]
-            yield self._finding(
-                name,
-                parameter,
-                label,
-                factor * (values[:, k] - truth[k]),
-                factor * float(np.sqrt(covariance[k, k])),
-            )
-        if isinstance(self.plate, PlateTest):
-            yield from self._plate_findings(name, self.plate.worst_error(model, values))
-        return values
+            off = factor * (values[:, k] - truth[k])
+            yield name, parameter, label, off, factor * float(sigma[k])
+        yield from _on_plate(name, arm.plate, model, values)
+    yield from _on_plate("uncalibrated", arm.plate, cell.model(), cell.model().nominal)
+    kind = cell.observations[0].kind
+    _, model, touched = recorded[kind]
+    A, B = arm.robot.camera_poses(touched.postures, rng)
+    yield from _of_solvers("", arm.robot, A, B, draws)
+    own = identified.get((kind, kind == "view-line" or cell.config.measurement.weighted))
+    if own is None:
+        notes["AX = ZB with the identified arm left out: it was not identified"] = None
+        return
+    good = np.isfinite(own).all(axis=1)
+    A = model.view(touched.postures[good], own[good]).T_base_tip
+    yield from _of_solvers(IDENTIFIED_ARM, arm.robot, A, B[good], draws)
 
-    def _plate_findings(self, estimator: str, worst: FloatArray) -> Iterator[Finding]:
+
+def _on_plate(
+    estimator: str, plate: PlateTest | None, model: CalibrationModel, values: FloatArray
+) -> Iterator[_Errors]:
+    if plate is not None:
+        worst = 1e3 * plate.worst_error(model, values)
         for k, column in enumerate(worst.T):
-            yield self._finding(estimator, f"plate distance {100 * (k + 1)} mm", "mm", 1e3 * column)
-        yield self._finding(estimator, "plate distance worst", "mm", 1e3 * worst.max(axis=1))
+            yield estimator, f"plate distance {100 * (k + 1)} mm", "mm", column, np.nan
+        yield estimator, "plate distance worst", "mm", worst.max(axis=1), np.nan
 
-    def _robot_world(self, recorded: _Recorded, values: FloatArray | None) -> Iterator[Finding]:
-        """Every solver, with the arm as its controller computes it and as it was identified."""
-        _, model, touched = recorded
-        A, B = self.robot.camera_poses(touched.postures, self.rng)
-        yield from self._solvers("", A, B)
-        if values is None:
-            self.notes.append("AX = ZB with the identified arm left out: it was not identified")
-            return
-        good = np.isfinite(values).all(axis=1)
-        identified = model.view(touched.postures[good], values[good]).T_base_tip
-        yield from self._solvers(IDENTIFIED_ARM, identified, B[good])
 
-    def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
-        X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera
-        Z_shown = self.robot.T_shown_base @ self.robot.T_base_target
-        for solver, found in solve_batch_by_each(A, B, PAPER_METHODS).items():
-            for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
-                error = inverse(true) @ estimate
-                angle, shift = np.full((2, self.draws), np.nan)
-                ok = np.flatnonzero(found.ok)
-                angle[ok] = rotation_angle(error[ok, :3, :3])
-                shift[ok] = np.linalg.norm(error[ok, :3, 3], axis=-1)
-                name = solver + suffix
-                yield self._finding(name, f"{letter} rotation", "deg", np.rad2deg(angle))
-                yield self._finding(name, f"{letter} translation", "mm", 1e3 * shift)
+def _of_solvers(
+    suffix: str, robot: SimulatedRobot, A: FloatArray, B: FloatArray, draws: int
+) -> Iterator[_Errors]:
+    X_shown = robot.T_shown_tip @ robot.T_tip_camera
+    Z_shown = robot.T_shown_base @ robot.T_base_target
+    for solver, found in solve_batch_by_each(A, B, PAPER_METHODS).items():
+        for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
+            error = inverse(true) @ estimate
+            angle, shift = np.full((2, draws), np.nan)
+            ok = np.flatnonzero(found.ok)
+            angle[ok] = np.rad2deg(rotation_angle(error[ok, :3, :3]))
+            shift[ok] = 1e3 * np.linalg.norm(error[ok, :3, 3], axis=-1)
+            yield solver + suffix, f"{letter} rotation", "deg", angle, np.nan
+            yield solver + suffix, f"{letter} translation", "mm", shift, np.nan
 
-    def _finding(
-        self, estimator: str, quantity: str, unit: str, error: FloatArray, predicted: float = np.nan
-    ) -> Finding:
-        """Spread and size of errors ``(T,)``; signed ones have a spread about their own mean."""
-        good = error[np.isfinite(error)]
-        signed = np.isfinite(predicted)
-        spread = float(np.std(good, ddof=1)) if signed and len(good) > 1 else np.nan
-        low, high = spread_interval(spread, len(good))
-        size = np.abs(good)
-        return Finding(
-            "deflecting" if self.cell.deflects else "rigid",
-            *self.turn.variation_deg,
-            len(self.postures),
-            self.turn.c_g,
-            self.turn.cond_2_g,
-            estimator,
-            quantity,
-            unit,
-            predicted,
-            spread,
-            low,
-            high,
-            float(np.median(size)) if len(size) else np.nan,
-            float(np.quantile(size, 0.95)) if len(size) else np.nan,
-            len(error),
-            len(error) - len(good),
-        )
+
+def _finding(
+    cell: Cell,
+    turn: Round,
+    poses: int,
+    estimator: str,
+    quantity: str,
+    unit: str,
+    error: FloatArray,
+    predicted: float,
+) -> Finding:
+    """Spread and size of errors ``(T,)``; signed ones have a spread about their own mean."""
+    good = error[np.isfinite(error)]
+    signed = np.isfinite(predicted)
+    spread = float(np.std(good, ddof=1)) if signed and len(good) > 1 else np.nan
+    median, p95 = np.quantile(np.abs(good), [0.5, 0.95]) if len(good) else (np.nan, np.nan)
+    truth = "deflecting" if cell.deflects else "rigid"
+    sets = (truth, *turn.variation_deg, poses, turn.c_g, turn.cond_2_g)
+    spreads = (spread, *spread_interval(spread, len(good)))
+    answers = len(error), len(error) - len(good)
+    return Finding(
+        *sets, estimator, quantity, unit, predicted, *spreads, float(median), float(p95), *answers
+    )
 
 
 def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArray:

@@ -27,7 +27,6 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray, IntArray, apply
-from posedesign.report.drawing import set_answer
 from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with
@@ -59,23 +58,20 @@ def study(options: Options) -> dict[str, Any]:
 
 def plot(folder: Path) -> list[Path]:
     """Held-out rms of each model, a mark for each site."""
-    from matplotlib.figure import Figure
-
     rows = writing.read_rows(folder, TABLE)
-    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
-    axes = figure.subplots()
     off = {site: [row[f"held_out_{site}_mm"] for row in rows] for site in SITES}
-    drawing.rows_of_marks(axes, [row["model"] for row in rows], off)
-    drawing.log_ticks(axes, [0.3, 0.5, 1.0, 2.0, 5.0, 10.0])
-    axes.set_xlabel("rms distance at the site that took no part in the fit [mm], log scale")
-    axes.legend(title="site", frameon=False)
-    at_sites = {row["model"]: [row[f"held_out_{site}_mm"] for site in SITES] for row in rows}
-    best, offsets = min(at_sites, key=lambda name: sum(at_sites[name])), list(at_sites)[1]
+    names = [row["model"] for row in rows]
+    at_sites = dict(zip(names, zip(*off.values(), strict=True), strict=True))
+    best, offsets = min(names, key=lambda name: sum(at_sites[name])), names[1]
     told = [f"{min(at_sites[k]):.2g} to {max(at_sites[k]):.2g} mm" for k in (best, offsets)]
-    set_answer(
-        figure,
+    figure = drawing.figure_of_marks(
+        names,
+        off,
+        [0.3, 0.5, 1.0, 2.0, 5.0, 10.0],
+        "rms distance at the site that took no part in the fit",
         f"A site that took no part is predicted to {told[0]} by all of it ({best}), to {told[1]} "
         f"by {offsets}",
+        legend="site",
     )
     return writing.save(figure, folder, FIGURE)
 

@@ -24,7 +24,6 @@ from posedesign.files import make_folder
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements
 from posedesign.identification import Identified, identify_models
-from posedesign.report.drawing import set_answer
 from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings, refitted
@@ -264,24 +263,17 @@ def study(options: Options) -> dict[str, Any]:
 
 def plot(folder: Path) -> list[Path]:
     """Leave-one-out and check points of each model."""
-    from matplotlib.figure import Figure
-
     rows = writing.read_rows(folder, TABLE)
-    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
-    axes = figure.subplots()
-    off = {
-        "the three points measured": [row["leave_one_out_mm"] for row in rows],
-        "check points on the tool": [row["check_mm"] for row in rows],
-    }
-    names = [f"{row['model']} ({row['parameters']:g})" for row in rows]
-    drawing.rows_of_marks(axes, names, off)
-    drawing.log_ticks(axes, [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
-    axes.set_xlabel("rms distance in configurations that took no part in the fit [mm], log scale")
-    axes.legend(frameon=False)
     best = min(rows, key=lambda row: row["leave_one_out_mm"])
     before = next(row for row in rows if row["model"] == "frames only")
-    set_answer(
-        figure,
+    figure = drawing.figure_of_marks(
+        [f"{row['model']} ({row['parameters']:g})" for row in rows],
+        {
+            "the three points measured": [row["leave_one_out_mm"] for row in rows],
+            "check points on the tool": [row["check_mm"] for row in rows],
+        },
+        [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0],
+        "rms distance in configurations that took no part in the fit",
         f"Configurations left out are predicted to {best['leave_one_out_mm']:.3f} mm by "
         f"{best['model']}, to {before['leave_one_out_mm']:.2f} mm by {before['model']}",
     )

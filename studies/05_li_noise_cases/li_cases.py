@@ -207,15 +207,14 @@ def compare(
         wins = share(found[cell][better][:, measure] < found[cell][worse][:, measure], level)
         shares.append(wins["share"])
         verdicts.append((wins["low"] > 0.5) - (wins["high"] < 0.5))
+    of = {"poses": f"{min(poses)} to {max(poses)}", "cells": len(cells)}
+    names = {"holds": 1, "reversed": -1, "undecided": 0}
     return {
         "better": better,
         "worse": worse,
         "error": MEASURES[measure],
-        "poses": f"{min(poses)} to {max(poses)}",
-        "cells": len(cells),
-        "holds": verdicts.count(1),
-        "reversed": verdicts.count(-1),
-        "undecided": verdicts.count(0),
+        **of,
+        **{name: verdicts.count(verdict) for name, verdict in names.items()},
         "share_least": min(shares),
         "share_most": max(shares),
     }
@@ -284,18 +283,9 @@ def claims(found: Found, size: int) -> dict[str, Any]:
     every = sorted({poses for _, _, poses in found})
     parts = [[n for n in every if n <= FEW], [n for n in every if n > FEW]]
     pairs = [(KRONECKER, DUAL), (KRONECKER, QUATERNION), (DUAL, QUATERNION)]
-    more = [
-        (KRONECKER_M, DUAL_M),
-        (KRONECKER_M, QUATERNION),
-        (DUAL_M, QUATERNION),
-        (KRONECKER, SAFE),
-        (DUAL, SAFE),
-        (DUAL_M, SAFE),
-        (SCALED, DUAL),
-        (SCALED, DUAL_M),
-        (SCALED, SAFE),
-        (SECOND, KRONECKER),
-    ]
+    more = [(KRONECKER_M, DUAL_M), (KRONECKER_M, QUATERNION), (DUAL_M, QUATERNION)]
+    more += [(KRONECKER, SAFE), (DUAL, SAFE), (DUAL_M, SAFE), (SCALED, DUAL), (SCALED, DUAL_M)]
+    more += [(SCALED, SAFE), (SECOND, KRONECKER)]
     return {
         "order": [
             compare(found, a, b, measure, part)

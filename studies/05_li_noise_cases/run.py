@@ -23,44 +23,23 @@ from studies.drawing import log_ticks
 from studies.intervals import median_interval
 from studies.real_data import Sides, data_folder, real_pairs
 
-from .li_cases import (
-    DUAL,
-    DUAL_M,
-    FLOOR,
-    KRONECKER,
-    KRONECKER_M,
-    MEASURES,
-    QUATERNION,
-    SAFE,
-    SCALED,
-    SHOWN,
-    SOLVERS,
-    Cell,
-    Found,
-    Measured,
-    claims,
-    draw,
-    errors,
-    in_mm,
-    linear_minimum,
-    sum_of_squares,
-)
+from . import li_cases as li
 
 UNPROJECTED = "Kronecker, mm, not orthonormal"
-METHODS_OF_TABLE = (QUATERNION, SAFE, DUAL, KRONECKER, UNPROJECTED, SCALED, FLOOR)
+METHODS_OF_TABLE = (li.QUATERNION, li.SAFE, li.DUAL, li.KRONECKER, UNPROJECTED, li.SCALED, li.FLOOR)
 
 
-def table_row(data: Measured) -> dict[str, FloatArray]:
+def table_row(data: li.Measured) -> dict[str, FloatArray]:
     """E ``(T,)`` [mm²] of every method, rotations and translations in one norm."""
-    answers = {name: SOLVERS[name](data) for name in METHODS_OF_TABLE if name != UNPROJECTED}
-    found = {name: (in_mm(X), in_mm(Z)) for name, (X, Z) in answers.items()}
-    found[UNPROJECTED] = linear_minimum(data.millimetres)
-    return {name: sum_of_squares(data.millimetres, *found[name]) for name in METHODS_OF_TABLE}
+    answers = {name: li.SOLVERS[name](data) for name in METHODS_OF_TABLE if name != UNPROJECTED}
+    found = {name: (li.in_mm(X), li.in_mm(Z)) for name, (X, Z) in answers.items()}
+    found[UNPROJECTED] = li.linear_minimum(data.millimetres)
+    return {name: li.sum_of_squares(data.millimetres, *found[name]) for name in METHODS_OF_TABLE}
 
 
 def summary(E: dict[str, FloatArray]) -> dict[str, Any]:
     """Medians, and how often the three methods stand as in the paper."""
-    q, d, k = (E[name] for name in (QUATERNION, DUAL, KRONECKER))
+    q, d, k = (E[name] for name in (li.QUATERNION, li.DUAL, li.KRONECKER))
     u = E[UNPROJECTED]
     return {
         "sets": len(q),
@@ -78,9 +57,9 @@ def simulated(rng: np.random.Generator, trials: int, settings: dict[str, Any]) -
     poses = settings["table_1"]["poses"]
     for workspace, cone_deg in settings["workspaces"].items():
         for noisy in settings["noisy"]:
-            data = draw(rng, trials, poses, noisy, cone_deg, settings)
+            data = li.draw(rng, trials, poses, noisy, cone_deg, settings)
             row = summary(table_row(data))
-            X, Z = (in_mm(T) for T in SOLVERS[SAFE](data))
+            X, Z = (li.in_mm(T) for T in li.SOLVERS[li.SAFE](data))
             e = residuals(data.millimetres.A, data.millimetres.B, X, Z)
             # |R - 1|² is twice the square of a small angle
             row["rotation_part"] = float(np.median(2.0 * (e[..., :3] ** 2).sum(axis=(1, 2))))
@@ -104,39 +83,39 @@ def measured(
 
 def _of_subsets(A: FloatArray, B: FloatArray, size: int) -> dict[str, Any]:
     inside = PairSets(A[:, :size], B[:, :size])
-    mm = PairSets(in_mm(inside.A), in_mm(inside.B))
-    left_out = PairSets(in_mm(A[:, size:]), in_mm(B[:, size:]))
+    mm = PairSets(li.in_mm(inside.A), li.in_mm(inside.B))
+    left_out = PairSets(li.in_mm(A[:, size:]), li.in_mm(B[:, size:]))
     answers = {
-        QUATERNION: METHODS["zhuang-literal"].run(mm, None),
-        SAFE: METHODS["zhuang"].run(mm, None),
-        DUAL: METHODS["li-dual-quaternion"].run(mm, None),
-        KRONECKER: METHODS["li-kronecker-literal"].run(mm, None),
-        SCALED: METHODS["li-kronecker"].run(mm, None),
+        li.QUATERNION: METHODS["zhuang-literal"].run(mm, None),
+        li.SAFE: METHODS["zhuang"].run(mm, None),
+        li.DUAL: METHODS["li-dual-quaternion"].run(mm, None),
+        li.KRONECKER: METHODS["li-kronecker-literal"].run(mm, None),
+        li.SCALED: METHODS["li-kronecker"].run(mm, None),
     }
     found = {name: (answer.X, answer.Z) for name, answer in answers.items()}
     likeliest = METHODS["ml"].run(inside, None)
-    found[FLOOR] = (in_mm(likeliest.X), in_mm(likeliest.Z))
-    found[UNPROJECTED] = linear_minimum(mm)
-    row = summary({name: sum_of_squares(mm, *found[name]) for name in METHODS_OF_TABLE})
+    found[li.FLOOR] = (li.in_mm(likeliest.X), li.in_mm(likeliest.Z))
+    found[UNPROJECTED] = li.linear_minimum(mm)
+    row = summary({name: li.sum_of_squares(mm, *found[name]) for name in METHODS_OF_TABLE})
     row["left_out_a_pose"] = {
-        name: float(np.median(sum_of_squares(left_out, *found[name])) / left_out.N)
+        name: float(np.median(li.sum_of_squares(left_out, *found[name])) / left_out.N)
         for name in METHODS_OF_TABLE
     }
     return row
 
 
-OF_THE_PAPER = (QUATERNION, DUAL, KRONECKER)
+OF_THE_PAPER = (li.QUATERNION, li.DUAL, li.KRONECKER)
 AS = {
-    QUATERNION: "zhuang",
-    DUAL: "li-dual-quaternion",
-    DUAL_M: "li-dual-quaternion",
-    KRONECKER: "li-kronecker",
-    KRONECKER_M: "li-kronecker",
-    FLOOR: "ml",
+    li.QUATERNION: "zhuang",
+    li.DUAL: "li-dual-quaternion",
+    li.DUAL_M: "li-dual-quaternion",
+    li.KRONECKER: "li-kronecker",
+    li.KRONECKER_M: "li-kronecker",
+    li.FLOOR: "ml",
 }
 """Methods whose style each has."""
 
-UNITS = {"mm": (DUAL, KRONECKER), "m": (DUAL_M, KRONECKER_M)}
+UNITS = {"mm": (li.DUAL, li.KRONECKER), "m": (li.DUAL_M, li.KRONECKER_M)}
 """Methods that the unit of the lengths matters to."""
 
 LABELS = {"rotation_deg": "rotation: X + Z, median\n[deg]"}
@@ -161,7 +140,7 @@ def draw_medians(rows: Iterable[Row]) -> Figure:
     panels = figure.subplots(2, 2, sharex=True, sharey="row")
     for (title, label), axes in zip(LABELS.items(), panels, strict=True):
         for panel, (unit, methods) in zip(axes, UNITS.items(), strict=True):
-            for name in (QUATERNION, *methods, FLOOR):
+            for name in (li.QUATERNION, *methods, li.FLOOR):
                 of, style = found[workspace, NOISY, name], STYLES[AS[name]]
                 ends = of[f"{title}_median_low"], of[f"{title}_median_high"]
                 curve(panel, of["poses"], of[f"{title}_median"], style, name, ends=ends)
@@ -187,12 +166,12 @@ def _counts(found: Panels) -> tuple[dict[str, int], int, int, int]:
     wins, best, cells, every = dict.fromkeys(UNITS, 0), 0, 0, 0
     for workspace, noisy in dict.fromkeys(key[:2] for key in found):
         for title in LABELS:
-            of = {n: np.array(found[workspace, noisy, n][f"{title}_median"]) for n in SHOWN}
-            many = np.array(found[workspace, noisy, FLOOR]["poses"]) >= MANY
+            of = {n: np.array(found[workspace, noisy, n][f"{title}_median"]) for n in li.SHOWN}
+            many = np.array(found[workspace, noisy, li.FLOOR]["poses"]) >= MANY
             for unit, (dual, kronecker) in UNITS.items():
-                less = np.minimum(of[dual], of[QUATERNION])
+                less = np.minimum(of[dual], of[li.QUATERNION])
                 wins[unit] += int((of[kronecker] < less)[many].sum())
-            best += int((of[FLOOR] <= np.min(list(of.values()), axis=0)).sum())
+            best += int((of[li.FLOOR] <= np.min(list(of.values()), axis=0)).sum())
             cells, every = cells + int(many.sum()), every + len(many)
     return wins, best, cells, every
 
@@ -278,11 +257,11 @@ def study(options: Options) -> dict[str, Any]:
         "trials": trials,
         "medians": [
             {k: row[k] for k in ("workspace", "noisy", "poses", "method")}
-            | {title: row[f"{title}_median"] for title in MEASURES}
+            | {title: row[f"{title}_median"] for title in li.MEASURES}
             for row in rows
-            if row["method"] in SHOWN
+            if row["method"] in li.SHOWN
         ],
-        **claims(found, few),
+        **li.claims(found, few),
         "table_1": table_1(trials, options.advance),
     }
     tables = {f"{MEDIANS}.csv": rows, f"{AVERAGES}.csv": averages(paper)}
@@ -297,7 +276,7 @@ def plot(folder: Path) -> list[Path]:
     return drawn + writing.save(few, folder, AVERAGES)
 
 
-def cells(poses: Iterable[int] | None = None) -> list[Cell]:
+def cells(poses: Iterable[int] | None = None) -> list[li.Cell]:
     """Workspace, noisy side and number of poses of every cell."""
     return [
         (workspace, noisy, n)
@@ -312,7 +291,7 @@ def run(
     poses: Iterable[int] | None = None,
     stream: int = 0,
     advance: Advance = lambda what, part: None,
-) -> Found:
+) -> li.Found:
     """Errors of every method in every cell; each cell has random numbers of its own."""
     found = {}
     every = cells(SETTINGS["poses"])
@@ -321,19 +300,19 @@ def run(
         workspace, noisy, n = cell
         rng = np.random.default_rng([SETTINGS["seed"], stream, every.index(cell)])
         cone_deg = SETTINGS["workspaces"][workspace]
-        data = draw(rng, trials or SETTINGS["trials"], n, noisy, cone_deg, SETTINGS)
-        found[cell] = {name: errors(data, solve(data)) for name, solve in SOLVERS.items()}
+        data = li.draw(rng, trials or SETTINGS["trials"], n, noisy, cone_deg, SETTINGS)
+        found[cell] = {name: li.errors(data, solve(data)) for name, solve in li.SOLVERS.items()}
     return found
 
 
-def table(found: Found) -> list[dict[str, Any]]:
+def table(found: li.Found) -> list[dict[str, Any]]:
     """A row for each cell and method: medians with intervals, means, what 95 % stay below."""
     rows = []
     for (workspace, noisy, n), methods in found.items():
         for name, values in methods.items():
             row: dict[str, Any] = {"workspace": workspace, "noisy": noisy, "poses": n}
             row["method"] = name
-            for title, column in zip(MEASURES, values.T, strict=True):
+            for title, column in zip(li.MEASURES, values.T, strict=True):
                 low, high = median_interval(column)
                 row[f"{title}_median"] = np.median(column)
                 row[f"{title}_median_low"], row[f"{title}_median_high"] = low, high
@@ -343,11 +322,11 @@ def table(found: Found) -> list[dict[str, Any]]:
     return rows
 
 
-def averages(paper: Found) -> list[dict[str, Any]]:
+def averages(paper: li.Found) -> list[dict[str, Any]]:
     """A row for each cell and method of the paper: means over its few problems."""
     return [
         {"workspace": workspace, "noisy": noisy, "poses": n, "method": name}
-        | {f"{t}_mean": m for t, m in zip(MEASURES, methods[name].mean(axis=0), strict=True)}
+        | {f"{t}_mean": m for t, m in zip(li.MEASURES, methods[name].mean(axis=0), strict=True)}
         for (workspace, noisy, n), methods in paper.items()
         for name in OF_THE_PAPER
     ]

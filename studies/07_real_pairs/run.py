@@ -172,11 +172,7 @@ def run(
     for k, (name, sides) in enumerate(every.items()):
         own = writing.part_of(advance, k, len(every), name)
         found[name] = of_data_set(sides, name, names, sigma, own)
-    return {
-        "tolerance": TOLERANCE,
-        "data": found,
-        "images": images(every["Tabb"], data),
-    }
+    return {"tolerance": TOLERANCE, "data": found, "images": images(every["Tabb"], data)}
 
 
 def of_data_set(

@@ -44,9 +44,7 @@ def everything(bench: Bench) -> Everything:
     x = bench.fit(others)
     whole = bench.fit(np.ones((1, bench.count), dtype=bool))
     return Everything(
-        np.diag(bench.squares(x)),
-        np.diag(bench.check_squares(x, others)),
-        bench.squares(whole)[0],
+        np.diag(bench.squares(x)), np.diag(bench.check_squares(x, others)), bench.squares(whole)[0]
     )
 
 
@@ -236,12 +234,7 @@ def run(
                 "left_out_of_all_mm": float(1e3 * np.sqrt(all36.left_out.mean())),
                 "counts": [
                     compare(
-                        bench,
-                        all36,
-                        n,
-                        tried,
-                        draws,
-                        np.random.default_rng([SETTINGS["seed"], n]),
+                        bench, all36, n, tried, draws, np.random.default_rng([SETTINGS["seed"], n])
                     )
                     for n in SETTINGS["counts"]
                 ],

@@ -11,12 +11,7 @@ import numpy as np
 from calib import CalibrationModel, Robot
 from calib.identification import minimise, tool_motion
 from calib.model.measurements import TouchUp, touch_ups
-from calib.model.parameters import (
-    JointHarmonics,
-    ParameterBlock,
-    TargetPoints,
-    ToolPoint,
-)
+from calib.model.parameters import JointHarmonics, ParameterBlock, TargetPoints, ToolPoint
 from calib.se3 import BoolArray, FloatArray, IntArray, apply
 from posedesign.study.library import find_study
 from studies.choices import Pool
@@ -106,11 +101,7 @@ def bench_of(recorded: Any, row: dict[str, Any], site: int, settings: dict[str, 
     model = CalibrationModel(robot, blocks, TouchUp(settings["noise_m"]))
     sizes = np.where(np.isfinite(model.prior), model.prior, settings["set_up_size_m"])
     return Bench(
-        model,
-        touch_ups(q, target, model.targets),
-        sizes,
-        recorded.q[~own],
-        recorded.socket[~own],
+        model, touch_ups(q, target, model.targets), sizes, recorded.q[~own], recorded.socket[~own]
     )
 
 

@@ -232,12 +232,7 @@ def together(sites: Sequence[dict[str, Any]]) -> dict[str, Any]:
                 "efficiency": min(of["chosen"][k]["efficiency"] for of in sites),
             }
         )
-    return {
-        "all_mm": whole,
-        "by_lot_mm": spread(drawn),
-        "drawn_mm": drawn,
-        "chosen": chosen,
-    }
+    return {"all_mm": whole, "by_lot_mm": spread(drawn), "drawn_mm": drawn, "chosen": chosen}
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

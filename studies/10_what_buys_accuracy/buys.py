@@ -179,10 +179,7 @@ class Bench:
         for _ in range(groups):
             read = true + sigma * rng.standard_normal(len(true))
             experiment = Experiment.of(
-                self.model(variant, poses, read),
-                poses,
-                variant.repeats,
-                weighted=variant.weighted,
+                self.model(variant, poses, read), poses, variant.repeats, weighted=variant.weighted
             )
             parts.append(simulate_errors(arm, experiment, self.box, trials // groups, rng))
         return parts[0] if groups == 1 else ToolErrors.joined(parts)

@@ -7,7 +7,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -164,23 +163,10 @@ def rows(found: dict[str, Measured]) -> list[dict[str, Any]]:
 
 
 def _figures(prefix: str, errors: ToolErrors) -> dict[str, float]:
-    (low, high), (worst_low, worst_high) = errors.rms_interval_m, errors.worst_interval_m
-    found = {
-        "predicted_rms": errors.predicted_rms_m,
-        "rms": errors.rms_m,
-        "rms_low": low,
-        "rms_high": high,
-        "median_of_trials": float(np.median(errors.of_trials_m)),
-        "predicted_worst": errors.predicted_worst_m,
-        "worst": errors.worst_m,
-        "worst_low": worst_low,
-        "worst_high": worst_high,
-        "median_of_worst": float(np.median(errors.worst_of_trials_m)),
-    }
+    found = errors.figures_mm
     if prefix:  # the same plan: the same prediction
-        del found["predicted_rms"], found["predicted_worst"]
-    in_mm: dict[str, float] = {f"{prefix}{name}_mm": 1e3 * value for name, value in found.items()}
-    return in_mm | {f"{prefix}failed": errors.failed}
+        found = {k: v for k, v in found.items() if not k.startswith("predicted")}
+    return {f"{prefix}{k}": v for k, v in found.items()} | {f"{prefix}failed": errors.failed}
 
 
 def before(arm: str) -> dict[str, float]:

@@ -27,18 +27,8 @@ from studies.tool_errors import (
 SMALLER_IS_BETTER = {
     "I: predicted error, mean over the box": True,
     "G: predicted error, worst point": True,
-    "A": True,
-    "D": False,
-    "E": False,
-    "C_G": True,
-    "C_G, rows over noise": True,
-    "cond_2": True,
-    "O1": False,
-    "O2": False,
-    "O3": False,
-    "O4": False,
-    "O5": False,
-    "number of poses": False,
+    **dict.fromkeys(("A", "C_G", "C_G, rows over noise", "cond_2"), True),
+    **dict.fromkeys(("D", "E", "O1", "O2", "O3", "O4", "O5", "number of poses"), False),
 }
 """The indices, and whether a small one is good; E and O3 are the same order."""
 

@@ -106,18 +106,13 @@ def chosen(
 def _row(
     name: str, poses: int, errors: ToolErrors, best: ToolErrors, random_m: float
 ) -> dict[str, Any]:
-    low, high = errors.rms_interval_m
     times_low, times_high = interval(_times(errors, best))
+    names = ("predicted_rms", "rms", "rms_low", "rms_high", "median_of_trials", "worst")
+    in_mm = errors.figures_mm
     return {
         "criterion": name,
         "poses": poses,
-        "predicted_rms_mm": 1e3 * errors.predicted_rms_m,
-        "rms_mm": 1e3 * errors.rms_m,
-        "rms_low_mm": 1e3 * low,
-        "rms_high_mm": 1e3 * high,
-        "median_of_trials_mm": 1e3 * float(np.median(errors.of_trials_m)),
-        "worst_mm": 1e3 * errors.worst_m,
-        "predicted_worst_mm": 1e3 * errors.predicted_worst_m,
+        **{f"{key}_mm": in_mm[f"{key}_mm"] for key in (*names, "predicted_worst")},
         "times_I": errors.rms_m / best.rms_m,
         "times_I_low": times_low,
         "times_I_high": times_high,
@@ -163,14 +158,10 @@ def cases(cell: Cell, settings: dict[str, Any]) -> dict[str, Case]:
     if cell.deflects:
         found["deflection"] = Case("reducers that give way", deflects=True)
         found["compliance"] = Case(
-            "the same, compliance of joints 2 and 3 freed",
-            deflects=True,
-            compliance=slice(1, 3),
+            "the same, compliance of joints 2 and 3 freed", deflects=True, compliance=slice(1, 3)
         )
         found["all compliances"] = Case(
-            "the same, compliance of joints 2 to 6 freed",
-            deflects=True,
-            compliance=slice(1, 6),
+            "the same, compliance of joints 2 to 6 freed", deflects=True, compliance=slice(1, 6)
         )
     return found
 
@@ -271,19 +262,11 @@ def held(
             errors = holder.errors(case, pool, count, [s, k])
             seen = holder.errors(case, pool, count, [s, k], "target")
             low, high = interval(np.sqrt(errors.resampled.mean(axis=1)) / errors.predicted_rms_m)
-            rows.append(
-                {
-                    "set": name,
-                    "case": key,
-                    "says": case.says,
-                    "predicted_rms_mm": 1e3 * errors.predicted_rms_m,
-                    "rms_mm": 1e3 * errors.rms_m,
-                    "median_of_trials_mm": 1e3 * float(np.median(errors.of_trials_m)),
-                    "ratio": errors.ratio,
-                    "ratio_low": low,
-                    "ratio_high": high,
-                    "to_target_ratio": seen.ratio,
-                    "failed": errors.failed,
-                }
-            )
+            in_mm = errors.figures_mm
+            row: dict[str, Any] = {"set": name, "case": key, "says": case.says}
+            row |= {
+                f"{k}_mm": in_mm[f"{k}_mm"] for k in ("predicted_rms", "rms", "median_of_trials")
+            }
+            row |= {"ratio": errors.ratio, "ratio_low": low, "ratio_high": high}
+            rows.append(row | {"to_target_ratio": seen.ratio, "failed": errors.failed})
     return rows

@@ -97,10 +97,7 @@ def touched(bench: Bench, trials: int) -> tuple[FloatArray, dict[str, float]]:
     done = touch_up(drive, bench.starts(bench.home, trials, rng), bench.jacobian, bench.loop)
     ends = bench.ends(done)[done.touched]
     off = (ends - ends.mean(axis=0)) @ bench.R_base_camera
-    went = {
-        "moves": float(done.moves[done.touched].mean()),
-        "failed": int((~done.touched).sum()),
-    }
+    went = {"moves": float(done.moves[done.touched].mean()), "failed": int((~done.touched).sum())}
     return 1e3 * off[:, [1, 0, 2]], went
 
 

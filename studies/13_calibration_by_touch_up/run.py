@@ -25,15 +25,7 @@ from studies.writing import span, table, table_across
 
 from . import touch_claims as claims
 from .touch_bench import Bench, PoseSet, pose_set
-from .touch_plate import (
-    PAPER,
-    causes,
-    drawn_ratios,
-    every,
-    plate_rows,
-    rows,
-    through_pictures,
-)
+from .touch_plate import PAPER, causes, drawn_ratios, every, plate_rows, rows, through_pictures
 
 NAMES = {
     "touch-up": "touch-up unweighted",
@@ -182,10 +174,7 @@ def plot(folder: Path) -> list[Path]:
     said = writing.read_figures(folder)
     variation = draw_variation(said["arms"][SHOWN])
     plate = draw_plate(said["arms"], said["robots"], PAPER.name)
-    return [
-        *writing.save(variation, folder, "variation"),
-        *writing.save(plate, folder, "plate"),
-    ]
+    return [*writing.save(variation, folder, "variation"), *writing.save(plate, folder, "plate")]
 
 
 def shortened(options: Options) -> dict[str, Any]:

@@ -41,16 +41,13 @@ def falls(found: Found, name: str, size: int, rng: np.random.Generator) -> dict[
     c_g = np.array([poses.c_g for poses, _ in found])
     std = deviations(found, name, size)
     rho = rank_correlation(c_g, std)
-    low, middle, high = np.quantile(rho, [0.025, 0.5, 0.975])
     order = np.argsort(-c_g)
     four = np.sort(rng.permuted(np.tile(order.argsort(), (_CHOICES, 1)), axis=1)[:, :PAPERS_SETS])
     group = rng.integers(len(std), size=(_CHOICES, 1))
     in_order = std[:, order][group, four]
     return {
         "rho": float(rho[0]),
-        "rho_median": float(middle),
-        "rho_low": float(low),
-        "rho_high": float(high),
+        **_spread_of(rho),
         "four_in_order": float((np.diff(in_order) < 0.0).all(axis=1).mean()),
         "four_ends_in_order": float((in_order[:, -1] < in_order[:, 0]).mean()),
     }
@@ -127,8 +124,11 @@ def many_arms(ratios: FloatArray, sets: Sequence[PoseSet]) -> dict[str, Any]:
             "rows": rows,
             "smallest_c_g_is_best": share(own.argmin(axis=1) == last),
             "smallest_beats_largest_c_g": share(own[:, last] < own[:, int(c_g.argmax())]),
-            "rho_median": float(np.median(rho)),
-            "rho_low": float(np.quantile(rho, 0.025)),
-            "rho_high": float(np.quantile(rho, 0.975)),
+            **_spread_of(rho),
         }
     return said
+
+
+def _spread_of(rho: FloatArray) -> dict[str, float]:
+    low, middle, high = np.quantile(rho, [0.025, 0.5, 0.975])
+    return {"rho_median": float(middle), "rho_low": float(low), "rho_high": float(high)}

@@ -10,16 +10,13 @@ import numpy as np
 
 from calib.chance import spread_interval
 from calib.correction import compensate
-from calib.errors import UnreachableError
 from calib.identification import covariance_of, identify_batch
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurement, TouchUp, ViewLine, touch_ups
 from calib.se3 import FloatArray, transform
 from calib.vision.camera.observers import Kind
-from posedesign.cell import touching_poses
-from posedesign.constraints import Checker, nearest_postures
 from posedesign.simulation import PLATE_PITCH_M, PlateTest, effective_truth
-from posedesign.simulation.accuracy import PLATE_POINTS, plate_points
+from posedesign.simulation.accuracy import PLATE_POINTS, plate_postures, points_around
 
 from .touch_bench import Bench, DataSets, PoseSet
 
@@ -181,30 +178,16 @@ class Plate:
     """The plate about the target, across the tool."""
 
     bench: Bench
-    poses: FloatArray
-    """(25, 4, 4): of the tip with the tool point on each point, as the cell is known beforehand
-    [m]."""
     postures: FloatArray  # (25, n): of the nominal arm there [rad]
     T_base_target: FloatArray
     """(25, 4, 4): where each point really is, and how its target faces [m]."""
 
     @classmethod
     def of(cls, bench: Bench) -> Plate:
-        """The plate of a cell.
-
-        Raises
-        ------
-        UnreachableError
-        """
-        cell, robot = bench.cell, bench.robot
-        R = cell.robot.fk(cell.base_posture)[:3, :3]
-        points = plate_points() @ R.T
-        poses = touching_poses(np.tile(R, (len(points), 1, 1)), cell.tool_m, cell.target_m + points)
-        found = nearest_postures(Checker(cell.robot, margin=cell.margin), poses, cell.base_posture)
-        if not found.feasible.all():
-            raise UnreachableError("the plate cannot be reached", hint="400 mm about the target")
-        facing = bench.truth.T_base_target[:3, :3]
-        return cls(bench, poses, found.q, transform(facing, robot.target_m + points))
+        """The plate of a cell. Raises UnreachableError."""
+        cell, facing = bench.cell, bench.truth.T_base_target[:3, :3]
+        there = transform(facing, points_around(cell, bench.robot.target_m))
+        return cls(bench, plate_postures(cell, cell.target_m), there)
 
     def touched(self, count: int, rng: np.random.Generator) -> PlateTest:
         """Touch up all points, so many times."""

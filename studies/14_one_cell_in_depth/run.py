@@ -6,13 +6,7 @@ from pathlib import Path
 
 from posedesign.cell import Cell, cell_template
 from posedesign.report.accuracy import accuracy_figure
-from posedesign.simulation import (
-    IDENTIFIED_ARM,
-    AccuracyStudy,
-    Finding,
-    accuracy_study,
-    pick,
-)
+from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, accuracy_study, pick
 from posedesign.study import Advance, Options
 from studies import writing
 from studies.writing import save, write_figures, write_rows

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+PEERS = {"reduced": REDUCED, "pulled": PULLED, "known": KNOWN}
 EVERY = "all"
 WORSE = 1e-6
 """Part of an error by which another is larger, and not the same one rounded."""
@@ -58,7 +59,7 @@ def _outcome(rows: pd.DataFrame) -> dict[str, Any]:
     def said(column: str) -> float:
         return np.nan if taken is None else float(taken[column])
 
-    model = NOMINAL if taken is None else str(taken.name)
+    name = NOMINAL if taken is None else str(taken.name)
     return {
         "preset": str(head["preset"]),
         "way": str(head["way"]),
@@ -66,21 +67,17 @@ def _outcome(rows: pd.DataFrame) -> dict[str, Any]:
         "compliant": bool(head["compliant"]),
         "wavy": bool(head["wavy"]),
         "refused": head["role"] == "refused",
-        "model": model,
-        "recommended": of(model) if taken is None else float(taken["error_mm"]),
+        "model": name,
+        "recommended": of(name) if taken is None else float(taken["error_mm"]),
         "best": float(models["error_mm"].min()),
         "nominal": of(NOMINAL),
         "offsets": of(OFFSETS),
         "reference": float(own["error_mm"].iloc[0]) if len(own) else np.nan,
-        "reduced": float(peers.get(REDUCED, np.nan)),
-        "pulled": float(peers.get(PULLED, np.nan)),
-        "known": float(peers.get(KNOWN, np.nan)),
-        "box": of(model, "box_mm"),
+        **{key: float(peers.get(peer, np.nan)) for key, peer in PEERS.items()},
+        "box": of(name, "box_mm"),
         "box_best": float(models["box_mm"].min()),
         "box_nominal": of(NOMINAL, "box_mm"),
-        "expected": said("expected_mm"),
-        "expected_low": said("expected_low_mm"),
-        "expected_high": said("expected_high_mm"),
+        **{key: said(f"{key}_mm") for key in ("expected", "expected_low", "expected_high")},
         "incomplete": taken is not None and bool(taken["incomplete"]),
         "blames": bool(head["blames"]),
         "covered": 0 if taken is None else int(taken["covered"]),

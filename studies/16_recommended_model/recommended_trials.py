@@ -105,23 +105,19 @@ NOMINAL = "frames only"
 KNOWN = "all sizes known"
 """The posterior mean of whoever knew what the arm has, how large, and the noise."""
 
-COLUMNS = (
-    *(
-        "preset",
-        "way",
-        "trial",
-        "compliant",
-        "wavy",
-        "noise",
-        "model",
-        "role",
-        "error_mm",
-        "box_mm",
-    ),
-    *("expected_mm", "expected_low_mm", "expected_high_mm", "recommended", "reference"),
-    *("incomplete", "blames", "covered", "parameters", "give_mm", "seconds", "said"),
-)
-"""Of the table: a row a model, those of a trial behind each other."""
+EMPTY: Mapping[str, Any] = {
+    **dict.fromkeys(("preset", "way", "trial", "compliant", "wavy", "noise", "model", "role")),
+    **dict.fromkeys(("error_mm", "box_mm", "expected_mm", "expected_low_mm"), np.nan),
+    "expected_high_mm": np.nan,
+    **dict.fromkeys(("recommended", "reference", "incomplete", "blames"), False),
+    "covered": 0,
+    "parameters": 0,
+    "give_mm": np.nan,
+    "seconds": np.nan,
+    "said": "",
+}
+"""The table's columns, a row a model, those of a trial behind each other; and what stands where
+there is nothing."""
 
 _INCOMPLETE = re.compile(r"incomplete|leaves something out|does not describe|not covered")
 
@@ -134,7 +130,7 @@ def simulate(task: Task) -> dict[str, Any]:
     rows = []
     for trial in range(task.first, task.first + task.trials):
         rows += trial_of(task.condition["preset"], task.condition["way"], trial)
-    return {column: [row[column] for row in rows] for column in COLUMNS}
+    return {column: [row[column] for row in rows] for column in EMPTY}
 
 
 def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
@@ -143,10 +139,7 @@ def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
     arm = bench.arm(trial)
     head = {"preset": preset, "way": way, "trial": trial, "compliant": arm.compliant}
     head |= {"wavy": arm.wavy, "noise": arm.noise}
-    empty = dict.fromkeys(COLUMNS, float("nan")) | head
-    empty |= {"recommended": False, "reference": False, "incomplete": False, "blames": False}
-    empty["said"] = ""
-    empty |= {"covered": 0, "parameters": 0}
+    empty = {**EMPTY, **head}
     table, q, how = bench.measured(arm, trial)
     start = time.process_time()
     try:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell, cell_template
+from posedesign.planning.optimal import refinement
 from posedesign.planning.poses_file import read_poses
 from tests.board_cells import check_constraints
 from tests.cli.conftest import rows_of
@@ -29,12 +30,18 @@ def board_text(*changes: tuple[str, str]) -> str:
     text = cell_template(surroundings=False) + BOARD
     for old, new in (
         ('kind = "touch-up"', 'kind = "board"'),
-        ("candidates = 1500", "candidates = 150"),
+        ("candidates = 1500", "candidates = 80"),
         *changes,
     ):
         assert old in text
         text = text.replace(old, new, 1)
     return text
+
+
+@pytest.fixture(autouse=True)
+def _few_sweeps(monkeypatch) -> None:
+    """What more of them would still gain decides nothing here."""
+    monkeypatch.setattr(refinement, "MOST_SWEEPS", 3)
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@
 
 import json
 import os
+import shutil
 import signal
 import struct
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell, cell_template
+from posedesign.cli.main import run
 from posedesign.files.measurements import read_measurements
 from posedesign.planning.poses_file import PoseList, write_pose_list
 from posedesign.programs.ur_script import live, rtde_process
@@ -34,14 +35,21 @@ TOUCHED = PLANNED + np.array([[0.001], [0.002], [-0.001]])
 END = Stage(state=STOPPED)
 
 
-@pytest.fixture
-def ur(tmp_path) -> Path:
+@pytest.fixture(scope="module")
+def described(tmp_path_factory) -> Path:
     """A folder with the cell of a UR5e and its plan."""
-    (tmp_path / "cell.toml").write_text(cell_template("ur5e", surroundings=False))
-    cell = Cell.load(tmp_path / "cell.toml")
+    folder = tmp_path_factory.mktemp("ur")
+    (folder / "cell.toml").write_text(cell_template("ur5e", surroundings=False))
+    cell = Cell.load(folder / "cell.toml")
     listed = PoseList(NAMES, PLANNED, np.zeros(3, dtype=bool))
-    write_pose_list(tmp_path / "poses.csv", listed, cell.robot, cell.tool_m)
-    return tmp_path
+    write_pose_list(folder / "poses.csv", listed, cell.robot, cell.tool_m)
+    return folder
+
+
+@pytest.fixture
+def ur(described, tmp_path) -> Path:
+    """The same in a folder of its own."""
+    return shutil.copytree(described, tmp_path / "ur")
 
 
 @pytest.fixture
@@ -68,7 +76,8 @@ def kept(folder: Path) -> dict[str, np.ndarray]:
 
 
 def test_poses_arrive_one_after_the_other(record, ur):
-    with RtdeServer([Stage(state=STOPPED), *told(2), *told(1), *told(3)]) as server:
+    stages = [Stage(state=STOPPED), *told(2), *told(1), Stage(state=PAUSED), *told(3)]
+    with RtdeServer(stages) as server:  # a paused program goes on
         said = record(server)
     assert said.code == 0, said
     assert list(kept(ur)) == ["P03", "P02", "P01"]
@@ -119,11 +128,6 @@ def test_what_is_no_touch_up_is_named_and_left_out(record, ur):
         assert line.startswith(why)
     assert warned[-1] == "warning: the program has ended without P02, P01"
     assert list(kept(ur)) == ["P03"]
-
-
-def test_a_paused_program_goes_on(record, ur):
-    with RtdeServer([*told(1), Stage(state=PAUSED), *told(2), *told(3)]) as server:
-        assert record(server).code == 0
 
 
 def test_a_lost_connection_is_made_again(record, ur):
@@ -189,15 +193,17 @@ def test_a_kill_loses_nothing(record, ur):
     """In the middle of a program, without warning."""
     words = ["record", ur / "cell.toml", ur / "poses.csv"]
     with RtdeServer([*told(1), *told(2), Raw(None)]) as server:
-        command = [sys.executable, "-c", "from posedesign.cli.main import main; main()"]
-        process = subprocess.Popen([*command, *words, server.host, "--out", ur])
+        process = os.fork()
+        if not process:
+            run([*map(str, words), server.host, "--out", str(ur)])
+            os._exit(0)
         deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and process.poll() is None:
+        while time.monotonic() < deadline:
             if (ur / "touchups.csv").exists() and "P03" in kept(ur):
                 break
-            time.sleep(0.02)
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
+            time.sleep(0.05)
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
     assert list(kept(ur)) == ["P02", "P03"]
     with RtdeServer(told(3)) as server:
         assert record(server).code == 0
@@ -206,10 +212,10 @@ def test_a_kill_loses_nothing(record, ur):
 
 @pytest.fixture
 def impatient(monkeypatch, tmp_path_factory):
-    """The process waits for a second only."""
+    """The process waits for some seconds only: on a busy machine it is there in one or two."""
     source = Path(rtde_process.__file__).read_text()
     path = tmp_path_factory.mktemp("process") / "impatient.py"
-    path.write_text(source.replace("CONNECT_S, SILENT_S = 15.0, 5.0", "CONNECT_S, SILENT_S = 1, 1"))
+    path.write_text(source.replace("CONNECT_S, SILENT_S = 15.0, 5.0", "CONNECT_S, SILENT_S = 4, 1"))
     assert path.read_text() != source
     monkeypatch.setattr(rtde_process, "__file__", str(path))
 
@@ -228,7 +234,7 @@ def test_silence_of_the_controller_is_one_line(request_, record, ur):
 @pytest.mark.usefixtures("impatient")
 def test_silence_in_the_middle_keeps_what_was_told(record, ur):
     with RtdeServer([*told(1), Raw(None)]) as server:
-        said = record(server, "--timeout-s", "1")
+        said = record(server, "--timeout-s", "2")
     assert said.code == 2
     assert f"{server.host}:30004: nothing comes" in said.err
     assert list(kept(ur)) == ["P02"]
@@ -277,7 +283,7 @@ def test_hostile_packages_write_no_row(data, record, ur):
     """Whatever ur_rtde makes of them: it may lose the line, or read a state in which nothing
     runs, depending on how the bytes fall into its reads; no row is written for it either way."""
     with RtdeServer([*told(1), *[Raw(data)] * 5, Stage(state=PAUSED), Raw(None)]) as server:
-        said = record(server, "--timeout-s", "1")
+        said = record(server, "--timeout-s", "2")
     assert "Traceback" not in said.err
     if said.code == 1:
         assert "the program has ended without P03, P01" in said.err, said

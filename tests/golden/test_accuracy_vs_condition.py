@@ -15,7 +15,7 @@ from posedesign.study.library import find_study
 from tests.cli.conftest import empty_pictures
 
 STUDY = find_study("accuracy_vs_condition")
-SHORT, CHANCE = 60, 1e-4
+SHORT, CHANCE = 30, 1e-4
 EXPECTED: dict[str, Any] = json.loads((STUDY.folder / "expected.json").read_text())
 WRITTEN = pd.read_csv(STUDY.folder / "accuracy_vs_condition.csv")
 

@@ -16,7 +16,7 @@ from posedesign.study.library import find_study
 from studies.intervals import rank_correlation
 
 FOLDER = Path(__file__).parents[2] / "studies" / "13_calibration_by_touch_up"
-SHORT = 50
+SHORT = 25
 THRESHOLDS = (3e7, 2e6, 1e5)
 REFERENCE = {5.0: 2.329e7, 15.0: 1.504e6, 40.0: 9.719e4}
 """C_G of the reference cell by D, of independent code."""

@@ -22,7 +22,7 @@ from posedesign.cell.file import parse_config
 from posedesign.planning.optimal import plan_fewest
 from posedesign.simulation import SimulatedRobot
 
-TRIALS = 300
+TRIALS = 150
 STEP = 1e-6
 FIVE_SIGMA = 5.0
 

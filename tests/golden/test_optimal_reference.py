@@ -16,7 +16,7 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import identification_jacobian
 from posedesign.selection import Selection, condition_inf, select
 
-POSES, ORIENTATIONS, TILT = 27, 3000, np.deg2rad(45.0)
+POSES, ORIENTATIONS, TILT = 27, 1500, np.deg2rad(45.0)
 CONFIGURATIONS = {"front": 1.45e4, "all": 20.0}
 """Arm configurations, and the C_G that has to be reached in them."""
 
@@ -53,7 +53,7 @@ def check_poses(cell: Cell, candidates: Candidates, found: Selection) -> None:
 
 def test_condition_number(reference_cell, candidates, request):
     configurations = request.node.callspec.params["candidates"]
-    found = select(identification_jacobian(candidates.linear), POSES, "C_G", starts=2, bound=False)
+    found = select(identification_jacobian(candidates.linear), POSES, "C_G", starts=1, bound=False)
     check_poses(reference_cell, candidates, found)
     # from the Jacobian of the chosen postures alone
     q = candidates.pool.postures[found.indices]
@@ -84,7 +84,7 @@ def efficiency_of(white: np.ndarray, weights: np.ndarray, rows: np.ndarray, k: i
 @pytest.mark.parametrize("interest", [None, [0, 1, 2, 3]], ids=["all parameters", "offsets"])
 def test_d_efficiency_is_proven(reference_cell, candidates, interest):
     white = candidates.linear.white_jacobian
-    found = select(white, POSES, "D", interest=interest)
+    found = select(white, POSES, "D", interest=interest, starts=1)
     check_poses(reference_cell, candidates, found)
     assert found.efficiency >= 0.97
     assert found.relaxation is not None

@@ -6,7 +6,7 @@ import pytest
 
 from tests.picture_mistakes import FAR_OFF, MISTAKES, case_of, judge
 
-STAGES = pytest.mark.parametrize("trials", [144, pytest.param(504, marks=pytest.mark.full)])
+STAGES = pytest.mark.parametrize("trials", [72, pytest.param(504, marks=pytest.mark.full)])
 
 SAID = {
     "40 % of the rows wrong": "contradict",
@@ -37,7 +37,7 @@ def test_one_of_each_is_refused_or_named(name):
 def test_of_hundreds_none_is_wrong_in_silence(trials):
     """Of 12 mistakes in turn; most are said to be what they are.
 
-    Where one of fifty were silently wrong, 144 would show it with a probability of 95 %.
+    Where one of twenty-four were silently wrong, 72 would show it with a probability of 95 %.
     """
     import re
 

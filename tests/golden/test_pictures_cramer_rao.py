@@ -11,13 +11,7 @@ from calib.hand_eye import calibrate
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.measurements.board_view import Carried
-from calib.model.parameters import (
-    LensParameters,
-    TargetFrame,
-    TimeOffsets,
-    ToolFrame,
-    ZeroOffsets,
-)
+from calib.model.parameters import LensParameters, TargetFrame, TimeOffsets, ToolFrame, ZeroOffsets
 from calib.robots import Robot
 from calib.robots.flange_poses import posture_of_pose
 from calib.se3 import FloatArray
@@ -125,25 +119,21 @@ ROUND = make_board("round-target", diameter_m=0.16).points
     [("camera", STOPS_OFF, None), ("board", EXACT, None), ("board", STOPS_OFF, ROUND)],
 )
 def test_a_few_sets_are_as_near_as_they_say(carried, arm, points):
-    check(run(4, carried, arm, 50, points))
+    check(run(2, carried, arm, 50, points))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [25, pytest.param(200, marks=pytest.mark.full)])
 @pytest.mark.parametrize(
     ("seed", "points"), [(51, None), (56, ROUND)], ids=["charuco", "round target"]
 )
 def test_errors_are_those_of_the_bound_and_covariances_are_right(seed, points, trials):
-    """Two hundred sets, of four set-ups: the bars themselves, and each of them, with each of X, Z
-    and the lens, in its band."""
+    """A hundred sets, of four set-ups: all of them, and each, with each of X, Z and the lens."""
     each = [run(trials, carried, arm, seed, points) for carried, arm in CASES]
-    done = together(each)
-    assert LOWEST < done.over_bound() < HIGHEST
-    assert 0.93 < done.inside.mean() < 0.97
-    for one in each:
+    for one in (together(each), *each):
         check(one)
         for part in GROUPS.values():
-            low, high = band(trials, part.stop - part.start)
+            low, high = band(len(one.errors), part.stop - part.start)
             assert LOWEST * low < one.over_bound(part) < HIGHEST * high
 
 
@@ -178,20 +168,19 @@ WHERE = {"camera": ("tool", 0), "board": ("target", 0)}
 
 @pytest.mark.parametrize("carried", ["camera", "board"])
 def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried):
-    done = run_moving(4, carried, 53)
+    done = run_moving(2, carried, 53)
     check(done)
-    low, high = band(4, 1)
+    low, high = band(2, 1)
     assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
 def test_errors_with_a_time_offset_are_those_of_the_bound(trials):
     each = [run_moving(trials, carried, 54) for carried in WHERE]
-    assert LOWEST < together(each).over_bound() < HIGHEST
-    low, high = band(trials, 1)
-    for done in each:
+    for done in (together(each), *each):
         check(done)
+        low, high = band(len(done.errors), 1)
         assert LOWEST * low < done.over_bound(slice(12, 13)) < HIGHEST * high
 
 
@@ -226,11 +215,10 @@ def test_two_deviations_of_the_arm_that_are_as_likely_do_not_take_turns(trial):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
 def test_zero_offsets_of_the_robot_are_found_as_near_as_can_be(trials):
     each = [run_robot(trials, carried, 52) for carried in WHERE]
-    assert together(each).over_bound() < HIGHEST
-    low, high = band(trials, 4)
-    for done in each:
+    for done in (together(each), *each):
         check(done)
+        low, high = band(len(done.errors), 4)
         assert LOWEST * low < done.over_bound(slice(12, 16)) < HIGHEST * high

@@ -56,14 +56,7 @@ def test_sizes_are_those_of_draws(peers):
     root = rng.standard_normal((6, 6)) * 1e-4
     draws = rng.standard_normal((4000, 6)) @ root.T
     off = [
-        peers.judged(
-            (
-                transform(rotation_exp(w) @ X[:3, :3], X[:3, 3] + v),
-                root @ root.T,
-            ),
-            X,
-            0.5,
-        )
+        peers.judged((transform(rotation_exp(w) @ X[:3, :3], X[:3, 3] + v), root @ root.T), X, 0.5)
         for v, w in zip(draws[:, :3], draws[:, 3:], strict=True)
     ]
     mm, deg = peers.sizes(root @ root.T, X, 0.5)

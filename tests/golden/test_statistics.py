@@ -13,7 +13,7 @@ from posedesign.cell import Cell
 from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot, effective_truth
 
-DRAWS = 1000
+DRAWS = 400
 LITERAL = ("hirsh-literal", "li-kronecker-literal", "andreff")
 CHANCE = 1e-4
 """Probability that a right covariance fails a test of all parameters."""
@@ -96,7 +96,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
         truth={"deflection": False, "zero_offsets_deg": [0.0] * 6}, measurement={"weighted": False}
     )
     robot, model = SimulatedRobot.of(cell), cell.model()
-    touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=50)
+    touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=20)
     results = [
         identify(model, touch_ups(q, touched.target, touched.targets), weighted=False)
         for q in touched.postures
@@ -105,7 +105,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
     assert doubted <= binom.ppf(1 - CHANCE, len(results), MODEL_DOUBT)
     freedom = results[0].degrees_of_freedom
     mean = np.mean([r.chi2 for r in results])
-    # the mean of 50 draws of chi2 with 71 degrees of freedom
+    # the mean of 20 draws of chi2 with 71 degrees of freedom
     assert abs(mean - freedom) < 4 * np.sqrt(2 * freedom / len(results))
 
 

@@ -236,7 +236,7 @@ def test_its_readme_has_its_commands_figures_and_tables(study):
         assert "\n".join(lines) in text
 
 
-@pytest.mark.parametrize("name", rest_in_slow(EVERY, ("panda_touch_ups", "which_index_predicts")))
+@pytest.mark.parametrize("name", rest_in_slow(EVERY, ("panda_touch_ups",)))
 def test_committed_figures_are_those_of_the_committed_tables(name, tmp_path):
     """Drawn again from a copy of the tables in the study's own folder, and nothing else."""
     study = find_study(name)

@@ -24,6 +24,7 @@ from calib.model.parameters import (
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from posedesign.cell import Cell
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from tests.arms import arm_from
 
 TOOL_M = np.array([0.2, -0.05, 0.35])
 BASE_POSTURE = np.deg2rad([0.0, 15.0, -25.0, 0.0, -50.0, 0.0])
@@ -119,35 +120,25 @@ def random_urdf(tmp_path) -> Callable[..., Path]:
     return write
 
 
-SEVEN_JOINTS = [  # xyz [m], rpy [rad], limits [rad] in the manner of a Franka arm
-    ("0 0 0.333", "0 0 0", -2.9, 2.9),
-    ("0 0 0", "-1.5707963267948966 0 0", -1.76, 1.76),
-    ("0 -0.316 0", "1.5707963267948966 0 0", -2.9, 2.9),
-    ("0.0825 0 0", "1.5707963267948966 0 0", -3.07, -0.07),
-    ("-0.0825 0.384 0", "-1.5707963267948966 0 0", -2.9, 2.9),
-    ("0 0 0", "1.5707963267948966 0 0", -0.02, 3.75),
-    ("0.088 0 0", "1.5707963267948966 0 0", -2.9, 2.9),
+SEVEN_JOINTS = [  # xyz [m], roll [deg], limits [rad] in the manner of a Franka arm
+    ((0, 0, 0.333), 0, (-2.9, 2.9)),
+    ((0, 0, 0), -90, (-1.76, 1.76)),
+    ((0, -0.316, 0), 90, (-2.9, 2.9)),
+    ((0.0825, 0, 0), 90, (-3.07, -0.07)),
+    ((-0.0825, 0.384, 0), -90, (-2.9, 2.9)),
+    ((0, 0, 0), 90, (-0.02, 3.75)),
+    ((0.088, 0, 0), 90, (-2.9, 2.9)),
 ]
 
 
 @pytest.fixture(scope="session")
-def seven_axis_robot(tmp_path_factory) -> Robot:
+def seven_axis_robot() -> Robot:
     """A redundant arm, for which there is no closed form."""
-    text = ['<robot name="seven"><link name="l0"/>']
-    for j, (xyz, rpy, lower, upper) in enumerate(SEVEN_JOINTS):
-        text.append(
-            f'<joint name="j{j + 1}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-            f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="1"/></joint>'
-            f'<link name="l{j + 1}"/>'
-        )
-    text.append(
-        '<joint name="mount" type="fixed"><parent link="l7"/><child link="flange"/>'
-        '<origin xyz="0 0 0.107"/></joint><link name="flange"/></robot>'
-    )
-    path = tmp_path_factory.mktemp("seven") / "seven.urdf"
-    path.write_text("".join(text))
-    return Robot.from_urdf(path)
+    joints = [
+        (xyz, (roll, 0, 0), "0 0 1", tuple(np.degrees(limits)))
+        for xyz, roll, limits in SEVEN_JOINTS
+    ]
+    return arm_from(joints, flange_m=0.107)
 
 
 OFFSETS_DEG = (0.08, -0.06, 0.05, 0.10)

@@ -16,21 +16,7 @@ from numpy.typing import ArrayLike
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix
-from calib.robot_world.certificate.dual import (
-    LowerBound,
-    balanced_multipliers,
-    best_multipliers,
-    least_multipliers,
-    lower_bound,
-    relaxed_minimum,
-)
-from calib.robot_world.certificate.polynomial import (
-    QuadraticForm,
-    Weights,
-    cost_weights,
-    join,
-    quadratic_form,
-)
+from calib.robot_world.certificate import dual, polynomial
 from calib.robot_world.noise import Noise, PairNoise, check_noise_given
 from calib.robot_world.pairs import checked_pairs
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -133,7 +119,7 @@ def certify(A: ArrayLike, B: ArrayLike, X: ArrayLike, Z: ArrayLike, noise: Noise
             hint='give PairNoise, on A or on B, or solve with noise="B"',
             name="noise",
         )
-    weights = cost_weights(noise)
+    weights = polynomial.cost_weights(noise)
     A, B = checked_pairs(A, B, dimensions=3)
     X, Z = _candidate(X, "X"), _candidate(Z, "Z")
     exchanged = noise.on == "A"
@@ -155,9 +141,9 @@ class _Optimum:
     """A stationary point, T = 1, the form about it, and what is known of it."""
 
     at: LocalMinimum
-    form: QuadraticForm
+    form: polynomial.QuadraticForm
     bound: float
-    proof: LowerBound
+    proof: dual.LowerBound
 
     @property
     def cost(self) -> float:
@@ -183,25 +169,25 @@ class _Problem:
 
     A: FloatArray
     B: FloatArray
-    weights: Weights
+    weights: polynomial.Weights
 
     def descend(self, R_X: FloatArray, R_Z: FloatArray) -> _Optimum:
         """Stationary point that rotations ``(1, 3, 3)`` lead to, and the proof there."""
         A, B = self.A[None], self.B[None]
         minimum = minimise(A, B, R_X, R_Z, self.weights)
-        form = quadratic_form(A, B, minimum.X, minimum.Z, self.weights)
-        proof = lower_bound(form, least_multipliers(form))
+        form = polynomial.quadratic_form(A, B, minimum.X, minimum.Z, self.weights)
+        proof = dual.lower_bound(form, dual.least_multipliers(form))
         bound = float(proof.value[0])
         if not proof.convex[0] and np.isfinite(form.rounding[0]):
-            proof = lower_bound(form, balanced_multipliers(form))
+            proof = dual.lower_bound(form, dual.balanced_multipliers(form))
             bound = max(bound, float(proof.value[0]))
         return _Optimum(minimum, form, bound, proof)
 
     def relax(self, found: _Optimum) -> tuple[_Optimum, float]:
         """What the solution of the relaxed problem leads to, and the bound that it is."""
-        multipliers = best_multipliers(found.form)
-        bound = float(lower_bound(found.form, multipliers).value[0])
-        turns = se3.project_to_rotation(relaxed_minimum(found.form, multipliers))
+        multipliers = dual.best_multipliers(found.form)
+        bound = float(dual.lower_bound(found.form, multipliers).value[0])
+        turns = se3.project_to_rotation(dual.relaxed_minimum(found.form, multipliers))
         R_X, R_Z = found.at.X[:, :3, :3], found.at.Z[:, :3, :3]
         return self.descend(R_X @ turns[:, 0], R_Z @ turns[:, 1]), bound
 
@@ -307,7 +293,7 @@ class LocalMinimum:
 
 
 def minimise(
-    A: FloatArray, B: FloatArray, R_X: FloatArray, R_Z: FloatArray, weights: Weights
+    A: FloatArray, B: FloatArray, R_X: FloatArray, R_Z: FloatArray, weights: polynomial.Weights
 ) -> LocalMinimum:
     """Descend from given rotations to a stationary point of the cost, as a rule a local minimum.
 
@@ -328,15 +314,17 @@ def minimise(
         reference have; the second one starts there with the reference at the end of the first.
     """
     none = np.zeros(3)
-    form = quadratic_form(A, B, se3.transform(R_X, none), se3.transform(R_Z, none), weights)
+    form = polynomial.quadratic_form(
+        A, B, se3.transform(R_X, none), se3.transform(R_Z, none), weights
+    )
     X, Z, first, _ = descend(form)
-    form = quadratic_form(A, B, X, Z, weights)
+    form = polynomial.quadratic_form(A, B, X, Z, weights)
     X, Z, second, converged = descend(form)
     cost = form.cost(form.offset(X[:, :3, :3], Z[:, :3, :3]))
     return LocalMinimum(X, Z, cost, first + second, converged)
 
 
-def descend(form: QuadraticForm) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+def descend(form: polynomial.QuadraticForm) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
     """X, Z ``(T, 4, 4)``, number of steps and convergence ``(T,)`` from the form's reference."""
     T = len(form.constant)
     turns = np.tile(np.eye(3), (T, 2, 1, 1))  # of X and Z from the reference
@@ -412,4 +400,4 @@ def _step(
 
 
 def _offset(turns: FloatArray) -> FloatArray:
-    return join(turns[:, 0] - np.eye(3), turns[:, 1] - np.eye(3))
+    return polynomial.join(turns[:, 0] - np.eye(3), turns[:, 1] - np.eye(3))

@@ -21,7 +21,7 @@ from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
 _ROUNDS = 100
-"""Rounds of estimating the noise: the change shrinks to a tenth or so in each."""
+"""Rounds of X and Z, and of the noise by them: a few are usual."""
 
 _SETTLED = 1e-6
 """Relative change of the noise from round to round that counts as none."""
@@ -69,7 +69,6 @@ def with_estimated_noise(
     residuals, the deviations are larger than what they show by ``widening``.
     """
     counted = np.ones((pairs.T, pairs.N)) if weights is None else weights
-    few = counted.sum(axis=-1) < _FEWEST_FOR_BOTH
     least = np.stack([np.full(pairs.T, _LEAST), _LEAST * pairs.size])
     most = np.stack([np.full(pairs.T, np.pi), _MOST * pairs.size])
     square = residuals(pairs.A, pairs.B, X, Z) ** 2
@@ -82,12 +81,7 @@ def with_estimated_noise(
         model = estimated_model(pairs, sigma)
         fit = adjust(pairs, model, X, Z, weights=weights, iterations=_STEPS_A_ROUND)
         X, Z, count = fit.X, fit.Z, count + np.where(moving, fit.iterations, 0)
-        rows = (fit.white**2).reshape(2, 3, pairs.T, pairs.N).sum(axis=(1, 3))
-        freedom = _freedom(counted, _taken_up(fit))
-        # of few pairs X and Z may take up one of the two whole: there the ratio stays
-        rows = np.where(few, rows.sum(axis=0), rows)
-        freedom = np.where(few, np.maximum(6.0 * counted.sum(axis=-1) - 12.0, 1.0), freedom)
-        new = np.clip(sigma * widening * np.sqrt(rows / freedom), least, most)
+        new = _shown(fit, sigma, counted, widening, (least, most))
         change = np.abs(new / sigma - 1.0).max(axis=0)
         # set by set, so that none depends on its company
         sigma = np.where(moving, new, sigma)
@@ -106,12 +100,44 @@ def estimated_model(pairs: PairSets, sigma: FloatArray) -> ErrorModel:
     return Isotropic(pairs.spread(np.concatenate([np.zeros_like(sigma), sigma])))
 
 
-def _taken_up(fit: Fit) -> FloatArray:
-    """Of the 12 of X and Z, how many the rows of rotation and of translation decide ``(2, T)``."""
+def _shown(
+    fit: Fit,
+    sigma: FloatArray,
+    counted: FloatArray,
+    widening: float,
+    bounds: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Noise ``(2, T)`` that the rows of a fit by another show, X and Z moving with it.
+
+    Of the rows of rotation and of translation their squares, gradients and information are all that
+    it takes; each time the change shrinks to a tenth or so.
+    """
     _, _, T, N = fit.jacobian.shape
-    rows = fit.jacobian.reshape(12, 2, 3, T, N).transpose(1, 3, 0, 2, 4).reshape(2, T, 12, 3 * N)
-    own = rows @ np.swapaxes(rows, -1, -2)
-    return np.asarray((fit.covariance * own).sum(axis=(-2, -1)))
+    J = fit.jacobian.reshape(12, 2, 3, T, N).transpose(1, 3, 0, 2, 4).reshape(2, T, 12, 3 * N)
+    white = fit.white.reshape(2, 3, T, N).transpose(0, 2, 1, 3).reshape(2, T, 3 * N, 1)
+    own, right, square = J @ np.swapaxes(J, -1, -2), J @ white, (white**2).sum(axis=(2, 3))
+    count = counted.sum(axis=-1)
+    few = count < _FEWEST_FOR_BOTH
+    new, moving = sigma, np.ones(T, dtype=bool)
+    for _ in range(_ROUNDS):
+        ratio = (sigma / new) ** 2
+        each = ratio[..., None, None]
+        covariance = replace(fit, information=(each * own).sum(axis=0)).covariance
+        step = -covariance @ (each * right).sum(axis=0)
+        rows = np.maximum(square + ((2.0 * right + own @ step) * step).sum(axis=(2, 3)), 0.0)
+        taken = (each * own * covariance).sum(axis=(2, 3))
+        rows, freedom = ratio * rows, _freedom(counted, taken)
+        # of few pairs X and Z may take up one of the two whole: there the ratio stays
+        rows = np.where(few, rows.sum(axis=0), rows)
+        freedom = np.where(few, np.maximum(6.0 * count - 12.0, 1.0), freedom)
+        found = np.clip(new * widening * np.sqrt(rows / freedom), *bounds)
+        change = np.abs(found / new - 1.0).max(axis=0)
+        # set by set, so that none depends on its company
+        new = np.where(moving, found, new)
+        moving &= change > _SETTLED
+        if not moving.any():
+            break
+    return new
 
 
 def _freedom(counted: FloatArray, taken: FloatArray) -> FloatArray:

@@ -21,20 +21,17 @@ import numpy as np
 from calib import se3
 from calib.robot_world.algebra import least_squares
 from calib.robot_world.estimate import Estimate
-from calib.robot_world.methods.relative_motions import (
-    complete,
-    few_motions,
-    relative,
-    vector_rows,
-)
+from calib.robot_world.methods import relative_motions
 from calib.robot_world.pairs import PairSets
 
 
 def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the rotations first, from the motions of all pairs."""
-    i, j = few_motions(np.concatenate(pairs.quaternions, axis=-1))
-    rows = vector_rows(relative(i[:4], j[:4]), relative(i[4:], j[4:])).reshape(pairs.T, -1, 4)
+    i, j = relative_motions.few_motions(np.concatenate(pairs.quaternions, axis=-1))
+    rows = relative_motions.vector_rows(
+        relative_motions.relative(i[:4], j[:4]), relative_motions.relative(i[4:], j[4:])
+    ).reshape(pairs.T, -1, 4)
     ratio = least_squares(rows[..., 1:], -rows[..., 0])
     x = np.concatenate([np.ones((pairs.T, 1)), ratio], axis=-1)
     R_X = se3.rotation_from_quaternion(x)
-    return complete(pairs, R_X)
+    return relative_motions.complete(pairs, R_X)

@@ -89,11 +89,8 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
         )
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise FileFormatError(
-            f"is no mesh file known here ({path.suffix or 'no suffix'})",
-            path=path,
-            hint="give a file " + ", ".join(_READERS),
-        )
+        what = f"is no mesh file known here ({path.suffix or 'no suffix'})"
+        raise _wrong(path, what, "give a file " + ", ".join(_READERS))
     vertices, triangles = _triangles(reader, _read(path), path)
     with np.errstate(invalid="ignore", over="ignore"):
         vertices = vertices * factors
@@ -102,28 +99,52 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
 
 def checked_mesh(vertices: FloatArray, triangles: IntArray, path: Path) -> Mesh:
     """The mesh of vertices ``(V, 3)`` [m] and triangles ``(F, 3)`` that stand in a file."""
-    _check(vertices, triangles, path)
-    return _merged(vertices, triangles)
+    count, largest = len(triangles), LARGEST_TRIANGLES
+    if not count:
+        raise _wrong(path, "has no triangles", "export a surface; is the file complete?")
+    if count > largest:
+        what = f"has {count} triangles, more than {largest}"
+        raise _wrong(path, what, _SIMPLIFY, value=count, bound=largest)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise _wrong(path, f"has triangles of vertices that do not exist ({len(vertices)} do)")
+    used = vertices[triangles.ravel()]
+    if not np.isfinite(used).all():
+        raise _wrong(path, "has coordinates that are no numbers")
+    farthest, bound = float(np.abs(used).max()), LARGEST_COORDINATE_M
+    if farthest > bound:
+        what = f"reaches {farthest:.3g} m from its origin, more than {bound:g} m"
+        hint = "set the scale: 0.001 for a file in mm"
+        raise _wrong(path, what, hint, value=farthest, bound=bound)
+    if not np.ptp(used, axis=0).any():
+        raise _wrong(path, "is a single point")
+    kept, rows = np.unique(used, axis=0, return_inverse=True)
+    corners = np.asarray(rows, dtype=np.intp).reshape(-1, 3)
+    a, b, c = corners.T
+    real = (a != b) & (b != c) & (c != a)  # one with two corners in one point encloses nothing
+    return Mesh(kept, corners[real] if real.any() else corners)
+
+
+_SIMPLIFY = "give a simplified mesh for collisions"
+
+
+def _wrong(
+    path: Path, what: str, hint: str = "export it again", value: object = None, bound: object = None
+) -> FileFormatError:
+    return FileFormatError(what, path=path, hint=hint, value=value, bound=bound)
 
 
 def _read(path: Path) -> bytes:
     try:
         if not path.is_file():  # a pipe would be waited for without end
-            raise FileFormatError("is no file", path=path, hint="give the path of a mesh file")
+            raise _wrong(path, "is no file", "give the path of a mesh file")
         with path.open("rb") as file:
             data = file.read(LARGEST_MESH_BYTES + 1)
     except OSError as error:
-        raise FileFormatError(
-            f"cannot be read: {error.strerror}", path=path, hint="check the path and its rights"
-        ) from error
+        what = f"cannot be read: {error.strerror}"
+        raise _wrong(path, what, "check the path and its rights") from error
     if len(data) > LARGEST_MESH_BYTES:
-        raise FileFormatError(
-            f"has more than {LARGEST_MESH_BYTES / 1e6:.0f} MB",
-            path=path,
-            hint="give a simplified mesh for collisions",
-            value=len(data),
-            bound=LARGEST_MESH_BYTES,
-        )
+        what = f"has more than {LARGEST_MESH_BYTES / 1e6:.0f} MB"
+        raise _wrong(path, what, _SIMPLIFY, value=len(data), bound=LARGEST_MESH_BYTES)
     return data
 
 
@@ -146,57 +167,9 @@ def _triangles(
     except Exception as error:
         reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
         printed = "".join(c if c.isprintable() else " " for c in reason)
-        raise FileFormatError(
-            f"cannot be read as {path.suffix.lower()}: {printed}",
-            path=path,
-            hint="export it again; binary .stl is the simplest format",
-        ) from error
+        what = f"cannot be read as {path.suffix.lower()}: {printed}"
+        raise _wrong(path, what, "export it again; binary .stl is the simplest format") from error
     return vertices, triangles
-
-
-def _check(vertices: FloatArray, triangles: IntArray, path: Path) -> None:
-    if not len(triangles):
-        raise FileFormatError(
-            "has no triangles", path=path, hint="export a surface; is the file complete?"
-        )
-    if len(triangles) > LARGEST_TRIANGLES:
-        raise FileFormatError(
-            f"has {len(triangles)} triangles, more than {LARGEST_TRIANGLES}",
-            path=path,
-            hint="give a simplified mesh for collisions",
-            value=len(triangles),
-            bound=LARGEST_TRIANGLES,
-        )
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise FileFormatError(
-            f"has triangles of vertices that do not exist ({len(vertices)} do)",
-            path=path,
-            hint="export it again",
-        )
-    used = vertices[triangles.ravel()]
-    if not np.isfinite(used).all():
-        raise FileFormatError(
-            "has coordinates that are no numbers", path=path, hint="export it again"
-        )
-    farthest = float(np.abs(used).max())
-    if farthest > LARGEST_COORDINATE_M:
-        raise FileFormatError(
-            f"reaches {farthest:.3g} m from its origin, more than {LARGEST_COORDINATE_M:g} m",
-            path=path,
-            hint="set the scale: 0.001 for a file in mm",
-            value=farthest,
-            bound=LARGEST_COORDINATE_M,
-        )
-    if not np.ptp(used, axis=0).any():
-        raise FileFormatError("is a single point", path=path, hint="export it again")
-
-
-def _merged(vertices: FloatArray, triangles: IntArray) -> Mesh:
-    kept, rows = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
-    corners = np.asarray(rows, dtype=np.intp).reshape(-1, 3)
-    a, b, c = corners.T
-    real = (a != b) & (b != c) & (c != a)  # one with two corners in one point encloses nothing
-    return Mesh(kept, corners[real] if real.any() else corners)
 
 
 def _text(data: bytes) -> bytes:
@@ -244,26 +217,19 @@ _READERS: Mapping[str, Callable[[bytes], list[tuple[FloatArray, IntArray]]]] = {
 
 def _parts(loaded: dict[str, Any]) -> Iterator[tuple[FloatArray, IntArray]]:
     """Vertices (V, 3) and triangles (F, 3) of what trimesh hands on: one mesh, or a scene."""
-    if "geometry" not in loaded:
-        yield from _part(loaded, np.eye(4))
-        return
-    geometry = loaded["geometry"]
-    graph = loaded.get("graph") or [{"geometry": name} for name in geometry]
-    for place in graph:
+    shapes = loaded.get("geometry", {"": loaded})
+    for place in loaded.get("graph") or [{"geometry": name} for name in shapes]:
+        mesh = shapes[place["geometry"]]
+        if "faces" not in mesh or not len(mesh["faces"]):
+            continue
+        vertices = np.asarray(mesh["vertices"], dtype=float)
+        faces = np.asarray(triangulate_quads(mesh["faces"]))
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1:] != (3,):
+            raise ValueError("its vertices or faces have another form")
         T = np.asarray(place.get("matrix", np.eye(4)), dtype=float)
-        yield from _part(geometry[place["geometry"]], T)
-
-
-def _part(mesh: dict[str, Any], T: FloatArray) -> Iterator[tuple[FloatArray, IntArray]]:
-    if "faces" not in mesh or not len(mesh["faces"]):
-        return
-    vertices = np.asarray(mesh["vertices"], dtype=float)
-    faces = np.asarray(triangulate_quads(mesh["faces"]))
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1:] != (3,):
-        raise ValueError("its vertices or faces have another form")
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found later
-        placed = vertices @ T[:3, :3].T + T[:3, 3]
-    yield placed, faces.astype(np.intp, casting="same_kind")
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found later
+            placed = vertices @ T[:3, :3].T + T[:3, 3]
+        yield placed, faces.astype(np.intp, casting="same_kind")
 
 
 _LIBRARIES = ("library_geometries", "library_nodes", "library_visual_scenes", "scene")
@@ -294,16 +260,19 @@ def read_shapes(data: bytes, largest: int) -> tuple[bytes, float]:
         raise ValueError(f"it is no XML ({error})") from error
     if _name(root) != "COLLADA":
         raise ValueError("it is no COLLADA")
-    unit_m = _unit(root)
-    for library in list(root):
-        if _name(library) not in _LIBRARIES:
-            root.remove(library)
-    _drop_looks(root)
+    unit = root.find("{*}asset/{*}unit")
+    unit_m = 1.0 if unit is None else float(unit.get("meter", "1"))
+    if not (math.isfinite(unit_m) and unit_m > 0.0):
+        raise ValueError(f"its unit is {unit_m} m")
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if _name(child) in _LOOKS or (parent is root and _name(child) not in _LIBRARIES):
+                parent.remove(child)
     for element in root.iter():
         for key in ("url", "source"):
             if not element.get(key, "#").startswith("#"):
                 raise ValueError(f"a <{_name(element)}> refers to another file")
-    size = _Sizes(root).of_all()
+    size = _size_of_scenes(root)
     if size > largest:
         raise ValueError(f"its shapes, with all uses of them, have {size:.3g} characters")
     return tostring(root, encoding="utf-8"), unit_m
@@ -314,51 +283,29 @@ def _name(element: Element) -> str:
     return str(element.tag).rsplit("}", 1)[-1]
 
 
-def _unit(root: Element) -> float:
-    found = root.find("{*}asset/{*}unit")
-    unit_m = 1.0 if found is None else float(found.get("meter", "1"))
-    if not (math.isfinite(unit_m) and unit_m > 0.0):
-        raise ValueError(f"its unit is {unit_m} m")
-    return unit_m
+def _size_of_scenes(root: Element) -> int:
+    """Characters of numbers that all scenes stand for, with each use of a geometry."""
+    by_id = {e.get("id"): e for e in root.iter() if e.get("id") is not None}
+    known: dict[Element, int] = {}
+    opened: set[Element] = set()
 
-
-def _drop_looks(root: Element) -> None:
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if _name(child) in _LOOKS:
-                parent.remove(child)
-
-
-class _Sizes:
-    """How many characters of numbers elements stand for, with all that they use."""
-
-    def __init__(self, root: Element) -> None:
-        self._root = root
-        self._by_id = {e.get("id"): e for e in root.iter() if e.get("id") is not None}
-        self._known: dict[Element, int] = {}
-        self._open: set[Element] = set()
-
-    def of_all(self) -> int:
-        """Size of all scenes, each geometry counted at least once."""
-        totals: dict[str, int] = defaultdict(int)
-        for library in self._root:
-            for child in library:
-                totals[_name(library)] += self._of(child)
-        return max(totals.values(), default=0)
-
-    def _of(self, element: Element) -> int:
+    def size_of(element: Element) -> int:
         if _name(element) == "geometry":
             return _INSTANCE_COST + sum(len(e.text or "") for e in element.iter())
-        if element in self._known:
-            return self._known[element]
-        if element in self._open:
+        if element in known:
+            return known[element]
+        if element in opened:
             raise ValueError("its nodes use each other in a circle")
-        self._open.add(element)
-        size = _INSTANCE_COST + sum(self._of(child) for child in element)
+        opened.add(element)
+        size = _INSTANCE_COST + sum(size_of(child) for child in element)
         if _name(element) in ("instance_node", "instance_geometry", "instance_visual_scene"):
-            used = self._by_id.get(element.get("url", "#")[1:])
-            if used is not None:
-                size += self._of(used)
-        self._open.discard(element)
-        self._known[element] = size
+            used = by_id.get(element.get("url", "#")[1:])
+            size += 0 if used is None else size_of(used)
+        opened.discard(element)
+        known[element] = size
         return size
+
+    totals: dict[str, int] = defaultdict(int)  # each geometry is counted at least once
+    for library in root:
+        totals[_name(library)] += sum(size_of(child) for child in library)
+    return max(totals.values(), default=0)

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
-from calib.errors import RobotModelError, near_names
+from calib.errors import RobotModelError, model_error, near_names
 from calib.robots.description.urdf import read_description
 from calib.robots.description.urdf_kinematics import numbers, shown
 from calib.robots.shapes import Body
@@ -79,7 +80,7 @@ class Srdf:
         return pair not in self.enabled and (pair in self.allowed or bool(pair & self.allowed_of))
 
     def _fail(self, what: str, hint: str, name: str) -> RobotModelError:
-        return RobotModelError(f"{self.path}: {what}", hint=hint, name=name)
+        return model_error(self.path, f"{what}", hint, name)
 
 
 def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
@@ -92,17 +93,16 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
     """
     root = read_description(path, packages, hint="give the .srdf of a MoveIt configuration").root
     if len(list(root.iter())) > MOST_ELEMENTS:
-        raise RobotModelError(
-            f"{path}: has more than {MOST_ELEMENTS} elements", hint="is it an SRDF?", name=str(path)
-        )
+        raise model_error(path, f"has more than {MOST_ELEMENTS} elements", "is it an SRDF?")
     for element in root:
         tag = str(element.tag)
         if tag not in _KNOWN:
             is_urdf = tag in ("link", "joint")
-            raise RobotModelError(
-                f"{path}: the element {shown(tag)} is not known in an SRDF",
-                hint="is it a URDF?" if is_urdf else near_names(tag, _KNOWN),
-                name=tag,
+            raise model_error(
+                path,
+                f"the element {shown(tag)} is not known in an SRDF",
+                "is it a URDF?" if is_urdf else near_names(tag, _KNOWN),
+                tag,
             )
 
     def pairs(tag: str) -> frozenset[frozenset[str]]:
@@ -133,10 +133,11 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
 def _word(element: Element, key: str, path: Path) -> str:
     value = element.get(key, "").strip()
     if not value or not value.isprintable():
-        raise RobotModelError(
-            f"{path}: <{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
-            hint="add it",
-            name=str(element.tag),
+        raise model_error(
+            path,
+            f"<{element.tag}> has {key}={shown(element.get(key))}, which names nothing",
+            "add it",
+            str(element.tag),
         )
     return value
 
@@ -149,11 +150,12 @@ def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, fl
         if len(value) > 1:  # floating and planar joints have several; no arm has such joints
             continue
         if not value:
-            raise RobotModelError(
-                f"{path}: the state {shown(name)} has {shown(joint)} at "
+            raise model_error(
+                path,
+                f"the state {shown(name)} has {shown(joint)} at "
                 f"{shown(element.get('value'))}, no number",
-                hint="give rad, or m",
-                name=joint,
+                "give rad, or m",
+                joint,
             )
         values[joint] = value[0]
     return (_word(state, "group", path), name), MappingProxyType(values)
@@ -161,21 +163,16 @@ def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, fl
 
 def allowed_contacts(bodies: Sequence[Body], srdf: Srdf) -> tuple[tuple[str, str], ...]:
     """Names of the bodies of a robot that may touch by an SRDF."""
-    links = sorted(_links(srdf), key=len, reverse=True)
-    of = {body.name: _link_of(body.name, links) for body in bodies}
-    names = list(of)
+    told = srdf.allowed_of.union(*srdf.allowed, *srdf.enabled)
+    links = sorted(told, key=len, reverse=True)
+
+    def link_of(body: str) -> str:
+        """Bodies have the name of their link, with a number or a name of their own behind it."""
+        return next((link for link in links if f"{body}/".startswith(f"{link}/")), body)
+
+    of = {body.name: link_of(body.name) for body in bodies}
     return tuple(
         (one, other)
-        for k, one in enumerate(names)
-        for other in names[k + 1 :]
+        for one, other in combinations(of, 2)
         if of[one] != of[other] and srdf.allows(of[one], of[other])
     )
-
-
-def _links(srdf: Srdf) -> set[str]:
-    return {link for pair in srdf.allowed | srdf.enabled for link in pair} | srdf.allowed_of
-
-
-def _link_of(body: str, links: Iterable[str]) -> str:
-    """The link of a body: bodies have its name, with a number or a name of their own behind it."""
-    return next((link for link in links if body == link or body.startswith(f"{link}/")), body)

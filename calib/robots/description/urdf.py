@@ -22,7 +22,7 @@ import defusedxml
 import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
-from calib.errors import RobotModelError
+from calib.errors import RobotModelError, model_error
 from calib.limited import read_bounded, run_limited
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
@@ -113,16 +113,14 @@ def read_description(
         default = f"every {'other ' if given else ''}argument at its default"
         notices = (", ".join(["expanded from xacro", *given, default]),)
     elif arguments:
-        raise RobotModelError(
-            f"{path}: is no xacro file, and has no arguments",
-            hint="leave them out",
-            name=next(iter(arguments)),
+        raise model_error(
+            path, "is no xacro file, and has no arguments", "leave them out", next(iter(arguments))
         )
     if root.tag != "robot":
-        raise RobotModelError(
-            f"{path}: the outermost element is <{root.tag}>, not <robot>",
-            hint="is it an SDF or a MuJoCo model? convert it to a URDF first",
-            name=str(path),
+        raise model_error(
+            path,
+            f"the outermost element is <{root.tag}>, not <robot>",
+            "is it an SDF or a MuJoCo model? convert it to a URDF first",
         )
     return Description(text, root, tuple(folders), known, notices)
 
@@ -134,10 +132,11 @@ def _arguments(path: Path, words: Iterable[str]) -> dict[str, str]:
         name, separator, value = word.partition(":=")
         if not (name and separator) or name in given:
             why = "is given twice" if name in given else "is not NAME:=VALUE"
-            raise RobotModelError(
-                f"{path}: the xacro argument {shown(word)} {why}",
-                hint='write each as xacro takes it: "prefix:=left_"',
-                name=name,
+            raise model_error(
+                path,
+                f"the xacro argument {shown(word)} {why}",
+                'write each as xacro takes it: "prefix:=left_"',
+                name,
             )
         given[name] = value
     return given
@@ -147,10 +146,11 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
     given = tuple(packages)
     for folder in given:
         if not folder.is_dir():
-            raise RobotModelError(
-                f"{path}: {folder}, where packages are to be searched, is no folder",
-                hint="give the folder that the packages lie in, such as the src of a workspace",
-                name=str(folder),
+            raise model_error(
+                path,
+                f"{folder}, where packages are to be searched, is no folder",
+                "give the folder that the packages lie in, such as the src of a workspace",
+                str(folder),
             )
     return folders_to_search(given)
 
@@ -159,16 +159,14 @@ def _read(path: Path, hint: str) -> bytes:
     try:
         text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
-        raise RobotModelError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
-            hint=hint,
-            name=str(path),
+        raise model_error(
+            path, f"cannot be read: {getattr(error, 'strerror', error)}", hint
         ) from error
     if len(text) > LARGEST_URDF_BYTES:
-        raise RobotModelError(
-            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a description",
-            hint="give the kinematics only",
-            name=str(path),
+        raise model_error(
+            path,
+            f"more than {LARGEST_URDF_BYTES} bytes is too large for a description",
+            "give the kinematics only",
         )
     return text
 
@@ -177,15 +175,13 @@ def _parse(text: bytes, path: Path) -> Element:
     try:
         root: Element = fromstring(text, forbid_dtd=True)
     except defusedxml.DefusedXmlException as error:
-        raise RobotModelError(
-            f"{path}: document types and entities are not accepted in a description",
-            hint="remove the <!DOCTYPE> part",
-            name=str(path),
+        raise model_error(
+            path,
+            "document types and entities are not accepted in a description",
+            "remove the <!DOCTYPE> part",
         ) from error
     except (ParseError, LookupError, ValueError) as error:  # the last two: unknown encodings
-        raise RobotModelError(
-            f"{path}: is not well-formed XML: {error}", hint="mend the file", name=str(path)
-        ) from error
+        raise model_error(path, f"is not well-formed XML: {error}", "mend the file") from error
     if root.tag.endswith("}robot"):  # a name space for all elements, as some tools write it
         space = root.tag.removesuffix("robot")
         for element in root.iter():
@@ -197,10 +193,10 @@ def _build(kinematics: Kinematics, path: Path) -> pin.Model:
     try:
         return pin.buildModelFromXML(tostring(kinematics.root, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
-        raise RobotModelError(
-            f"{path}: Pinocchio cannot build a model of it: {str(error).splitlines()[0]}",
-            hint="check the file with check_urdf",
-            name=str(path),
+        raise model_error(
+            path,
+            f"Pinocchio cannot build a model of it: {str(error).splitlines()[0]}",
+            "check the file with check_urdf",
         ) from error
 
 
@@ -235,11 +231,10 @@ def expand_xacro(
         The xacro package is not installed, or the file cannot be expanded, or not within bounds.
     """
     if find_spec("xacro") is None:
-        raise RobotModelError(
-            f"{path}: contains xacro macros, and the package xacro is not installed",
-            hint='pip install "posedesign[xacro]", or expand it first: xacro file.xacro > '
-            "file.urdf",
-            name=str(path),
+        raise model_error(
+            path,
+            "contains xacro macros, and the package xacro is not installed",
+            'pip install "posedesign[xacro]", or expand it first: xacro file.xacro > file.urdf',
         )
     job = {
         "file": str(path.resolve()),
@@ -266,8 +261,8 @@ def expand_xacro(
 
 
 def _failed(path: Path, why: str) -> RobotModelError:
-    return RobotModelError(
-        f"{path}: xacro cannot be expanded: {why}",
-        hint="correct it, or expand it yourself, where you trust it: xacro file.xacro > file.urdf",
-        name=str(path),
+    return model_error(
+        path,
+        f"xacro cannot be expanded: {why}",
+        "correct it, or expand it yourself, where you trust it: xacro file.xacro > file.urdf",
     )

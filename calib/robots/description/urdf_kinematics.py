@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
-from calib.errors import RobotModelError, near_names
+from calib.errors import RobotModelError, model_error, near_names
 
 MOST_LINKS = 1000
 """Cells of several arms have some two hundred; the reader behind Pinocchio calls itself for each
@@ -57,16 +57,16 @@ def read_kinematics(root: Element, path: Path) -> Kinematics:
     """
     links, joints = root.findall("link"), root.findall("joint")
     if not links:
-        raise RobotModelError(
-            f"{path}: has no links",
-            hint="is it a URDF? a xacro that only defines macros needs the file that calls them",
-            name=str(path),
+        raise model_error(
+            path,
+            "has no links",
+            "is it a URDF? a xacro that only defines macros needs the file that calls them",
         )
     if len(links) > MOST_LINKS:
-        raise RobotModelError(
-            f"{path}: has {len(links)} links, more than {MOST_LINKS}",
-            hint="give the arm alone",
-            name=str(path),
+        raise model_error(
+            path,
+            f"has {len(links)} links, more than {MOST_LINKS}",
+            "give the arm alone",
             value=len(links),
             bound=MOST_LINKS,
         )
@@ -109,7 +109,7 @@ def _add_joint(joint: Element, out: Kinematics, path: Path) -> None:
     name, kind = joint.get("name", ""), joint.get("type", "")
 
     def fail(what: str, hint: str) -> RobotModelError:
-        return RobotModelError(f"{path}: joint {shown(name)} {what}", hint=hint, name=name)
+        return model_error(path, f"joint {shown(name)} {what}", hint, name)
 
     if not name or not name.isprintable():
         raise fail("has no name in one line", "name every joint")
@@ -157,11 +157,12 @@ def _add_limits(joint: Element, written: Element, out: Kinematics, path: Path) -
         given = numbers(f"{mimic.get('multiplier', '1')} {mimic.get('offset', '0')}")
         if len(given) == 2:
             out.led[name] = mimic.get("joint", ""), given[0], given[1]
-        out.flaws[name] = RobotModelError(
-            f"{path}: joint {shown(name)} follows another joint (mimic)",
-            hint="only independent joints can be calibrated: name another base or tip, or hold it "
+        out.flaws[name] = model_error(
+            path,
+            f"joint {shown(name)} follows another joint (mimic)",
+            "only independent joints can be calibrated: name another base or tip, or hold it "
             "at zero with lock",
-            name=name,
+            name,
         )
     if written.get("type") == "continuous":  # to which Pinocchio gives two numbers
         written.set("type", "revolute")
@@ -175,10 +176,11 @@ def _add_limits(joint: Element, written: Element, out: Kinematics, path: Path) -
         if wrong:
             out.flaws.setdefault(
                 name,
-                RobotModelError(
-                    f"{path}: joint {shown(name)} {wrong[0]}",
-                    hint=f"{wrong[1]}, or hold the joint at zero with lock",
-                    name=name,
+                model_error(
+                    path,
+                    f"joint {shown(name)} {wrong[0]}",
+                    f"{wrong[1]}, or hold the joint at zero with lock",
+                    name,
                 ),
             )
             limits = {"lower": 0.0, "upper": 0.0, "velocity": 0.0}
@@ -216,8 +218,8 @@ def _add_link(link: Element, out: Kinematics, path: Path) -> None:
     """An <inertial> that Pinocchio cannot read it leaves out: the link would weigh nothing."""
     name = link.get("name", "")
     if not name or not name.isprintable():
-        raise RobotModelError(
-            f"{path}: link {shown(name)} has no name in one line", hint="name every link", name=name
+        raise model_error(
+            path, f"link {shown(name)} has no name in one line", "name every link", name
         )
     written = SubElement(out.root, "link", name=name)
     inertial = link.find("inertial")
@@ -236,10 +238,11 @@ def _add_link(link: Element, out: Kinematics, path: Path) -> None:
             or (tag == "mass" and not 0.0 <= values[0] <= LARGEST_MASS_KG)
             or (key == "xyz" and max(map(abs, values)) > LARGEST_LENGTH_M)
         ):
-            raise RobotModelError(
-                f"{path}: link {shown(name)} has inertial {tag} {key}={shown(text)}",
-                hint="correct it, or leave <inertial> out",
-                name=name,
+            raise model_error(
+                path,
+                f"link {shown(name)} has inertial {tag} {key}={shown(text)}",
+                "correct it, or leave <inertial> out",
+                name,
             )
         place = copy.find(tag)
         (SubElement(copy, tag) if place is None else place).set(key, spread(values))
@@ -252,10 +255,8 @@ def _check_tree(root: Element, path: Path) -> None:
     for what, names in (("link", links), ("joint", [j.get("name", "") for j in joints])):
         double = [n for n, count in Counter(names).items() if count > 1]
         if double:
-            raise RobotModelError(
-                f"{path}: {what} {shown(min(double))} is defined twice",
-                hint="rename one",
-                name=min(double),
+            raise model_error(
+                path, f"{what} {shown(min(double))} is defined twice", "rename one", min(double)
             )
     known = set(links)
     parent: dict[str, str] = {}
@@ -264,33 +265,35 @@ def _check_tree(root: Element, path: Path) -> None:
         above, below = (_attribute(joint, end) for end in ("parent", "child"))
         for link in (above, below):
             if link not in known:
-                raise RobotModelError(
-                    f"{path}: joint {shown(joint.get('name'))} names a missing link {shown(link)}",
-                    hint="add the link or correct the name",
-                    name=link,
+                raise model_error(
+                    path,
+                    f"joint {shown(joint.get('name'))} names a missing link {shown(link)}",
+                    "add the link or correct the name",
+                    link,
                 )
         if below in parent:
-            raise RobotModelError(
-                f"{path}: link {shown(below)} has two parents", hint="a URDF is a tree", name=below
+            raise model_error(
+                path, f"link {shown(below)} has two parents", "a URDF is a tree", below
             )
         parent[below] = above
         children.setdefault(above, []).append(below)
     roots = [link for link in links if link not in parent]
     if len(roots) != 1:
-        raise RobotModelError(
-            f"{path}: has {len(roots)} root links ({', '.join(roots[:5])[:200]}), not one",
-            hint="join them with fixed joints",
-            name=str(path),
+        raise model_error(
+            path,
+            f"has {len(roots)} root links ({', '.join(roots[:5])[:200]}), not one",
+            "join them with fixed joints",
         )
     reached = roots
     for link in reached:  # grows as it is gone through
         reached.extend(children.get(link, ()))
     if len(reached) < len(links):
         ring = min(known - set(reached))
-        raise RobotModelError(
-            f"{path}: link {shown(ring)} hangs on itself, through a ring of joints",
-            hint="a URDF is a tree",
-            name=ring,
+        raise model_error(
+            path,
+            f"link {shown(ring)} hangs on itself, through a ring of joints",
+            "a URDF is a tree",
+            ring,
         )
 
 

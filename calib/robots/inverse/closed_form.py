@@ -12,6 +12,7 @@ arm's own, about axes 2 to 4, and joint 6. Exactly there it moves with its tip a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import eaik.pybindings.EAIK as eaik
 import numpy as np
@@ -65,18 +66,18 @@ class ClosedForm(InverseKinematics):
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         count = len(T_base_tip)
         postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
-        distance, angle, straight = compare(self._ideal, postures, T_base_tip, pose)
-        if straight.any():
-            postures, pose = self._mend(postures, pose, straight, T_base_tip, near)
-            distance, angle, _ = compare(self._ideal, postures, T_base_tip, pose)
-        exact = (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
+        miss = compare(self._ideal, postures, T_base_tip, pose)
+        if miss.straight.any():
+            postures, pose = self._mend(postures, pose, miss.straight, T_base_tip, near)
+            miss = compare(self._ideal, postures, T_base_tip, pose)
+        exact = miss.below(CLOSURE_TOLERANCE)
         gap_m = np.full(count, np.inf)
         # of least-squares answers, which keep the orientation: what closes in gives some of it up
-        np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
+        np.minimum.at(gap_m, pose, np.where(exact, 0.0, miss.distance))
         lost = (gap_m > 0)[pose]  # answers of poses that have no exact one
         if self._ideal is not self._chain:
             # exact for the ideal arm only, and those at the end of its reach or at its limits
-            lost |= (distance < _NEAR_MISS) & (angle < _NEAR_MISS)
+            lost |= miss.below(_NEAR_MISS)
             exact = np.zeros(len(pose), dtype=bool)
         if lost.any():
             postures, arrived = self._polish(postures, pose, lost, T_base_tip)
@@ -97,20 +98,20 @@ class ClosedForm(InverseKinematics):
     ) -> tuple[FloatArray, IntArray]:
         """Answers with a straight wrist solved again, those of each pose still together."""
         rows = np.flatnonzero(straight)
+        q, of, placed = postures[rows], pose[rows], [0, 1, 2]
         if self._parallel:
             # on the line joint 6 is free: as EAIK has it, and as the reference has it
-            q, of = np.tile(postures[rows], (2, 1)), np.tile(pose[rows], 2)
+            q, of, placed = np.tile(q, (2, 1)), np.tile(of, 2), [0, 5]
             q[len(rows) :, 5] = near[5]
-            known = np.column_stack([of, np.round(q[:, [0, 5]], 9)])
-            once = np.unique(known, axis=0, return_index=True)[1]
-            mended, source = solve_parallel_arm(self._ideal, q[once], T_base_tip[of[once]])
+        # EAIK gives one or both ways to bend joint 5: take each place of the arm once
+        known = np.column_stack([of, np.round(q[:, placed], 9)])
+        once = np.unique(known, axis=0, return_index=True)[1]
+        q, of = q[once], of[once]
+        if self._parallel:
+            mended, source = solve_parallel_arm(self._ideal, q, T_base_tip[of])
         else:
-            # EAIK gives one or both ways to bend joint 5: take each place of the arm once
-            q, of = postures[rows], pose[rows]
-            known = np.column_stack([of, np.round(q[:, :3], 9)])
-            once = np.unique(known, axis=0, return_index=True)[1]
-            mended, source = solve_straight_wrist(self._ideal, q[once], T_base_tip[of[once]], near)
-        of = of[once][source]
+            mended, source = solve_straight_wrist(self._ideal, q, T_base_tip[of], near)
+        of = of[source]
         order = np.argsort(of, kind="stable")
         mended, of = mended[order], of[order]
         fresh = ~repeated(mended, of)
@@ -133,8 +134,8 @@ class ClosedForm(InverseKinematics):
         postures[off] = close_in(
             self._chain, postures[off], T_base_tip[pose[off]], -free, free, _POLISHING
         )
-        distance, angle, _ = compare(self._chain, postures[off], T_base_tip, pose[off])
-        closed = off[(distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)]
+        miss = compare(self._chain, postures[off], T_base_tip, pose[off])
+        closed = off[miss.below(CLOSURE_TOLERANCE)]
         arrived = np.zeros(len(postures), dtype=bool)
         # several answers may close in on one posture
         arrived[closed[~repeated(postures[closed], pose[closed])]] = True
@@ -156,13 +157,22 @@ def every_branch(solver: eaik.Robot, T_base_tip: FloatArray, n: int) -> tuple[Fl
     return postures, np.repeat(np.arange(len(found)), counts)
 
 
+class Miss(NamedTuple):
+    """How far postures miss their poses, ``(S,)`` each."""
+
+    distance: FloatArray  # [m]
+    angle: FloatArray  # [rad], exact where it is small
+    straight: BoolArray  # whether axes 4 and 6 are one line, or nearly so
+
+    def below(self, bound: float) -> BoolArray:
+        """Which are off by less [m, rad]."""
+        return np.asarray(np.maximum(self.distance, self.angle) < bound)
+
+
 def compare(
     chain: SerialChain, postures: FloatArray, T_base_tip: FloatArray, pose: IntArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """How far postures ``(S, n)`` miss the poses ``(N, 4, 4)`` they are for ``(S,)`` [m, rad].
-
-    And whether axes 4 and 6 are one line, or nearly so. Small angles are exact.
-    """
+) -> Miss:
+    """How far postures ``(S, n)`` miss the poses ``(N, 4, 4)`` that they are for, by ``(S,)``."""
     wanted = np.ascontiguousarray(T_base_tip[:, :3].transpose(2, 1, 0)).reshape(12, -1)
     distance, angle, cosine = np.empty((3, len(postures)))
     for start in range(0, len(postures), _CHECKED_AT_ONCE):
@@ -176,7 +186,7 @@ def compare(
         angle[part] = np.sqrt(0.5 * off[:9].sum(axis=0))
         distance[part] = np.sqrt(off[9:].sum(axis=0))
         cosine[part] = (chain.axes_of(walk, 3) * chain.axes_of(walk, 5)).sum(axis=0)
-    return distance, angle, 1.0 - cosine**2 < STRAIGHT_WRIST**2
+    return Miss(distance, angle, 1.0 - cosine**2 < STRAIGHT_WRIST**2)
 
 
 def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
@@ -210,13 +220,9 @@ def solve_straight_wrist(
     q5; q6 is the turn then left over, which makes up for the rounding of q4. On the line itself
     only the sum (or difference) of q4 and q6 is given, and they share the way from ``near``.
 
-    Returns
-    -------
-    postures : array (K, 6)
-        Joint 5 bent either way, or straight where axis 6 is on the line. Exact for a wrist whose
-        axis 5 is perpendicular to its neighbours.
-    source : array (K,)
-        Row of the posture that each comes from.
+    Postures ``(K, 6)``, joint 5 bent either way, or straight where axis 6 is on the line, and the
+    row ``(K,)`` that each comes from. Exact for a wrist whose axis 5 is perpendicular to its
+    neighbours.
     """
     q = postures.copy()
     q[:, 3], q[:, 5] = near[3], near[5]
@@ -231,14 +237,11 @@ def solve_straight_wrist(
     off = np.hypot(off_x, off_y)
     on_line = off < 0.1 * CLOSURE_TOLERANCE
     bend, turn = np.arctan2(off, np.abs(_dot(a6_wanted, a4))), np.arctan2(off_y, off_x)
-    straight = np.zeros_like(q)
-    bent = straight.copy()
-    bent[:, 3], bent[:, 4] = turn, bend
-    other = straight.copy()
-    other[:, 3], other[:, 4] = turn + np.pi, -bend
-    count = np.arange(len(q))
-    source = np.concatenate([count[on_line], count[~on_line], count[~on_line]])
-    q = q[source] + np.concatenate([straight[on_line], bent[~on_line], other[~on_line]])
+    on, beside = np.flatnonzero(on_line), np.flatnonzero(~on_line)
+    source, straight = np.concatenate([on, beside, beside]), np.zeros(len(on))
+    q = q[source]
+    q[:, 3] += np.concatenate([straight, turn[beside], turn[beside] + np.pi])
+    q[:, 4] += np.concatenate([straight, bend[beside], -bend[beside]])
     state = chain.forward(q)
     left_over = rotation_log(T_wanted[source, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
     roll = _dot(left_over, state.axes[:, 5])
@@ -274,14 +277,8 @@ def solve_parallel_arm(
     Off that line the direction of axis 6 tells how far the arm has turned (either way) and joint
     5, and joint 6 makes up for its rounding; what is left is a triangle for joints 2 to 4. On the
     line joint 6 is free: it is kept, or turned until the triangle closes. For arms for which
-    :func:`has_parallel_arm`.
-
-    Returns
-    -------
-    postures : array (K, 6)
-        [rad]; stretched towards the pose where that is out of reach.
-    source : array (K,)
-        Row of the posture that each comes from.
+    :func:`has_parallel_arm`. Postures ``(K, 6)`` [rad], stretched towards the pose where that is
+    out of reach, and the row ``(K,)`` that each comes from.
     """
     turns, bend, roll, source, line = _wrist(chain, postures, T_wanted)
     q = np.zeros((len(source), 6))
@@ -348,13 +345,8 @@ def _into_reach(
 ) -> FloatArray:
     """Smallest turn (S,) [rad] of an offset about n that brings its end into reach.
 
-    Parameters
-    ----------
-    centre, offset : array (S, 3)
-        Across n [m]: what the offset starts from, and the offset.
-    n : array (S, 3)
-    least, most : array (S,)
-        Distances that the end may have [m]; where no turn does, it comes as near as it can.
+    Of offsets ``(S, 3)`` from centres ``(S, 3)``, across n [m]. Least and most ``(S,)``: distances
+    that the end may have [m]; where no turn does, it comes as near as it can.
     """
     sides = _dot(centre, centre) + _dot(offset, offset)
     twice = 2.0 * np.linalg.norm(centre, axis=1) * np.linalg.norm(offset, axis=1)

@@ -176,12 +176,11 @@ class OffsetWrist(InverseKinematics):
         self, q: FloatArray, of: IntArray, T_base_tip: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
         """Postures ``(S, 6)`` that miss their poses, stepped until they do not; which arrived."""
-        distance, turn, _ = compare(self._chain, q, T_base_tip, of)
-        off = np.flatnonzero(np.maximum(distance, turn) > 0.01 * CLOSURE_TOLERANCE)
-        free, q = np.full(6, np.inf), q.copy()
+        exact = compare(self._chain, q, T_base_tip, of).below(0.01 * CLOSURE_TOLERANCE)
+        off, free, q = np.flatnonzero(~exact), np.full(6, np.inf), q.copy()
         q[off] = close_in(self._chain, q[off], T_base_tip[of[off]], -free, free, _POLISHING)
-        distance[off], turn[off], _ = compare(self._chain, q[off], T_base_tip, of[off])
-        return q, (distance < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
+        exact[off] = compare(self._chain, q[off], T_base_tip, of[off]).below(CLOSURE_TOLERANCE)
+        return q, exact
 
     def _moved(self, T_base_tip: FloatArray) -> FloatArray:
         """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""

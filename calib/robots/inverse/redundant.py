@@ -114,19 +114,17 @@ class RedundantArm(InverseKinematics):
         self, postures: FloatArray, pose: IntArray, T_base_tip: FloatArray
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Answers that almost are exact made so: postures, what they miss by [m], whether exact."""
-        distance, angle, _ = compare(self._ideal, postures, T_base_tip, pose)
-        almost = np.flatnonzero((distance < _ALMOST) & (angle < _ALMOST))
-        if self._ideal is self._chain:
-            almost = almost[np.maximum(distance, angle)[almost] > 0.01 * CLOSURE_TOLERANCE]
+        miss, itself = compare(self._ideal, postures, T_base_tip, pose), self._ideal is self._chain
+        done = miss.below(0.01 * CLOSURE_TOLERANCE) & itself
+        almost = np.flatnonzero(miss.below(_ALMOST) & ~done)
         if len(almost):
             free, T = np.full(7, np.inf), T_base_tip[pose[almost]]
             postures[almost] = close_in(self._chain, postures[almost], T, -free, free, _POLISHING)
             # of the others only what an ideal arm misses is not what this one does
-            again = almost if self._ideal is self._chain else np.arange(len(pose))
-            distance[again], angle[again], _ = compare(
-                self._chain, postures[again], T_base_tip, pose[again]
-            )
-        return postures, distance, (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
+            again = almost if itself else np.arange(len(pose))
+            found = compare(self._chain, postures[again], T_base_tip, pose[again])
+            miss.distance[again], miss.angle[again] = found.distance, found.angle
+        return postures, miss.distance, miss.below(CLOSURE_TOLERANCE)
 
     def some(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
@@ -165,8 +163,7 @@ class RedundantArm(InverseKinematics):
         of = np.concatenate([np.arange(count), pose[starts]])
         q = np.concatenate([np.tile(near, (count, 1)), postures[starts]])
         q = move_near(self._chain, q, T_base_tip[of], bounds.lower, bounds.upper, near)
-        miss, turn, _ = compare(self._chain, q, T_base_tip, of)
-        closed = (miss < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
+        closed = compare(self._chain, q, T_base_tip, of).below(CLOSURE_TOLERANCE)
         gap_m[of[closed]] = 0.0
         closed &= bounds.coupled_fit(q)
         q, of = q[closed], of[closed]
@@ -252,13 +249,8 @@ def move_near(
     Each step closes the pose (Newton) and follows the part of ``near - q`` that does not move the
     tip; joints that a step would take out of their limits are held on them. The gain of the pull
     is Barzilai and Borwein's, which on a curve is the secant method. Starts ``(S, n)`` need not
-    take their poses ``(S, 4, 4)``.
-
-    Returns
-    -------
-    array (S, n)
-        [rad], inside the limits. Closed on the poses where that succeeded; the nearest of their
-        neighbourhood where the walk came to rest.
+    take their poses ``(S, 4, 4)``. What comes out ``(S, n)`` [rad] is inside the limits, closed on
+    the poses where that succeeded, and the nearest of its neighbourhood where it came to rest.
     """
     q = q.copy()
     moved, pull = np.zeros_like(q), np.zeros_like(q)

@@ -13,8 +13,7 @@ camera. Its origin is
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
 from typing import ClassVar
 
@@ -43,60 +42,78 @@ Print = tuple[FloatArray, FloatArray]
 centre and radius [m] in the board's frame."""
 
 
+_NOTHING = np.empty((0, 4))
+
+
 @dataclass(frozen=True, eq=False)
-class Board(ABC):
-    """A flat calibration board, black on white."""
+class Board:
+    """A flat calibration board, black on white; lengths in m, in its own frame."""
 
     name: ClassVar[str]
     """Kind of the board, as :func:`make_board` takes it."""
 
-    @property
-    @abstractmethod
-    def points(self) -> FloatArray:
-        """Corners or centres that can be seen ``(K, 3)`` [m] in the board's frame, with z = 0."""
+    points: FloatArray = field(init=False, repr=False)
+    """Corners or centres that can be seen ``(K, 3)``, with z = 0."""
+    box: FloatArray = field(init=False, repr=False)
+    """Left, top, right and bottom of the printed pattern ``(4,)``."""
+    cell_m: float = field(init=False, repr=False)  # distance between neighbouring points
+    clear_m: tuple[float, float] = field(init=False, repr=False)
+    """How far the edges at a point run on, and how far beside them nothing else is."""
+    words: str = field(init=False, repr=False)  # the board in words, lengths in mm
+    ambiguous_half_turn: bool = field(init=False, repr=False)
+    """Whether the board looks the same after half a turn about its normal."""
+    cut_out: FloatArray = field(init=False, repr=False)
+    """Rectangles ``(C, 4)`` that are white in what is black."""
+    _black: Print = field(init=False, repr=False)  # but for what is in markers
+
+    def __post_init__(self) -> None:
+        for own in fields(self):
+            if own.init and own.name.endswith("_m"):
+                _check_length(getattr(self, own.name), own.name)
+
+    def _draw(
+        self,
+        xy: FloatArray,
+        *,
+        box: ArrayLike,
+        cell_m: float,
+        clear_m: tuple[float, float],
+        words: str,
+        rectangles: FloatArray = _NOTHING,
+        discs: FloatArray = _NOTHING[:, :3],
+        cut_out: FloatArray = _NOTHING,
+        ambiguous_half_turn: bool = False,
+    ) -> None:
+        """Say what is on the board, its points ``(K, 2)`` first."""
+        vars(self).update(
+            points=_flat(xy),
+            box=np.asarray(box),
+            cell_m=cell_m,
+            clear_m=clear_m,
+            words=words,
+            ambiguous_half_turn=ambiguous_half_turn,
+            cut_out=cut_out,
+            _black=(rectangles, discs),
+        )
 
     @property
-    @abstractmethod
     def printed(self) -> Print:
         """What is black on the board."""
-
-    @property
-    @abstractmethod
-    def box(self) -> FloatArray:
-        """Left, top, right and bottom of the printed pattern ``(4,)`` [m] in its frame."""
+        return self._black
 
     @property
     def extent(self) -> FloatArray:
-        """What has to be in the picture of a board that is found whole ``(E, 3)`` [m]."""
-        return self.points
-
-    @property
-    @abstractmethod
-    def cell_m(self) -> float:
-        """Distance between neighbouring points [m]."""
-
-    @property
-    @abstractmethod
-    def clear_m(self) -> tuple[float, float]:
-        """How far the edges at a point run on, and how far beside them nothing else is [m]."""
-
-    @property
-    @abstractmethod
-    def words(self) -> str:
-        """The board in words, lengths in mm."""
-
-    @property
-    def cut_out(self) -> FloatArray:
-        """Rectangles ``(C, 4)`` [m] that are white in what is black."""
-        return np.empty((0, 4))
-
-    @property
-    def ambiguous_half_turn(self) -> bool:
-        """Whether the board looks the same after half a turn about its normal."""
-        return False
+        """What has to be in the picture of a board that is found whole ``(E, 3)``."""
+        discs = self.printed[1]
+        if not len(discs):
+            return self.points
+        count = 4 if len(discs) > 1 else 24
+        angle = 2.0 * np.pi * np.arange(count) / count
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return _flat((discs[:, None, :2] + discs[:, None, 2:] * circle).reshape(-1, 2))
 
     def is_black(self, xy: FloatArray) -> BoolArray:
-        """Whether points ``(N, 2)`` [m] in the board's frame are black ``(N,)``."""
+        """Whether points ``(N, 2)`` in the board's frame are black ``(N,)``."""
         rectangles, discs = self.printed
         black = _in_rectangles(xy, rectangles)
         for x, y, radius in discs:
@@ -107,25 +124,20 @@ class Board(ABC):
     def quadrants(self) -> FloatArray:
         """Blackness ``(K, 2, 2)`` of the quarters about each point: [k, 1, 0] is right above."""
         step = min(self.clear_m) / 4 * np.array([-1.0, 1.0])
-        x, y = self.points[:, 0], self.points[:, 1]
-        shape = (len(x), 2, 2)
-        across = np.broadcast_to(x[:, None, None] + step[:, None], shape)
-        down = np.broadcast_to(y[:, None, None] + step, shape)
-        quarters = np.stack([across.ravel(), down.ravel()], axis=1)
-        return self.is_black(quarters).astype(float).reshape(shape)
+        aside = np.stack(np.meshgrid(step, step, indexing="ij"), axis=-1)
+        quarters = self.points[:, None, None, :2] + aside
+        return self.is_black(quarters.reshape(-1, 2)).astype(float).reshape(-1, 2, 2)
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of the printed pattern [m]."""
+        """Width and height of the printed pattern."""
         left, top, right, bottom = self.box.tolist()
         return right - left, bottom - top
 
     @property
     def outline(self) -> FloatArray:
-        """Corners of the printed pattern ``(4, 3)`` [m], clockwise from the left upper one."""
-        left, top, right, bottom = self.box
-        corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
-        return np.column_stack([np.array(corners), np.zeros(4)])
+        """Corners of the printed pattern ``(4, 3)``, clockwise from the left upper one."""
+        return _flat(self.box[[[0, 1], [2, 1], [2, 3], [0, 3]]])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,6 +151,14 @@ class GridBoard(Board):
     def __post_init__(self) -> None:
         for key in ("columns", "rows"):
             _check_count(getattr(self, key), key, self.name, least=1)
+        super().__post_init__()
+
+    def _refuse_quarter_turn(self, what: str) -> None:
+        raise InputError(
+            f"a board of {self.columns} x {self.rows} {what} looks the same after a quarter turn",
+            hint="take one more column than rows",
+            name="columns",
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,10 +171,11 @@ class MarkerBoard(GridBoard):
     marker_m: float  # side of the black square of a marker
     dictionary: str  # one of :data:`DICTIONARIES`
     first_id: int = 0  # number of the left upper marker; the others count on, row by row
+    marker_corners: FloatArray = field(init=False, repr=False)
+    """Corners of the markers ``(M, 4, 2)``, clockwise from the left upper one."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length(self.marker_m, "marker_m")
         if self.dictionary not in DICTIONARIES:
             raise InputError(
                 f"there is no dictionary {self.dictionary!r}",
@@ -163,58 +184,50 @@ class MarkerBoard(GridBoard):
             )
         _check_count(self.first_id, "first_id", self.name, least=0, most=10_000)
 
-    @property
-    @abstractmethod
-    def marker_places(self) -> FloatArray:
-        """Left upper corners of the markers ``(M, 2)`` [m]."""
-
-    @property
-    def marker_corners(self) -> FloatArray:
-        """Corners of the markers ``(M, 4, 2)`` [m], clockwise from the left upper one."""
+    def _place_markers(self, places: FloatArray) -> str:
+        """Markers whose left upper corners are at ``(M, 2)``, and in words which."""
         square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-        return np.asarray(self.marker_places[:, None] + self.marker_m * square)
+        vars(self)["marker_corners"] = places[:, None] + self.marker_m * square
+        first, last, known = self.first_id, self.ids.stop - 1, len(self.markers.bytesList)
+        if last >= known:
+            raise InputError(
+                f"the board has markers {first} to {last}, {self.dictionary} has {known}",
+                hint="take a larger dictionary, fewer markers or another first_id",
+                name="dictionary",
+            )
+        return f"markers {first} to {last} of {self.dictionary}, {1e3 * self.marker_m:g} mm"
 
     @property
     def ids(self) -> range:
         """Numbers of the markers."""
-        return range(self.first_id, self.first_id + len(self.marker_places))
+        return range(self.first_id, self.first_id + len(self.marker_corners))
 
     @property
     def markers(self) -> cv2.aruco.Dictionary:
         """The dictionary itself."""
         return dictionary_of(self.dictionary)
 
-    def _check_ids(self) -> None:
-        known = len(self.markers.bytesList)
-        if self.ids.stop > known:
-            raise InputError(
-                f"the board has markers {self.ids.start} to {self.ids.stop - 1}, "
-                f"{self.dictionary} has {known}",
-                hint="take a larger dictionary, fewer markers or another first_id",
-                name="dictionary",
-            )
-
-    def _printed_markers(self) -> FloatArray:
-        """Rectangles ``(M, 4)`` that are black in the markers."""
-        cells = self.markers.markerSize + 2 * self.border_bits
-        side = self.marker_m / cells
-        found = []
-        for place, number in zip(self.marker_places, self.ids, strict=True):
-            bits = self.markers.generateImageMarker(number, cells, None, self.border_bits) == 0
-            found.append(side * _runs(bits) + np.tile(place, 2))
-        return np.vstack(found)
-
     @property
-    def _marker_words(self) -> str:
-        return (
-            f"markers {self.ids.start} to {self.ids.stop - 1} of {self.dictionary}, "
-            f"{1e3 * self.marker_m:g} mm"
-        )
+    def _cells(self) -> int:
+        """Cells along a side of a marker, its border with them."""
+        return int(self.markers.markerSize + 2 * self.border_bits)
+
+    @cached_property
+    def printed(self) -> Print:
+        """What is black on the board, the black runs of the rows of its markers with it."""
+        black, side, draw = [self._black[0]], self.marker_m / self._cells, self.markers
+        for corners, number in zip(self.marker_corners, self.ids, strict=True):
+            bits = draw.generateImageMarker(number, self._cells, None, self.border_bits) == 0
+            step = np.diff(np.pad(bits.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+            row, left = np.nonzero(step == 1)
+            runs = np.stack([left, row, np.nonzero(step == -1)[1], row + 1], axis=1)
+            black.append(side * runs + np.tile(corners[0], 2))
+        return np.vstack(black), self._black[1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CharucoBoard(MarkerBoard):
-    """A chessboard with markers in its white squares."""
+    """A chessboard with markers in its white squares; points are its inner corners, row by row."""
 
     name: ClassVar[str] = "charuco"
     square_m: float  # side of the squares
@@ -224,123 +237,74 @@ class CharucoBoard(MarkerBoard):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length(self.square_m, "square_m")
-        if not self.marker_m < self.square_m:
+        side, columns, rows = self.square_m, self.columns, self.rows
+        if not self.marker_m < side:
             raise InputError(
                 f"markers of {1e3 * self.marker_m:g} mm do not go into squares of "
-                f"{1e3 * self.square_m:g} mm",
+                f"{1e3 * side:g} mm",
                 hint="markers are smaller than squares: 0.7 to 0.8 of them is usual",
                 name="marker_m",
             )
-        if min(self.columns, self.rows) < 2 or self.columns * self.rows < 6:
+        if min(columns, rows) < 2 or columns * rows < 6:
             raise InputError(
-                f"a ChArUco board of {self.columns} x {self.rows} squares has "
-                f"{(self.columns - 1) * (self.rows - 1)} inner corners",
+                f"a ChArUco board of {columns} x {rows} squares has "
+                f"{(columns - 1) * (rows - 1)} inner corners",
                 hint="columns and rows count squares: take 3 x 3 at least",
                 name="columns",
             )
-        self._check_ids()
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Inner corners ``(K, 3)`` [m], row by row."""
-        return _lattice(self.columns - 1, self.rows - 1, self.square_m, (1.0, 1.0))
-
-    @cached_property
-    def marker_places(self) -> FloatArray:
-        margin = (self.square_m - self.marker_m) / 2
-        white = ~_checks(self.columns, self.rows, self._first_is_black)
-        rows, columns = np.nonzero(white)
-        return np.asarray(self.square_m * np.stack([columns, rows], axis=1) + margin)
-
-    @property
-    def _first_is_black(self) -> bool:
-        return not (self.legacy and self.rows % 2 == 0)
-
-    @cached_property
-    def printed(self) -> Print:
-        squares = _squares(self.columns, self.rows, self.square_m, self._first_is_black)
-        return np.vstack([squares, self._printed_markers()]), np.empty((0, 3))
-
-    @property
-    def box(self) -> FloatArray:
-        return np.array([0.0, 0.0, self.columns * self.square_m, self.rows * self.square_m])
-
-    @property
-    def cell_m(self) -> float:
-        return self.square_m
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        """Half a square along its sides, and the white about its marker.
-
-        Markers lie on both sides of an edge by turns, so what is seen of them cancels out.
-        """
-        white = (self.square_m - self.marker_m) / 2
-        return 0.45 * self.square_m, max(0.9 * white, 0.12 * self.square_m)
-
-    @property
-    def words(self) -> str:
-        return (
-            f"ChArUco board of {self.columns} x {self.rows} squares of "
-            f"{1e3 * self.square_m:g} mm, {self._marker_words}" + ", legacy pattern" * self.legacy
+        white = (side - self.marker_m) / 2
+        first = not (self.legacy and rows % 2 == 0)
+        markers = self._place_markers(side * _checks(columns, rows, not first) + white)
+        squares = side * _checks(columns, rows, first)
+        self._draw(
+            side * (_lattice(columns - 1, rows - 1) + 1.0),
+            box=[0.0, 0.0, columns * side, rows * side],
+            cell_m=side,
+            # half a square along its sides, and the white about its marker: markers lie on both
+            # sides of an edge by turns, so what is seen of them cancels out
+            clear_m=(0.45 * side, max(0.9 * white, 0.12 * side)),
+            words=f"ChArUco board of {columns} x {rows} squares of {1e3 * side:g} mm, {markers}"
+            + ", legacy pattern" * self.legacy,
+            rectangles=np.hstack([squares, squares + side]),
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkerGrid(MarkerBoard):
-    """Rows and columns of markers."""
+    """Rows and columns of markers; points are their corners, clockwise from the left upper."""
 
     title: ClassVar[str]
+    is_kalibr: ClassVar[bool] = False
     spacing_m: float  # from the left side of a marker to that of the next
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length(self.spacing_m, "spacing_m")
-        if not self.marker_m < self.spacing_m:
+        step, side = self.spacing_m, self.marker_m
+        if not side < step:
             raise InputError(
-                f"markers of {1e3 * self.marker_m:g} mm do not go side by side every "
-                f"{1e3 * self.spacing_m:g} mm",
+                f"markers of {1e3 * side:g} mm do not go side by side every {1e3 * step:g} mm",
                 hint="spacing is from marker to marker, the white between them included",
                 name="spacing_m",
             )
-        self._check_ids()
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Corners of the markers ``(K, 3)`` [m], four for each, clockwise from left upper."""
-        corners = self.marker_corners.reshape(-1, 2)
-        return np.column_stack([corners, np.zeros(len(corners))])
-
-    @cached_property
-    def marker_places(self) -> FloatArray:
-        return _lattice(self.columns, self.rows, self.spacing_m)[:, :2]
-
-    @cached_property
-    def printed(self) -> Print:
-        return self._printed_markers(), np.empty((0, 3))
-
-    @property
-    def box(self) -> FloatArray:
-        across, down = (self.spacing_m * (n - 1) for n in (self.columns, self.rows))
-        return np.array([0.0, 0.0, across + self.marker_m, down + self.marker_m])
-
-    @property
-    def cell_m(self) -> float:
-        """Side of a marker, or the white between two [m]."""
-        return min(self.marker_m, self.spacing_m - self.marker_m)
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        """Half a side, and the black border of a marker or the white between two."""
-        border = self.border_bits * self.marker_m / (self.markers.markerSize + 2 * self.border_bits)
-        return 0.45 * self.marker_m, 0.9 * min(border, self.spacing_m - self.marker_m)
-
-    @property
-    def words(self) -> str:
-        return (
-            f"{self.title} of {self.columns} x {self.rows} every {1e3 * self.spacing_m:g} mm, "
-            f"{self._marker_words}"
+        gap, border = step - side, self.border_bits * side / self._cells
+        places = step * _lattice(self.columns, self.rows)
+        box = np.array([0.0, 0.0, *(places.max(axis=0) + side)])
+        along, black = 0.45 * side, _NOTHING
+        if self.is_kalibr:
+            places = places.reshape(self.rows, self.columns, 2)[::-1].reshape(-1, 2)
+            squares = step * _lattice(self.columns + 1, self.rows + 1) - gap
+            box, black = box + gap * np.array([-1, -1, 1, 1]), np.hstack([squares, squares + gap])
+            along = min(along, 0.9 * gap)  # an edge ends with the side of a square
+        markers = self._place_markers(places)
+        self._draw(
+            self.marker_corners.reshape(-1, 2),
+            box=box,
+            cell_m=min(side, gap),
+            # half a side, and the black border of a marker or the white between two
+            clear_m=(along, 0.9 * min(border, gap)),
+            words=f"{self.title} of {self.columns} x {self.rows} every {1e3 * step:g} mm, "
+            + markers,
+            rectangles=black,
         )
 
 
@@ -368,157 +332,85 @@ class KalibrAprilGrid(AprilTagGrid):
     name: ClassVar[str] = "kalibr-aprilgrid"
     title: ClassVar[str] = "AprilGrid of Kalibr"
     border_bits: ClassVar[int] = 2
-
-    @cached_property
-    def marker_places(self) -> FloatArray:
-        """Left upper corners of the tags ``(M, 2)`` [m], rows from below."""
-        rows = _lattice(self.columns, self.rows, self.spacing_m)[:, :2]
-        return rows.reshape(self.rows, self.columns, 2)[::-1].reshape(-1, 2)
-
-    @cached_property
-    def printed(self) -> Print:
-        gap = self.spacing_m - self.marker_m
-        squares = _lattice(self.columns + 1, self.rows + 1, self.spacing_m)[:, :2] - gap
-        return np.vstack([self._printed_markers(), np.hstack([squares, squares + gap])]), np.empty(
-            (0, 3)
-        )
-
-    @property
-    def box(self) -> FloatArray:
-        gap = self.spacing_m - self.marker_m
-        return np.asarray(super().box + gap * np.array([-1.0, -1.0, 1.0, 1.0]))
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        """The side of a square, which an edge ends with, and what is clear beside it."""
-        gap = self.spacing_m - self.marker_m
-        along, across = super().clear_m
-        return min(along, 0.9 * gap), across
+    is_kalibr: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Chessboard(GridBoard):
-    """A chessboard; its left upper square is black."""
+    """A chessboard, its left upper square black; points are its inner corners, row by row."""
 
     name: ClassVar[str] = "chessboard"
     square_m: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length(self.square_m, "square_m")
-        if min(self.columns, self.rows) < 4:
+        columns, rows, side = self.columns, self.rows, self.square_m
+        if min(columns, rows) < 4:
             raise InputError(
-                f"a chessboard of {self.columns} x {self.rows} squares is too small to be found",
+                f"a chessboard of {columns} x {rows} squares is too small to be found",
                 hint="columns and rows count squares, not inner corners: 4 x 4 at least",
                 name="columns",
             )
-        if self.columns == self.rows and self.columns % 2:
-            _refuse_quarter_turn(self, "squares")
-
-    @property
-    def ambiguous_half_turn(self) -> bool:
-        """Whether opposite corner squares have the same colour."""
-        return (self.columns + self.rows) % 2 == 0
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Inner corners ``(K, 3)`` [m], row by row."""
-        return _lattice(self.columns - 1, self.rows - 1, self.square_m)
-
-    @cached_property
-    def printed(self) -> Print:
-        squares = _squares(self.columns, self.rows, self.square_m, True) - self.square_m
-        return squares, np.empty((0, 3))
-
-    @property
-    def box(self) -> FloatArray:
-        return self.square_m * np.array([-1.0, -1.0, self.columns - 1, self.rows - 1])
-
-    @property
-    def cell_m(self) -> float:
-        return self.square_m
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        return 0.45 * self.square_m, 0.45 * self.square_m
-
-    @property
-    def words(self) -> str:
-        return (
-            f"chessboard of {self.columns} x {self.rows} squares of {1e3 * self.square_m:g} mm "
-            f"({self.columns - 1} x {self.rows - 1} inner corners)"
+        if columns == rows and columns % 2:
+            self._refuse_quarter_turn("squares")
+        squares = side * _checks(columns, rows, True)
+        self._draw(
+            side * _lattice(columns - 1, rows - 1),
+            box=side * np.array([-1.0, -1.0, columns - 1, rows - 1]),
+            cell_m=side,
+            clear_m=(0.45 * side, 0.45 * side),
+            words=f"chessboard of {columns} x {rows} squares of {1e3 * side:g} mm "
+            f"({columns - 1} x {rows - 1} inner corners)",
+            rectangles=np.hstack([squares - side, squares]),
+            ambiguous_half_turn=(columns + rows) % 2 == 0,  # opposite corners are of one colour
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CircleGrid(GridBoard):
-    """Rows and columns of black circles, spaced from centre to centre, across and down."""
+    """Rows and columns of black circles, spaced from centre to centre; points are the centres."""
 
     name: ClassVar[str] = "circles"
+    is_asymmetric: ClassVar[bool] = False
     spacing_m: float
     diameter_m: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_length(self.spacing_m, "spacing_m")
-        _check_length(self.diameter_m, "diameter_m")
+        diameter, step = self.diameter_m, self.spacing_m
         if min(self.columns, self.rows) < 3:
             raise InputError(
                 f"{self.columns} x {self.rows} circles are too few to be told from others",
                 hint="take 3 x 3 at least",
                 name="columns",
             )
-        if not self.diameter_m < 0.9 * self.cell_m:
+        apart, grid = step, _lattice(self.columns, self.rows)
+        size = f"{self.columns} x {self.rows} circles of {1e3 * diameter:g} mm every"
+        words, half_turn = f"grid of {size} {1e3 * step:g} mm", True
+        if self.is_asymmetric:
+            row = grid[:, 1]
+            apart, grid = float(np.sqrt(2.0)) * step, np.stack([2 * grid[:, 0] + row % 2, row], 1)
+            size = f"{self.rows} rows of {self.columns} circles of {1e3 * diameter:g} mm"
+            words = f"asymmetric grid of {size}, rows {1e3 * step:g} mm apart"
+            half_turn = self.rows % 2 == 0  # then first and last row change places
+        if not diameter < 0.9 * apart:
             raise InputError(
-                f"circles of {1e3 * self.diameter_m:g} mm are {1e3 * self.cell_m:.4g} mm apart",
+                f"circles of {1e3 * diameter:g} mm are {1e3 * apart:.4g} mm apart",
                 hint="leave white between them: half the distance is a good diameter",
                 name="diameter_m",
             )
-        self._check_order()
-
-    def _check_order(self) -> None:
-        if self.columns == self.rows:
-            _refuse_quarter_turn(self, "circles")
-
-    @property
-    def ambiguous_half_turn(self) -> bool:
-        """A grid of circles always looks the same after half a turn."""
-        return True
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Centres ``(K, 3)`` [m], row by row."""
-        return _lattice(self.columns, self.rows, self.spacing_m)
-
-    @cached_property
-    def printed(self) -> Print:
-        discs = self.points.copy()
-        discs[:, 2] = self.diameter_m / 2
-        return np.empty((0, 4)), discs
-
-    @property
-    def extent(self) -> FloatArray:
-        return _rims(self.printed[1], 4)
-
-    @property
-    def box(self) -> FloatArray:
-        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
-        return np.concatenate([low - self.diameter_m / 2, high + self.diameter_m / 2])
-
-    @property
-    def cell_m(self) -> float:
-        return self.spacing_m
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        """The whole circle, and what is inside or between circles."""
-        return self.diameter_m, 0.45 * min(self.diameter_m, self.cell_m - self.diameter_m)
-
-    @property
-    def words(self) -> str:
-        return (
-            f"grid of {self.columns} x {self.rows} circles of {1e3 * self.diameter_m:g} mm every "
-            f"{1e3 * self.spacing_m:g} mm"
+        if self.columns == self.rows and not self.is_asymmetric:
+            self._refuse_quarter_turn("circles")
+        xy = step * grid
+        self._draw(
+            xy,
+            box=np.concatenate([xy.min(axis=0) - diameter / 2, xy.max(axis=0) + diameter / 2]),
+            cell_m=apart,
+            # the whole circle, and what is inside or between circles
+            clear_m=(diameter, 0.45 * min(diameter, apart - diameter)),
+            words=words,
+            discs=np.column_stack([xy, np.full(len(xy), diameter / 2)]),
+            ambiguous_half_turn=half_turn,
         )
 
 
@@ -526,94 +418,44 @@ class AsymmetricCircleGrid(CircleGrid):
     """Rows of black circles, every second one moved to the right by half a step.
 
     ``spacing_m`` is the distance of the rows, and half of that from centre to centre in a row.
+    Neighbours are diagonal.
     """
 
     name: ClassVar[str] = "asymmetric-circles"
-
-    def _check_order(self) -> None:
-        """A half turn is all that can be hidden: rows and columns are not at the same distance."""
-
-    @property
-    def ambiguous_half_turn(self) -> bool:
-        """Whether the number of rows is even: first and last row then change places."""
-        return self.rows % 2 == 0
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Centres ``(K, 3)`` [m], row by row."""
-        row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
-        grid = np.stack([2 * column + row % 2, row, np.zeros_like(row)], axis=1)
-        return np.asarray(self.spacing_m * grid)
-
-    @property
-    def cell_m(self) -> float:
-        """Distance between neighbours, which are diagonal [m]."""
-        return float(np.sqrt(2.0)) * self.spacing_m
-
-    @property
-    def words(self) -> str:
-        return (
-            f"asymmetric grid of {self.rows} rows of {self.columns} circles of "
-            f"{1e3 * self.diameter_m:g} mm, rows {1e3 * self.spacing_m:g} mm apart"
-        )
+    is_asymmetric: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, eq=False)
 class RoundTarget(Board):
     """A black circle with a white cross in it, and white squares beside three of its corners.
 
-    The corner without a square, right below, tells which way is up. Points are the corners of cross
-    and squares. The middle of the circle is none: perspective and the lens move the middle of so
-    large an ellipse, and edges that meet in a corner they do not.
+    The corner without a square, right below, tells which way is up. Points are the corners of the
+    cross ``(12,)``, then of the squares ``(12,)``, all clockwise. The middle of the circle is none:
+    perspective and the lens move the middle of so large an ellipse, and edges that meet in a corner
+    they do not.
     """
 
     name: ClassVar[str] = "round-target"
     diameter_m: float
 
     def __post_init__(self) -> None:
-        _check_length(self.diameter_m, "diameter_m")
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Corners of the cross, then of the squares ``(24, 3)`` [m], all clockwise."""
-        long, half = _CROSS
-        arm = np.array([[half, -half], [long, -half], [long, half]])
-        cross = [arm @ turn for turn in QUARTER_TURNS]
-        corners = self.cut_out[2:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
-        xy = np.vstack([self.diameter_m * np.vstack(cross), corners])
-        return np.column_stack([xy, np.zeros(len(xy))])
-
-    @property
-    def printed(self) -> Print:
-        return np.empty((0, 4)), np.array([[0.0, 0.0, self.diameter_m / 2]])
-
-    @property
-    def cut_out(self) -> FloatArray:
-        (long, half), (near, far) = _CROSS, _SQUARE
+        super().__post_init__()
+        size, (long, half), (near, far) = self.diameter_m, _CROSS, _SQUARE
         bars = [[-long, -half, long, half], [-half, -long, half, long]]
         squares = [[-far, near, -near, far], [-far, -far, -near, -near], [near, -far, far, -near]]
-        return self.diameter_m * np.array(bars + squares)
-
-    @property
-    def extent(self) -> FloatArray:
-        return _rims(self.printed[1], 24)
-
-    @property
-    def box(self) -> FloatArray:
-        return self.diameter_m / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
-
-    @property
-    def cell_m(self) -> float:
-        return 2 * _CROSS[1] * self.diameter_m
-
-    @property
-    def clear_m(self) -> tuple[float, float]:
-        """Half the end of a bar, and half of what is between a bar and a square."""
-        return 0.45 * self.cell_m, 0.45 * (_SQUARE[0] - _CROSS[1]) * self.diameter_m
-
-    @property
-    def words(self) -> str:
-        return f"round target of {1e3 * self.diameter_m:g} mm with a cross and three squares"
+        white = size * np.array(bars + squares)
+        arm = size * np.array([[half, -half], [long, -half], [long, half]])
+        corners = white[2:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
+        self._draw(
+            np.vstack([*(arm @ turn for turn in QUARTER_TURNS), corners]),
+            box=size / 2 * np.array([-1.0, -1.0, 1.0, 1.0]),
+            cell_m=2 * half * size,
+            # half the end of a bar, and half of what is between a bar and a square
+            clear_m=(0.9 * half * size, 0.45 * (near - half) * size),
+            words=f"round target of {1e3 * size:g} mm with a cross and three squares",
+            discs=np.array([[0.0, 0.0, size / 2]]),
+            cut_out=white,
+        )
 
 
 _CROSS, _SQUARE = (0.36, 0.06), (0.16, 0.29)
@@ -695,10 +537,10 @@ def make_board(
         _check_length(spacing_m, "spacing_m")
         near = np.sqrt(2.0) if board is AsymmetricCircleGrid else 1.0
         values["diameter_m"] = float(near * spacing_m / 2)
-    for field in fields(board):
-        if field.name not in values and field.default is MISSING:
-            raise InputError(f"a {kind} needs {field.name}", hint="give it", name=field.name)
-    known = {field.name for field in fields(board)}
+    known = {own.name: own for own in fields(board) if own.init}
+    for key, own in known.items():
+        if key not in values and own.default is MISSING:
+            raise InputError(f"a {kind} needs {key}", hint="give it", name=key)
     for key in values:
         if key not in known:
             raise InputError(f"a {kind} has no {key}", hint="leave it out", name=key)
@@ -731,14 +573,6 @@ def _dictionary_name(kind: str, given: object) -> str:
     )
 
 
-def _refuse_quarter_turn(board: GridBoard, what: str) -> None:
-    raise InputError(
-        f"a board of {board.columns} x {board.rows} {what} looks the same after a quarter turn",
-        hint="take one more column than rows",
-        name="columns",
-    )
-
-
 def _check_count(
     value: object, key: str, kind: str, *, least: int, most: int = MOST_ACROSS
 ) -> None:
@@ -763,31 +597,20 @@ def _check_length(value: object, key: str) -> None:
     )
 
 
-def _lattice(
-    columns: int, rows: int, step: float, first: tuple[float, float] = (0.0, 0.0)
-) -> FloatArray:
-    """Points ``(rows * columns, 3)``, row by row."""
+def _lattice(columns: int, rows: int) -> FloatArray:
+    """Columns and rows ``(rows * columns, 2)``, row by row."""
     row, column = np.divmod(np.arange(rows * columns), columns)
-    grid = [column + first[0], row + first[1], np.zeros(rows * columns)]
-    return np.asarray(step * np.stack(grid, axis=1))
+    return np.stack([column, row], axis=1).astype(float)
 
 
-def _checks(columns: int, rows: int, first: bool) -> BoolArray:
-    """Which squares ``(rows, columns)`` are black."""
-    return np.asarray((np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0) == first)
+def _checks(columns: int, rows: int, first: bool) -> FloatArray:
+    """Columns and rows ``(M, 2)`` of every second square, the first one or the next."""
+    grid = _lattice(columns, rows)
+    return np.asarray(grid[(grid.sum(axis=1) % 2 == 0) == first])
 
 
-def _squares(columns: int, rows: int, side: float, first: bool) -> FloatArray:
-    row, column = np.nonzero(_checks(columns, rows, first))
-    return np.asarray(side * np.stack([column, row, column + 1, row + 1], axis=1))
-
-
-def _rims(discs: FloatArray, count: int) -> FloatArray:
-    """Points ``(D * count, 3)`` evenly about discs."""
-    angle = 2.0 * np.pi * np.arange(count) / count
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rims = (discs[:, None, :2] + discs[:, None, 2:] * circle).reshape(-1, 2)
-    return np.column_stack([rims, np.zeros(len(rims))])
+def _flat(xy: FloatArray) -> FloatArray:
+    return np.column_stack([xy, np.zeros(len(xy))])
 
 
 def _in_rectangles(xy: FloatArray, rectangles: FloatArray) -> BoolArray:
@@ -796,12 +619,3 @@ def _in_rectangles(xy: FloatArray, rectangles: FloatArray) -> BoolArray:
     for left, top, right, bottom in rectangles:
         inside |= (x >= left) & (x < right) & (y >= top) & (y < bottom)
     return inside
-
-
-def _runs(black: ArrayLike) -> FloatArray:
-    """Rectangles ``(M, 4)`` in cells that are black together: runs of each row."""
-    padded = np.pad(np.asarray(black, dtype=np.int8), ((0, 0), (1, 1)))
-    step = np.diff(padded, axis=1)
-    row, left = np.nonzero(step == 1)
-    right = np.nonzero(step == -1)[1]
-    return np.stack([left, row, right, row + 1], axis=1).astype(float)

@@ -135,5 +135,7 @@ def _projected(homography: FloatArray, xy: FloatArray) -> FloatArray:
 def _terms(at: FloatArray, count: int) -> FloatArray:
     """Powers of the pixels ``(..., count)``, all orders from zero on."""
     x, y = at[..., 0], at[..., 1]
-    powers = [x**i * y ** (n - i) for n in range(4) for i in range(n + 1)]
-    return np.stack(powers[:count], axis=-1)
+    rows = [[np.ones_like(x)]]
+    while sum(map(len, rows)) < count:  # of each order from those of the one before
+        rows.append([power * y for power in rows[-1]] + [rows[-1][-1] * x])
+    return np.stack([power for row in rows for power in row], axis=-1)

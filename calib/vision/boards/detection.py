@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import cv2
@@ -24,6 +25,7 @@ from calib.vision.boards.board import (
 from calib.vision.boards.board_map import BoardMap, fit_map
 from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
+    CircleLattices,
     Found,
     find_chessboard,
     find_circles,
@@ -97,32 +99,36 @@ class BoardSighting:
         return cls(np.full((len(board.points), 2), np.nan), status, message, sharpness_px)
 
 
-def sight(picture: GreyImage, board: Board, *, thoroughly: bool = False) -> BoardSighting | None:
-    """The sighting of a board that is found; None where it is not."""
+def sight(
+    picture: GreyImage,
+    board: Board,
+    *,
+    thoroughly: bool = False,
+    lattices: CircleLattices | None = None,
+) -> BoardSighting | None:
+    """The sighting of a board that is found; None where it is not.
+
+    ``lattices``: of the circles in the picture, where they are known.
+    """
     found: Found | None = None
     if isinstance(board, MarkerBoard):
         markers = find_markers(picture, board.markers, border_bits=board.border_bits)
         twice, many = np.unique(markers.ids, return_counts=True)
         twice = twice[(many > 1) & np.isin(twice, board.ids)]
         if len(twice) > 1:
-            return BoardSighting.failed(
-                board,
-                "ambiguous",
-                f"markers {twice[0]} and {twice[1]} are seen twice: leave one board in the picture",
-            )
+            twins = f"markers {twice[0]} and {twice[1]}"
+            message = f"{twins} are seen twice: leave one board in the picture"
+            return BoardSighting.failed(board, "ambiguous", message)
         found = match_markers(board, markers.those(~np.isin(markers.ids, twice)))
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
-        found = find_circles(picture, board)
+        found = find_circles(picture, board, lattices or CircleLattices(picture))
     elif isinstance(board, RoundTarget):
         targets = find_round_targets(picture, board)
         if len(targets) > 1:
-            return BoardSighting.failed(
-                board,
-                "ambiguous",
-                f"{len(targets)} round targets are seen: leave one in the picture",
-            )
+            message = f"{len(targets)} round targets are seen: leave one in the picture"
+            return BoardSighting.failed(board, "ambiguous", message)
         found = targets[0] if targets else None
     return None if found is None else _measure(picture, board, found)
 
@@ -131,24 +137,22 @@ def _measure(picture: GreyImage, board: Board, found: Found) -> BoardSighting | 
     grey = picture.astype(np.float32)
     which, board_map = found.which, found.board_map
     xy = board.points[which, :2]
-    near_px = _near_px(board, board_map, xy)
+    area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
+    near_px = float(board.cell_m * np.sqrt(np.median(area)))
     measured = refine(grey, board, which, board_map, board_map(xy))
-    for _ in range(2):
-        fitted = (
-            fit_map(xy[measured.good], measured.px[measured.good], near_px, refined=True)
-            if np.count_nonzero(measured.good) >= LEAST_POINTS
-            else None
-        )
+    for k in range(3):
+        good = measured.good
+        if k < 2 and np.count_nonzero(good) < LEAST_POINTS:
+            return _too_few(board, measured)
+        fitted = fit_map(xy[good], measured.px[good], near_px, refined=True)
         if fitted is None:
             return _too_few(board, measured)
-        board_map = fitted[0]
-        measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
-    good = measured.good.copy()
-    fitted = fit_map(xy[good], measured.px[good], near_px, refined=True)
-    if fitted is None:
-        return _too_few(board, measured)
-    good[good] = fitted[1]
-    return _judged(grey, board, which, replace(measured, good=good), fitted[0])
+        board_map, inside = fitted
+        if k < 2:
+            measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
+    good = good.copy()
+    good[good] = inside
+    return _judged(grey, board, which, replace(measured, good=good), board_map)
 
 
 def _judged(
@@ -159,63 +163,46 @@ def _judged(
     board_map: BoardMap,
 ) -> BoardSighting | None:
     good, xy = measured.good, board.points[which, :2]
-    width = 2.563 * measured.sigma_px
     least = LEAST_POINTS
     if not isinstance(board, MarkerBoard):
         least = max(least, int(np.ceil(LEAST_SHARE * len(xy))))
-    if np.count_nonzero(good) < least or not _are_spread(board, xy[good]):
+    if np.count_nonzero(good) < least:
+        return _too_few(board, measured)
+    _, across = np.linalg.svd(xy[good] - xy[good].mean(axis=0), compute_uv=False)
+    if not across > 0.4 * board.cell_m:  # on a line
         return _too_few(board, measured)
     if not is_face_up(board, board_map, xy[good]):
         return None
+    width = _WIDTH * measured.sigma_px
+    failed = partial(BoardSighting.failed, board, sharpness_px=width)
     if isinstance(board, (Chessboard, CircleGrid)) and _goes_on(grey, board, board_map):
-        return BoardSighting.failed(
-            board,
-            "another board",
-            f"the board in the picture is larger than the {board.words}",
-            width,
-        )
+        said = f"the board in the picture is larger than the {board.words}"
+        return failed("another board", said)
     if measured.sigma_px > LARGEST_SIGMA_PX:
-        return BoardSighting.failed(
-            board,
-            "blurred",
-            f"edges are {width:.0f} px wide: focus the camera, let it come to rest",
-            width,
-        )
+        said = f"edges are {width:.0f} px wide: focus the camera, let it come to rest"
+        return failed("blurred", said)
     dark, light = np.median(measured.dark[good]), np.median(measured.light[good])
     if light > 252.0 and dark > OVEREXPOSED_BLACK:
-        return BoardSighting.failed(
-            board,
-            "overexposed",
-            f"white is clipped and black has grey level {dark:.0f}: expose less",
-            width,
-        )
+        said = f"white is clipped and black has grey level {dark:.0f}: expose less"
+        return failed("overexposed", said)
     pixels = np.full((len(board.points), 2), np.nan)
     pixels[which[good]] = measured.px[good] + 0.5
     return BoardSighting(pixels, "ok", "", width)
+
+
+_WIDTH = 2.563
+"""Width of a blurred edge, from a tenth to nine tenths of the step, in standard deviations."""
 
 
 def _too_few(board: Board, measured: Refined) -> BoardSighting | None:
     """Where its markers or its cross say that the board is there; else clutter was found."""
     if not isinstance(board, (MarkerBoard, RoundTarget)):
         return None
-    count = np.count_nonzero(measured.good)
-    return BoardSighting.failed(
-        board,
-        "too few points",
-        f"{count} points of {len(board.points)} are seen well enough: "
-        "show more of the board, nearer, in even light",
-        2.563 * measured.sigma_px,
+    said = (
+        f"{np.count_nonzero(measured.good)} points of {len(board.points)} are seen well enough: "
+        "show more of the board, nearer, in even light"
     )
-
-
-def _are_spread(board: Board, xy: FloatArray) -> bool:
-    """Whether points do not lie on a line."""
-    return bool(np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)[1] > 0.4 * board.cell_m)
-
-
-def _near_px(board: Board, board_map: BoardMap, xy: FloatArray) -> float:
-    area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
-    return float(board.cell_m * np.sqrt(np.median(area)))
+    return BoardSighting.failed(board, "too few points", said, _WIDTH * measured.sigma_px)
 
 
 def _goes_on(grey: NDArray[np.float32], board: GridBoard, board_map: BoardMap) -> bool:
@@ -281,21 +268,20 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
     """
     check_type(board, Board, "board")
     check_picture(picture)
-    sighting = sight(picture, board, thoroughly=True)
+    lattices = CircleLattices(picture)
+    sighting = sight(picture, board, thoroughly=True, lattices=lattices)
     if sighting is not None:
         return sighting
-    status, message = why_not(picture, board)
+    status, message = why_not(picture, board, lattices)
     return BoardSighting.failed(board, status, message)
 
 
 def check_picture(picture: object) -> None:
     """Refuse what is no grey picture of eight bits."""
     if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 2:
-        said = (
-            f"an array {picture.shape} of {picture.dtype}"
-            if isinstance(picture, np.ndarray)
-            else f"of type {type(picture).__name__}"
-        )
+        said = f"of type {type(picture).__name__}"
+        if isinstance(picture, np.ndarray):
+            said = f"an array {picture.shape} of {picture.dtype}"
         raise InputError(
             f"the picture is {said}",
             hint="give grey levels of eight bits, (height, width) of uint8",
@@ -309,10 +295,10 @@ def check_picture(picture: object) -> None:
         )
 
 
-def why_not(picture: GreyImage, board: Board) -> tuple[Status, str]:
+def why_not(picture: GreyImage, board: Board, lattices: CircleLattices) -> tuple[Status, str]:
     """Status and message for a picture in which the board is not found."""
     wrong = _other_markers(picture, board) if isinstance(board, MarkerBoard) else ""
-    wrong = wrong or _other_size(picture, board)
+    wrong = wrong or _other_size(picture, board, lattices)
     if isinstance(board, RoundTarget) and find_round_targets(picture, board, squares=False):
         wrong = "the round target in the picture has no three squares: print that of this cell"
     if wrong:
@@ -361,7 +347,7 @@ def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
     return ""
 
 
-def _other_size(picture: GreyImage, board: Board) -> str:
+def _other_size(picture: GreyImage, board: Board, lattices: CircleLattices) -> str:
     """A board of a size near to it that the picture shows, in words."""
     if not isinstance(board, (Chessboard, CircleGrid)):
         return ""
@@ -374,7 +360,7 @@ def _other_size(picture: GreyImage, board: Board) -> str:
             other = replace(board, columns=size[0], rows=size[1])
         except InputError:
             continue
-        found = None if size == (columns, rows) else sight(picture, other)
+        found = None if size == (columns, rows) else sight(picture, other, lattices=lattices)
         if found is not None and found.is_ok:
             return f"the picture shows a {other.words}, not of {columns} x {rows}: correct them"
     return ""

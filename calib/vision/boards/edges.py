@@ -85,10 +85,11 @@ def refine(
     sigma_px : float, optional
         Blur, where it is known.
     """
-    lines = _lines(board, which, board_map, sigma_px)
+    wide = WIDEST_PX if sigma_px is None else np.clip(3.0 * sigma_px + 1.0, 3.0, WIDEST_PX)
+    make = _lines_of_circles if isinstance(board, CircleGrid) else _lines_of_corners
+    lines = make(board, which, board_map, float(wide), sigma_px or FIRST_SIGMA_PX)
     px = start_px.copy()
     sigma = np.full(lines.group.max(initial=0) + 1, sigma_px or FIRST_SIGMA_PX)
-    step = _Steps.empty(lines.group.shape)
     inside = np.ones(len(which), dtype=bool)
     for k in range(_STEPS):
         profiles, within = lines.read(picture, px)
@@ -101,7 +102,7 @@ def refine(
                 if known.any():
                     sigma[group] = np.clip(np.median(step.sigma[known]), 0.4, 6.0)
         offset = np.clip(step.offset, -WIDEST_PX / 2, WIDEST_PX / 2)
-        moved = np.einsum("kij,kj->ki", lines.mover, np.where(np.isfinite(offset), offset, 0.0))
+        moved = (lines.mover @ np.where(np.isfinite(offset), offset, 0.0)[..., None])[..., 0]
         px += moved
         if k > 2 and np.abs(moved).max(initial=0.0) < 2e-3:
             break
@@ -167,29 +168,18 @@ class _Lines:
         return np.asarray(np.where(used.any(axis=3), means, np.inf).min(axis=2))
 
 
-def _lines(
-    board: Board, which: NDArray[np.intp], board_map: BoardMap, sigma_px: float | None
-) -> _Lines:
-    xy = board.points[which, :2]
-    slope = board_map.slope(xy, board.cell_m / 10)
-    wide = WIDEST_PX if sigma_px is None else np.clip(3.0 * sigma_px + 1.0, 3.0, WIDEST_PX)
-    make = _lines_of_circles if isinstance(board, CircleGrid) else _lines_of_corners
-    return make(board, which, xy, slope, board_map, float(wide), sigma_px or FIRST_SIGMA_PX)
-
-
 def _lines_of_corners(
     board: Board,
     which: NDArray[np.intp],
-    xy: FloatArray,
-    slope: FloatArray,
     board_map: BoardMap,
     wide_px: float,
     sigma_px: float,
 ) -> _Lines:
-    long_m, clear_m = board.clear_m
+    xy, (long_m, clear_m) = board.points[which, :2], board.clear_m
+    here, slope = board_map(xy), board_map.slope(xy, board.cell_m / 10)
     dark = board.quadrants[which]
     area = np.abs(np.linalg.det(slope))
-    shifts, signs, distances = [], [], []
+    shifts, signs, distances, movers = [], [], [], []
     for axis in range(2):  # edges along x, then along y
         along_px = np.linalg.norm(slope[:, :, axis], axis=1)
         across_px = area / along_px  # across the edge, of a metre along the other axis
@@ -203,37 +193,26 @@ def _lines_of_corners(
         offset = np.empty((*places.shape, SAMPLES, 2))
         offset[..., axis] = places[:, :, None]
         offset[..., 1 - axis] = across[:, None]
-        here = board_map(xy)
         shifts.append(board_map(xy[:, None, None] + offset) - here[:, None, None])
         light = dark[:, :, 0] - dark[:, :, 1] if axis == 0 else dark[:, 0] - dark[:, 1]
         signs.append(np.repeat(light, ALONG, axis=1))
         distances.append(across * across_px[:, None])
-    # an edge that is d px off along its normal moves the point by d over px a metre, in metres
-    mover = np.empty((len(xy), 2, 2))
-    for axis in range(2):
-        across_px = area / np.linalg.norm(slope[:, :, axis], axis=1)
-        mover[:, :, axis] = slope[:, :, 1 - axis] / across_px[:, None]
+        # an edge that is d px off along its normal moves the point by d over px a metre, in metres
+        movers.append(slope[:, :, 1 - axis] / across_px[:, None])
+    shift, sign, distance = (np.stack(each, axis=1) for each in (shifts, signs, distances))
     group = np.broadcast_to(np.arange(2), (len(xy), 2))
-    return _Lines(
-        np.stack(shifts, axis=1),
-        np.stack(signs, axis=1),
-        np.stack(distances, axis=1),
-        mover,
-        group,
-        1.0,
-    )
+    return _Lines(shift, sign, distance, np.stack(movers, axis=2), group, 1.0)
 
 
 def _lines_of_circles(
     board: Board,
     which: NDArray[np.intp],
-    xy: FloatArray,
-    slope: FloatArray,
     board_map: BoardMap,
     wide_px: float,
     sigma_px: float,
 ) -> _Lines:
-    radius = board.printed[1][which, 2]
+    xy, radius = board.points[which, :2], board.printed[1][which, 2]
+    slope = board_map.slope(xy, board.cell_m / 10)
     _, clear_m = board.clear_m
     angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (E, 2)
@@ -269,11 +248,6 @@ class _Steps:
     likeness: FloatArray
     sound: BoolArray
 
-    @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> _Steps:
-        nothing = np.zeros(shape)
-        return cls(nothing, nothing, nothing, nothing, nothing, nothing > 1.0)
-
 
 def _fit_steps(
     profiles: FloatArray, distance: FloatArray, sigma: FloatArray, *, free: bool
@@ -290,11 +264,11 @@ def _fit_steps(
     if free:
         columns.append(-bell * scaled)
     rows = np.stack(columns, axis=-1)  # (K, E, V, 3 or 4)
-    normal = np.einsum("kevi,kevj->keij", rows, rows)
+    turned = np.swapaxes(rows, -1, -2)
+    normal = turned @ rows
     size = normal.shape[-1]
     normal += 1e-9 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(size)
-    right = np.einsum("kevi,kev->kei", rows, profiles)
-    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    found: FloatArray = np.asarray(np.linalg.solve(normal, turned @ profiles[..., None]))[..., 0]
     contrast = found[..., 1]
     sound = contrast > LEAST_CONTRAST / 2
     safe = np.where(sound, contrast, np.inf)

@@ -170,25 +170,48 @@ def _scales(picture: GreyImage) -> tuple[int, ...]:
     return (2, 1) if picture.size > HALVED_FROM_PX else (1,)
 
 
-def find_circles(picture: GreyImage, board: CircleGrid) -> Found | None:
+def find_circles(picture: GreyImage, board: CircleGrid, lattices: CircleLattices) -> Found | None:
     """The whole grid of circles."""
-    from scipy.spatial import cKDTree
-
-    for ellipses in dark_ellipses(picture):
-        blobs = ellipses[:, :2]
-        if len(blobs):  # both sides of a ring are one
-            double = cKDTree(blobs).query_pairs(2.0, output_type="ndarray")[:, 1]
-            blobs = np.delete(blobs, double, axis=0)
-        if len(board.points) <= len(blobs) <= _MOST_BLOBS:
-            for cells in _lattices(blobs):
-                layouts = _layouts(board, cells)
-                fitted = (_fitted(board, which, blobs[b]) for which, b in layouts)
-                maps = [(each, 0.0) for each in fitted if each]
-                found = _in_order(picture, board, maps) if maps else None
-                if found is not None:
-                    return found
+    for blobs, cells in lattices:
+        fitted = (_fitted(board, which, blobs[b]) for which, b in _layouts(board, cells))
+        maps = [(each, 0.0) for each in fitted if each]
+        found = _in_order(picture, board, maps) if maps else None
+        if found is not None:
+            return found
     return None
 
+
+class CircleLattices:
+    """Lattices that the dark circles of a picture lie on, each grown when it is first asked for.
+
+    With the places ``(B, 2)`` of all circles.
+    """
+
+    def __init__(self, picture: GreyImage) -> None:
+        self._kept: list[tuple[FloatArray, Cells]] = []
+        self._more = self._grown(picture)
+
+    def __iter__(self) -> Iterator[tuple[FloatArray, Cells]]:
+        yield from self._kept
+        for each in self._more:
+            self._kept.append(each)
+            yield each
+
+    @staticmethod
+    def _grown(picture: GreyImage) -> Iterator[tuple[FloatArray, Cells]]:
+        from scipy.spatial import cKDTree
+
+        for ellipses in dark_ellipses(picture):
+            blobs = ellipses[:, :2]
+            if len(blobs):  # both sides of a ring are one
+                double = cKDTree(blobs).query_pairs(2.0, output_type="ndarray")[:, 1]
+                blobs = np.delete(blobs, double, axis=0)
+            if _FEWEST_BLOBS <= len(blobs) <= _MOST_BLOBS:
+                yield from ((blobs, cells) for cells in _lattices(blobs))
+
+
+_FEWEST_BLOBS = 9
+"""Circles of the smallest grid."""
 
 _MOST_BLOBS = 3000
 _SEEDS, _NEIGHBOURS = 12, 8

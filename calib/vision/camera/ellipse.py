@@ -124,16 +124,12 @@ def measure_ellipse(
         return EllipseMeasurement.failed(
             "no target", f"no {kind} ellipse of {smallest_px:g} px or more in the image"
         )
-    if len(whole) > 1 and near_px is None:
+    if near_px is not None:
+        whole.sort(key=lambda e: float(np.linalg.norm(e[:2] - near_px)))
+    elif len(whole) > 1:
         places = ", ".join(f"({e[0]:.0f}, {e[1]:.0f})" for e in whole)
         return EllipseMeasurement.failed("several", f"{len(whole)} targets, at {places} px")
-    return _refined(image, _nearest(whole, near_px), dark)
-
-
-def _nearest(ellipses: list[FloatArray], near_px: FloatArray | None) -> FloatArray:
-    if near_px is None:
-        return ellipses[0]
-    return min(ellipses, key=lambda e: float(np.linalg.norm(e[:2] - near_px)))
+    return _refined(image, whole[0], dark)
 
 
 def _refined(image: GreyImage, ellipse: FloatArray, dark: bool) -> EllipseMeasurement:

@@ -66,17 +66,14 @@ class Target(Plate, Protocol):
     @property
     def diameter_m(self) -> float:
         """Diameter of that circle [m]."""
-        ...
 
     @property
     def is_known(self) -> bool:
         """Whether this diameter is relied on; or found, with the camera."""
-        ...
 
     @property
     def is_biased(self) -> bool:
         """Whether a tilt moves the ellipse off the image of the middle."""
-        ...
 
     def measure(
         self, image: GreyImage, near_px: FloatArray | None = None
@@ -85,7 +82,6 @@ class Target(Plate, Protocol):
 
         ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
         """
-        ...
 
     def image(
         self, camera: Camera, T_camera_target: FloatArray, diameter_m: float | None = None
@@ -94,14 +90,12 @@ class Target(Plate, Protocol):
 
         NaN where it shows its back. Of a circle of another diameter, if given.
         """
-        ...
 
     def pose(self, camera: Camera, image: GreyImage, about: FloatArray) -> FloatArray | None:
         """Pose of its pattern before the camera ``(4, 4)`` [m]; None where none fits.
 
         The best of the poses ``(K, 4, 4)`` that it may be about.
         """
-        ...
 
 
 class Observer(Protocol):
@@ -110,7 +104,6 @@ class Observer(Protocol):
     @property
     def camera(self) -> Camera:
         """The camera as it really is."""
-        ...
 
     def views(
         self,
@@ -119,7 +112,6 @@ class Observer(Protocol):
         near_px: FloatArray | None = None,
     ) -> Views:
         """What is seen at poses ``(K, 4, 4)``; ``near_px`` is ``(K, 2)``."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,18 +201,12 @@ class FastObserver:
         margin = self._margin(true)
         large = short >= SMALLEST_PX
         inside = large & (margin >= 0.0)
-        reasons = [""] * len(true)
-        for k in np.flatnonzero(~inside).tolist():
-            if not large[k]:
-                reasons[k] = (
-                    f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
-                )
-            elif -margin[k] < short[k]:
-                reasons[k] = "touches the edge: the circle is cut by the edge"
-            else:
-                reasons[k] = "no target: the circle is outside the image"
+        small = f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
+        cut = "touches the edge: the circle is cut by the edge"
+        outside = "no target: the circle is outside the image"
+        reasons = np.select([inside, ~large, -margin < short], ["", small, cut], outside)
         noisy = self.noise.draw(true.shape[:-1], rng) + true
-        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
+        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons.tolist()))
 
     def _margin(self, ellipse: FloatArray) -> FloatArray:
         """Distance ``(...)`` [px] of ellipses from the edge of the image, negative outside."""

@@ -32,11 +32,9 @@ class Plate(Protocol):
 
     def pattern(self, xy: FloatArray) -> FloatArray:
         """Reflectance ``(...)`` at points ``(..., 2)`` [m] of its plane; NaN off it."""
-        ...
 
     def plate_corners(self) -> FloatArray:
         """Corners ``(4, 3)`` [m] in its frame, in order about z."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,8 @@ def pose_from_image(
     T = _start(camera, target, found.ellipse, T_camera_target)
     for floor_px in _FLOORS_PX:
         residual, jacobian, good, bars = _edges(camera, target, image, T)
-        good[good] = _inliers(residual[good], floor_px)
+        off = np.abs(residual[good] - np.median(residual[good]))
+        good[good] = off <= max(_OUTLIER * _MAD * float(np.median(off)), floor_px)
         share = min(float(good[~bars].mean()), float(good[bars].mean()) if bars.any() else 0.0)
         if share < _LEAST_SHARE:
             return TargetPose.failed(
@@ -245,7 +246,9 @@ def _edges(
     # a bar that leans is narrower by the ratio of the axes
     lean = abs(float(T[:3, 2] @ T[:3, 3])) / float(np.linalg.norm(T[:3, 3]))
     reach = min(_REACH_PX, _HALF_BAR * target.cross_width_m * scale * lean)
-    points, outward = _rim(target, scale)
+    count = int(np.clip(np.pi * target.diameter_m * scale / _SPACING_PX, 32, 256))
+    points = target.rim(count)
+    outward = points / (target.diameter_m / 2)
     pixels, normal, jacobian = _projected(camera, points, outward, T)
     radius = _curvature_radius(pixels)
     edges = steps_along(image, pixels, normal, _REACH_PX, dark=target.is_dark, radius=radius)
@@ -283,28 +286,19 @@ def _projected(
     return camera.project(turned + T[:3, 3]), normal, (normal[:, None] @ by_pose)[:, 0]
 
 
-def _rim(target: CircleTarget, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Points of the circle ``(K, 3)`` [m] and unit vectors out of it."""
-    count = int(np.clip(np.pi * target.diameter_m * scale / _SPACING_PX, 32, 256))
-    points = target.rim(count)
-    return points, points / (target.diameter_m / 2)
-
-
 def _bars(target: CircleTarget, scale: float) -> tuple[FloatArray, FloatArray]:
     """Points of the long sides of the cross ``(K, 3)`` [m], and unit vectors out of its bars."""
     clear = _REACH_PX / scale  # of the corners
     low, high = target.cross_width_m / 2 + clear, target.cross_length_m / 2 - clear
     count = int((high - low) * scale / _SPACING_PX) + 1 if high > low else 0
-    along = np.linspace(low, high, count)
-    half = np.full(count, target.cross_width_m / 2)
-    points, outward = [], []
-    for k in range(4):
-        turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), k)
-        for side in (1.0, -1.0):
-            points.append(np.stack([along, side * half], axis=1) @ turn.T)
-            outward.append(np.tile([0.0, side], (count, 1)) @ turn.T)
-    zero = np.zeros((8 * count, 1))
-    return np.hstack([np.vstack(points), zero]), np.hstack([np.vstack(outward), zero])
+    along = np.linspace(low, high, count)[:, None]
+    turns = se3.rotation_exp(np.pi / 2 * np.arange(4)[:, None] * np.array([0.0, 0.0, 1.0]))
+    sides = np.array([[[0.0, 1.0, 0.0]], [[0.0, -1.0, 0.0]]])
+    points = along * np.array([1.0, 0.0, 0.0]) + target.cross_width_m / 2 * sides
+    outward = np.broadcast_to(sides, points.shape)
+    both = (each @ np.swapaxes(turns, -1, -2)[:, None] for each in (points, outward))
+    first, second = (each.reshape(-1, 3) for each in both)
+    return first, second
 
 
 def _curvature_radius(pixels: FloatArray) -> FloatArray:
@@ -313,8 +307,3 @@ def _curvature_radius(pixels: FloatArray) -> FloatArray:
     twice = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
     sides = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
     return np.asarray(sides * np.linalg.norm(before - after, axis=1) / (2.0 * twice))
-
-
-def _inliers(residual: FloatArray, floor_px: float) -> BoolArray:
-    off = np.abs(residual - np.median(residual))
-    return np.asarray(off <= max(_OUTLIER * _MAD * float(np.median(off)), floor_px))

@@ -244,28 +244,22 @@ class Arms(Protocol):
     @property
     def count(self) -> int:
         """Number of arms S."""
-        ...
 
     @property
     def image_px(self) -> tuple[int, int]:
         """Width and height of the pictures."""
-        ...
 
     def move(self, which: IntArray, q: FloatArray) -> None:
         """Move the joints of arms ``(K,)`` to ``(K, n)`` [rad]; they stand still afterwards."""
-        ...
 
     def joints(self, which: IntArray) -> FloatArray:
         """Joint values ``(K, n)`` [rad] that their controllers show; NaN where that is nothing."""
-        ...
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
         """What each of their cameras sees of the target, near ``(K, 2)`` [px] if given."""
-        ...
 
     def picture(self, arm: int) -> GreyImage | None:
         """A picture from where an arm stands; None where there are no pictures."""
-        ...
 
 
 class OneArm:

@@ -100,19 +100,8 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
 _TURNS = (
     (0.13, ((1, 0, 0), (0, 1, 0))),
     (0.33, ((-1, 0, 0), (0, -1, 0), (0, 0, 1))),
-    (
-        1.0,
-        (
-            (1, 0, 0),
-            (-1, 0, 0),
-            (0, 1, 0),
-            (0, -1, 0),
-            (0, 0, 2),
-            (0, 0, -2),
-            (1, 1, 0),
-            (-1, 1, 0),
-        ),
-    ),
+    (1.0, ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))),
+    (1.0, ((0, 0, 2), (0, 0, -2), (1, 1, 0), (-1, 1, 0))),
 )
 """Turns about the axes of the camera: parts of the widest, which grow as more is known."""
 
@@ -259,16 +248,9 @@ class _Inching:
         facing = find_normal(self.jacobian, R, np.array(self.ellipses), self.target)
         if facing.flaw:
             raise Refused(facing.flaw, "take a flat, round target, and check the joint signs")
-        return SetUp(
-            self.jacobian,
-            pin.tool_m,
-            pin.target_m,
-            facing,
-            np.array(self.postures),
-            pin.rms_m,
-            pin.sigma_tool_m,
-            tuple(self.notes),
-        )
+        touched, notes = np.array(self.postures), tuple(self.notes)
+        place = pin.tool_m, pin.target_m
+        return SetUp(self.jacobian, *place, facing, touched, pin.rms_m, pin.sigma_tool_m, notes)
 
     def _check_drift(self) -> None:
         """Touch up once more from the first posture: it has to be where it was."""

@@ -134,6 +134,34 @@ def reached_of(router: Router, poses: CandidatePoses, route: Route) -> tuple[Int
     return rows, route
 
 
+def chosen_with_way(
+    router: Router,
+    pool: CandidatePoses,
+    count: int,
+    choose: Callable[[CandidatePoses, int], IntArray],
+    why: str = "",
+) -> tuple[CandidatePoses, IntArray, Route, list[str]]:
+    """Choose until clear ways lead to all, and leave out what none leads to.
+
+    ``choose``: rows of so many of a pool. ``why``: of poses that this pool is short of. Returns the
+    pool that is left, the rows that are reached, the route through them, and why others are not.
+    """
+    for attempt in range(ATTEMPTS):
+        few = min(count, len(pool)) if attempt or why else count
+        rows = choose(pool, few)
+        route = router.route(pool.postures[rows], pool.loads[rows])
+        if not route.lost:
+            break
+        why = next(iter(route.lost.values()))
+        others = without_unreached(router, pool, rows[list(route.lost)], attempt)
+        if attempt == ATTEMPTS - 1 or not len(others):
+            break
+        pool = others
+    dropped = [*route.lost.values(), *[why] * (count - few)]
+    reached, route = reached_of(router, pool.take(rows), route)
+    return pool, rows[reached], route, dropped
+
+
 def no_clear_way(why: str) -> InputError:
     """The error where poses are left that no clear way leads to."""
     return InputError(
@@ -238,8 +266,7 @@ class Planning:
         """
         if pool.cell is None:
             return None
-        seen = pool.cell.observations
-        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        of = pool.names_of_targets
         names, counts = np.unique(of, return_inverse=True)
         if len(names) == 1 or len(self._kept):
             return None
@@ -442,23 +469,17 @@ class Planning:
     ) -> OptimalPlan:
         """The plan with poses for validation out of what is left, and the way through them."""
         count, why = self._request.validation, self._why
-        for attempt in range(ATTEMPTS):
-            if not len(left):
-                nothing = as_pose_set(left).and_dropped([why] * count)
-                return replace(plan, validation=replace(nothing, letter="V"))
-            few = min(count, len(left))
-            known = np.sqrt(PART_OF_PLAN) * white.reshape(-1, self._model.p)
-            told, criterion = left.white(self._model), mean_deviation(self._box)
-            indices = select(told, few, criterion, known=known, starts=1, bound=False).indices
-            found = left.take(indices)
-            route = self._router.route(found.postures, found.loads)
-            if not route.lost:
-                break
-            why = next(iter(route.lost.values()))
-            left = without_unreached(self._router, left, indices[list(route.lost)], attempt)
-        dropped = [*route.lost.values(), *[why] * (count - few)]
-        rows, route = reached_of(self._router, found, route)
-        poses = as_pose_set(found.take(rows)).and_dropped(dropped)
+        known = np.sqrt(PART_OF_PLAN) * white.reshape(-1, self._model.p)
+
+        def choose(pool: CandidatePoses, few: int) -> IntArray:
+            told, criterion = pool.white(self._model), mean_deviation(self._box)
+            return select(told, few, criterion, known=known, starts=1, bound=False).indices
+
+        route, dropped = None, [why] * count
+        if len(left):
+            left, rows, route, dropped = chosen_with_way(self._router, left, count, choose, why)
+            left = left.take(rows)
+        poses = as_pose_set(left).and_dropped(dropped)
         return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
 
     def _refuse_few(self, count: int, m: int) -> None:
@@ -504,8 +525,7 @@ class Planning:
         """
         if pool.cell is None or not self._request.beside:
             return {}
-        seen = pool.cell.observations
-        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        of = pool.names_of_targets
         names = list(dict.fromkeys(of.tolist()))
         if not 1 < len(names) <= MOST_ALONE:
             return {}

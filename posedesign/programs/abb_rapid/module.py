@@ -8,33 +8,19 @@ from dataclasses import dataclass
 
 from lark import Token, Tree
 
-from posedesign.programs.language import (
-    MOST_LENGTH,
-    Language,
-    Line,
-    Node,
-    Statement,
-    is_a,
-    text_of,
-)
+from posedesign.programs.language import MOST_LENGTH, Language, Line, Node, Statement, is_a, text_of
 
 Nested = list["Nested | str"]
-Argument = tuple[Node | None, dict[str, Node | None]]
-"""A value and its switches."""
-
+Argument = tuple[Node | None, dict[str, Node | None]]  # a value and its switches
 ROUTINES = ("proc", "func", "trap")
 FRAMES = ("tooldata", "wobjdata")
-SHAPES = {"jointtarget": (6, 6), "robtarget": (3, 4, 4, 6)}
-"""Numbers in the lists of a position."""
-
+SHAPES = {"jointtarget": (6, 6), "robtarget": (3, 4, 4, 6)}  # numbers in the lists of a position
 _I = re.IGNORECASE | re.ASCII
 _ENDS = ("MODULE", "PROC", "FUNC", "TRAP", "RECORD", "IF", "FOR", "WHILE", "TEST")
 _ALONE = frozenset(("ELSE", "UNDO", "BACKWARD", *(f"END{word}" for word in _ENDS)))
 _WITH_LINE = frozenset(("MODULE", "PROC", "FUNC", "TRAP", "RECORD", "TEST", "ERROR"))
 _SCOPES = frozenset(("LOCAL", "TASK"))
-_MOST_HEADING = 500
-"""Characters of a heading, or of what stands in front of a list."""
-
+_MOST_HEADING = 500  # characters of a heading, or of what stands in front of a list
 _STORED = frozenset(("CONST", "PERS", "VAR"))
 _FIRST = (_ALONE | _STORED | _WITH_LINE | {"ELSEIF", "CASE", "DEFAULT", "LOCAL"}) - {"TEST"}
 """Words that only begin statements, but for those of parameters."""

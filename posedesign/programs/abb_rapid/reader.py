@@ -24,19 +24,13 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
+from posedesign.programs import reading
 from posedesign.programs.abb_rapid import module
 from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, Nested, nested
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Node, Statement, is_a
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import (
-    configuration_in,
-    joint_deg,
-    millimetres,
-    number,
-    refuse,
-    text_of,
-)
+from posedesign.programs.reading import configuration_in, joint_deg, millimetres, number, refuse
 from posedesign.programs.recorded import RecordedProgram
 
 NORM_WITHIN = 2e-3
@@ -78,8 +72,7 @@ class StoredPosition(Stored):
         if module.shape(value) != SHAPES[kind]:
             wanted = ", ".join(map(str, SHAPES[kind]))
             label = variable or "the position"
-            reason = f"{label} has not the lists of {wanted} numbers of a {kind}"
-            refuse(reason, path, line)
+            refuse(f"{label} has not the lists of {wanted} numbers of a {kind}", path, line)
         return cls(variable, line, kind, value)  # type: ignore[arg-type]
 
     @property
@@ -143,7 +136,6 @@ def place_of(label: str, row: int, lists: Sequence[list[str]], path: Path | str)
 
 
 def _transforms(places: list[list[float]]) -> FloatArray:
-    """Transforms ``(N, 4, 4)`` [m] of places."""
     values = np.reshape(places, (-1, 7))
     return transform(rotation_from_quaternion(values[:, 3:]), values[:, :3] / 1e3)
 
@@ -333,12 +325,8 @@ class _Reader:
 
 
 def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; ``path`` is for the messages.
-
-    Raises FileFormatError: the file is no RAPID module, is cut off, or holds no positions, or one
-    that is neither a jointtarget nor a robtarget.
-    """
-    text = text_of(data, path, _WHAT)
+    """Program in the content of a file; ``path`` is for the messages."""
+    text = reading.text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)
     if not statements or statements[0].kind != "module":
         refuse("is no RAPID module: it does not begin with MODULE", path, 1, _WHAT)

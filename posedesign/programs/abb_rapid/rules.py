@@ -35,14 +35,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
 from posedesign.programs import rules
-from posedesign.programs.abb_rapid import module, words
+from posedesign.programs.abb_rapid import module
 from posedesign.programs.abb_rapid.module import FRAMES, ROUTINES, SHAPES, Data, Nested
 from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
 from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
@@ -51,10 +51,114 @@ from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.sets import set_mark
 
-MOST_NAME, MOST_STRING = 32, 80
-WRITTEN_WITHIN = 1e-5
-"""Of the norm of a quaternion from 1, as it is written for measuring."""
+_SIGNATURES = r"""
+MoveAbsJ \Conc, jointtarget \ID \NoEOffs, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \TLoad
+MoveJ \Conc, robtarget \ID, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \TLoad
+MoveL \Conc, robtarget \ID, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \Corr \TLoad
+MoveC \Conc, robtarget, robtarget \ID, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \Corr\
+ \TLoad
+WaitTime \InPos, num
+WaitRob \InPos \ZeroSpeed
+VelSet num, num
+PulseDO \High \PLength, signaldo
+ConfJ \On \Off
+ConfL \On \Off
+""".replace("\\\n", "")
 
+
+def _names(text: str) -> frozenset[str]:
+    return frozenset(text.upper().split())
+
+
+def _signature(text: str) -> list[tuple[str, frozenset[str]]]:
+    found = []
+    for part in text.split(","):
+        kinds = [word for word in part.split() if word[0] != "\\"]
+        switches = _names(" ".join(word[1:] for word in part.split() if word[0] == "\\"))
+        found.append(("".join(kinds), switches))
+    return found
+
+
+SIGNATURES = {
+    line.split()[0].upper(): _signature(line.partition(" ")[2])
+    for line in _SIGNATURES.strip().splitlines()
+}
+"""Types and switches of the arguments of instructions, by name in capitals; switches in front of
+the first argument have no type."""
+
+QUIET = _names("""
+AccSet Add Break Clear ConfJ ConfL Decr Incr Reset Set SetAO SetDO SetGO SingArea Stop TPErase
+TPWrite VelSet WaitDI WaitDO WaitRob WaitTime WaitUntil
+""")
+"""Instructions that measure nothing and move nothing."""
+
+INSTRUCTIONS = QUIET | _names("""
+ActUnit AliasIO BitClear BitSet BookErrNo CallByVar ClearPath ClearRawBytes ClkReset ClkStart
+ClkStop Close DeactUnit EOffsOff EOffsOn EOffsSet ErrWrite ExitCycle GripLoad IDelete IDisable
+IEnable InvertDO ISignalAI ISignalDI ISignalDO ISignalGI ISleep ITimer IWatch Load MotionSup
+MoveAbsJ MoveC MoveCDO MoveExtJ MoveJ MoveJDO MoveJSync MoveL MoveLDO MoveLSync Open PackRawBytes
+PathResol PDispOff PDispOn PDispSet PulseDO RestoPath Save SearchC SearchL SocketAccept SocketBind
+SocketClose SocketConnect SocketCreate SocketListen SocketReceive SocketSend SpeedRefresh StartLoad
+StartMove StopMove StorePath SyncMoveOff SyncMoveOn TPReadFK TPReadNum TPShow TriggC TriggEquip
+TriggInt TriggIO TriggJ TriggL UIMsgBox UnLoad UnpackRawBytes WaitAI WaitAO WaitGI WaitGO WaitLoad
+WaitSyncTask WorldAccLim Write WriteBin WriteStrBin WZFree
+""")
+
+FUNCTIONS = _names("""
+Abs ACos AInput AOutput ArgName ASin ATan ATan2 BitAnd BitCheck BitNeg BitOr BitXOr ByteToStr
+CalcJointT CalcRobT CDate CJointT ClkRead Cos CPos CRobT CTime CTool CWObj DefFrame Dim DInput
+Distance DnumToNum DOutput EulerZYX GetSysInfo GetTime GInput GOutput IsFile IsPers IsVar MirPos
+NOrient NumToDnum NumToStr Offs OpMode OrientZYX ORobT PoseInv PoseMult PoseVect Pow Present
+RawBytesLen ReadBin ReadMotor ReadNum ReadStr ReadStrBin RelTool RobOS Round RunMode Sin
+SocketGetStatus SocketPeek Sqrt StrFind StrLen StrMap StrMatch StrMemb StrPart StrToByte StrToVal
+Tan TestDI Trunc UIAlphaEntry UIListView UIMessageBox UINumEntry ValToStr VectMagn
+""")
+
+TYPES = _names("""
+bool byte clock confdata dnum errnum extjoint identno intnum iodev jointtarget loaddata loadsession
+mecunit motsetdata num orient pos pose progdisp rawbytes robjoint robtarget shapedata signalai
+signalao signaldi signaldo signalgi signalgo socketdev speeddata stoppointdata string switch
+syncident tasks tooldata trapdata triggdata wobjdata zonedata
+""")
+
+_DATA = {
+    "speeddata": "v5 v10 v20 v30 v40 v50 v60 v80 v100 v150 v200 v300 v400 v500 v600 v800 v1000 "
+    "v1500 v2000 v2500 v3000 v4000 v5000 v6000 v7000 vmax vrot1 vrot2 vrot5 vrot10 vrot20 vrot50 "
+    "vrot100 vlin10 vlin20 vlin50 vlin100 vlin200 vlin500 vlin1000",
+    "zonedata": "z0 z1 z5 z10 z15 z20 z30 z40 z50 z60 z80 z100 z150 z200 fine",
+    "tooldata": "tool0",
+    "wobjdata": "wobj0",
+    "loaddata": "load0",
+}
+DATA = {name: kind for kind, names in _DATA.items() for name in _names(names)}
+"""Types of the data that every controller has, by name in capitals."""
+
+
+_WITHOUT_MARK = {
+    name + switch: f"{name}\\{switch}"
+    for name, signature in SIGNATURES.items()
+    for switch in signature[0][1]
+}
+"""Instructions that lack what stands in front of a switch: ``ConfJOn``."""
+
+
+def misspelt(word: str, known: Set[str]) -> str:
+    """The known word that a word in capitals was meant to be; empty for none.
+
+    Figures at the end, and added letters that double none, are none of a mistake: people number
+    and lengthen what they name.
+    """
+    if word in _WITHOUT_MARK:
+        return _WITHOUT_MARK[word]
+    if word.rstrip("0123456789_") in known:
+        return ""
+    halved = {word[:i] + word[i + 1 :] for i in range(2, len(word)) if word[i] == word[i - 1]}
+    longer = [other for other in known if len(other) >= len(word) or other in halved]
+    return rules.near(word, longer, 4)
+
+
+MOST_NAME, MOST_STRING = 32, 80
+WRITTEN_WITHIN = 1e-5  # of the norm of a quaternion from 1, as it is written for measuring
 _BLOCKS = {
     **{kind: Block(f"end{kind}", ("error", "undo", "backward")) for kind in ROUTINES},
     **{kind: Block(f"end{kind}") for kind in ("module", "record", "for", "while")},
@@ -161,7 +265,7 @@ class _Checker:
         self.own: set[str] = set()
         self.types: set[str] = set()
         self.told: set[str] = set()
-        self.known = words.DATA.keys() | {"TRUE", "FALSE"}
+        self.known = DATA.keys() | {"TRUE", "FALSE"}
         self.routine = 0
 
     def check_names(self) -> Iterator[Problem]:
@@ -189,7 +293,7 @@ class _Checker:
                 self.names.setdefault((self.routine, s.word("NAME").upper()), ("num", None))
             for where, name, known, declaration in new:
                 key = where, name.upper()
-                of_type = self.whole and name.upper() in words.TYPES | {"TASK"}
+                of_type = self.whole and name.upper() in TYPES | {"TASK"}
                 if len(name) > MOST_NAME or of_type:
                     reason = f"{name[:40]!a} is no name: at most 32 characters, none of a type"
                     yield Problem(s.row, "name", reason)
@@ -216,9 +320,9 @@ class _Checker:
                     yield Problem(s.row, "string", f"a string of {length} characters")
         for data in self.data:
             kind = data.kind.upper()
-            if kind not in words.TYPES and kind not in self.types | self.told:
+            if kind not in TYPES and kind not in self.types | self.told:
                 self.told.add(kind)
-                yield from self._unknown(data.row, kind, words.TYPES, "type")
+                yield from self._unknown(data.row, kind, TYPES, "type")
             elements = len(data.elements)
             if not data.whole or (elements and data.count not in (None, elements)):
                 reason = f"{data.name}{{{module.inside(data.size)[:20]}}} has {elements} elements"
@@ -261,7 +365,7 @@ class _Checker:
         if not isinstance(value, Tree):
             return False
         found = {module.name_of(node) for node in value.iter_subtrees()} - {""}
-        return bool(found & words.DATA.keys() or (found and self.whole))
+        return bool(found & DATA.keys() or (found and self.whole))
 
     def _check_position(self, row: int, label: str, kind: str, node: Node) -> Iterator[Problem]:
         """Numbers of a position; parts of it may have names."""
@@ -308,12 +412,12 @@ class _Checker:
                 if s.kind not in _DECLARING:
                     used.add(name)
                 if node.data == "function":
-                    yield from self._check_called(s.row, name, words.FUNCTIONS, words.INSTRUCTIONS)
+                    yield from self._check_called(s.row, name, FUNCTIONS, INSTRUCTIONS)
                 else:
                     yield from self._check_variable(s.row, name, node)
             for word, given in made:
-                yield from self._check_called(s.row, word, words.INSTRUCTIONS, words.FUNCTIONS)
-                if word in words.SIGNATURES and word not in self.own:
+                yield from self._check_called(s.row, word, INSTRUCTIONS, FUNCTIONS)
+                if word in SIGNATURES and word not in self.own:
                     yield from self._check_arguments(s.row, word, given)
         for data in self.data:
             numbered = data.kind in SHAPES and _NAMED_POSITION.fullmatch(data.name)
@@ -327,7 +431,7 @@ class _Checker:
         """A word that is not known: a note, or an error in a module that is whole and if it is
         nearly a known one.
         """
-        near = words.misspelt(name, known)
+        near = misspelt(name, known)
         reason = f"{name[:40]} is no {what} that is known" + f": {near}?" * bool(near)
         yield Problem(row, "name", reason, self.level if near else "note")
 
@@ -336,7 +440,7 @@ class _Checker:
     ) -> Iterator[Problem]:
         if name in known or name in self.own or name in self.told:
             return
-        what = "instruction" if known is words.INSTRUCTIONS else "function"
+        what = "instruction" if known is INSTRUCTIONS else "function"
         if self._find(name) or (self.whole and name in others):
             yield Problem(row, "name", f"{name} is no {what}")
         else:
@@ -350,28 +454,26 @@ class _Checker:
             most = found[1].count if found and found[1] else None
             if most is not None and text.isdigit() and not 1 <= int(text[:9]) <= most:
                 yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
-            if text.upper() in words.DATA.keys() | {"TRUE", "FALSE"}:
+            if text.upper() in DATA.keys() | {"TRUE", "FALSE"}:
                 yield Problem(row, "argument", f"{text} is no index")
-        if found or name in words.DATA or name in self.told or not self.whole:
+        if found or name in DATA or name in self.told or not self.whole:
             return  # data of another module may have any name
-        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own | self.called
+        routines = FUNCTIONS | INSTRUCTIONS | TYPES | self.own | self.called
         if name in routines:
             yield Problem(row, "name", f"{name} is no value")
             return
         self.told.add(name)
-        near = words.misspelt(name, self.known)
+        near = misspelt(name, self.known)
         if near:
             yield Problem(row, "name", f"{name} is not known: {near}?")
 
     def _check_arguments(
         self, row: int, word: str, given: list[module.Argument]
     ) -> Iterator[Problem]:
-        """The arguments of an instruction whose signature is known."""
         alone = given[:1] and given[0][0] is None  # switches in front of the first argument
-        wanted = [pair for pair in words.SIGNATURES[word] if pair[0] or alone]
+        wanted = [pair for pair in SIGNATURES[word] if pair[0] or alone]
         if len(given) != len(wanted):
-            said = f"{word} has {len(given)} arguments, not {len(wanted)}"
-            yield Problem(row, "argument", said)
+            yield Problem(row, "argument", f"{word} has {len(given)} arguments, not {len(wanted)}")
             return
         for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():
@@ -399,10 +501,10 @@ class _Checker:
         name = module.name_of(value)
         if not name or any(map(_is_name, value.children[1:])):  # type: ignore[union-attr]
             return
-        known, data = self._find(name) or (words.DATA.get(name, ""), None)
+        known, data = self._find(name) or (DATA.get(name, ""), None)
         if not known and kind not in ("num", "signaldo"):
             yield Problem(row, "name", f"{name} is no {kind} of this module", self.level)
-        elif known != kind and known.upper() in words.TYPES and (known, kind) != ("dnum", "num"):
+        elif known != kind and known.upper() in TYPES and (known, kind) != ("dnum", "num"):
             yield Problem(row, "argument", f"{name} is a {known}, not a {kind}")
         elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
             yield Problem(row, "argument", f"{name} is {'a' if data.size else 'no'} list")
@@ -430,7 +532,7 @@ class _Checker:
                 elif word in ("WAITTIME", "WAITROB") and switches & {"INPOS", "ZEROSPEED"}:
                     stands = True
                 else:
-                    acts = acts or word not in words.QUIET
+                    acts = acts or word not in QUIET
             if s.kind == "assignment":
                 called = {str(node.children[0]).upper() for node in s.all("function")}
                 acts = bool(called & {"CJOINTT", "CROBT"})

@@ -27,28 +27,11 @@ from collections.abc import Iterator, Sequence
 
 from lark import Token, Tree
 
+from posedesign.programs import joint_programs as joints
+from posedesign.programs import language
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import (
-    PLAIN,
-    JointDialect,
-    Standing,
-    Variables,
-    check_joints,
-    check_range,
-    in_moves,
-    judged,
-    not_known,
-)
-from posedesign.programs.language import (
-    Block,
-    Language,
-    Statement,
-    block_faults,
-    nodes,
-    subtrees,
-    text_of,
-    without_remarks,
-)
+from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing, Variables, check_range
+from posedesign.programs.language import Block, Language, Statement, nodes, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
@@ -56,7 +39,7 @@ from posedesign.programs.writing import NameRule, Phrases
 
 LANGUAGE = Language(
     __package__ or "",
-    joined=without_remarks(r"'.*|^\s*rem\b.*"),
+    joined=language.without_remarks(r"'.*|^\s*rem\b.*"),
     signed=True,
     letters=r"\w",
 )
@@ -139,9 +122,9 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
     moved = set(_NAME.findall(low)) & _bases(variables) if _MOVE.search(low) else ()
     if moved or _JOINT.search(low):
         yield f"a position cannot be read: {s.fault or 'nobody knows whether it is moved to'}"
-    for _, target, joints in _targets(s):
+    for _, target, given in _targets(s):
         name = target.lower()
-        values = joints or variables.get(name) or ()
+        values = given or variables.get(name) or ()
         computed = not values and (
             name in variables
             or _JOINTS.search(name)
@@ -154,7 +137,7 @@ def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | st
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
-    yield from block_faults(statements, _BLOCKS)
+    yield from language.block_faults(statements, _BLOCKS)
     has_main = any(s.kind == "sub" and s.word("NAME").lower() == "main" for s in statements)
     if not has_main and all(s.kind != "program" for s in statements):
         yield measuring(1, "main", "there is no routine Main")
@@ -162,7 +145,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     standing, taken = Standing(("stop", "Delay")), any(s.kind == "arm" for s in statements)
     for s in statements:
         if s.fault or s.kind == "other" or len(s.text) > 1024:
-            yield not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
+            yield joints.not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
         if s.kind == "move" and not taken:
             level: Level = "error" if has_main else "note"
             yield Problem(s.row, "arm", "nothing takes the arm that is moved", level)
@@ -174,7 +157,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):
                 yield Problem(s.row, "position", f"{text[:40]} is no position")
             if values is not None:
-                yield from check_joints(s.row, values, most=8)
+                yield from joints.check_joints(s.row, values, most=8)
         moves = s.kind == "move" or _MOTION.match(s.text) is not None
         stops = s.kind == "move" and all(how in ("@0", "@E") for how, *_ in targets)
         measures = s.kind == "call" or (s.kind == "output" and s.text[:1].lower() == "s")
@@ -201,8 +184,8 @@ class DensoPac(JointDialect):
         bare=("  Call {call}",),
     )
     head = ("  TakeArm Keep = 0", "  Speed {percent}")
-    reader = in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"), within=_within)
-    rules = judged(LANGUAGE, ("sub", "program"), _check)
+    reader = joints.in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"), within=_within)
+    rules = joints.judged(LANGUAGE, ("sub", "program"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The routine that a program begins with."""

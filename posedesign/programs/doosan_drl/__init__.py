@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from lark import Token, Tree
 
@@ -231,7 +232,7 @@ class DoosanDrl(joints.JointDialect):
         ),
         call=("{call}({argument})",),
     )
-    most_output = 16
+    limits = replace(joints.LIMITS, outputs=(1, 16))
     reader = joints.in_moves(LANGUAGE, _moved_to, _change, ("#", "doosan"), _without_blocks)
     rules = joints.judged(LANGUAGE, ("call", "assign", "define"), _check, _without_blocks)
 

@@ -12,14 +12,7 @@ from functools import cache, cached_property
 
 from lark import Token, Tree
 
-from posedesign.programs.language import (
-    MOST_FAULTS,
-    Language,
-    Line,
-    Statement,
-    lines_of,
-    nodes,
-)
+from posedesign.programs.language import MOST_FAULTS, Language, Line, Statement, lines_of, nodes
 
 LANGUAGE = Language(
     "posedesign.programs.fanuc_ls",

@@ -30,19 +30,12 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from posedesign.programs import reading
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
 from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import (
-    carried_off,
-    configuration_in,
-    joint_deg,
-    millimetres,
-    poses_of,
-    refuse,
-    text_of,
-)
+from posedesign.programs.reading import carried_off, configuration_in, joint_deg, refuse, text_of
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -91,7 +84,7 @@ class _Stored(Stored):
             refuse(f"{label} has a value for some extended axes only", path, group.row)
         values = []
         for name in own:
-            unit, read = ("mm", millimetres) if name in PLACE else ("deg", joint_deg)
+            unit, read = ("mm", reading.millimetres) if name in PLACE else ("deg", joint_deg)
             text, found = group.fields.get(name, ("", ""))
             row = group.row_of(name)
             if not text:
@@ -133,15 +126,11 @@ def _program(
             refuse(f"{label}: {axis} is not there as in {first}", path, p.group.row)
     names = {int(label[label.index("[") + 1 : -1]): p.name for label, p in stored.items()}
     numbering = Numbering(_NUMBERED, mark=mark, names=names)
-    return numbering.program((*named, "fanuc"), [*stored.values()], poses_of, path)
+    return numbering.program((*named, "fanuc"), [*stored.values()], reading.poses_of, path)
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
-    """Program in the content of a file; ``path`` is for the messages.
-
-    Raises FileFormatError: the file is not a FANUC program in ASCII, is cut off, or holds a
-    position that is neither six joint angles nor a pose.
-    """
+    """Program in the content of a file; ``path`` is for the messages."""
     text = text_of(data, path, "save a binary .TP as .LS")
     listing = read_listing(text)
     name = _name(listing, path)
@@ -200,10 +189,7 @@ def _name(listing: Listing, path: Path | str) -> str:
 
 
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
-    """Positions of all registers that have one, by their numbers.
-
-    Raises FileFormatError: the file is no such backup, holds no positions, or one that is damaged.
-    """
+    """Positions of all registers that have one, by their numbers."""
     text = text_of(data, path)
     inside = found = False
     there: set[str] = set()

@@ -169,7 +169,6 @@ def _check_lines(listing: Listing) -> Iterator[Problem]:
 
 
 def _line_faults(line: Instruction) -> Iterator[rules.Fault]:
-    """Of how a line is laid out."""
     rule, code = "line-format", line.code
     if line.inner:
         return
@@ -186,7 +185,6 @@ def _line_faults(line: Instruction) -> Iterator[rules.Fault]:
 
 
 def _code_faults(line: Instruction) -> Iterator[rules.Fault]:
-    """Of what an instruction says."""
     s, fault = line.statement, line.statement.fault
     if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
         reason = f"a negative constant stands in parentheses, (-1): {fault}"
@@ -304,7 +302,6 @@ def _check_use(listing: Listing) -> Iterator[Problem]:
 
 
 def _positions_of(line: Instruction) -> set[str]:
-    """Labels of the positions that an instruction names."""
     found = set()
     for tree in line.statement.all("target", "indexed"):
         if str(tree.children[0]) == "P":

@@ -25,35 +25,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from lark import Tree
 
+from posedesign.programs import joint_programs as joints
+from posedesign.programs import language
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import (
-    JOINTS,
-    JointDialect,
-    Notes,
-    Standing,
-    Stored,
-    check_joints,
-    check_range,
-    joints_of,
-    judged,
-    listed,
-    not_known,
-)
-from posedesign.programs.language import (
-    Block,
-    Language,
-    Line,
-    Statement,
-    block_faults,
-    lines_of,
-    nodes,
-    text_of,
-    without_remarks,
-)
+from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
+from posedesign.programs.language import Block, Language, Line, Statement, lines_of, nodes, text_of
 from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
@@ -87,7 +68,7 @@ _BLOCKS = {
 def _sections(lines: Iterator[Line]) -> Iterator[Line]:
     """Lines of programs and lists, and the heads of all sections."""
     inside = ""
-    for line in without_remarks(r";.*|^\.\*.*")(lines):
+    for line in language.without_remarks(r";.*|^\.\*.*")(lines):
         text = line.text
         head = _SECTION.match(text)
         if head:
@@ -141,8 +122,8 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
     own = numbered if notes.mark else NO_NAME
     numbering = Numbering(own, element, notes.mark, notes.names, first)
-    positions, untouched = listed(numbering, found, path, joints_of), numbering.is_untouched(found)
-    mark = notes.mark or PlanMark()
+    positions = listed(numbering, found, path, joints.joints_of)
+    mark, untouched = notes.mark or PlanMark(), numbering.is_untouched(found)
     return RecordedProgram(name, "", mark, positions, "kawasaki", empty_registers=untouched)
 
 
@@ -150,8 +131,8 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
     called = " ".join(s.word("NAME").lower() for s in statements if s.kind == "call")
     for s in statements:
         if (s.fault or s.kind in ("other", "section")) and not _NOT_JUDGED.match(s.text):
-            yield not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
-    yield from block_faults(statements, _BLOCKS)
+            yield joints.not_known(s, _FIRST, f"{_WORDS} {called}", _OTHERS)
+    yield from language.block_faults(statements, _BLOCKS)
     yield from _check_positions(statements)
     yield from _check_steps(statements)
 
@@ -172,7 +153,7 @@ def _check_positions(statements: list[Statement]) -> Iterator[Problem]:
         if counts[name] > 1 or (name[0] == "#" and len(values) != size):
             yield Problem(s.row, "position", f"{name[:40]} is no position, or there twice")
         elif name[0] == "#":
-            yield from check_joints(s.row, values, most=size)
+            yield from joints.check_joints(s.row, values, most=size)
         if name.partition("[")[0] in arrays and name not in moved:
             yield Problem(s.row, "unused", f"{name[:40]} is never moved to", "measuring")
     known = {*counts, *(_places(s)[0] for s in statements if s.kind in ("here", "point"))}
@@ -195,10 +176,12 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
         if s.kind == "speed":
             speed = "always" if s.word("ALWAYS") else "once"
         if s.kind == "speed" and not s.word("UNIT"):
-            yield from check_range(s.row, first, "percent of the speed", 0.01, 100)
+            yield from joints.check_range(s.row, first, "percent of the speed", 0.01, 100)
         if s.kind == "pulse":
             least, most = (2001, 2960) if re.fullmatch(r"2\d{3}", first) else (1, 999)
-            yield from check_range(s.row, first, "number of an output", least, most, whole=True)
+            yield from joints.check_range(
+                s.row, first, "number of an output", least, most, whole=True
+            )
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)
@@ -230,9 +213,9 @@ class KawasakiAs(JointDialect):
     head = ("  SPEED {percent} ALWAYS",)
     external_axes = 6
     turning_axes = True
-    most_output = 999  # inputs are numbered from 1001
+    limits = replace(joints.LIMITS, outputs=(1, 999))  # inputs are numbered from 1001
     reader = parse_kawasaki_as
-    rules = judged(LANGUAGE, ("program", "position"), _check)
+    rules = joints.judged(LANGUAGE, ("program", "position"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The program, and its positions."""

@@ -124,9 +124,7 @@ _GLOBALS = _STATES | _words(
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
 _LARGEST = {"S": 31, "T": 63}
-_WHOLE = ("[]", ",]")
-"""How indices of a whole array or of one of its rows end."""
-
+_WHOLE = ("[]", ",]")  # how indices of a whole array or of one of its rows end
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
 _CONTROL: rules.Asked = ("ascii", *rules.CONTROL[1:])
 _NOT_ASCII: rules.Asked = ("ascii", *rules.FOREIGN[1:3], "measuring")
@@ -172,7 +170,6 @@ class _Module:
             self._take(statement)
 
     def of_kind(self, *kinds: str) -> Iterator[Statement]:
-        """Statements of these kinds."""
         return (statement for statement in self.statements if statement.kind in kinds)
 
     def _take(self, statement: Statement) -> None:
@@ -200,7 +197,6 @@ class _Module:
 
 
 def _external(statement: Statement) -> str:
-    """Name of the routine that is declared to be elsewhere."""
     return next(krl.key_of(c) for c in statement.tree.children if isinstance(c, Token))
 
 
@@ -317,8 +313,7 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
             near = rules.near(word, known)
             if near:
                 level: Level = "error" if module.whole else "note"
-                said = f"{word} is no word that is known here: {near}?"
-                yield Problem(row, "word", said, level)
+                yield Problem(row, "word", f"{word} is no word that is known here: {near}?", level)
             elif known is _CALLED:
                 yield Problem(row, "routine", f"{word} stands in another file", "note")
             if near or known is _CALLED:
@@ -415,7 +410,6 @@ def _form_fault(of_type: str, name: str, text: str) -> str:
 
 
 def _check_positions(module: _Module) -> Iterator[Problem]:
-    """Rules ``position-format`` and ``number``."""
     for row, variable, of_type, aggregate in module.positions:
         label, fields = variable or "the position", krl.fields_of(aggregate)
         names = [name for name, _ in fields]
@@ -548,7 +542,6 @@ def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iter
 
 
 def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iterator[Problem]:
-    """Rules ``speed`` and ``frame-value``."""
     value, called = krl.as_number(text), statement.kind == "call"
     of_ptp = called and name in ("VEL_PTP", "ACC_PTP", "PTP_PARAMS")
     if of_ptp and not (math.isnan(value) or 1 <= value <= 100):

@@ -9,16 +9,8 @@ from typing import TypeGuard
 
 from lark import Token, Tree
 
-from posedesign.programs.language import (
-    Block,
-    Language,
-    Node,
-    Statement,
-    is_a,
-    nodes,
-    text_of,
-    without_remarks,
-)
+from posedesign.programs import language
+from posedesign.programs.language import Block, Language, Node, Statement, is_a, nodes, text_of
 
 AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 POSE = ("X", "Y", "Z", "A", "B", "C")
@@ -50,13 +42,11 @@ BLOCKS = {
 """Blocks inside of routines."""
 
 LANGUAGE = Language(
-    "posedesign.programs.kuka_krl", joined=without_remarks("^&.*|;.*"), letters=r"\w$"
+    "posedesign.programs.kuka_krl", joined=language.without_remarks("^&.*|;.*"), letters=r"\w$"
 )
 """The grammar; one for all files, so that it is made once."""
 
-NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"
-"""A plain decimal number."""
-
+NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"  # a plain decimal number
 _NUMBER = re.compile(NUMBER, re.IGNORECASE | re.ASCII)
 
 

@@ -37,28 +37,11 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.errors import InputError
-from posedesign.programs import rules
+from posedesign.programs import joint_programs as joints
+from posedesign.programs import language, rules
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import (
-    JOINTS,
-    JointDialect,
-    Notes,
-    Standing,
-    Stored,
-    check_joints,
-    check_range,
-    judged,
-    listed,
-)
-from posedesign.programs.language import (
-    Language,
-    Statement,
-    lines_of,
-    subtrees,
-    text_of,
-    without_remarks,
-    words,
-)
+from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
+from posedesign.programs.language import Language, Statement, lines_of, subtrees, text_of, words
 from posedesign.programs.notation import Notation
 from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
@@ -78,7 +61,7 @@ _STEP = re.compile(r"\s*(?:\d{1,5} +)?([A-Za-z]\w*)(?: .*)?")
 
 LANGUAGE = Language(
     __package__ or "",
-    joined=without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
+    joined=language.without_remarks(r"^\s*\d+ *'.*|'.*"),  # of a step that is nothing else, too
     signed=True,
     letters=r"\w",
 )
@@ -134,11 +117,11 @@ def _values_of(p: Stored, path: Path) -> dict[str, Any]:
 
     Seven joint values are all kept: they are an arm's with seven joints, or of one on a rail.
     """
-    joints, at = p.variable[0] in "Jj", (p.label, path, p.line)
-    texts = p.values[:JOINTS] if len(p.values) > JOINTS + joints else p.values
-    if len(texts) < (1 if joints else JOINTS):
+    turned, at = p.variable[0] in "Jj", (p.label, path, p.line)
+    texts = p.values[:JOINTS] if len(p.values) > JOINTS + turned else p.values
+    if len(texts) < (1 if turned else JOINTS):
         refuse(f"{p.label} has {len(texts)} values", path, p.line)
-    if not joints:
+    if not turned:
         return {"T_user_tool": poses_of(pose_values(texts, "XYZABC", *at))[0]}
     shown = [joint_deg(t, *at) for t in texts[:JOINTS]]
     return {"shown_deg": np.array(shown + [millimetres(t, *at) for t in texts[JOINTS:]])}
@@ -171,7 +154,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
                 level: Level = "error" if any(names) else "note"  # lists are saved apart as well
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list", level)
         if body.data == "override":
-            yield from check_range(s.row, text_of(body), "percent of the override", 1, 100)
+            yield from joints.check_range(s.row, text_of(body), "percent of the override", 1, 100)
         does = (body.data == kind for kind in ("move", "move", "dly", "call"))
         yield from standing.check(s.row, *does)  # an arm stops behind every move
     for s, name in zip(statements, names, strict=True):
@@ -191,12 +174,12 @@ def _level(text: str) -> Level:
 
 def _check_position(row: int, entry: _Entry, twice: bool) -> Iterator[Problem]:
     name, values, _ = entry
-    joints = name[0] in "Jj"
+    turned = name[0] in "Jj"
     plain = bool(values) and all(value.data == "number" for value in values)
-    if twice or not plain or not JOINTS * (not joints) <= len(values) <= 8:
+    if twice or not plain or not JOINTS * (not turned) <= len(values) <= 8:
         yield Problem(row, "position", f"{name[:40]} is no position, or there twice")
-    elif joints:
-        yield from check_joints(row, [text_of(value) for value in values], most=8, least=1)
+    elif turned:
+        yield from joints.check_joints(row, [text_of(value) for value in values], most=8, least=1)
 
 
 SIGNS = "signs of the joints, which are those of the robot's description"
@@ -225,7 +208,7 @@ class MitsubishiMelfa(JointDialect):
     notation = Notation(joint=5)
     external_axes = 2
     reader = parse_mitsubishi_melfa
-    rules = judged(LANGUAGE, ("statement",), _check)
+    rules = joints.judged(LANGUAGE, ("statement",), _check)
 
     def most_poses(self, program: PoseProgram) -> int | None:
         return 3000  # of eight steps, of 32,767

@@ -37,35 +37,19 @@ import numpy as np
 
 from calib.errors import FileFormatError
 from calib.robots import POSITIVE_AXES
+from posedesign.programs import reading, writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import (
-    MOST_JOINT_DEG,
-    joint_deg,
-    read_program_bytes,
-    refuse,
-    text_lines,
-)
+from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import MOST_PROBLEMS
-from posedesign.programs.writing import (
-    LIST_LENGTH,
-    NameRule,
-    comment_text,
-    plain_all,
-    shown_deg,
-    warning_lines,
-)
+from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, plain_all, shown_deg
 
 __all__ = ["RobodkCsv"]
 
-DECIMALS = 6
-"""Of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg."""
-
-MOST_COLUMNS = 64
-"""Most columns of a row: joints, and what RoboDK lists behind them."""
-
+DECIMALS = 6  # of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg
+MOST_COLUMNS = 64  # most columns of a row: joints, and what RoboDK lists behind them
 _JOINT = re.compile(r"(?:J|joint[ _]?)(\d{1,2})(?:\s*[\[(]?\s*(\w{1,10})\s*[\])]?)?", re.IGNORECASE)
 _ROW = re.compile(r"row (\d{1,7}): (pose|via) (\d{1,7})(?:: (.*))?")
 _LETTER = re.compile(r"[A-DF-Za-df-z_]|[eE](?![-+0-9])")
@@ -78,19 +62,17 @@ _NAN = re.compile(r"[+-]*(?:nan|inf|infinity)", re.IGNORECASE)
 
 
 def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
-    r"""Text of the list, and of the file with the names of its rows, lines ended by ``\n``.
+    """Text of the list, and of the file with the names of its rows.
 
     Poses that are only passed through are rows as well. The format has no speed, no time to settle
     and no call: the macro that moves the robot sets them.
-
-    Raises InputError: a text that cannot stand in a line, or a joint beyond +-720 deg.
     """
     name, title = program.name, program.options.comment
     rows = [",".join(plain_all(row, DECIMALS)) for row in shown_deg(arm, program.poses)]
     beside = [f"posedesign rows of {name}.csv", f"program: {name}"]
     beside += [f"title: {comment_text('comment', title)}"] if title else []
     beside += [program.mark] if program.mark else []
-    beside += [f"note: {line}" for line in warning_lines(program, LIST_LENGTH)]
+    beside += [f"note: {line}" for line in writing.warning_lines(program, LIST_LENGTH)]
     beside += [f"controller: {arm.maker or 'as described'}", f"rows: {len(rows)}"]
     stops = zip(program.numbers, program.poses, strict=True)
     for row, (number, pose) in enumerate(stops, start=1):
@@ -109,11 +91,7 @@ def _is_beside(data: bytes) -> bool:
 
 
 def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
-    """The rows of a list.
-
-    Raises FileFormatError: a row has not as many finite joint values within +-720 deg as the
-    others, or the file beside the list is that of another one.
-    """
+    """The rows of a list, with what the file beside it says of them."""
     if _is_beside(data):
         name = path.with_suffix(".csv").name
         refuse(f"holds no positions: they are in {name} beside it", path, hint=f"name {name}")
@@ -146,7 +124,7 @@ def _rows(data: bytes, path: Path) -> tuple[list[tuple[int, list[str]]], list[in
     rows: list[tuple[int, list[str]]] = []
     columns: list[int] = []
     width = 0
-    for line, content in enumerate(text_lines(data, path), start=1):
+    for line, content in enumerate(reading.text_lines(data, path), start=1):
         text = content.strip()
         if not text or text.startswith(("#", "%", "//")):
             continue
@@ -176,7 +154,6 @@ def _fields(text: str, path: Path, line: int) -> list[str]:
 
 
 def _columns(names: list[str], path: Path, line: int) -> list[int]:
-    """Columns of J1 to Jn by the names in a header."""
     found: dict[int, int] = {}
     for column, joint in enumerate(map(_JOINT.fullmatch, names)):
         if joint is None:
@@ -254,8 +231,7 @@ def _problems(text: str) -> Iterator[Problem]:
 def _numbers(row: int, fields: list[str]) -> Iterator[Problem]:
     for column, field in enumerate(fields, start=1):
         if not _PLAIN.fullmatch(field) or _MINUS_ZERO.fullmatch(field):
-            reason = f"value {column} is {field[:30]!a}, not a plain number"
-            yield Problem(row, "number", reason)
+            yield Problem(row, "number", f"value {column} is {field[:30]!a}, not a plain number")
         elif abs(float(field)) > MOST_JOINT_DEG:
             yield Problem(row, "range", f"value {column} is {field} deg, beyond +-720")
 

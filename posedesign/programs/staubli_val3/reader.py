@@ -31,12 +31,9 @@ from posedesign.programs.notation import Literal
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.staubli_val3 import project
-from posedesign.programs.staubli_val3.project import Node
-from posedesign.programs.staubli_val3.spec import CONFIG, JOINTS, POINT
+from posedesign.programs.staubli_val3.project import CONFIG, JOINTS, POINT, Node
 
-MOST_ELEMENTS = 100_000
-"""Largest size of an array that is believed."""
-
+MOST_ELEMENTS = 100_000  # largest size of an array that is believed
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames
@@ -62,11 +59,9 @@ class _Data(dict[str, _Array]):
     path: Path
 
     def first(self, name: str) -> Node | None:
-        """First value of an array."""
         return self[name].elements.get(0) if name in self else None
 
     def string(self, name: str) -> str:
-        """First value as text."""
         first = self.first(name)
         return first.get("value") if first else ""
 
@@ -75,11 +70,7 @@ class _Data(dict[str, _Array]):
 
 
 def parse_staubli_val3(data: bytes, path: Path) -> RecordedProgram:
-    """Project whose data are the content of a file; see the module.
-
-    Raises FileFormatError: the file holds no data of a VAL 3 project, or no position that can be
-    read.
-    """
+    """Project whose data are the content of a file; see the module."""
     if path.suffix.lower() in (".pjx", ".pgx"):
         refuse("holds no positions", path, None, _NAME_DATA)
     arrays = _arrays(data, path)
@@ -162,8 +153,7 @@ def _own(arrays: _Data) -> tuple[_Listed, bool]:
     stored = None
     if actual is not None:
         if _KINDS.get(actual.type) != "joint":
-            reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
-            arrays.refuse(reason, actual.line)
+            arrays.refuse(f"jActual is of type {actual.type[:20]!a}, not jointRx", actual.line)
         first, text = arrays.first("nFirst"), arrays.string("nFirst")
         if not _WHOLE.fullmatch(text) or int(text) < 1:
             reason = f"nFirst is {text[:20]!r}, not a number from 1 on"
@@ -187,7 +177,6 @@ def _is_touched(array: _Array, key: int) -> bool:
 
 
 def _others(arrays: _Data) -> _Listed:
-    """Positions of somebody's project."""
     taught = {name: array for name, array in arrays.items() if array.type in _KINDS}
     everything = [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
     moved: dict[tuple[str, int], None] = {}

@@ -47,7 +47,7 @@ from lark import Token, Tree
 from posedesign.programs import rules
 from posedesign.programs.language import Block, Statement, block_faults, subtrees, text_of
 from posedesign.programs.recorded import Level, Problem
-from posedesign.programs.staubli_val3 import project, spec
+from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node, index_of, name_of
 
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
@@ -84,12 +84,12 @@ def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
 
 
 def _check(root: Node, path: Path) -> Iterator[Problem]:
-    suffix = path.suffix.lower() if path.suffix.lower() in spec.ELEMENTS else ".dtx"
-    expected = next(iter(spec.ELEMENTS[suffix]))
+    suffix = path.suffix.lower() if path.suffix.lower() in project.ELEMENTS else ".dtx"
+    expected = next(iter(project.ELEMENTS[suffix]))
     if root.tag == _OLD_PROGRAMS:
         yield from _check_code(root, path)
     elif root.name == expected and _SPACE.match(root.tag):
-        yield from _check_elements(root, spec.ELEMENTS[suffix])
+        yield from _check_elements(root, project.ELEMENTS[suffix])
         special = {".dtx": _check_data, ".pjx": _check_project, ".pgx": _check_programs}
         yield from special[suffix](root, path)
     elif root.tag not in _OLD_ROOTS:
@@ -143,25 +143,25 @@ def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
         said = f"{label[:40]}: {name[-40:]} is {text[:30]!a}"
         if name not in names:
             # of a position all are known
-            level = "error" if names.keys() & spec.LIMITS.keys() else _level(name, names)
+            level = "error" if names.keys() & project.LIMITS.keys() else _level(name, names)
             yield Problem(node.line, "attributes", f"{said}, of no meaning", level)
-        elif name in spec.FORMS and not re.fullmatch(spec.FORMS[name], text, re.ASCII):
+        elif name in project.FORMS and not re.fullmatch(project.FORMS[name], text, re.ASCII):
             yield Problem(node.line, "attributes", said)
-        elif name in spec.LIMITS and not _NUMBER.fullmatch(text):
+        elif name in project.LIMITS and not _NUMBER.fullmatch(text):
             yield Problem(node.line, "number", f"{said}, not a plain number")
-        elif name in spec.LIMITS and not abs(float(text)) <= spec.LIMITS[name]:
+        elif name in project.LIMITS and not abs(float(text)) <= project.LIMITS[name]:
             yield Problem(node.line, "range", said)
 
 
 def _check_array(array: Node) -> Iterator[Problem]:
     """Type, size and values of data, a field, a local or a parameter."""
     name, kind = array.get("name")[:40], array.get("type")
-    known = kind in spec.VALUES or kind in ("joint", "point")
+    known = kind in project.VALUES or kind in ("joint", "point")
     if not known and not any(value.children for value in array.children):
         reason = f"{name} is of type {kind[:30]!a}"
-        yield Problem(array.line, "data-type", reason, _level(kind, spec.VALUES))
-    size = re.fullmatch(spec.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
-    if array.get(spec.XSI_TYPE) == "collection" or not size:
+        yield Problem(array.line, "data-type", reason, _level(kind, project.VALUES))
+    size = re.fullmatch(project.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
+    if array.get(project.XSI_TYPE) == "collection" or not size:
         return
     bounds = [int(text) for text in size[0].split()]
     seen: set[str] = set()
@@ -174,13 +174,13 @@ def _check_array(array: Node) -> Iterator[Problem]:
             yield Problem(value.line, "keys", f"{label} is none of {size[0]}, or there twice")
         seen.add(key)
         if known:
-            yield from _check_attributes(value, "key! " + spec.VALUES.get(kind, ""), label)
+            yield from _check_attributes(value, "key! " + project.VALUES.get(kind, ""), label)
         if kind == "num" and "value" in value.attributes and not _NUMBER.fullmatch(text):
             yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
         if kind == "bool" and text not in ("", "true", "false"):
             yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")
     count = len(array.children)
-    if kind in spec.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
+    if kind in project.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
         reason = f"{name} has {count} positions, its size is {bounds[0]}"
         yield Problem(array.line, "keys", reason, "measuring")
 
@@ -214,8 +214,7 @@ def _check_project(root: Node, path: Path) -> Iterator[Problem]:
             yield Problem(root.line, "project-files", f"{file[:40]!a} is not there")
     missing = {"start.pgx", "stop.pgx"} - set(files)
     if missing:
-        reason = f"has no {' and '.join(sorted(missing))}"
-        yield Problem(root.line, "project-files", reason, "note")
+        yield Problem(root.line, "project-files", f"has no {' and '.join(sorted(missing))}", "note")
 
 
 def _check_programs(root: Node, path: Path) -> Iterator[Problem]:
@@ -275,7 +274,7 @@ class _Scope:
 
     def __init__(self, path: Path, root: Node) -> None:
         listed, data = _files_beside(path)
-        files = [Path(f) for f in listed if re.fullmatch(spec.FORMS["file"], f, re.ASCII)]
+        files = [Path(f) for f in listed if re.fullmatch(project.FORMS["file"], f, re.ASCII)]
         self.whole = path.name in [file.name for file in files]
         self.programs = {f.stem: _parameters(path.parent / f) for f in files if self.whole}
         self.known: dict[str, tuple[str, int | None]] = {}
@@ -299,16 +298,20 @@ class _Scope:
         word = name.lower()
         if name.startswith("$"):
             return  # of an option
-        least, most = spec.FUNCTIONS.get(word, (0, 99))
+        least, most = project.FUNCTIONS.get(word, (0, 99))
         if name in self.programs:
             yield "function", f"{name[:40]} is a program, and needs a call", "error"
-        elif word not in spec.FUNCTIONS:
-            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, spec.FUNCTIONS)
+        elif word not in project.FUNCTIONS:
+            yield (
+                "function",
+                f"{name[:40]} is no function of VAL 3",
+                _level(word, project.FUNCTIONS),
+            )
         elif not least <= len(given) <= most:
             takes = str(least) if least == most else f"{least} to {most}"
             yield "function", f"{name} takes {takes} arguments, not {len(given)}", "error"
         elif word in project.MOVES:
-            targets = spec.JOINT_TARGETS if word == "movej" else spec.TARGETS
+            targets = project.JOINT_TARGETS if word == "movej" else project.TARGETS
             kinds = [targets] * project.MOVES[word] + [("tool",), ("mdesc",)]
             for tree, types in zip(given, kinds, strict=True):
                 kind = self._type(tree)
@@ -327,9 +330,9 @@ class _Scope:
     def _of_place(self, place: Tree[Token]) -> Iterator[rules.Fault]:
         name = name_of(place)
         word = name.lower()
-        if word in spec.KEYWORDS or word in spec.FUNCTIONS:
+        if word in project.KEYWORDS or word in project.FUNCTIONS:
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
-        elif name not in self.known and word not in spec.PREDEFINED and self.whole:
+        elif name not in self.known and word not in project.PREDEFINED and self.whole:
             yield "name", f"{name[:40]} is neither in the data file nor a local", "error"
         size = self.known.get(name, ("", None))[1]
         if size is not None and int(index_of(place) or 0) >= size:

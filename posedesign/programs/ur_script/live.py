@@ -1,7 +1,7 @@
 """Poses of a running URScript program, as it tells of them: by RTDE, through the library ur_rtde.
 
 The program writes the number of a pose into an output integer register while the arm stands there
-touched up, and 0 before it moves on; the scripts written here do (:mod:`.writer`), and any other
+touched up, and 0 before it moves on; the scripts written here do, and any other
 program can with these two lines. Integer registers say which pose it is, so that none is counted
 wrong after a break; of their 48 ur_rtde reads 12 to 19, which the guide to RTDE keeps for field
 buses, and 36 to 43 of those that it leaves to others (PolyScope 3.9 and 5.3 on). Nothing is written
@@ -29,30 +29,20 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.program import in_range
 from posedesign.programs.ur_script import rtde_process
-from posedesign.programs.ur_script.reader import MOST_JOINT_RAD
-from posedesign.programs.ur_script.spec import JOINTS
+from posedesign.programs.ur_script.reader import JOINTS, MOST_JOINT_RAD
 
-PORT = 30004
-"""Of RTDE; ur_rtde knows no other."""
-
+PORT = 30004  # of RTDE; ur_rtde knows no other
 REGISTERS = (*range(12, 20), *range(36, 44))
 
-SAMPLES = 12
-"""Of one pose, a tenth of a second: their mean is taken."""
-
+SAMPLES = 12  # of one pose, a tenth of a second: their mean is taken
 STILL_RAD_S = 0.01
 """Joint speed up to which an arm stands: what the encoders make of standing is far below, and the
 slowest hand that guides an arm above."""
 
-STILL_RAD = 1e-4
-"""By which no joint may move meanwhile: a tenth of a millimetre at a metre."""
-
-AGAIN_S = 1.0
-"""Wait before a connection that was lost is made anew."""
-
+STILL_RAD = 1e-4  # by which no joint may move meanwhile: a tenth of a millimetre at a metre
+AGAIN_S = 1.0  # wait before a connection that was lost is made anew
 LONGEST_S = 7 * 24 * 3600.0
-PLAYING, ENDED = 2, (0, 1)
-"""Of ``runtime_state``: a paused program has not ended."""
+PLAYING, ENDED = 2, (0, 1)  # of ``runtime_state``: a paused program has not ended
 
 
 @dataclass(frozen=True)
@@ -161,6 +151,8 @@ def _told(
         try:
             with closing(_samples(host, register)) as samples:
                 for sample in samples:
+                    if not connected:  # how long a process takes to start is no time without a pose
+                        last = time.monotonic()
                     connected, lines = True, 0
                     told = watch.see(sample)
                     if told is not None:

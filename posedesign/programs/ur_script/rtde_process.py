@@ -17,20 +17,13 @@ import signal
 import sys
 import time
 
-RATE_HZ = 125.0
-"""The fastest that every controller has."""
-
-CONNECT_S, SILENT_S = 15.0, 5.0
-"""Longest wait for the first values, and for those that follow."""
-
-SILENT = 1
-"""Exit code of ``faulthandler`` when the time is over."""
-
+RATE_HZ = 125.0  # the fastest that every controller has
+CONNECT_S, SILENT_S = 15.0, 5.0  # longest wait for the first values, and for those that follow
+SILENT = 1  # exit code of ``faulthandler`` when the time is over
 UNLOADED, FAILED = 3, 4
 """Exit codes where ur_rtde does not load, and at errors that are not known here."""
 
-UPPER = 24
-"""First register that is no field bus's; ur_rtde is told which half to read."""
+UPPER = 24  # first register that is no field bus's; ur_rtde is told which half to read
 
 
 def main(host: str, register: int) -> None:

@@ -46,38 +46,22 @@ from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.ur_script import reader
-from posedesign.programs.ur_script.reader import shown
-from posedesign.programs.ur_script.spec import (
-    BLOCKS,
-    FUNCTIONS,
-    JOINTS,
-    MOST_JOINT_DEG,
-    MOST_OUTPUT,
-    MOVES,
-    PARAMETERS,
-    POSES,
-)
+from posedesign.programs.ur_script.reader import BLOCKS, JOINTS, MOST_OUTPUT, MOVES, POSES, shown
 
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
 
-_MOST_JOINT_RAD = radians(MOST_JOINT_DEG) + 1e-6
+_MOST_JOINT_RAD = radians(reader.MOST_LIMIT_DEG) + 1e-6
 _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
 
-_NUMBERS = {*"avtrnm"}
-"""Parameters that are numbers."""
-
+_NUMBERS = {*"avtrnm"}  # parameters that are numbers
 _NO_NUMBERS = {"TRUE", "FALSE", "STRING", "comparison", "list", "pose"}
 _NO_WORDS = {"nan", "inf", "none", "null", "true", "false"}
-_SHORTEST = 3
-"""Letters of a name that a misspelt one is told by."""
-
-_MOST_NAMES = 2000
-"""Of a script in which misspelt ones are looked for."""
-
+_SHORTEST = 3  # letters of a name that a misspelt one is told by
+_MOST_NAMES = 2000  # of a script in which misspelt ones are looked for
 _ASKS = {"popup", "request_boolean_from_primary_client"}
 _DEFINES = ("define", "thread", "secondary")
 
@@ -117,7 +101,7 @@ class _Script:
                 self.variables.update(names)
             elif statement.kind == "assign" and isinstance(first, Token):
                 self.variables.add(str(first))
-        self.known = self.functions.keys() | FUNCTIONS
+        self.known = self.functions.keys() | reader.FUNCTIONS
         self._told: set[str] = set()
         self._measures = any(_REPORT.search(statement.text) for statement in found)
         self._has_tcp = self._is_blended = False
@@ -125,7 +109,6 @@ class _Script:
         self._reported: set[str] = set()
 
     def check(self) -> Iterator[Problem]:
-        """Problems of all statements that the grammar takes."""
         called: dict[str, int] = {}
         moved = False
         for statement in self.found:
@@ -170,7 +153,7 @@ class _Script:
         if name not in self.known:
             yield from self._unknown(name, row, "function", matters=self._measures)
         own = name in self.functions
-        signature = self.functions[name] if own else PARAMETERS.get(name)
+        signature = self.functions[name] if own else reader.PARAMETERS.get(name)
         if signature is None:
             return
         least, parameters = signature
@@ -241,7 +224,6 @@ def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
 
 
 def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Problem]:
-    """Arguments of URScript's own functions."""
     for key, value in given.items():
         kind = value.data if isinstance(value, Tree) else value.type
         what = f"{name}: {key} is {shown(value)[:60]}"
@@ -299,7 +281,6 @@ def _numbers(node: Node) -> list[float | None]:
 
 
 def _number(node: Node | None) -> float | None:
-    """The number that an expression is, where it is one."""
     text = shown(node)
     last = node.children[-1] if isinstance(node, Tree) and node.data == "sign" else node
     return float(text) if isinstance(last, Token) and last.type == "NUMBER" else None

@@ -20,6 +20,7 @@ INFORM and name a position.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -40,15 +41,94 @@ from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
 from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import near
-from posedesign.programs.yaskawa_jbi.spec import (
-    AXES,
-    EXTERNAL,
-    HEADINGS,
-    INSTRUCTIONS,
-    KINDS,
-    checked,
-    found_in,
-)
+from posedesign.programs.writing import NameRule
+
+KINDS = ("C", "BC", "EC", "P", "BP", "EX")
+"""Of positions, in the order of ///NPOS: of the job, and variables; of arms, bases, stations."""
+
+_HEADINGS = """
+///NPOS ///TOOL ///USER ///POSTYPE ///PULSE ///RECTAN ///RCONF ///MTOOL ///DATE ///COMM ///ATTR
+///FRAME ////FRAME ///GROUP ///LVARS ///ARGTYPE ///COMMENT ///FOLDERNAME
+"""
+_INSTRUCTIONS = """
+ABORT ADD ADVINIT ADVSTOP AND ANTOUT AOUT ARATIOF ARATION ARCCTE ARCCTOF ARCCTON ARCCTS ARCCUR ARCOF
+ARCON ARCSET ARCVOL ASC ATAN AWELD BREAK CALL CASE CAT$ CHR$ CLEAR CLS CNVRT COMM COS CWAIT DEC
+DEFAULT DELETEJ DI DIALOG DIN DIV DOUT DROPVAL EI ELSE ELSEIF ELSEIFEXP END ENDFOR ENDIF ENDSWITCH
+ENDWHILE EVCMP FOR FORMAPR FORMCUT GETARG GETE GETFILE GETNAME GETPOS GETPRM GETREG GETS GETTOOL
+GETUALM GUNCHG GUNCL HAND HOLD HPMMVOF HPMMVON HPVELOF HPVELON HSEN HTRAJOF HTRAJON IF IFTHEN
+IFTHENEXP IMOV INC INIWIN INPUT INTR INVMAT JUMP LATCH LATESTJOB LEN LOADJ LOADV MACRO MFRAME MID$
+MOVC MOVJ MOVL MOVS MSG MSHIFT MUL MULMAT NEXT NOP NOT NSRCH OR PALINI PAUSE PLATEOF PLATEON POINT
+PRINT PSTART PULSE PWAIT REFP REPLAY RET RETRY SAVEJ SAVEV SET SETE SETFILE SETPRM SETREG SETTM
+SETTOOL SETUALM SFTOF SFTOF3D SFTON SFTON3D SHCKRST SHCKSET SIN SKILLSND SKIP SMOOTH SMOVC SMOVJ
+SMOVL SMOVS SPEED SPOT SQRT SRCH SSFTOF SSFTON STRSTR STROKE STRWAIT SUB SVGUNCL SVSPOT SVSPOTMOV
+SWAIT SWITCH SYEND SYMOVC SYMOVJ SYMOVL SYSTART TIMER TOOLOF TOOLON TSYNC UNTIL VAL VAL2STR VWELD
+WAIT WAVEOF WAVEON WHILE WHILEEXP WVOF WVON XOR
+"""
+HEADINGS = frozenset(_HEADINGS.split())
+INSTRUCTIONS = frozenset(_INSTRUCTIONS.split())
+"""First words of steps: of the INFORM manuals, with the options for handling, cutting, welding."""
+
+NAMES = NameRule("a Yaskawa job name", 8)  # what every controller takes, NX100 too
+MOST_COMMENT = 32  # characters of a job's comment and of a comment line
+MOST_FRAME = 63  # NX100 has fewer frames
+AXES = ("S", "L", "U", "R", "B", "T")  # Yaskawa's names of the six axes, from the base on
+EXTERNAL = ("E1", "E2", "E3")
+"""Our names of the base axes, in the order of a BC position, which has up to three values."""
+
+DECIMALS = 9  # decimals of a ratio that are kept: 1e-9 pulses in 720 deg are none
+_LEAST, _MOST = 1.0, 1e6
+"""Arms have some hundreds to thousands of pulses a degree, base axes of pulses a millimetre."""
+
+_COMMENT = re.compile(r"PULSES\s+([SLURBT]|E[1-3])\s+([-+]?\d{1,7}(?:\.\d{0,12})?)\s*", re.ASCII)
+
+_HINTS = {
+    "pulses_per_deg": "give six signed numbers, S L U R B T in pulses/deg: of the controller's "
+    "parameter file (ALL.PRM), or a pulse count that the pendant shows divided by its angle",
+    "pulses_per_mm": "give a signed number for each base axis in pulses/mm: a pulse count that the "
+    "pendant shows divided by the way from the axis's zero",
+}
+
+
+def checked(
+    pulses: Sequence[float], name: str = "pulses_per_deg", axes: Sequence[str] = AXES
+) -> tuple[float, ...]:
+    """The ratios of axes, rounded as they are written; InputError where they are none of an arm."""
+    values = tuple(pulses)
+    if len(values) != len(axes):
+        raise InputError(
+            f"{name} has {len(values)} values: joints are written in encoder pulses, "
+            f"which need one for each of {', '.join(axes)}",
+            hint=_HINTS[name],
+            name=name,
+            value=values,
+            bound=len(axes),
+        )
+    for axis, value in zip(axes, values, strict=True):
+        if not (math.isfinite(value) and _LEAST <= abs(value) <= _MOST):
+            raise InputError(
+                f"{name} of {axis} is {value}, not {_LEAST:g} to {_MOST:g} either way",
+                hint=_HINTS[name],
+                name=name,
+                value=value,
+                bound=(_LEAST, _MOST),
+            )
+    return tuple(round(float(value), DECIMALS) for value in values)
+
+
+def comments(pulses: Sequence[float]) -> list[str]:
+    """Texts of the comments, one an axis, that carry the ratios in a job: ``PULSES S 1638.4``.
+
+    ``pulses``: of S, L, U, R, B, T in a degree, then of the base axes in a millimetre.
+    """
+    texts = (f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".") for value in pulses)
+    return [f"PULSES {axis} {text}" for axis, text in zip((*AXES, *EXTERNAL), texts, strict=False)]
+
+
+def found_in(text: str) -> tuple[str, float] | None:
+    """Axis and ratio of such a comment, or None."""
+    found = _COMMENT.fullmatch(text)
+    return (found[1], float(found[2])) if found else None
+
 
 OF_POS = ("npos", "tool", "user", "postype", "pulse", "angle", "rectan", "rconf", "stored")
 """Kinds of statements that only //POS has."""
@@ -58,9 +138,7 @@ _MOST_LINES = 100_000
 """Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
 END then."""
 
-_OF_AXES = ("PULSE", "ANGLE")
-"""Forms of positions that have values of axes."""
-
+_OF_AXES = ("PULSE", "ANGLE")  # forms of positions that have values of axes
 _JOB_MARKS = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
 
 _OF_NAMES = ("///COMMENT", "///ARGNAME", "///ARGUNIT", "///TAGCOMM")
@@ -70,15 +148,12 @@ _DECIMAL = re.compile(r"[-+]?\d{1,5}(?:\.\d{0,9})?", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
 _POSE = ("X", "Y", "Z", "Rx", "Ry", "Rz")
-_BASES = ("BC", "BP")
-"""Kinds of positions of base axes."""
-
+_BASES = ("BC", "BP")  # kinds of positions of base axes
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
 are then in BC variables."""
 
-_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
-"""A job has few different ones."""
+_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)  # a job has few different ones
 
 
 class Name(NamedTuple):
@@ -291,7 +366,6 @@ class _Reader:
         refuse(message, self.path, row, hint)
 
     def take(self, statement: Statement) -> None:
-        """Take one more step."""
         kind = statement.kind
         if kind == "comment":
             text = statement.text[1:].strip()
@@ -492,8 +566,7 @@ class _Reader:
             first = first or values
             hint = "measure with these axes at rest"
             if values[1] != first[1]:
-                reason = "station axes stand elsewhere than at the poses before"
-                self.refuse(reason, row, hint)
+                self.refuse("station axes stand elsewhere than at the poses before", row, hint)
             if values[0] != first[0]:
                 reason = "base axes stand elsewhere than at the poses before"
                 hint += ", or describe the slide in the URDF"

@@ -58,8 +58,7 @@ from posedesign.programs.language import NOTHING, Block, Statement, block_faults
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import near
 from posedesign.programs.yaskawa_jbi import reader
-from posedesign.programs.yaskawa_jbi.reader import Job, Name, Stored
-from posedesign.programs.yaskawa_jbi.spec import INSTRUCTIONS, MOST_COMMENT, MOST_FRAME
+from posedesign.programs.yaskawa_jbi.reader import INSTRUCTIONS, MOST_COMMENT, Job, Name, Stored
 
 _MOST_STEPS = 9999
 _WIDTHS = {"": (6, 7, 8), "B": (1, 2, 3)}
@@ -204,8 +203,8 @@ def _frame_faults(frame: str, tool: str, user: str) -> list[str]:
         faults.append("is in a user frame, and no ///USER says which")
     for word, text in (("TOOL", tool), ("USER", user)):
         numbers = [number for number in text.split(",") if number]
-        if any(not n.isdecimal() or len(n) > 3 or int(n) > MOST_FRAME for n in numbers):
-            faults.append(f"has ///{word} {text[:20]}, not 0 to {MOST_FRAME}")
+        if any(not n.isdecimal() or len(n) > 3 or int(n) > reader.MOST_FRAME for n in numbers):
+            faults.append(f"has ///{word} {text[:20]}, not 0 to {reader.MOST_FRAME}")
     return faults
 
 
@@ -279,19 +278,16 @@ def _check_order(job: Job) -> Iterator[Problem]:
 
 
 def _has_base(s: Statement) -> bool:
-    """Whether a move has a position of base axes."""
     return any(name.kind in ("BC", "BP") for name in reader.names_in(s.tree))
 
 
 def _step_faults(s: Statement) -> Iterator[rules.Fault]:
-    """Of a step by itself."""
     if s.kind in ("move", "also"):
         return chain.from_iterable(map(_move_faults, s.all("move", "also")))
     return _word_faults(s) if s.kind == "other" else _argument_faults(s)
 
 
 def _argument_faults(s: Statement) -> Iterator[rules.Fault]:
-    """Of comments, times, values, variables, and the names of jobs."""
     kind = s.kind
     if kind == "comment" and len(s.text) > 1 + MOST_COMMENT:
         yield "comment", "the comment is longer than 32 characters", "measuring"

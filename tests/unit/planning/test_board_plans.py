@@ -21,7 +21,7 @@ from posedesign.constraints.visibility import BoardSight
 from posedesign.hand_eye import as_calibrated
 from posedesign.planning.checks import score_poses
 from posedesign.planning.loop import check_base_pose, grid_poses
-from posedesign.planning.optimal import Request, plan_next_views, plan_optimal
+from posedesign.planning.optimal import Request, plan_next_views, plan_optimal, refinement
 from posedesign.planning.optimal.request import objective_of
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import PoseList
@@ -32,7 +32,7 @@ from tests.board_cells import board_cell, check_constraints, inside, pixels_of, 
 from tests.marks import rest_in_slow
 
 FIXED = pytest.mark.parametrize("fixed", [False, True], ids=["in hand", "to hand"])
-COUNT, FEW = 8, 24
+COUNT, FEW = 8, 16
 
 
 @pytest.fixture(scope="module")
@@ -187,14 +187,14 @@ def test_folded_points_of_a_distorted_lens_are_not_in_view():
 
 @FIXED
 def test_views_are_spread_over_the_image_and_all_distances(fixed):
-    cell = board_cell(fixed=fixed, pool={"candidates": 400})
+    cell = board_cell(fixed=fixed, pool={"candidates": 250})
     pool = candidates_of(cell)
-    assert len(pool) == 400
+    assert len(pool) == 250
     check_constraints(cell, pool.postures)
     middle = seen(cell, cell.robot.fk(pool.postures), cell.board.outline.mean(axis=0)[None])[:, 0]
     places = pixels_of(cell, middle)
     counts = np.histogram2d(*places.T, bins=(3, 3), range=[[0, 1280], [0, 1024]])[0]
-    assert counts.min() > 8
+    assert counts.min() > 5
     away = np.linalg.norm(middle, axis=1)
     assert away.max() > 2.0 * away.min()
 
@@ -316,9 +316,10 @@ def test_what_the_camera_sees_moves_as_it_does(fixed):
 
 
 @FIXED
-def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed):
-    cell = board_cell(fixed=fixed, pool={"candidates": 80})
-    found = plan_optimal(cell, Request(count=COUNT, refine=fixed))
+def test_chosen_poses_keep_all_constraints_and_promise_what_they_are_worth(fixed, monkeypatch):
+    monkeypatch.setattr(refinement, "MOST_SWEEPS", 3)
+    cell = board_cell(fixed=fixed, pool={"candidates": 40})
+    found = plan_optimal(cell, Request(count=COUNT, refine=fixed, beside=0))
     q = found.postures
     assert len(q) == COUNT
     assert found.reached

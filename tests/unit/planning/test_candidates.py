@@ -96,11 +96,11 @@ def test_angles_that_are_held_do_not_repeat_poses(make_cell):
 def test_the_nearest_posture_is_the_nearest_of_all_that_can_be_taken():
     """On an arm whose branches collide in different places."""
     cell = Cell.from_text(cell_template("ur5e"))
-    poses = tried_poses(cell, 150)
-    pool = cone_candidates(cell, TILT, 150, rng(), "nearest")
+    poses = tried_poses(cell, 60)
+    pool = cone_candidates(cell, TILT, 60, rng(), "nearest")
     solutions = cell.robot.inverse(poses, near=cell.base_posture, margin=cell.margin)
     expected, second = [], 0
-    for k in range(150):
+    for k in range(60):
         all_of = solutions.of(k)
         kept = all_of[cell.checker.check(all_of).feasible] if len(all_of) else all_of
         if len(kept):
@@ -113,10 +113,10 @@ def test_the_nearest_posture_is_the_nearest_of_all_that_can_be_taken():
 
 @pytest.mark.parametrize("configurations", ["front", "all"])
 def test_no_branch_is_left_out(demo_cell, configurations):
-    poses = tried_poses(demo_cell, 300)
-    pool = cone_candidates(demo_cell, TILT, 300, rng(), configurations)
+    poses = tried_poses(demo_cell, 100)
+    pool = cone_candidates(demo_cell, TILT, 100, rng(), configurations)
     solutions = demo_cell.robot.inverse(poses, near=demo_cell.base_posture, margin=demo_cell.margin)
-    expected = np.concatenate([solutions.of(k) for k in range(300)])
+    expected = np.concatenate([solutions.of(k) for k in range(100)])
     if configurations == "front":
         expected = expected[np.cos(expected[:, 0] - demo_cell.base_posture[0]) >= 0.0]
     expected = expected[demo_cell.checker.check(expected).feasible]

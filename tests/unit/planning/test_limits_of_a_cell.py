@@ -10,6 +10,7 @@ from calib.errors import CalibError, InputError
 from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
 from posedesign.planning.optimal import OptimalPlan, Request, plan_optimal
+from posedesign.planning.optimal import plan as optimal
 from posedesign.selection import limited
 from tests.measured_cells import ARMS, cell_text
 
@@ -21,11 +22,12 @@ def _few_draws() -> Iterator[None]:
     """What more draws would still gain, a few thousandths, decides nothing here."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(limited, "PATIENCE", 1)
+        patch.setattr(limited, "SMALL", 0)  # nor whether small pools are proven
         yield
 
 
 def cell_with(more: str, kind: str = "two targets") -> Cell:
-    pool = "" if "[pool]" in more else "[pool]\ncandidates = 80\n"
+    pool = "" if "[pool]" in more else "[pool]\ncandidates = 50\n"
     return Cell.from_text(cell_text(kind, f'preset = "{ARM}"', ARMS[ARM]) + pool + more)
 
 
@@ -36,20 +38,19 @@ def targets_of(chosen: OptimalPlan) -> list[str]:
 def test_a_target_has_its_share_and_the_rest_is_as_good_as_can_be():
     free = plan_optimal(cell_with(""), Request(count=10, beside=0))
     few = targets_of(free).count("high")
-    limited = plan_optimal(
-        cell_with(f'[[pool.limit]]\ntarget = "high"\nmost = {few - 2}\n'), Request(count=10)
-    )
-    assert targets_of(limited).count("high") == few - 2
-    assert limited.selection.value >= free.selection.bound
-    assert limited.selection.efficiency > 0.8
-    more = cell_with(f'[[pool.limit]]\ntarget = "low"\nleast = {12 - few}\n')
-    kept = plan_optimal(more, Request(count=10, beside=0))
-    assert targets_of(kept).count("low") >= 12 - few
+    less = f'target = "high"\nmost = {few - 2}\n'
+    more = f'target = "low"\nleast = {12 - few}\n'
+    for limit, beside in ((less, 1), (more, 0)):
+        cell = cell_with(f"[[pool.limit]]\n{limit}")
+        limited = plan_optimal(cell, Request(count=10, beside=beside))
+        assert targets_of(limited).count("high") == few - 2
+        assert limited.selection.value >= free.selection.bound
+        assert limited.selection.efficiency > 0.8
 
 
 def test_sides_and_zones_are_kept():
     text = (
-        '[pool]\ncandidates = 80\nconfigurations = "all"\n'
+        '[pool]\ncandidates = 50\nconfigurations = "all"\n'
         '[[pool.limit]]\nside = "behind"\nmost = 2\n'
         "[[pool.limit]]\nlowest_mm = [-2000.0, -2000.0, {z}]\n"
         "highest_mm = [2000.0, 2000.0, 3000.0]\nleast = 9\n"
@@ -64,17 +65,18 @@ def test_sides_and_zones_are_kept():
 
 
 def test_a_pose_is_measured_again_where_that_tells_more():
-    cell = cell_with("[pool]\nrepeats = 4\ncandidates = 80\n", "touch-up")
-    chosen = plan_optimal(cell, Request(count=16, beside=0, criterion="D"))
-    once = plan_optimal(cell_with("", "touch-up"), Request(count=16, beside=0, criterion="D"))
-    assert len(np.unique(chosen.postures, axis=0)) < 16
+    cell = cell_with("[pool]\nrepeats = 4\ncandidates = 50\n", "touch-up")
+    chosen = plan_optimal(cell, Request(count=12, beside=0, criterion="D"))
+    once = plan_optimal(cell_with("", "touch-up"), Request(count=12, beside=0, criterion="D"))
+    assert len(np.unique(chosen.postures, axis=0)) < 12
     assert chosen.selection.value > once.selection.value  # D: the larger the better
-    assert len(chosen.postures) == 16
+    assert len(chosen.postures) == 12
 
 
-def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much():
+def test_a_given_time_is_spent_on_what_takes_less_where_that_tells_as_much(monkeypatch):
     """A tracker reads in 3 s what a touch-up takes 20 s for."""
-    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 40\n"
+    monkeypatch.setattr(optimal, "TRIED_COUNTS", 3)
+    more = "[plan]\ndwell_s = 20.0\n[pool]\ncandidates = 24\n"
     text = cell_text("mixed", f'preset = "{ARM}"', ARMS[ARM])
     text = text.replace('kind = "point"\n', 'kind = "point"\ndwell_s = 3.0\n', 1) + more
     cell = Cell.from_text(text)
@@ -121,8 +123,8 @@ def test_what_the_tracker_buys_against_the_pin_is_said():
     both = plan_optimal(cell, Request(count=16))
     assert list(both.alone) == ["T1", "tracker"]
     for name, part in zip(both.alone, cell.parts, strict=True):
-        pool = part.config.pool.model_copy(update={"candidates": 40})
+        pool = part.config.pool.model_copy(update={"candidates": 25})
         own = replace(part, config=part.config.model_copy(update={"pool": pool}))
-        one = plan_optimal(own, Request(count=16))
+        one = plan_optimal(own, Request(count=16, beside=0))
         assert both.alone[name] == pytest.approx(one.accuracy.tcp_m, rel=0.02)
     assert both.of_pool.tcp_m < min(both.alone.values()) * 1.05

@@ -161,7 +161,7 @@ def test_candidates_are_seen_and_in_range(kind):
     pool = candidates_of(cell)
     for k, part in enumerate(cell.parts):
         own = pool.postures[pool.of == k]
-        assert len(own) > 50
+        assert len(own) > 30
         target = part.config.target
         point = cell.robot.state(own).point(part.tool_m)
         away_mm = 1e3 * np.linalg.norm(point - part.whereabouts.target_m, axis=1)

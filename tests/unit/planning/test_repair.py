@@ -150,10 +150,12 @@ def beyond(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("replace", [True, False])
 def test_poses_that_no_way_leads_to(make_demo_cell, replace):
-    cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
+    wide = {"start_deg": [25.0, 25.0, 25.0]}
+    keys = {"repair": replace, "condition_threshold": 2e5}
+    cell = make_demo_cell(plan=keys, variations=wide)
     free = plan(cell)
     assert (np.abs(free.postures[:, 3]) > np.deg2rad(50.0)).any()
-    cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
+    cell = make_demo_cell(plan=keys, variations=wide)
     cell.__dict__["ways"] = Blocked(beyond)
     result = plan(cell)
     assert (np.abs(result.postures[:, 3]) <= np.deg2rad(50.0)).all()

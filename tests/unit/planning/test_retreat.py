@@ -27,7 +27,7 @@ from posedesign.motion.route import Passing, Route
 from posedesign.planning import PoseList, PosePlan, plan
 from posedesign.planning.checks import check_poses
 from posedesign.planning.optimal import Request, plan_optimal
-from posedesign.planning.poses_file import read_poses
+from posedesign.planning.poses_file import read_poses, write_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.from_plan import with_approaches
 from posedesign.workflow import plan_poses
@@ -153,8 +153,8 @@ def test_a_pin_is_never_planned_through_its_fixture(planned):
 
 
 def test_chosen_poses_back_off_too(pin_cell):
-    cell = pin_cell(pool={"candidates": 60})
-    found = plan_optimal(cell, Request(count=10, validation=3))
+    cell = pin_cell(pool={"candidates": 40})
+    found = plan_optimal(cell, Request(count=6, validation=2, beside=0))
     for route in (found.route, found.validation_route):
         assert route is not None
         check_route(cell, *of_route(cell, route))
@@ -303,11 +303,13 @@ def test_the_program_backs_off(planned, tmp_path):
     assert sorted(found.touch_ups.names) == sorted(listed.measured.names)
 
 
-def test_a_program_may_stop_short(pin_cell, tmp_path):
+def test_a_program_may_stop_short(pin_cell, planned, tmp_path):
     """Each move in ends 10 mm before the target; what is jogged on from there is a touch-up."""
     cell = pin_cell(variations=ONE_ROUND, plan={"stop_short_mm": 10.0})
-    plan_poses(cell, tmp_path)
-    listed = read_poses(tmp_path / "poses.csv", 6)
+    poses, route = planned.found.poses, planned.found.route
+    path = tmp_path / "poses.csv"
+    write_poses(path, cell.robot, poses, route, cell.tool_m, stop_short_mm=10.0)
+    listed = read_poses(path, 6)
     assert all(verdict.ok for verdict in check_poses(cell, listed))
     options = program_options(cell, listed)
     with pytest.raises(InputError, match="stop 10 mm short of these poses") as caught:

@@ -30,7 +30,7 @@ EXACT = 1e-11
 
 angles = st.floats(-math.pi, math.pi, width=64)
 names = st.text(
-    st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zs", "Zl", "Zp"]),
+    st.characters(exclude_categories=["Cc", "Cs", "Zs", "Zl", "Zp"]),
     min_size=1,
     max_size=12,
 )

@@ -11,8 +11,7 @@ import pytest
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.programs import Arm, Load, PoseProgram, Problem, ProgramOptions, ProgramPose
-from posedesign.programs.abb_rapid import AbbRapid
-from posedesign.programs.abb_rapid.writer import render_abb_rapid
+from posedesign.programs.abb_rapid import AbbRapid, render_abb_rapid
 from tests.unit.programs.dialects import breaks, changed
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 10, 20, 4, 30, 6]), via=i == 1) for i in range(3))

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.programs import (
-    DIALECTS,
-    PoseProgram,
-    Problem,
-    ProgramPose,
-    RecordedProgram,
-)
+from posedesign.programs import DIALECTS, PoseProgram, Problem, ProgramPose, RecordedProgram
 from tests.unit.programs.dialects import arm_of, export, shown, three_poses
 
 FILES = {

@@ -11,7 +11,7 @@ import yaml
 
 from calib import Robot
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, read, validate, write
-from posedesign.programs.ros.writer import UNKNOWN_SPEED, joint_speeds, point_times_ms
+from posedesign.programs.ros import UNKNOWN_SPEED, joint_speeds, point_times_ms
 from tests.unit.programs.dialects import options_of, program_of, texts_of
 from tests.unit.programs.test_written_and_read import POSES, WRITTEN
 

@@ -13,15 +13,11 @@ from calib.robots.bounds import nearest_turns
 from calib.robots.inverse.closed_form import ClosedForm
 from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.inverse.solutions import DampedIteration
+from tests.arms import apart
 
 CLOSURE = 1e-9
 TURN = 2 * np.pi
 DOWN = np.diag([1.0, -1.0, -1.0])
-
-
-def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Largest joint difference, full turns aside [rad]."""
-    return np.abs((a - b + np.pi) % TURN - np.pi).max(axis=-1)
 
 
 SIX_AXES = [name for name in preset_names() if Robot.preset(name).n == 6]

@@ -10,9 +10,8 @@ from calib import Robot, se3
 from calib.robots.inverse import offset_wrist
 from calib.robots.inverse.offset_wrist import OffsetWrist
 from calib.robots.inverse.solutions import close_in, pose_error
-from tests.arms import Joint, urdf_from
+from tests.arms import Joint, apart, arm_from, missed
 
-TURN = 2 * np.pi
 LIMIT = 180.0
 
 ARMS: dict[str, list[Joint]] = {
@@ -56,25 +55,8 @@ ARMS: dict[str, list[Joint]] = {
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def robot(request, tmp_path_factory) -> Robot:
-    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
-    path.write_text(urdf_from(ARMS[request.param]))
-    return replace(Robot.from_urdf(path), name=request.param)
-
-
-def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Largest joint difference, full turns aside [rad]."""
-    return np.abs((a - b + np.pi) % TURN - np.pi).max(axis=-1)
-
-
-def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """How far the nearest answer to each posture is from it [rad]; all answers close."""
-    poses = robot.fk(q)
-    answers = robot.inverse(poses)
-    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-9)
-    out = np.full(len(q), np.inf)
-    np.minimum.at(out, answers.pose, apart(answers.postures, q[answers.pose]))
-    return out
+def robot(request) -> Robot:
+    return replace(arm_from(ARMS[request.param]), name=request.param)
 
 
 def found_by_search(robot: Robot, pose: np.ndarray, starts: int, seed: int) -> list[np.ndarray]:
@@ -122,7 +104,7 @@ def test_all_that_a_search_finds_is_found(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
+@pytest.mark.parametrize("poses", [4, pytest.param(20, marks=pytest.mark.full)])
 def test_all_that_a_long_search_finds_is_found(robot, poses):
     check_against_search(robot, poses, starts=8_000)
 

@@ -9,51 +9,37 @@ from calib import Robot, se3
 from calib.robots import SerialChain
 from calib.robots.chain import idealised
 from calib.robots.inverse.closed_form import ClosedForm
+from tests.arms import apart, arm_from, missed
 
 CLOSURE = 1e-9
-TURN = 2 * np.pi
 
 UR5E = [  # xyz [m], rpy [rad]: three parallel axes, none of the wrist's meet in one point
-    ("0 0 0.1625", "0 0 0"),
-    ("0 0 0", "1.5707963267948966 0 0"),
-    ("-0.425 0 0", "0 0 0"),
-    ("-0.3922 0 0.1333", "0 0 0"),
-    ("0 -0.0997 0", "1.5707963267948966 0 0"),
-    ("0 0.0996 0", "-1.5707963267948966 0 0"),
+    ((0, 0, 0.1625), (0, 0, 0)),
+    ((0, 0, 0), (np.pi / 2, 0, 0)),
+    ((-0.425, 0, 0), (0, 0, 0)),
+    ((-0.3922, 0, 0.1333), (0, 0, 0)),
+    ((0, -0.0997, 0), (np.pi / 2, 0, 0)),
+    ((0, 0.0996, 0), (-np.pi / 2, 0, 0)),
 ]
 
 GP180 = [  # as its maker's description rounds right angles
-    ("0 0 0.650", "0 0 0"),
-    ("0.325 0 0", "0 -1.571 -1.571"),
-    ("1.150 0 0", "3.142 0 0"),
-    ("0.300 -1.225 0", "-1.571 0 0"),
-    ("0 0 0", "1.571 0 0"),
-    ("0 -0.225 0", "-1.571 0 0"),
+    ((0, 0, 0.650), (0, 0, 0)),
+    ((0.325, 0, 0), (0, -1.571, -1.571)),
+    ((1.150, 0, 0), (3.142, 0, 0)),
+    ((0.300, -1.225, 0), (-1.571, 0, 0)),
+    ((0, 0, 0), (1.571, 0, 0)),
+    ((0, -0.225, 0), (-1.571, 0, 0)),
 ]
 
 
-def arm(folder, rows, limit: float) -> Robot:
-    text = ['<robot name="arm"><link name="l0"/>']
-    for j, (xyz, rpy) in enumerate(rows):
-        text.append(
-            f'<joint name="j{j + 1}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-            f'<limit lower="{-limit}" upper="{limit}" velocity="2" effort="1"/></joint>'
-            f'<link name="l{j + 1}"/>'
-        )
-    path = folder / "arm.urdf"
-    path.write_text("".join(text) + "</robot>")
-    return Robot.from_urdf(path)
+@pytest.fixture(scope="module")
+def ur5e() -> Robot:
+    return arm_from([(xyz, np.degrees(rpy), "0 0 1", 360.0) for xyz, rpy in UR5E])
 
 
 @pytest.fixture(scope="module")
-def ur5e(tmp_path_factory) -> Robot:
-    return arm(tmp_path_factory.mktemp("ur"), UR5E, TURN)
-
-
-@pytest.fixture(scope="module")
-def rounded(tmp_path_factory) -> Robot:
-    return arm(tmp_path_factory.mktemp("gp"), GP180, 3.0)
+def rounded() -> Robot:
+    return arm_from([(xyz, np.degrees(rpy), "0 0 1", 172.0) for xyz, rpy in GP180])
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +49,6 @@ def calibrated() -> Robot:
     off = se3.transform(se3.rotation_exp(rng.normal(0, 2e-4, (6, 3))), rng.normal(0, 2e-4, (6, 3)))
     chain = replace(robot.chain, placements=robot.chain.placements @ off)
     return replace(robot, chain=chain)
-
-
-def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """How far the nearest answer to each posture is from it, full turns aside [rad]."""
-    poses = robot.fk(q)
-    answers = robot.inverse(poses)
-    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=CLOSURE)
-    out = np.full(len(q), np.inf)
-    apart = (answers.postures - q[answers.pose] + np.pi) % TURN - np.pi
-    np.minimum.at(out, answers.pose, np.abs(apart).max(axis=1))
-    return out
 
 
 @pytest.mark.parametrize("bend", [1e-9, 3e-8, 3e-7, 3e-6, 1e-5, 1e-3])
@@ -123,8 +98,8 @@ def test_each_branch_of_three_parallel_axes_is_given_once(ur5e):
     for i in range(80):
         own = answers.postures[answers.pose == i]
         assert 1 <= len(own) <= 8
-        apart = np.abs((own[:, None] - own[None] + np.pi) % TURN - np.pi).max(axis=-1)
-        assert apart[~np.eye(len(own), dtype=bool)].min(initial=1.0) > 1e-6
+        between = apart(own[:, None], own[None])
+        assert between[~np.eye(len(own), dtype=bool)].min(initial=1.0) > 1e-6
 
 
 @pytest.mark.parametrize("name", ["rounded", "calibrated"])

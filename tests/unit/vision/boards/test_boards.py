@@ -28,7 +28,7 @@ def made(kind, columns, rows):
 
 
 @cache
-def _taken(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3, px=960):
+def _taken(board, *, tilt_deg=30.0, blur_px=1.0, noise=3.0, margin=0.3, px=640):
     size, focal, scale = (px, px * 3 // 4), px / 0.96, 6000.0
     about = np.ceil(margin * board.cell_m * scale) / scale  # whole pixels
     ideal = cv2.copyMakeBorder(board_picture(board, scale, about), 9, 9, 9, 9, 0, value=255)
@@ -105,7 +105,7 @@ def test_points_are_found_where_they_are(kind, tilt_deg):
 @pytest.mark.parametrize("kind", BOARDS)
 def test_boards_are_found_at_60_deg_out_of_focus_and_among_dots(kind):
     board = BOARDS[kind]
-    picture, truth = picture_of(board, tilt_deg=60.0, blur_px=2.0)
+    picture, truth = picture_of(board, tilt_deg=60.0, blur_px=2.0, px=960)
     corners = truth.min(axis=0), truth.max(axis=0)
     (left, top), (right, bottom) = np.rint([corners[0] - 70, corners[1] + 70]).astype(int)
     junk = np.full_like(picture, 150)
@@ -210,11 +210,11 @@ def test_an_aprilgrid_of_kalibr_is_found_whichever_way_its_tags_are_turned(turn)
 def test_a_part_of_a_board_with_markers_is_enough():
     board = BOARDS["charuco"]
     picture, truth = picture_of(board)
-    picture[:, 480:] = 128
+    picture[:, 320:] = 128
     sighting = detect_board(picture, board)
     assert sighting.is_ok
     assert 10 <= sighting.seen.sum() < 25
-    assert (sighting.pixels[sighting.seen, 0] < 480).all()
+    assert (sighting.pixels[sighting.seen, 0] < 320).all()
     assert np.abs(sighting.pixels - truth)[sighting.seen].max() < 0.15
 
 
@@ -266,7 +266,7 @@ def test_a_lens_moves_no_corner_of_a_round_target(tilt_deg):
 
 
 def test_a_round_target_that_tells_no_turn_is_named():
-    picture, truth = picture_of(ROUND)
+    picture, truth = picture_of(ROUND, px=960)
     x, y = np.rint(truth[:12].mean(axis=0)).astype(int)
     dark = int(picture[y + 30, x + 30])
     for square in truth[12:].reshape(-1, 4, 2):

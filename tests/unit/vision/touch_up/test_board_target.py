@@ -60,26 +60,28 @@ def seen_at(tilt_deg: float, roll_deg: float = 0.0, z_m: float = 0.25) -> FloatA
 
 
 @pytest.mark.parametrize(
-    ("kind", "camera"),
-    [*((kind, BENT) for kind in BOARDS), ("charuco", CAMERA), ("round-target", CAMERA)],
+    ("kind", "camera", "tilt_deg"),
+    [
+        *((kind, BENT, (0.0, 40.0)[k % 2]) for k, kind in enumerate(BOARDS)),
+        ("charuco", CAMERA, 40.0),
+        ("round-target", CAMERA, 40.0),
+    ],
 )
-def test_what_is_measured_is_the_slope_at_the_middle(kind, camera):
-    """In pictures with noise, squarely and at 40 deg, by a lens that nobody knows.
+def test_what_is_measured_is_the_slope_at_the_middle(kind, camera, tilt_deg):
+    """In pictures with noise, squarely or at 40 deg, by a lens that nobody knows.
 
     Of a round target 24 points tell no bend of third order: 1.5e-3 of the size here, the same at
     each touch-up.
     """
     bound = 2e-3 if (kind, camera) == ("round-target", BENT) else 1e-3
     target, rng = target_of_kind(kind), np.random.default_rng(1)
-    observer = ImageObserver(camera, target, Imaging())
-    for tilt_deg in (0.0, 40.0):
-        T = seen_at(tilt_deg, 10.0)
-        found, reason = target.measure(observer.grab(T, rng))
-        assert reason == ""
-        off = found - target.image(camera, T)
-        assert np.linalg.norm(off[:2]) < 0.04
-        size = ellipse_axes(found)[0] - ellipse_axes(target.image(camera, T))[0]
-        assert abs(size) < bound * ellipse_axes(found)[0]
+    T, observer = seen_at(tilt_deg, 10.0), ImageObserver(camera, target, Imaging())
+    found, reason = target.measure(observer.grab(T, rng))
+    assert reason == ""
+    off = found - target.image(camera, T)
+    assert np.linalg.norm(off[:2]) < 0.04
+    size = ellipse_axes(found)[0] - ellipse_axes(target.image(camera, T))[0]
+    assert abs(size) < bound * ellipse_axes(found)[0]
 
 
 def test_a_tilt_moves_neither_the_middle_nor_the_size():
@@ -119,7 +121,7 @@ def test_what_is_not_seen_is_said():
     assert target.pose(CAMERA, np.full((512, 640), 120, dtype=np.uint8), np.eye(4)[None]) is None
 
 
-def cell_with(board: str, **changes: str) -> Cell:
+def cell_with(board: str) -> Cell:
     text = cell_template().replace("image_px = [1280, 1024]", "image_px = [640, 512]")
     text = text.replace("focal_px = 1800.0", "focal_px = 900.0")
     return Cell.from_text(text + board)
@@ -137,7 +139,7 @@ dictionary = "DICT_5X5_100"
 
 
 def test_touch_ups_against_the_truth():
-    """By pictures, from four orientations of up to 30 deg: where the target is before the lens.
+    """By pictures, from three orientations of up to 30 deg: where the target is before the lens.
 
     Against the mean of all, which is the tip of the virtual pin. The arm scatters by 5 um at it.
     """
@@ -153,7 +155,7 @@ def test_touch_ups_against_the_truth():
     assert made.jacobian is not None
     T = cell.robot.fk(cell.base_posture)
     places = []
-    for _ in range(4):
+    for _ in range(3):
         R = rotation_exp(rng.uniform(-0.3, 0.3, 3))
         tip = T @ transform(R, cell.tool_m - R @ cell.tool_m + rng.uniform(-3e-3, 3e-3, 3))
         q, found = follow(cell.robot, cell.base_posture[None], tip[None])

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
 from posedesign.cli import output
 
 if TYPE_CHECKING:
+    from calib.errors import CalibError
     from calib.lens import Lens, LensName
-    from calib.robot_world import Noise, NoiseShown
-    from posedesign.files import Results
-    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
+    from posedesign.hand_eye.pairs import Pairs
 
 
 def robot_world(
@@ -126,25 +125,16 @@ def robot_world(
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
+    from calib.errors import CalibError
     from posedesign.hand_eye.pairs import PairSource
+    from posedesign.hand_eye.pairs import results as pair_results
     from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
-    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, outcome_as_dict, reached
     from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
-    from posedesign.report.pairs import answer_of_pairs
+    from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
-    source = PairSource(
-        pairs,
-        a,
-        b,
-        listed(columns),
-        listed(variables),
-        unit,
-        invert,
-        convention,
-        trust_units,
-        camera,
-    )
-    methods = methods_of(method)
+    named = listed(columns), listed(variables)
+    source = PairSource(pairs, a, b, *named, unit, invert, convention, trust_units, camera)
+    methods = pair_results.methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
     if certify:
         # a proof is of one noise that is known beforehand, and of the answer by it
@@ -155,22 +145,22 @@ def robot_world(
         None if noise_deg is None else math.radians(noise_deg),
         None if noise_mm is None else noise_mm / 1e3,
     )
-    noise = asked_noise(found, camera, *sizes, noise_on)
+    noise = pair_results.asked_noise(found, camera, *sizes, noise_on)
     results = output.results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     claims = claim_transforms(results) if transforms else []
-    outcomes = _solved(
-        found,
-        results,
-        methods,
-        noise,
-        estimate_scale=estimate_scale,
-        certify=certify,
-        quiet=as_json,
-    )
+    try:
+        with output.progress("A X = Z B", quiet=as_json) as advance:
+            outcomes = solve_and_draw(
+                found, results, methods, noise, advance, estimate_scale=estimate_scale
+            )
+            outcomes = pair_results.certified(found, outcomes) if certify else outcomes
+    except CalibError as error:
+        _say_how_read(found, error)
+        raise
     opencv = convention == "opencv"
     made = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
     files = [str(out / name) for name in made if (out / name).is_file()]
-    trusted = outcomes[0].result if reached(outcomes) else None
+    trusted = outcomes[0].result if pair_results.reached(outcomes) else None
     if claims and trusted is not None:
         write_transforms(claims, trusted, camera)
         files += [str(claim.path) for claim in claims]
@@ -178,41 +168,22 @@ def robot_world(
         results.remove(*TRANSFORMS)
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
-    content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
-    good, first = reached(outcomes), output.rehearsed_words(pairs, a, b)
+    content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
+    good, first = pair_results.reached(outcomes), output.rehearsed_words(pairs, a, b)
     return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
-def _solved(
-    pairs: Pairs,
-    out: Results,
-    methods: Sequence[str],
-    noise: Noise | NoiseShown | None,
-    *,
-    estimate_scale: bool,
-    certify: bool,
-    quiet: bool,
-) -> tuple[SolverOutcome, ...]:
-    """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
-    from calib.errors import CalibError, InputError
-    from posedesign.hand_eye.pairs.results import certified
-    from posedesign.report.pairs import solve_and_draw
+def _say_how_read(pairs: Pairs, error: CalibError) -> None:
+    """Say before an error what is odd about pairs as they were read."""
+    from calib.errors import InputError
 
-    try:
-        with output.progress("A X = Z B", quiet=quiet) as advance:
-            outcomes = solve_and_draw(
-                pairs, out, methods, noise, advance, estimate_scale=estimate_scale
-            )
-            return certified(pairs, outcomes) if certify else outcomes
-    except CalibError as error:
-        for text in pairs.notes:
-            output.note(f"warning: {text}")
-        if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
-            # the same finding, but by one who knows how the numbers were read
-            raise InputError(pairs.misread, name="pairs") from error
-        if pairs.misread:
-            output.note(f"warning: {pairs.misread}")
-        raise
+    for text in pairs.notes:
+        output.note(f"warning: {text}")
+    if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
+        # the same finding, but by one who knows how the numbers were read
+        raise InputError(pairs.misread, name="pairs") from error
+    if pairs.misread:
+        output.note(f"warning: {pairs.misread}")
 
 
 def refuse_unfit_noise(
@@ -387,10 +358,8 @@ def lens_of(text: str) -> LensName | Lens:
     from calib.lens import DISTORTION
     from posedesign.hand_eye.lens_files import read_lens
 
-    name: LensName
-    for name in ("pinhole", "rational", "fisheye"):
-        if text == name:
-            return name
+    if text in DISTORTION:
+        return cast("LensName", text)
     if not Path(text).exists() and "." not in text:
         raise InputError(
             f"--lens {text}: there is no such lens, and no such file",

@@ -42,35 +42,34 @@ def simulate(
     loaded = Cell.load(cell)
     listed = output.poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
     results = output.results_in(out, "simulate", cell, poses, overwrite=overwrite)
+    then: tuple[object, ...]
     if loaded.sees_board:
         check_fit(loaded, listed)
         with output.progress("taking pictures", with_time_left=True) as advance:
             own_seed = loaded.config.truth.seed if seed is None else seed
             taken = simulate_pictures(loaded, listed, results, own_seed, advance)
         folder, joints = taken[0].parent, out / JOINTS[0]
-        if as_json:
-            output.print_json({"pictures": [str(path) for path in taken], "files": [str(joints)]})
-        else:
-            output.say(
-                f"wrote {folder} and {joints}: {len(taken)} pictures of the board, SIMULATED"
-            )
-            mount = ("--camera", "fixed") if loaded.board_set_up.carried == "board" else ()
-            then = ("camera", cell, folder, "--joints", joints, *mount, "--out", out)
-            output.say(f"next: {output.command_line(*then)}")
-        return output.DONE
-    with output.progress("rehearsing"):
-        workflow.simulate(loaded, listed, results, seed, cycles)
-    count = len(listed.measured.names)
-    written = workflow.simulated_files(loaded)
-    files, (_, what) = [str(out / name) for name, _ in written], written[0]
-    measures = not loaded.is_hand_eye
-    if as_json:
-        output.print_json({"touch_ups": count if measures else 0, "files": files})
+        mount = ("--camera", "fixed") if loaded.board_set_up.carried == "board" else ()
+        then = ("camera", cell, folder, "--joints", joints, *mount)
+        said = f"{folder} and {joints}: {len(taken)} pictures of the board"
+        content: dict[str, object] = {
+            "pictures": [str(path) for path in taken],
+            "files": [str(joints)],
+        }
     else:
+        with output.progress("rehearsing"):
+            workflow.simulate(loaded, listed, results, seed, cycles)
+        count, written = len(listed.measured.names), workflow.simulated_files(loaded)
+        files = [str(out / name) for name, _ in written]
+        what = "pairs of A X = Z B" if loaded.is_hand_eye else written[0][1]
         counted = f"{count} poses, {what}" if what == "measurements" else f"{count} {what}"
-        said = counted if measures else f"{count} pairs of A X = Z B"
-        output.say(f"wrote {' and '.join(files)}: {said}, SIMULATED")
-        then = ("identify", cell, files[0]) if measures else ("robot-world", *files)
+        then = ("robot-world", *files) if loaded.is_hand_eye else ("identify", cell, files[0])
+        said = f"{' and '.join(files)}: {counted}"
+        content = {"touch_ups": 0 if loaded.is_hand_eye else count, "files": files}
+    if as_json:
+        output.print_json(content)
+    else:
+        output.say(f"wrote {said}, SIMULATED")
         output.say(f"next: {output.command_line(*then, '--out', out)}")
     return output.DONE
 
@@ -242,8 +241,7 @@ def correct(
         str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
     ] = None,
     again: Annotated[
-        bool,
-        typer.Option("--again", help="Correct what is corrected already."),
+        bool, typer.Option("--again", help="Correct what is corrected already.")
     ] = False,
     export: Annotated[
         list[str] | None,

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import se3
 from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye import checks
@@ -29,12 +28,12 @@ from calib.hand_eye.noise import (
 )
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
-from calib.hand_eye.problem import Prepared, Problem, explained
+from calib.hand_eye.problem import Prepared, Problem
 from calib.hand_eye.result import HandEyeResult, PictureStatus
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.robust import not_converged
 from calib.lens import Lens, LensName
-from calib.model import CalibrationModel, Setup
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import Measurements
 from calib.model.parameters import AXES, BoardErrors, LensParameters, ParameterBlock
 from calib.one_thread import one_blas_thread
@@ -117,10 +116,7 @@ def calibrate(
     try:
         fit = _fitted(problem, good, sigma_px, arm_sigma)
     except (InputError, ConvergenceError) as error:
-        one = prepared[0]
-        raise explained(
-            one.pictures, one.lens, one.usable, one.pixels, one.poses, one.found, error
-        ) from error
+        raise prepared[0].explained(error) from error
     return _result(problem, fit)
 
 
@@ -156,15 +152,16 @@ def _fitted(
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
         model = problem.model(pixel, arm)
-        x = _minimised(model, data[kept], x, problem.largest_px)
-        if still and rounds < _MOST_ROUNDS_OF_POINTS:
-            kept_points = _without_wrong_points(deviations(model, data, x), data)
-            rounds += 1
-            if kept_points is not None:
-                data, still = kept_points, False
-                continue
+        x, linear = _minimised(model, data[kept], x, problem.largest_px)
         if still:  # the noise is that of these pictures: who else is within it?
-            parts = deviations(model, data, x)
+            parts = deviations(model, data, x, linear if good.all() else None)
+            if rounds < _MOST_ROUNDS_OF_POINTS:
+                rounds += 1
+                wrong = _wrong_points(parts, data)
+                if wrong.any():
+                    seen = _seen(data.setup) & ~np.repeat(wrong, 2, axis=1)
+                    data, still = replace(data, setup=replace(data.setup, seen=seen)), False
+                    continue
             used = np.zeros(len(parts.off), dtype=bool)
             used[stops[good]] = True
             each = np.array([pixel[camera] for camera in problem.cameras])
@@ -172,10 +169,10 @@ def _fitted(
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
-                break
+                return _Fit(model, data, x, good, pixel, arm, noise_found, parts)
             good, still = again, False
             continue
-        some = deviations(model, data[kept], x)
+        some = deviations(model, data[kept], x, linear)
         before = np.array([*arm, *pixel.values()])
         pixel, arm = _noise_of(some, cameras[kept], pixel, arm, noise_found)
         after = np.array([*arm, *pixel.values()])
@@ -184,21 +181,11 @@ def _fitted(
     return _Fit(model, data, x, good, pixel, arm, noise_found, deviations(model, data, x))
 
 
-def _without_wrong_points(parts: Deviations, data: Measurements) -> Measurements | None:
-    """The pictures without points in wrong places; None where there are none.
-
-    Most points of a picture stay.
-    """
-    seen = data.setup.seen
-    if seen is None:
-        return None
-    points = seen[:, ::2]
+def _wrong_points(parts: Deviations, data: Measurements) -> BoolArray:
+    """Points ``(N, K)`` in wrong places, of pictures most of whose points stay."""
+    points = _seen(data.setup)[:, ::2]
     wrong = wrong_points(parts, points)
-    wrong &= (2 * wrong.sum(axis=1) < points.sum(axis=1))[:, None]
-    if not wrong.any():
-        return None
-    setup = replace(data.setup, seen=seen & ~np.repeat(wrong, 2, axis=1))
-    return replace(data, setup=setup)
+    return np.asarray(wrong & (2 * wrong.sum(axis=1) < points.sum(axis=1))[:, None])
 
 
 def _noise_of(
@@ -240,17 +227,17 @@ def _within_noise(
 
 def _minimised(
     model: CalibrationModel, data: Measurements, x: FloatArray, largest_px: float
-) -> FloatArray:
+) -> tuple[FloatArray, Linearisation]:
     found = minimise(model, data.trials(None), x[None])
     if not found.converged[0]:
         raise not_converged(float(found.change[0]))
-    rows = model.linearise(data.postures, found.x[0], data.setup, data.observed).rows
-    if np.sqrt(np.mean(rows**2)) > _BESIDE * largest_px:
+    linear = model.linearise_at(data, found.x[0])
+    if np.sqrt(np.mean(linear.rows**2)) > _BESIDE * largest_px:
         raise ConvergenceError(
             "the estimate has not converged: it shows the board far beside where it was seen",
             hint="are lengths of the arm and the board in the units that are said?",
         )
-    return np.asarray(found.x[0])
+    return found.x[0], linear
 
 
 def _with_pixels(parts: Deviations, scale: FloatArray) -> Deviations:
@@ -281,7 +268,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     kept = np.flatnonzero(fit.good)
     estimate = identify(fit.model, data[kept], start=fit.x, name="hand-eye calibration")
     x = estimate.values
-    residuals = fit.model.linearise(data.postures, x, data.setup, data.observed).rows
+    residuals = fit.model.linearise_at(data, x).rows
     observed = residuals if data.observed is None else data.observed
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
@@ -290,14 +277,16 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     first = problem.prepared[0].pictures
     X, Z = (poses[label] for label in first.labels)
     pixel = np.array([fit.sigma_px[camera] for camera in problem.cameras])
-    distance = _distance(first, problem.prepared[0].postures, X, Z)
+    middles, depths = _middles(problem, poses)
+    distance = float(np.median(depths[: len(problem.prepared[0].usable)]))
     lens = lenses[first.camera]
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
     point = distance * np.append(lens.rays(middle), 1.0)
     (gain,) = seen_point_motion(fit.model, x, first.camera, lens, point[None], first.camera)
     board, suspicions = _suspicions(problem, fit)
     names, status, at = _listed(problem, fit.good)
-    off = _at_boards(problem, fit.parts.off[stops], poses)
+    off = fit.parts.off[stops]
+    off[:, :3] += np.cross(off[:, 3:], middles)
 
     def listed(values: FloatArray) -> FloatArray:
         """Of all pictures, NaN for those that were not usable."""
@@ -436,37 +425,34 @@ def _outliers_in_words(problem: Problem, names: Sequence[str], good: BoolArray) 
 
 def _rms(rows: FloatArray, setup: Setup) -> FloatArray:
     """Rms ``(N,)`` of rows ``(N, m)`` that were seen."""
-    seen = np.ones(rows.shape, dtype=bool) if setup.seen is None else setup.seen
+    seen = _seen(setup)
     squares = np.sum(np.where(seen, rows, 0.0) ** 2, axis=1)
     return np.asarray(np.sqrt(squares / np.maximum(seen.sum(axis=1), 1)))
 
 
 def _of_points(rows: FloatArray, setup: Setup) -> FloatArray:
     """Residuals ``(N, K, 2)`` of the points of each picture; NaN where not seen."""
-    seen = np.ones(rows.shape, dtype=bool) if setup.seen is None else setup.seen
-    return np.where(seen, rows, np.nan).reshape(len(rows), -1, 2)
+    return np.where(_seen(setup), rows, np.nan).reshape(len(rows), -1, 2)
 
 
-def _at_boards(problem: Problem, off: FloatArray, poses: Mapping[str, FloatArray]) -> FloatArray:
-    """Deviations ``(N, 6)`` with the shift that they make of where the board is."""
-    out, first = off.copy(), 0
+def _seen(setup: Setup) -> BoolArray:
+    """Rows ``(N, m)`` that were seen: views of boards say which."""
+    return cast(BoolArray, setup.seen)
+
+
+def _middles(problem: Problem, poses: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Middle of the board of each picture, from the flange in base axes ``(N, 3)`` [m].
+
+    And its distance from the camera ``(N,)``.
+    """
+    places, depths = [], []
     for one in problem.prepared:
-        pictures, own = one.pictures, slice(first, first + len(one.usable))
-        first = own.stop
-        middle = np.append(pictures.board.mean(axis=0), 1.0)
+        pictures = one.pictures
         flange = pictures.robot.fk(one.postures)
         X, Z = (poses[label] for label in pictures.labels)
-        at = Z @ middle if pictures.carried == "camera" else (flange @ X) @ middle
-        out[own, :3] += np.cross(off[own, 3:], at[..., :3] - flange[:, :3, 3])
-    return out
-
-
-def _distance(pictures: Pictures, postures: FloatArray, X: FloatArray, Z: FloatArray) -> float:
-    """Median distance [m] of the middle of the board from the camera."""
-    middle = np.append(pictures.board.mean(axis=0), 1.0)
-    flange = pictures.robot.fk(postures)
-    if pictures.carried == "camera":
-        seen = se3.inverse(flange @ X) @ (Z @ middle)
-    else:
-        seen = (se3.inverse(Z) @ flange @ X) @ middle
-    return float(np.median(np.linalg.norm(seen[:, :3], axis=1)))
+        on_flange = flange @ X
+        camera, board = (on_flange, Z) if pictures.carried == "camera" else (Z, on_flange)
+        at = board @ np.append(pictures.board.mean(axis=0), 1.0)
+        places.append(at[..., :3] - flange[:, :3, 3])
+        depths.append(np.linalg.norm(at[..., :3] - camera[..., :3, 3], axis=-1))
+    return np.concatenate(places), np.concatenate(depths)

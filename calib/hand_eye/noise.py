@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import ConvergenceError
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import BoardView, Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -71,8 +71,10 @@ def _summed(of_pictures: FloatArray, stops: IntArray) -> FloatArray:
     return out
 
 
-def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> Deviations:
-    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind.
+def deviations(
+    model: CalibrationModel, data: Measurements, x: FloatArray, linear: Linearisation | None = None
+) -> Deviations:
+    """Deviations at parameters ``(p,)``, of views of boards by a model of one kind, as linearised.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def deviations(model: CalibrationModel, data: Measurements, x: FloatArray) -> De
     kind = model.measurement
     if not isinstance(kind, BoardView):
         raise TypeError("deviations are those of views of boards")
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    linear = model.linearise_at(data, x) if linear is None else linear
     sigma = kind.sigma_of(linear.view).T
     rows, J = linear.rows / sigma, linear.jacobian / sigma[..., None]
     D = kind.by_deviation(linear.view).transpose(2, 0, 1) / sigma[..., None]

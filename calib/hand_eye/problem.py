@@ -33,44 +33,16 @@ _LETTERS = "A are the poses of the flange, B those of the board in the pictures"
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """Pictures of one board by one camera, with what the estimate starts from."""
+class _Placed:
+    """Pictures of one board by one camera, with where a lens places the board in them."""
 
     pictures: Pictures
     lens: Lens
-    free_lens: bool
     usable: IntArray
     """(n,): index among the pictures of those that show the board and have a posture."""
     pixels: FloatArray  # (n, K, 2): of these, points in one order
     poses: FloatArray  # (n, 4, 4): ``T_camera_board`` [m]
     found: BoolArray  # (n,): where there is such a pose
-    start: RobotWorldResult  # of A X = Z B
-
-    @classmethod
-    def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
-        """Find lens, poses, X and Z to start from."""
-        usable = np.flatnonzero(pictures.usable)
-        _check_enough(pictures, len(usable))
-        first = (
-            lens
-            if isinstance(lens, Lens)
-            else start_lens(
-                lens, pictures.size_px, pictures.board, pictures.pixels[pictures.with_board]
-            )
-        )
-        _check_size(pictures, first)
-        is_free = not isinstance(lens, Lens) if free_lens is None else free_lens
-        pixels, postures = pictures.pixels[usable], pictures.postures[usable]
-        poses, found = board_poses(first, pictures.board, pixels)
-        A = pictures.robot.fk(postures)
-        if pictures.half_turn:
-            pixels, poses = _the_same_way_round(pictures, A, pixels, poses, found)
-        try:
-            B = se3.inverse(poses) if pictures.carried == "camera" else poses
-            start = solve_robot_world(A[found], B[found], "ml-robust")
-        except (InputError, ConvergenceError) as error:
-            raise explained(pictures, first, usable, pixels, poses, found, error) from error
-        return cls(pictures, first, is_free, usable, pixels, poses, found, start)
 
     @property
     def postures(self) -> FloatArray:
@@ -82,70 +54,76 @@ class Prepared:
         """Names of the pictures that are used."""
         return [self.pictures.names[i] for i in self.usable.tolist()]
 
+    def explained(self, error: InputError | ConvergenceError) -> InputError | ConvergenceError:
+        """An error of pictures that do not fit together, by what would fit far better."""
+        pictures, found = self.pictures, self.found
+        A = pictures.robot.fk(self.postures[found])
+        names = [self.names[i] for i in np.flatnonzero(found)]
+        mirrored = unmirrored_poses(self.lens, pictures.board, self.pixels[found])
+        why = explain_misfit(A, self.poses[found], pictures.carried, names, mirrored)
+        if why:
+            return InputError(f"the pictures do not fit together: {why}", name="pictures")
+        error.hint = error.hint or _LETTERS
+        return error
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared(_Placed):
+    """The same with what the estimate starts from."""
+
+    free_lens: bool
+    start: RobotWorldResult  # of A X = Z B
+
+    @classmethod
+    def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
+        """Find lens, poses, X and Z to start from."""
+        usable, board = np.flatnonzero(pictures.usable), pictures.board
+        if len(usable) < FEWEST_PICTURES:
+            raise InputError(
+                f"{len(usable)} of {len(pictures.names)} pictures show the board and have a "
+                "posture",
+                hint=f"{FEWEST_PICTURES} are needed, 15 to 20 are good",
+                name="pictures",
+                value=len(usable),
+                bound=FEWEST_PICTURES,
+            )
+        given = isinstance(lens, Lens)
+        first = (
+            lens
+            if isinstance(lens, Lens)
+            else start_lens(lens, pictures.size_px, board, pictures.pixels[pictures.with_board])
+        )
+        if (first.width_px, first.height_px) != tuple(pictures.size_px):
+            raise InputError(
+                f"the lens is of pictures of {first.width_px} x {first.height_px} pixels, these "
+                f"have {pictures.size_px[0]} x {pictures.size_px[1]}",
+                hint="calibrate it with pictures of this size",
+                name="lens",
+            )
+        pixels = pictures.pixels[usable]
+        poses, found = board_poses(first, board, pixels)
+        A = pictures.robot.fk(pictures.postures[usable])
+        if pictures.half_turn:  # the points of a board that looks alike half turned in one order
+            middle = (board.max(axis=0) + board.min(axis=0)) / 2.0
+            half = se3.transform(np.diag([-1.0, -1.0, 1.0]), 2.0 * middle * [1.0, 1.0, 0.0])
+            flips = np.zeros((len(poses), 1, 1), dtype=bool)
+            flips[found, 0, 0] = find_half_turns(A[found], poses[found], half, pictures.carried)
+            pixels = np.where(flips, pixels[:, ::-1], pixels)
+            poses = np.where(flips, poses @ half, poses)
+        placed = pictures, first, usable, pixels, poses, found
+        try:
+            B = se3.inverse(poses) if pictures.carried == "camera" else poses
+            start = solve_robot_world(A[found], B[found], "ml-robust")
+        except (InputError, ConvergenceError) as error:
+            raise _Placed(*placed).explained(error) from error
+        return cls(*placed, not given if free_lens is None else free_lens, start)
+
     @property
     def good(self) -> BoolArray:
         """Pictures ``(n,)`` whose pose of the board agrees with the others."""
         good = self.found.copy()
         good[self.found] = self.start.used
         return good
-
-
-def _check_enough(pictures: Pictures, count: int) -> None:
-    if count < FEWEST_PICTURES:
-        raise InputError(
-            f"{count} of {len(pictures.names)} pictures show the board and have a posture",
-            hint=f"{FEWEST_PICTURES} are needed, 15 to 20 are good",
-            name="pictures",
-            value=count,
-            bound=FEWEST_PICTURES,
-        )
-
-
-def _check_size(pictures: Pictures, lens: Lens) -> None:
-    if (lens.width_px, lens.height_px) != tuple(pictures.size_px):
-        raise InputError(
-            f"the lens is of pictures of {lens.width_px} x {lens.height_px} pixels, these have "
-            f"{pictures.size_px[0]} x {pictures.size_px[1]}",
-            hint="calibrate it with pictures of this size",
-            name="lens",
-        )
-
-
-def _the_same_way_round(
-    pictures: Pictures, A: FloatArray, pixels: FloatArray, poses: FloatArray, found: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Pixels and poses with the points of a board in one order that looks alike half turned."""
-    middle = (pictures.board.max(axis=0) + pictures.board.min(axis=0)) / 2.0
-    half = se3.transform(np.diag([-1.0, -1.0, 1.0]), 2.0 * middle * [1.0, 1.0, 0.0])
-    flips = np.zeros(len(poses), dtype=bool)
-    flips[found] = find_half_turns(A[found], poses[found], half, pictures.carried)
-    return (
-        np.where(flips[:, None, None], pixels[:, ::-1], pixels),
-        np.where(flips[:, None, None], poses @ half, poses),
-    )
-
-
-def explained(
-    pictures: Pictures,
-    lens: Lens,
-    usable: IntArray,
-    pixels: FloatArray,
-    poses: FloatArray,
-    found: BoolArray,
-    error: InputError | ConvergenceError,
-) -> InputError | ConvergenceError:
-    """An error of pictures that do not fit together, by what would fit far better.
-
-    As :class:`Prepared` has them.
-    """
-    some = usable[found]
-    A, names = pictures.robot.fk(pictures.postures[some]), [pictures.names[i] for i in some]
-    mirrored = unmirrored_poses(lens, pictures.board, pixels[found])
-    why = explain_misfit(A, poses[found], pictures.carried, names, mirrored)
-    if why:
-        return InputError(f"the pictures do not fit together: {why}", name="pictures")
-    error.hint = error.hint or _LETTERS
-    return error
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,20 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from posedesign.cli.output import (
-    AsJson,
-    CameraPlace,
-    CellFile,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-    note,
-    progress,
-    rehearsed_words,
-    results_in,
-    tell,
-)
+from posedesign.cli import output
 
 if TYPE_CHECKING:
     from calib.lens import Lens, LensName
@@ -58,7 +45,7 @@ def robot_world(
         Literal["mm", "m"] | None, typer.Option(help="Unit of length in a file of matrices.")
     ] = None,
     camera: Annotated[
-        CameraPlace,
+        output.CameraPlace,
         typer.Option(
             help="Where it is. on-flange: A = T_base_flange, B = T_target_camera. fixed, with the "
             "target on the flange: A = T_base_flange, B = T_camera_target."
@@ -117,7 +104,7 @@ def robot_world(
             "side, the same in all directions: that of B where no sizes are given.",
         ),
     ] = False,
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     transforms: Annotated[
         bool,
         typer.Option(
@@ -127,12 +114,12 @@ def robot_world(
             "camera.calib (easy_handeye2), transforms.json (cv2.FileStorage).",
         ),
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
     trust_units: Annotated[
         bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
     ] = False,
-    overwrite: Overwrite = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Solve A X = Z B: camera on flange and target in base, or the other way.
 
@@ -169,7 +156,7 @@ def robot_world(
         None if noise_mm is None else noise_mm / 1e3,
     )
     noise = asked_noise(found, camera, *sizes, noise_on)
-    results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    results = output.results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     claims = claim_transforms(results) if transforms else []
     outcomes = _solved(
         found,
@@ -192,8 +179,8 @@ def robot_world(
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
     content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
-    good, first = reached(outcomes), rehearsed_words(pairs, a, b)
-    return tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
+    good, first = reached(outcomes), output.rehearsed_words(pairs, a, b)
+    return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
 def _solved(
@@ -212,19 +199,19 @@ def _solved(
     from posedesign.report.pairs import solve_and_draw
 
     try:
-        with progress("A X = Z B", quiet=quiet) as advance:
+        with output.progress("A X = Z B", quiet=quiet) as advance:
             outcomes = solve_and_draw(
                 pairs, out, methods, noise, advance, estimate_scale=estimate_scale
             )
             return certified(pairs, outcomes) if certify else outcomes
     except CalibError as error:
         for text in pairs.notes:
-            note(f"warning: {text}")
+            output.note(f"warning: {text}")
         if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
             # the same finding, but by one who knows how the numbers were read
             raise InputError(pairs.misread, name="pairs") from error
         if pairs.misread:
-            note(f"warning: {pairs.misread}")
+            output.note(f"warning: {pairs.misread}")
         raise
 
 
@@ -272,7 +259,7 @@ def listed(text: str) -> list[str]:
 
 
 def camera(
-    cell: CellFile,
+    cell: output.CellFile,
     pictures: Annotated[
         Path,
         typer.Argument(
@@ -290,7 +277,7 @@ def camera(
         ),
     ] = None,
     camera: Annotated[
-        CameraPlace | None,
+        output.CameraPlace | None,
         typer.Option(
             help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange. Default: as "
             "camera.mount of the cell says."
@@ -337,7 +324,7 @@ def camera(
             help="Order of the pictures: by name, or by the time that they were taken at."
         ),
     ] = "name",
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     transforms: Annotated[
         bool,
         typer.Option(
@@ -346,10 +333,10 @@ def camera(
             "OpenCV, camera_info.yaml.",
         ),
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Calibrate a camera from pictures of a board: its place, its lens, and the board's place.
 
@@ -375,20 +362,20 @@ def camera(
         arm_sigma_of(arm_mm, arm_deg),
         board,
     )
-    results = results_in(out, "camera", cell, joints, overwrite=overwrite)
+    results = output.results_in(out, "camera", cell, joints, overwrite=overwrite)
     shown = {
         name: read_picture_set(folder, joints, loaded.robot, order=order, trust_units=trust_units)
         for name, folder in cameras_in(pictures).items()
     }
-    with progress("calibrating the camera", with_time_left=True) as advance:
+    with output.progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
             loaded, shown, asked, results, advance, transforms=transforms
         )
-    return tell(
+    return output.tell(
         answer_of_camera(found, [str(path) for path in files]),
         found.result.is_ok,
         verbose=verbose,
-        first=rehearsed_words(joints),
+        first=output.rehearsed_words(joints),
         content=result_as_dict(found),
         as_json=as_json,
     )

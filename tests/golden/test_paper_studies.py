@@ -81,13 +81,13 @@ class TestLi:
         }
         band = DEVIATIONS * np.sqrt(0.25 / SHORT + 0.25 / FULL)
         for cell, methods in li_short.items():
-            for name in li.SHOWN:
-                for measure, title in enumerate(li.MEASURES):
+            for name in li.li.SHOWN:
+                for measure, title in enumerate(li.li.MEASURES):
                     below = methods[name][:, measure] < medians[*cell, name][title]
                     assert abs(below.mean() - 0.5) < band, (cell, name, title)
 
     def test_the_order_of_the_paper_holds_in_mm_from_ten_poses_on(self, li, li_short):
-        found = li.claims(li_short, 10)["order"]
+        found = li.li.claims(li_short, 10)["order"]
         rotation = {
             (row["better"], row["worse"]): row
             for row in found

@@ -30,16 +30,8 @@ from posedesign.files.csv_tables import summed_up, write_table
 from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import checksum
 from posedesign.motion.route import Route
-from posedesign.planning import Margins, PosePlan, check_fit, outside_limits, plan
+from posedesign.planning import Margins, PosePlan, check_fit, optimal, outside_limits, plan
 from posedesign.planning.loop import Progress
-from posedesign.planning.optimal import (
-    NextPoses,
-    OptimalPlan,
-    Request,
-    plan_next,
-    plan_next_views,
-    plan_optimal,
-)
 from posedesign.planning.optimal.choose import Advance
 from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
@@ -155,10 +147,10 @@ def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None
 def plan_optimal_poses(
     cell: Cell,
     out: Path | Results,
-    request: Request,
+    request: optimal.Request,
     advance: Advance = lambda what, part: None,
     keep: PoseList | None = None,
-) -> OptimalPlan:
+) -> optimal.OptimalPlan:
     """Choose the best poses; write ``poses.csv`` and ``validation.csv`` where there are any.
 
     ``keep``: poses that are to be among the chosen, as they are. ``advance`` is called with what is
@@ -171,7 +163,7 @@ def plan_optimal_poses(
     if keep is not None:
         check_fit(cell, keep)
         kept, of = keep.measured.postures, cell.which(keep.measured.labels)
-    result = plan_optimal(cell, request, advance, keep=kept, keep_of=of)
+    result = optimal.plan_optimal(cell, request, advance, keep=kept, keep_of=of)
     for path, poses, route, indices in zip(
         claims,
         (result.poses, result.validation),
@@ -203,7 +195,7 @@ def plan_next_poses(
     joints: Path | None = None,
     trust_units: bool = False,
     warn: Warn = _silent,
-) -> NextPoses:
+) -> optimal.NextPoses:
     """Choose what to measure next, after what :func:`identify_file` takes; write ``poses.csv``.
 
     Of a cell that takes pictures of a board, where to take the next, after those of a list of
@@ -215,13 +207,13 @@ def plan_next_poses(
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=inputs)
     if cell.sees_board:
         cell, postures = _pictured(cell, measurements, trust_units)
-        result = plan_next_views(
+        result = optimal.plan_next_views(
             cell, postures, count, criterion=criterion, least_gain=least_gain, accuracy_m=accuracy_m
         )
     else:
         found = _checked(cell, measurements, joints, warn=warn, trust_units=trust_units)
         cell, table = found.cell, found.table
-        result = plan_next(
+        result = optimal.plan_next(
             cell,
             table.data,
             count,

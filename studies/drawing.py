@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posedesign.report.drawing import BLACK, BLUE, GREEN, GREY, VERMILION, set_answer
+from posedesign.report.drawing import BLACK, BLUE, GREEN, VERMILION, set_answer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,9 +79,11 @@ def rows_with_intervals(
             middle, at + 0.22 * ((len(series) - 1) / 2.0 - k), xerr=[middle - low, high - middle],
             fmt=mark, color=colour, mfc="none", mew=1.5, ms=5, capsize=2.5, label=label,
         )  # fmt: skip
+    for k in range(1, len(names), 2):
+        axes.axhspan(k - 0.5, k + 0.5, color="#eeeeee", lw=0)
     axes.set_yticks(range(len(names)), names[::-1])
-    axes.tick_params(axis="y", colors=GREY)
-    axes.grid(visible=True, alpha=0.3)
+    axes.set_ylim(-0.6, len(names) - 0.4)
+    axes.grid(visible=True, axis="x", alpha=0.3)
 
 
 def log_ticks(axes: Axes, ticks: Sequence[float]) -> None:

@@ -30,7 +30,7 @@ from posedesign.cell.file import parse_config
 from posedesign.identification import models
 from posedesign.study.library import find_study
 
-# Containers often forbid byte code, and each process of a test would compile all the libraries then:
+# Containers often forbid byte code, and each process of a test would compile all libraries then:
 # half of the time of most. It is kept where one said, or for as long as the tests run.
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     sys.dont_write_bytecode = False

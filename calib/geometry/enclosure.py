@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar, assert_never
@@ -268,18 +269,19 @@ def candidate_pairs(
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
+def check_names(ignored: Iterable[str], names: Sequence[str]) -> None:
+    """Refuse to ignore what is not there."""
+    for name in ignored:
+        if name not in names:
+            hint = near_names(name, dict.fromkeys(names))
+            raise InputError(f"there is no body {name!r} to ignore", hint=hint, name=name)
+
+
 def without_ignored(
     pairs: IntArray, names: Sequence[str], ignore: Sequence[tuple[str, str]]
 ) -> IntArray:
     """Leave out the pairs whose names are ignored, in either order."""
-    for pair in ignore:
-        for name in pair:
-            if name not in names:
-                raise InputError(
-                    f"there is no body {name!r} to ignore",
-                    hint=near_names(name, dict.fromkeys(names)),
-                    name=name,
-                )
+    check_names(itertools.chain.from_iterable(ignore), names)
     gone = {frozenset(pair) for pair in ignore}
     kept = [frozenset((names[a], names[b])) not in gone for a, b in pairs]
     return np.asarray(pairs[np.array(kept, dtype=bool)])
@@ -295,8 +297,8 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
     """
     outward, inward = _radii(chain, bodies)
     links = np.array([body.link for body in bodies], dtype=np.intp)
-    lower = np.where(links[pairs[:, 0]] <= links[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
-    upper = np.where(lower == pairs[:, 0], pairs[:, 1], pairs[:, 0])
+    order = np.argsort(links[pairs], axis=1, kind="stable")
+    lower, upper = np.take_along_axis(pairs, order, axis=1).T
     joint = np.arange(1, chain.n + 1)
     between = (joint > links[lower, None]) & (joint <= links[upper, None])
     return np.where(between, np.minimum(outward[upper], inward[lower]), 0.0)

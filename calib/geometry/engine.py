@@ -64,18 +64,10 @@ class Bounds:
 
 
 class Engine:
-    """Distances of given pairs of bodies.
+    """Distances of pairs ``(P, 2)`` of bodies, by their rows.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-    pairs : array (P, 2) of int
-        Rows of ``bodies``; a half-space stands second, and there is at most one in a pair.
-
-    Attributes
-    ----------
-    hulls : list of array (K, 3) or None
-        Vertices on the convex hulls of meshes [m].
+    A half-space stands second, and there is at most one in a pair. ``hulls``: vertices ``(K, 3)``
+    on the convex hulls of meshes [m].
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: IntArray) -> None:
@@ -136,13 +128,8 @@ class Engine:
     ) -> Bounds:
         """Distances at S postures where arrays give them exactly; bounds elsewhere.
 
-        Parameters
-        ----------
-        placed : Placed
-        done : array (S, P) of bool, optional
-            Pairs that are looked at no more: they count as infinitely far.
-        far_m : array (S, P) or float
-            Pairs that the balls about them keep at least so far apart get that bound [m].
+        ``done (S, P)``: pairs that are looked at no more, which count as infinitely far.
+        ``far_m (S, P)``: pairs that the balls about them keep so far apart get that bound [m].
         """
         (a, b), planes = self._pairs.T, self._half_space[self._pairs[:, 1]]
         distance = np.full((len(placed.origins), len(a)), np.inf)
@@ -196,18 +183,11 @@ class Engine:
         *,
         one_will_do: bool = False,
     ) -> None:
-        """Improve the bounds until the smallest of each posture is exact, or large enough.
+        """Improve the bounds, in place, until the smallest of each posture is exact, or enough.
 
-        Parameters
-        ----------
-        known : Bounds
-            Changed in place.
-        beyond : array (S, P) or float
-            Taken off the distances before they are compared [m].
-        enough : array (S,) or float
-            Rows whose smallest value is at least this are not looked at any further [m].
-        one_will_do : bool
-            Leave a row, too, when any exact value of it is below ``enough``.
+        ``beyond (S, P)``: taken off the distances before they are compared [m]. ``enough (S,)``:
+        rows whose smallest value is at least this are not looked at any further [m].
+        ``one_will_do``: leave a row, too, when any exact value of it is below ``enough``.
         """
         key = known.distance_m - beyond
         if not key.shape[1]:

@@ -31,14 +31,8 @@ def segment_segment(apart: FloatArray, a: FloatArray, b: FloatArray) -> FloatArr
 
     The square of the distance is convex in the places s, t on the two segments. The best s for
     the unclipped t is clipped, then the best t for that s, then the best s for that t: this ends
-    at the minimum [Ericson2005]_, also for points and for parallel segments.
-
-    Parameters
-    ----------
-    apart : array (..., 3)
-        From the middle of the first to the middle of the second [m].
-    a, b : array (..., 3)
-        From the middle of each to its end [m].
+    at the minimum [Ericson2005]_, also for points and for parallel segments. Arrays ``(..., 3)``
+    [m]: from middle to middle, and from the middle of each to its end.
 
     References
     ----------

@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError
 from calib.geometry.enclosure import (
     candidate_pairs,
     check_groups,
+    check_names,
     motion_radii,
     reach,
     without_ignored,
@@ -292,12 +293,7 @@ class Scene:
                 hint="give a posture, a start and an end for each line of sight",
                 name="start",
             )
-        known = dict.fromkeys(body.name for body in self.bodies)
-        for name in ignore:
-            if name not in known:
-                raise InputError(
-                    f"there is no body {name!r} to ignore", hint=near_names(name, known), name=name
-                )
+        check_names(ignore, [body.name for body in self.bodies])
         blocker = np.full(len(starts), -1, dtype=np.intp)
         for rows in self._chunks(len(starts), len(self.bodies)):
             of = rows if len(postures) == len(starts) else slice(0, 1)

@@ -100,20 +100,11 @@ def check_ways(
     cap_m: float,
     chunk: int,
 ) -> Ways:
-    """Check ways from ``start`` to ``end``, (W, n) each [rad].
+    """Check ways from ``start`` to ``end``, (W, n) each [rad], ``chunk`` postures at once.
 
-    Parameters
-    ----------
-    radii : array (P, n)
-        How fast a joint changes the distance of a pair [m/rad], see
-        :func:`calib.geometry.enclosure.motion_radii`.
-    start, end : array (W, n)
-    keep_m : array (P,)
-        Distance that each pair has to keep.
-    cap_m : float
-        What is kept by more than this is not told apart; above zero.
-    chunk : int
-        Postures that are looked at at once.
+    ``radii (P, n)``: how fast a joint changes the distance of a pair [m/rad], see
+    :func:`calib.geometry.enclosure.motion_radii`. ``keep_m (P,)``: distance that each pair has to
+    keep. ``cap_m``: what is kept by more than this is not told apart; above zero.
     """
     W = len(start)
     speed = np.abs(end - start) @ radii.T  # (W, P): metres a whole way
@@ -161,15 +152,10 @@ def check_ways(
 
 
 def _undecided(engine: Engine, known: Bounds, beyond: FloatArray) -> BoolArray:
-    """Which pairs of pieces (S, P) may come too near before an end of the piece.
+    """Which pairs of pieces (S, P) may come too near before an end, of bounds at their middles.
 
-    Parameters
-    ----------
-    known : Bounds
-        At the middles of the pieces, where all keep the distance.
-    beyond : array (S, P)
-        What a pair has to keep, and what its distance can change until an end of the piece [m];
-        minus infinity where that is not looked at.
+    ``beyond (S, P)``: what a pair has to keep, and what its distance can change until an end of the
+    piece [m]; minus infinity where that is not looked at.
     """
     engine.settle(known, beyond, 0.0, one_will_do=True)
     return np.asarray(known.distance_m <= beyond)
@@ -217,16 +203,8 @@ class LinesOfSight:
     ) -> IntArray:
         """Find the first body, its row or -1, in each beam of lines ``(S,)``.
 
-        Parameters
-        ----------
-        placed : Placed
-            The bodies for each of the S beams, or for all of them.
-        start, end : array (S, 3)
-            In the base frame [m].
-        aside : array (K, 3)
-            From the end of a beam's middle line to those of its others, in base axes [m].
-        ignore : collection of str
-            Names of bodies that are looked through.
+        From ``start (S, 3)`` to ``end (S, 3)`` in the base frame [m], and ``aside (K, 3)`` from the
+        end of a beam's middle line to those of its others. ``ignore``: looked through, by name.
         """
         found = np.full(len(start), -1, dtype=np.intp)
         # all lines of a beam lie this near to its middle one, and only in these directions from it

@@ -307,7 +307,7 @@ def _tails(fitted: Fitted, data: Measurements) -> float:
     if not fitted.result.noise_scale > LEAST_NOISE_SCALE:
         return 0.0
     model, x = fitted.model, fitted.result.values
-    white, free = redundancy(model, data, x, np.ones(data.count))
+    white, free = redundancy(model.linearise_at(data, x), np.ones(data.count))
     rows = model.rows_read(data.setup)
     left = free.sum(axis=1) / rows
     seen = left > LEAST_LEFT

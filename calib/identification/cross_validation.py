@@ -18,9 +18,7 @@ _NOTHING_LEFT = 1e-9
 without it, below which nothing but the pose holds some parameter."""
 
 
-def leave_one_out(
-    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
-) -> FloatArray:
+def leave_one_out(linear: Linearisation, groups: IntArray, *, weighted: bool = True) -> FloatArray:
     """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
 
     In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
@@ -28,7 +26,7 @@ def leave_one_out(
     group without which the parameters cannot be identified gives NaN. Groups are told by the index
     ``(N,)`` of each measurement: those of one pose are left out together.
     """
-    rows, J = linear.stacked(x, weighted=weighted)
+    rows, J = linear.stacked(weighted=weighted)
     (count, m), p = linear.rows.shape, J.shape[1]
     rows = rows[: count * m].reshape(count, m)
     Q = (orthonormal(J) if p else J)[: count * m].reshape(count, m, p)
@@ -97,7 +95,7 @@ def targets_left_out(
         place[part] = True
         # whether measurements of the other targets hold all parameters but that target's place
         linear = noisy.linearise_at(data, others.x[row]).weighed(weights[row])
-        held = linear.stacked(others.x[row])[1][:, ~place]
+        held = linear.stacked()[1][:, ~place]
         if not held.any(axis=0).all():
             continue
         if np.linalg.matrix_rank(held / column_lengths(held), tol=1e-9) < held.shape[1]:

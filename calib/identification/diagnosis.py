@@ -285,7 +285,7 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
 
 def _without_row(held: Held, i: int) -> FloatArray:
     """Parameters ``(p,)`` [SI] from all measurements but one, linearised."""
-    J = held.linear.stacked(held.x)[1]
+    J = held.linear.stacked()[1]
     # x without i: as if its rows had been predicted, r_i less what is predicted of it
     right = np.zeros(len(J))
     m = held.rows.shape[1]

@@ -24,7 +24,7 @@ from calib.identification.identifiability import check_enough, check_identifiabl
 from calib.identification.least_squares import column_lengths, first_guess
 from calib.identification.result import Loss
 from calib.identification.robust import WEIGHTS, costs_of, distances2, log_weights
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import Measurements
 from calib.one_thread import one_blas_thread
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -183,7 +183,7 @@ def tune_priors(
             hint="one of " + ", ".join(LOSSES),
             name="loss",
         )
-    known = _Known.of(groups, len(noise_classes(model, data)), noise_bounds)
+    known = _Known.of(groups, len(noise_classes(model, data.setup)), noise_bounds)
     theta = known.bounds.mean(axis=0)  # the middle of what is possible
     theta[len(groups) :] = np.clip(0.0, *known.bounds[:, len(groups) :])  # what noise starts with
     tuned = _applied(model, data, members, theta)
@@ -194,8 +194,9 @@ def tune_priors(
     rows, w = model.rows_read(data.setup), np.ones(data.count) if weights is None else weights
 
     def linearised() -> LinearEvidence:
-        shares = w / costs_of(tuned, data, x, w, loss)[0]  # as the fit has them
-        return linear_evidence(model, data, x, members, shares)
+        linear = model.linearise_at(data, x)
+        shares = w / costs_of(linear.by(tuned), w, loss)[0]  # as the fit has them
+        return linear_evidence(linear, members, shares)
 
     for passes in range(_PASSES):  # linearise, maximise, solve and weigh
         problem, before = linearised(), theta
@@ -242,7 +243,7 @@ def _applied(
     for columns, log_sigma in zip(members, theta, strict=False):
         prior[columns] = np.exp(log_sigma) * proportions(model.prior[columns])
     scales = np.ones((data.count, model.rows))
-    for own, log_scale in zip(noise_classes(model, data), theta[len(members) :], strict=True):
+    for own, log_scale in zip(noise_classes(model, data.setup), theta[len(members) :], strict=True):
         scales[own] = np.exp(log_scale)
     kinds = []
     for k, kind in enumerate(model.measurements):
@@ -286,7 +287,7 @@ class _Known:
 
         from scipy.optimize import minimize
 
-        # in units of what each is known by at best, so that no direction is much steeper than others
+        # in units of what each is known by at best: no direction is much steeper than others
         unit = 1.0 / np.sqrt(2.0 * problem.counts)
 
         def worse(t: FloatArray) -> tuple[float, FloatArray]:
@@ -437,22 +438,19 @@ class LinearEvidence:
 
 
 def linear_evidence(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    members: Sequence[IntArray],
-    weights: FloatArray,
+    linear: Linearisation, members: Sequence[IntArray], weights: FloatArray
 ) -> LinearEvidence:
-    """Linearise at parameters ``(p,)``, with weights ``(N,)`` of the squares of measurements.
+    """The evidence of one set linearised, with weights ``(N,)`` of the squares of measurements.
 
     Priors of the members of a group are in the proportions that the model has them in.
     """
+    model, setup, x = linear.model, linear.view.setup, linear.values[:, 0]
     tied, shares = np.zeros(model.p, dtype=bool), np.ones(model.p)
     for columns in members:
         tied[columns] = True
         shares[columns] = proportions(model.prior[columns])
     fixed = model.with_prior(np.where(tied, np.inf, model.prior))
-    weighed = model.linearise_at(data, x).weighed(weights)
+    weighed = linear.weighed(weights)
     rows, J = weighed.white_rows, weighed.white_jacobian
     known, K = (each[0] for each in fixed.known(x[None]))
     unit = 1.0 / column_lengths(np.concatenate([J.reshape(-1, model.p), K]))
@@ -461,10 +459,10 @@ def linear_evidence(
         both = np.column_stack([J * unit, J @ (x - model.nominal) - rows])
         return np.asarray(both.T @ both)
 
-    there = data.setup.seen  # rows that measurements have; others fill the block
+    there = setup.seen  # rows that measurements have; others fill the block
     if there is None:
-        there = np.arange(model.rows) < model.rows_read(data.setup)[:, None]
-    classes = noise_classes(model, data)
+        there = np.arange(model.rows) < model.rows_read(setup)[:, None]
+    classes = noise_classes(model, setup)
     rest = there & ~np.any(classes, axis=0) if classes else there
     priors = np.zeros((len(members), model.p + 1, model.p + 1))
     for own, columns in zip(priors, members, strict=True):
@@ -475,7 +473,7 @@ def linear_evidence(
     # known besides
     sigma = np.ones(there.shape)
     for k, kind in enumerate(model.measurements):
-        sigma[data.setup.kind == k, : kind.rows] = kind.sigma
+        sigma[setup.kind == k, : kind.rows] = kind.sigma
     given = [fixed.prior[np.isfinite(fixed.prior)], [known.sigma_m for known in model.distances]]
     constant = np.log(np.sqrt(weights)[:, None] / sigma)[there].sum() + np.log(unit / shares).sum()
     constant -= np.log(np.concatenate(given)).sum()
@@ -496,20 +494,20 @@ def proportions(prior: FloatArray) -> FloatArray:
     return np.asarray(prior / np.sqrt(np.mean(prior**2)))
 
 
-def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:
+def noise_classes(model: CalibrationModel, setup: Setup) -> list[BoolArray]:
     """Rows ``(N, m)`` of each noise to be found: of a kind, those that start with the same.
 
     Its lengths and its angles apart, and axes apart that were given different noise.
     """
     found = []
     for k, kind in enumerate(model.measurements):
-        measured = data.setup.kind == k
+        measured = setup.kind == k
         if not (kind.estimated and measured.any()):
             continue
         is_angle = np.arange(kind.rows) >= kind.rows - kind.turns
         alike = np.unique(np.column_stack([is_angle, kind.sigma]), axis=0, return_inverse=True)[1]
         for part in range(alike.max() + 1):
-            own = np.zeros((data.count, model.rows), dtype=bool)
+            own = np.zeros((setup.count, model.rows), dtype=bool)
             own[np.ix_(measured, np.flatnonzero(alike.ravel() == part))] = True
             found.append(own)
     return found

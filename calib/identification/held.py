@@ -117,7 +117,7 @@ def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
     """Linearise at the solution ``(p,)`` of a model."""
     linear = model.linearise_at(data, x)
     rows, J = linear.white_rows, linear.white_jacobian
-    right, stacked = linear.stacked(x)
+    right, stacked = linear.stacked()
     U, singular, _ = np.linalg.svd(stacked / column_lengths(stacked), full_matrices=False)
     U = U[:, singular > _RANK * singular.max(initial=0.0)]
     right = right - U @ (U.T @ right)  # the last step: exact where the model is linear
@@ -244,9 +244,8 @@ def log_odds(found: Tuned, effect: Effect) -> float:
     from scipy.optimize import minimize
 
     held = found.held
-    model, data = held.model, held.data
-    members = members_of(model, found.priors.groups)
-    plain = linear_evidence(model, data, held.x, members, np.ones(data.count))
+    members = members_of(held.model, found.priors.groups)
+    plain = linear_evidence(held.linear, members, np.ones(held.data.count))
     start = np.zeros(len(plain.counts))
     start[: len(members)] = np.log(found.priors.sigma)
     before = plain.log_evidence(start)[0]
@@ -264,11 +263,11 @@ def log_odds(found: Tuned, effect: Effect) -> float:
 
 def _with(plain: LinearEvidence, held: Held, effect: Effect, groups: int) -> LinearEvidence:
     """The linearised problem with the columns of an effect as further parameters."""
-    model, data = held.model, held.data
+    model = held.model
     k, p = effect.columns.shape[-1], model.p
     y = held.linear.white_jacobian @ (held.x - model.nominal) - held.linear.white_rows
     both = np.concatenate([held.J * plain.unit, effect.columns, y[..., None]], axis=-1)
-    masks = noise_classes(model, data)
+    masks = noise_classes(model, held.data.setup)
     masks.append(~np.any(masks, axis=0) if masks else np.ones(both.shape[:2], dtype=bool))
     grams = np.zeros((len(plain.grams), p + k + 1, p + k + 1))
     for c, own in enumerate(masks, start=groups):

@@ -172,18 +172,18 @@ def covariance_of(
     """
     values = model.nominal if x is None else x
     linear = model.linearise(q, values, setup)
-    return covariance_at(linear, values, weighted=weighted)
+    return covariance_at(linear, weighted=weighted)
 
 
 def covariance_at(
-    linear: Linearisation, x: FloatArray, *, weighted: bool = True, noise: FloatArray | None = None
+    linear: Linearisation, *, weighted: bool = True, noise: FloatArray | None = None
 ) -> FloatArray:
-    """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
+    """The same from a linearisation of one set that is there already.
 
     ``noise`` ``(K,)`` is what that of each kind really is, over the one that rows are weighed by.
     """
     model = linear.model
-    white = triangle(linear.stacked(x)[1])
+    white = triangle(linear.stacked()[1])
     if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
     each = np.ones(linear.view.setup.count)
@@ -194,7 +194,7 @@ def covariance_at(
         best = root @ root.T
         if noise is None:
             return np.asarray(best)
-        rows = linear.stacked(x)[1]
+        rows = linear.stacked()[1]
         measured = np.repeat(each, len(linear.rows_last))
         rows[: measured.size] *= measured[:, None]
         spread = best @ rows.T
@@ -295,7 +295,7 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     setup, q = measurements.setup, measurements.postures
     if not all(kind.reads for kind in model.measurements):
         q, _ = touch(model, q, x, setup, hold_orientation=False)
-    return model.linearise(q, x, setup).stacked(x)[1]
+    return model.linearise(q, x, setup).stacked()[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +353,7 @@ UNSEEN_SCALE = 2e-3
 metre is more than any arm is built off."""
 
 
-def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
+def unseen_scale(linear: Linearisation) -> float:
     """Standard deviation, as a share, that measurements leave to the scale of all lengths.
 
     Zero where the model does not free all of them: the links that are held carry the scale. Touch-
@@ -361,12 +361,15 @@ def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
     """
     model = linear.model
     way = np.concatenate(
-        [b.scaling(x[part]) for b, part in zip(model.parameters, model.slices, strict=True)]
+        [
+            b.scaling(linear.values[part, 0])
+            for b, part in zip(model.parameters, model.slices, strict=True)
+        ]
     )
     if not way.any():
         return 0.0
     held = int(np.isfinite(model.prior).sum())
-    J = linear.stacked(x)[1]
+    J = linear.stacked()[1]
     J = np.delete(J, slice(linear.rows_last.size, linear.rows_last.size + held), axis=0)
     seen = J @ way
     # what is left over grows, too, but has seen nothing

@@ -13,6 +13,7 @@ anywhere, and no iteration is left to find it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,21 +80,12 @@ class Fit:
     iterations: int  # the most that a trial took
 
 
-@dataclass(frozen=True, eq=False)
-class _Normal:
+class _Normal(NamedTuple):
     """Normal equations of T trials: matrix (T, p, p), right side (T, p), sum of squares (T,)."""
 
     matrix: FloatArray
     right: FloatArray
     cost: FloatArray
-
-    def chosen(self, new: BoolArray, other: _Normal) -> _Normal:
-        """Those of ``other`` where ``new``, else these."""
-        return _Normal(
-            np.where(new[:, None, None], other.matrix, self.matrix),
-            np.where(new[:, None], other.right, self.right),
-            np.where(new, other.cost, self.cost),
-        )
 
 
 def minimise(
@@ -120,21 +112,23 @@ def minimise(
     weighted : bool
         Divide the rows by the noise, or all by the same number.
     """
-    trials = len(x)
     size = max(1, _AT_ONCE // max(data.count, 1))
-    x, cost, change = x.copy(), np.full(trials, np.inf), np.full(trials, np.inf)
-    converged = np.zeros(trials, dtype=bool)
-    most = 0
+    parts = [slice(start, start + size) for start in range(0, max(len(x), 1), size)]
     with np.errstate(all="ignore"):  # a trial that runs away is told by not converging
-        for start in range(0, trials, size):
-            part = slice(start, start + size)
-            own = data.trials(part)
-            w = None if weights is None else weights[part]
-            fit = _minimise(model, own, x[part], w, free, weighted, iterations)
-            x[part], cost[part] = fit.x, fit.cost
-            change[part], converged[part] = fit.change, fit.converged
-            most = max(most, fit.iterations)
-    return Fit(x, cost, change, converged, most)
+        fits = [
+            _minimise(
+                *(model, data.trials(part), x[part], None if weights is None else weights[part]),
+                *(free, weighted, iterations),
+            )
+            for part in parts
+        ]
+    return Fit(
+        np.concatenate([fit.x for fit in fits]),
+        np.concatenate([fit.cost for fit in fits]),
+        np.concatenate([fit.change for fit in fits]),
+        np.concatenate([fit.converged for fit in fits]),
+        max(fit.iterations for fit in fits),
+    )
 
 
 def _minimise(
@@ -169,7 +163,8 @@ def _minimise(
         most = _WORSE if count <= _FREE_STEPS else _STRICT
         good = done | (there.cost <= most * here.cost + STEP_TOLERANCE)
         x = np.where(good[:, None], x + step, x)
-        here = here.chosen(good, there)
+        pairs = zip(there, here, strict=True)
+        here = _Normal(*(np.where(good[(...,) + (None,) * (a.ndim - 1)], a, b) for a, b in pairs))
         damping = np.where(good, damping / 10.0, np.maximum(10.0 * damping, _FIRST_DAMPING))
         damping[damping < _LEAST_DAMPING] = 0.0
     return Fit(x, here.cost, change, done, count)

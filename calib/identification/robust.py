@@ -30,7 +30,7 @@ from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise, orthonormal
 from calib.identification.result import Loss
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -54,35 +54,24 @@ def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> Fl
     Without a Jacobian, and of many trials ``(T, N, n)`` with ``(T, p)`` not all at once.
     """
     if x.ndim == 1:
-        return _squares(model, data, x)
+        return np.asarray(np.sum(model.white_residuals(data, x) ** 2, axis=-1))
     step = max(_AT_ONCE // max(data.count, 1), 1)
     parts = [slice(start, start + step) for start in range(0, len(x), step)]
-    return np.concatenate([_squares(model, data.trials(part), x[part]) for part in parts])
+    white = (model.white_residuals(data.trials(part), x[part]) for part in parts)
+    return np.concatenate([np.sum(rows**2, axis=-1) for rows in white])
 
 
-def _squares(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
-    white = model.white_residuals(data, x)
-    return np.asarray(np.sum(white**2, axis=-1))
-
-
-def redundancy(
-    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def redundancy(linear: Linearisation, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
-    linear = model.linearise_at(data, x).weighed(weights)
+    linear, seen = linear.weighed(weights), linear.view.setup.seen
     rows = linear.white_rows
-    Q = orthonormal(linear.stacked(x)[1])[: rows.size]
+    Q = orthonormal(linear.stacked()[1])[: rows.size]
     free = 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
-    return rows, free if data.setup.seen is None else free * data.setup.seen
+    return rows, free if seen is None else free * seen
 
 
 def noise_scales(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    weights: FloatArray,
-    *,
-    needed: bool = False,
+    linear: Linearisation, weights: FloatArray, *, needed: bool = False
 ) -> list[FloatArray]:
     """What the residuals of each kind are over its noise, ``(m,)`` each; redundancy considered.
 
@@ -92,10 +81,10 @@ def noise_scales(
 
     Kinds of unknown noise that do not show it are refused where it is ``needed``.
     """
-    rows, free = redundancy(model, data, x, weights)
+    rows, free = redundancy(linear, weights)
     scales = []
-    for k, kind in enumerate(model.measurements):
-        own = (data.setup.kind == k) & (weights > 0)
+    for k, kind in enumerate(linear.model.measurements):
+        own = (linear.view.setup.kind == k) & (weights > 0)
         scale = np.ones(kind.rows)
         for part in (slice(0, kind.rows - kind.turns), slice(kind.rows - kind.turns, kind.rows)):
             spare = float(free[own][:, part].sum())
@@ -115,73 +104,56 @@ def noise_scales(
     return scales
 
 
-def _share(free: FloatArray) -> float:
-    """Mean redundancy of rows; 1 of none."""
-    return float(np.clip(free.mean(), 0.0, 1.0)) if free.size else 1.0
-
-
 def costs_of(
-    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray, loss: Loss
+    linear: Linearisation, weights: FloatArray, loss: Loss
 ) -> tuple[FloatArray, FloatArray]:
     """Consistency and variance factor of a loss for each measurement: ``(N,)`` and ``(N,)``."""
-    usual, factor = np.ones(data.count), np.ones(data.count)
-    if loss in ("least-squares", "graduated"):
-        return usual, factor
-    _, free = redundancy(model, data, x, weights)
-    for k, kind in enumerate(model.measurements):
-        own = data.setup.kind == k
-        share = _share(free[own][:, : kind.rows])
-        usual[own] = consistency(loss, kind.rows, share)
-        factor[own] = variance_factor(loss, kind.rows, share)
+    usual, factor = np.ones(len(weights)), np.ones(len(weights))
+    if loss in WEIGHED_DOWN:
+        _, free = redundancy(linear, weights)
+        for k, kind in enumerate(linear.model.measurements):
+            own = linear.view.setup.kind == k
+            left = free[own][:, : kind.rows]
+            share = float(np.clip(left.mean(), 0.0, 1.0)) if left.size else 1.0
+            usual[own] = consistency(loss, kind.rows, share)
+            factor[own] = variance_factor(loss, kind.rows, share)
     return usual, factor
 
 
-def rescaled(model: CalibrationModel, scales: list[FloatArray]) -> CalibrationModel:
-    """The model with the noise of kinds that are estimated times a factor."""
-    kinds = [
-        kind.with_noise(scale) if kind.estimated else kind
-        for kind, scale in zip(model.measurements, scales, strict=True)
-    ]
-    return model.with_measurements(kinds)
-
-
-def spread(model: CalibrationModel, data: Measurements, s2: FloatArray) -> FloatArray:
+def spread(model: CalibrationModel, setup: Setup, s2: FloatArray) -> FloatArray:
     """Variance over the noise given, by the median of a kind, of each measurement ``(N,)``."""
-    found, rows = [], np.maximum(model.rows_read(data.setup), 1)
-    for k in range(len(model.measurements)):
-        own = data.setup.kind == k
-        usual = chi2_quantile(0.5, rows[own])
-        found.append(float(np.median(s2[own] / usual)) if own.any() else 1.0)
-    return _at_least_given(model, found)[data.setup.kind]
+    over = s2 / chi2_quantile(0.5, np.maximum(model.rows_read(setup), 1))
+    each = [over[setup.kind == k] for k in range(len(model.measurements))]
+    found = [float(np.median(own)) if own.size else 1.0 for own in each]
+    return _at_least_given(model, found)[setup.kind]
 
 
-def limits(
-    model: CalibrationModel, data: Measurements, x: FloatArray, good: BoolArray
-) -> tuple[FloatArray, list[FloatArray]]:
+def limits(linear: Linearisation, good: BoolArray) -> tuple[FloatArray, list[FloatArray]]:
     """Squares ``(N,)`` beyond which a measurement is not noise, by the noise of the good ones.
 
     And what that noise is over the one given, see :func:`noise_scales`.
     """
-    scales = noise_scales(model, data, x, good.astype(float))
+    model, setup = linear.model, linear.view.setup
+    scales = noise_scales(linear, good.astype(float))
     variances = _at_least_given(model, [float(np.mean(scale**2)) for scale in scales])
-    return by_chance(model, data) * variances[data.setup.kind], scales
+    return by_chance(model, setup) * variances[setup.kind], scales
 
 
-def by_chance(model: CalibrationModel, data: Measurements) -> FloatArray:
+def by_chance(model: CalibrationModel, setup: Setup) -> FloatArray:
     """Squares ``(N,)`` of residuals over their noise that noise alone does not exceed."""
-    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(data.setup))
+    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(setup))
 
 
-def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> BoolArray:
-    """Measurements ``(N,)`` that are farther off than noise takes one, at parameters ``(p,)``.
+def suspects(linear: Linearisation) -> BoolArray:
+    """Measurements ``(N,)`` that are farther off than noise takes one, at a solution.
 
     By the noise given, or that of the residuals of the others where this is larger.
     """
-    s2 = distances2(model, data, x)
-    good = s2 <= by_chance(model, data) * spread(model, data, s2)
+    model, setup = linear.model, linear.view.setup
+    s2 = linear.squares
+    good = s2 <= by_chance(model, setup) * spread(model, setup, s2)
     for _ in range(_SUSPECT_ROUNDS):
-        limit, _ = limits(model, data, x, good)
-        before, good = good, s2 <= limit
+        before, good = good, s2 <= limits(linear, good)[0]
         if (before == good).all():
             break
     return ~good
@@ -366,28 +338,30 @@ def fit_robustly(
         x, good = choose(model, data, x)
     rows, weigh = model.rows_read(data.setup), WEIGHTS[loss]
     weights = good.astype(float)
+    linear = model.linearise_at(data, x)
     if near and loss in WEIGHED_DOWN:
-        weights = weigh(distances2(model, data, x), rows)
+        weights = weigh(linear.squares, rows)
     estimated = any(kind.estimated for kind in model.measurements)
     total, moved = 0, 0.0
     for _ in range(_ROUNDS):  # fit, weigh and estimate the noise in turns, until nothing moves
-        shares = weights / costs_of(model, data, x, weights, loss)[0]
+        shares = weights / costs_of(linear, weights, loss)[0]
         fit = minimise(model, data.trials(None), x[None], weights=shares[None], weighted=weighted)
         if not np.isfinite(fit.x).all():
             break
         x, total = fit.x[0], total + fit.iterations
-        if loss in ("least-squares", "graduated") and not estimated:
+        linear = model.linearise_at(data, x)
+        if loss not in WEIGHED_DOWN and not estimated:
             break
         moved = 0.0
         if estimated:
-            scales = noise_scales(model, data, x, shares, needed=True)
-            model = rescaled(model, scales)
-            moved = max(
-                float(np.abs(np.log(scale)).max())
-                for kind, scale in zip(model.measurements, scales, strict=True)
-                if kind.estimated
+            scales = noise_scales(linear, shares, needed=True)
+            kinds = list(zip(model.measurements, scales, strict=True))
+            moved = max(float(np.abs(np.log(s)).max()) for kind, s in kinds if kind.estimated)
+            model = model.with_measurements(
+                [kind.with_noise(scale) if kind.estimated else kind for kind, scale in kinds]
             )
-        new = np.where(weights > 0, weigh(distances2(model, data, x), rows), 0.0)
+            linear = linear.by(model)
+        new = np.where(weights > 0, weigh(linear.squares, rows), 0.0)
         moved = max(moved, float(np.abs(new - weights).max(initial=0.0)))
         weights = new
         if moved < _SETTLED:
@@ -400,8 +374,8 @@ def fit_robustly(
             f"moved them by {moved:.2g})",
             hint="give the noise of each kind, or measure more poses",
         )
-    consistency, inflation = costs_of(model, data, x, weights, loss)
-    doubtful = suspects(model, data, x) & good if loss in WEIGHED_DOWN else np.zeros_like(good)
+    consistency, inflation = costs_of(linear, weights, loss)
+    doubtful = suspects(linear) & good if loss in WEIGHED_DOWN else np.zeros_like(good)
     return Solved(model, x, total, weights, ~good, doubtful, consistency, inflation)
 
 
@@ -451,20 +425,21 @@ def choose(
     x = _best_of_many(model, part, x, needed, rng)
     x = _graduate(model, part, x)
     s2 = distances2(model, data, x)
-    return _settle(model, data, x, s2 <= by_chance(model, data) * spread(model, data, s2))
+    limit = by_chance(model, data.setup) * spread(model, data.setup, s2)
+    return _settle(model, data, x, s2 <= limit)
 
 
 def _graduate(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
     """From a loss with one minimum to that of truncated least squares: parameters ``(p,)``."""
-    chance = by_chance(model, data)
+    chance = by_chance(model, data.setup)
     s2 = distances2(model, data, x)
-    limit = chance * spread(model, data, s2)
+    limit = chance * spread(model, data.setup, s2)
     shape = 1.0 / max(float(np.max(2.0 * s2 / limit)) - 1.0, 1e-3)
     for _ in range(_GRADUATED_ROUNDS):
         weights = _truncated(s2, limit, shape)
         x = minimise(model, data.trials(None), x[None], weights=weights[None]).x[0]
         s2 = distances2(model, data, x)
-        limit = chance * spread(model, data, s2)
+        limit = chance * spread(model, data.setup, s2)
         shape *= _GRADUATION
         if ((weights == 0) | (weights == 1)).all() and shape > 1.0:
             break
@@ -478,8 +453,9 @@ def _settle(
     for _ in range(_GRADUATED_ROUNDS):
         _refuse_most(good, data)
         x = minimise(model, data.trials(None), x[None], weights=good[None].astype(float)).x[0]
-        limit, scales = limits(model, data, x, good)
-        before, good = good, distances2(model, data, x) <= limit
+        linear = model.linearise_at(data, x)
+        limit, scales = limits(linear, good)
+        before, good = good, linear.squares <= limit
         if (before == good).all():
             break
     _refuse_disagreement(model, scales, good)
@@ -500,7 +476,7 @@ def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
     of so many in that of the posterior.
     """
     linear = model.linearise_at(data, x)
-    Q = orthonormal(linear.stacked(x)[1])[linear.rows_last.size :]
+    Q = orthonormal(linear.stacked()[1])[linear.rows_last.size :]
     held = np.clip(np.linalg.eigvalsh(Q.T @ Q), 0.0, 1.0)
     told = np.arange(1, data.count + 1)[:, None] / data.count * (1.0 - held)
     decided = np.sum(told / np.maximum(told + held, _TINY), axis=1)

@@ -233,18 +233,24 @@ def make_result(
         kept = model.linearise_at(data[good], x)
     weights = (solved.weights / solved.consistency)[good]
     linear = kept.weighed(weights)
-    test = _test(solved, linear, data)
+    tested = linear
+    if solved.suspects.any():  # by the measurements that no loss distrusts
+        sound = np.flatnonzero(_trusted(solved))
+        shares = (solved.weights / solved.consistency)[sound]
+        tested = model.linearise_at(data[sound], x).weighed(shares)
+    test = noise_test(tested)
     # a loss that weighs down takes something from the good ones, too
     sure = kept.weighed((solved.weights / solved.inflation)[good])
-    known = covariance_at(sure, x, weighted=weighted)
+    known = covariance_at(sure, weighted=weighted)
     covariance = known
     if test.doubted:
-        covariance = covariance_at(sure, x, weighted=weighted, noise=test.found)
+        covariance = covariance_at(sure, weighted=weighted, noise=test.found)
     left = every.rows.copy()
-    left[good] = leave_one_out(linear, x, data.groups[good], weighted=weighted)
+    left[good] = leave_one_out(linear, data.groups[good], weighted=weighted)
     if weighted:
         left[good] /= np.sqrt(weights)[:, None]
-    white = sure.stacked(x)[1]
+    white = sure.stacked()[1]
+    few, scale = _notes(linear, test.freedom)
     return IdentificationResult(
         model=name,
         names=model.names,
@@ -285,11 +291,7 @@ def make_result(
         iterations=solved.iterations,
         status="converged",
         message=_message(test, every, solved),
-        notes=(
-            *_few(test.freedom),
-            *_contradicting(solved, linear, left, data.names, bool(test.doubted)),
-            *_unseen(linear, x),
-        ),
+        notes=(*few, *_contradicting(solved, linear, left, data.names, bool(test.doubted)), *scale),
     )
 
 
@@ -297,15 +299,6 @@ def _trusted(solved: Solved) -> BoolArray:
     """Measurements that residuals are judged by: all, where most would have to be distrusted."""
     trusted = ~(solved.outliers | solved.suspects)
     return trusted if 2 * trusted.sum() >= len(trusted) else ~solved.outliers
-
-
-def _test(solved: Solved, linear: Linearisation, data: Measurements) -> NoiseTest:
-    """Test the noise by the measurements that no loss distrusts."""
-    if not solved.suspects.any():
-        return noise_test(linear, solved.x)
-    good = np.flatnonzero(_trusted(solved))
-    some = linear.model.linearise_at(data[good], solved.x)
-    return noise_test(some.weighed((solved.weights / solved.consistency)[good]), solved.x)
 
 
 def _angles(linear: Linearisation) -> BoolArray:
@@ -346,23 +339,14 @@ def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
     return f"the noise {known} explains the residuals (ratio {test.scale:.2f})"
 
 
-def _few(freedom: int) -> list[str]:
-    if not 0 < freedom < FEW_LEFT:
-        return []
-    what = "a single equation is" if freedom == 1 else f"only {freedom} equations are"
-    return [f"{what} left over to test the model by: measure more poses"]
-
-
 def _contradicting(
     solved: Solved, linear: Linearisation, left: FloatArray, poses: Sequence[str], doubted: bool
 ) -> list[str]:
     """What was left out, or what should perhaps be where the noise does not explain the rest."""
-    if solved.outliers.any():
-        names = [poses[i] for i in np.flatnonzero(solved.outliers).tolist()]
-        return ["left out because they contradict the others: " + ", ".join(names)]
-    if solved.suspects.any():
-        names = [poses[i] for i in np.flatnonzero(solved.suspects).tolist()]
-        return ["weighed down because they contradict the others: " + ", ".join(names)]
+    for those, words in ((solved.outliers, "left out"), (solved.suspects, "weighed down")):
+        if those.any():
+            listed = ", ".join(poses[i] for i in np.flatnonzero(those).tolist())
+            return [f"{words} because they contradict the others: {listed}"]
     untested = any(kind.estimated or kind.found for kind in solved.model.measurements)
     if (solved.weights != 1.0).any() or not (doubted or untested):
         return []
@@ -397,17 +381,21 @@ def stand_out(linear: Linearisation, left: FloatArray) -> IntArray:
     return np.asarray(order[size[order] > STANDS_OUT])
 
 
-def _unseen(linear: Linearisation, x: FloatArray) -> list[str]:
-    notes = []
-    share = unseen_scale(linear, x)
+def _notes(linear: Linearisation, freedom: int) -> tuple[list[str], list[str]]:
+    """What is to be said of the equations that are left over, and of the scale."""
+    few, scale = [], []
+    if 0 < freedom < FEW_LEFT:
+        what = "a single equation is" if freedom == 1 else f"only {freedom} equations are"
+        few.append(f"{what} left over to test the model by: measure more poses")
+    share = unseen_scale(linear)
     if share > UNSEEN_SCALE:
         how = f"standard deviation {share * 1e3:.3g} mm per m" if share < 1.0 else "not at all"
-        notes.append(
+        scale.append(
             f"the scale of arm and set-up together is not seen by these measurements ({how} "
             "without the priors): a known length, such as the distance of two targets, would show "
             "it"
         )
-    return notes
+    return few, scale
 
 
 MODEL_DOUBT = 0.01
@@ -472,14 +460,14 @@ class NoiseTest:
         return found
 
 
-def noise_test(linear: Linearisation, x: FloatArray) -> NoiseTest:
-    """Test the residuals of a fit to one set, weighted or not, at its solution ``(p,)``.
+def noise_test(linear: Linearisation) -> NoiseTest:
+    """Test the residuals of a fit to one set, weighted or not, at its solution.
 
     After an unweighted fit the residuals are larger than those of the weighted one, by what it
     gives away, and would not have the distribution of chi²: what the parameters could still
     explain is taken out.
     """
-    rows, J = linear.stacked(x)
+    rows, J = linear.stacked()
     used = np.zeros(len(rows))
     if J.shape[1]:
         Q = orthonormal(J)
@@ -491,9 +479,8 @@ def noise_test(linear: Linearisation, x: FloatArray) -> NoiseTest:
     if linear.view.setup.seen is not None:
         free = free * linear.view.setup.seen
     kinds = linear.view.setup.kind
-    squares, redundancy = [], []
-    for k, kind in enumerate(linear.model.measurements):
-        own = kinds == k
-        squares.append(float(np.sum(left[own, : kind.rows] ** 2)))
-        redundancy.append(float(np.sum(free[own, : kind.rows])))
-    return NoiseTest(np.array(squares), np.array(redundancy))
+    parts = [(kinds == k, kind.rows) for k, kind in enumerate(linear.model.measurements)]
+    return NoiseTest(
+        np.array([np.sum(left[own, :rows] ** 2) for own, rows in parts]),
+        np.array([np.sum(free[own, :rows]) for own, rows in parts]),
+    )

@@ -302,17 +302,16 @@ class CalibrationModel:
         """Each kind with its columns among the S, and the view of these alone."""
         if len(self.measurements) == 1:
             return [(self.measurements[0], slice(None), view)]
-        if "by kind" in view.found:
-            return list(view.found["by kind"])
-        found: list[tuple[Measurement, Columns, MeasurementContext]] = []
-        for k, kind in enumerate(self.measurements):
-            own = np.flatnonzero(view.setup.kind == k)
-            if own.size:
-                trials = view.q.shape[1] // view.setup.count
-                columns = (own + view.setup.count * np.arange(trials)[:, None]).ravel()
-                found.append((kind, columns, view.part(columns, own)))
-        view.found["by kind"] = found
-        return found
+        if "by kind" not in view.found:
+            count, trials = view.setup.count, view.q.shape[1] // max(view.setup.count, 1)
+            found = []
+            for k in range(len(self.measurements)):
+                own = np.flatnonzero(view.setup.kind == k)
+                if own.size:
+                    columns = (own + count * np.arange(trials)[:, None]).ravel()
+                    found.append((k, columns, view.part(columns, own)))
+            view.found["by kind"] = found
+        return [(self.measurements[k], *of) for k, *of in view.found["by kind"]]
 
     def jacobian(
         self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
@@ -355,7 +354,7 @@ class CalibrationModel:
         J = self._gathered(view, (self.p,), moved)
         if view.setup.together > 1 and view.seen_last is not None:
             J = np.where(view.seen_last, J, 0.0)
-        return Linearisation(self, view, rows, J, motion)
+        return Linearisation(self, view, rows, J, motion, values)
 
     def linearise_at(self, data: Measurements, x: FloatArray) -> Linearisation:
         """:meth:`linearise` measurements at parameters ``(..., p)``."""
@@ -507,6 +506,7 @@ class Linearisation:
     jacobian_last: FloatArray  # (p, m, S)
     motion: FloatArray
     """(p, 6, S): twists of the tool against its target, see :meth:`ParameterBlock.move`."""
+    values: FloatArray  # (p, S) or (p, 1): the parameters
     root: FloatArray | None = None
     """(S,): what whitened rows are multiplied by: square roots of the weights of measurements."""
 
@@ -551,18 +551,22 @@ class Linearisation:
         sigma = self.model.equal_sigma
         return self.rows_last / sigma, self.jacobian_last / sigma
 
-    def stacked(self, x: FloatArray, *, weighted: bool = True) -> tuple[FloatArray, FloatArray]:
+    def stacked(self, *, weighted: bool = True) -> tuple[FloatArray, FloatArray]:
         """Rows ``(M,)`` over their noise of all that is known, and their derivative ``(M, p)``.
 
-        Of one set, linearised at parameters ``(p,)``: those of the measurements, one by one, then
-        what is known besides.
+        Of one set: those of the measurements, one by one, then what is known besides.
         """
         rows, J = map(self.view.posture_first, self.over_noise_last(weighted))
-        known, K = self.model.known(np.atleast_2d(x))
+        known, K = self.model.known(self.values[:, :1].T)
         return (
             np.concatenate([rows.ravel(), known[0]]),
             np.concatenate([J.reshape(rows.size, self.model.p), K[0]]),
         )
+
+    def by(self, model: CalibrationModel) -> Linearisation:
+        """The same by a model with other noise or priors."""
+        # what kinds have worked out for themselves hangs on their noise
+        return replace(self, model=model, view=replace(self.view, found={}))
 
     def weighed(self, weights: FloatArray) -> Linearisation:
         """The same with weights ``(S,)`` of the squares of the whitened rows."""
@@ -572,6 +576,11 @@ class Linearisation:
     def white_rows(self) -> FloatArray:
         """Residuals ``(..., N, m)`` over the noise: of unit variance where the model is right."""
         return self.view.posture_first(self.white_last[0])
+
+    @property
+    def squares(self) -> FloatArray:
+        """Squares of the residuals over their noise, summed over a measurement: ``(..., N)``."""
+        return np.asarray(np.sum(self.white_rows**2, axis=-1))
 
     @property
     def white_jacobian(self) -> FloatArray:

@@ -173,35 +173,25 @@ class MeasurementContext:
     def part(self, columns: IntArray, own: IntArray) -> MeasurementContext:
         """The view of some of the S postures: those of the measurements ``own``."""
 
-        def cut(array: FloatArray) -> FloatArray:
-            return array if array.shape[-1] == 1 else array[..., columns]
+        def cut(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {key: cut(array) for key, array in value.items()}
+            return value if value.shape[-1] == 1 else value[..., columns]
 
-        errors = replace(
-            self.errors,
-            joints=cut(self.errors.joints),
-            displaced={joint: cut(six) for joint, six in self.errors.displaced.items()},
-            lengths={label: cut(more) for label, more in self.errors.lengths.items()},
-            readings={label: cut(values) for label, values in self.errors.readings.items()},
-        )
-        walk = Walk(
-            columns=cut(self.walk.columns),
-            origins=cut(self.walk.origins),
-            tip=cut(self.walk.tip),
-            p_base_tip=cut(self.walk.p_base_tip),
-            placed={joint: cut(placed) for joint, placed in self.walk.placed.items()},
-        )
+        def cut_of(whole: Any, *names: str) -> dict[str, Any]:
+            return {name: cut(getattr(whole, name)) for name in names}
+
         return replace(
             self,
-            q=self.q[:, columns],
             setup=self.setup[own],
             is_distance=self.is_distance[own],
-            walk=walk,
-            point=cut(self.point),
-            tool=cut(self.tool),
-            origin=cut(self.origin),
-            target=cut(self.target),
-            errors=errors,
+            q=self.q[:, columns],
+            walk=Walk(*map(cut, self.walk)),
+            errors=replace(
+                self.errors, **cut_of(self.errors, "joints", "displaced", "lengths", "readings")
+            ),
             found={},
+            **cut_of(self, "point", "tool", "origin", "target"),
         )
 
     @property

@@ -12,6 +12,7 @@ are an estimate, and are said to be one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ import numpy as np
 from calib.errors import RobotModelError
 from calib.robots.chain import SLIGHT_M, SerialChain
 from calib.robots.controller import POSITIVE_AXES
-from calib.robots.presets import preset_names
+from calib.robots.presets import preset_info, preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between
 from calib.se3 import FloatArray, inverse, transform
@@ -139,32 +140,19 @@ def presets_like(robot: Robot) -> tuple[str, ...]:
     )
 
 
-def _controllers_like(robot: Robot) -> tuple[str, ...]:
-    """Makers whose controllers count the joints of a robot about its axes at zero."""
-
-    def fits(maker: str) -> bool:
-        try:
-            robot.controlled_by(maker)
-        except RobotModelError:
-            return False
-        return True
-
-    return tuple(maker for maker in POSITIVE_AXES if fits(maker))
-
-
 def makers_like(robot: Robot) -> tuple[str, ...]:
     """Makers whose controllers count the joints of a robot as its description does.
 
     First those of presets with its kinematics, then those that its name has.
     """
-    presets = (Robot.preset(name).controller for name in presets_like(robot))
-    own = {controller.maker for controller in presets if controller is not None}
-    return tuple(
-        sorted(
-            _controllers_like(robot),
-            key=lambda maker: (maker not in own, maker not in robot.name.lower()),
-        )
-    )
+    own = {preset_info(name)["controller"] for name in presets_like(robot)}
+    fitting = []
+    for maker in POSITIVE_AXES:
+        with suppress(RobotModelError):
+            robot.controlled_by(maker)
+            fitting.append(maker)
+    name = robot.name.lower()
+    return tuple(sorted(fitting, key=lambda maker: (maker not in own, maker not in name)))
 
 
 def centre_lines(chain: SerialChain) -> list[FloatArray]:
@@ -228,10 +216,7 @@ def _difference(chain: SerialChain, other: SerialChain) -> str:
         np.linalg.norm(np.cross(one.axes, two.axes), axis=-1), np.sum(one.axes * two.axes, axis=-1)
     )
     off = np.linalg.norm(np.cross(two.origins - one.origins, one.axes), axis=-1)
-    for j in range(chain.n):
-        if turned[j] > SAME_RAD or off[j] > SAME_M:
-            return (
-                f"at zero, axis {j + 1} is {1e3 * off[j]:.0f} mm off and turned by "
-                f"{np.rad2deg(turned[j]):.1f} deg"
-            )
+    for j in np.flatnonzero((turned > SAME_RAD) | (off > SAME_M)).tolist():
+        away = f"{1e3 * off[j]:.0f} mm off and turned by {np.rad2deg(turned[j]):.1f} deg"
+        return f"at zero, axis {j + 1} is {away}"
     return ""

@@ -48,69 +48,49 @@ class Robot:
     millimetres where people read degrees.
 
     Make one with :meth:`from_urdf` or :meth:`preset`.
-
-    Attributes
-    ----------
-    chain : SerialChain
-        Kinematics from base to tip, as arrays.
-    joint_names : tuple of str
-        From the base to the tip; the joint's sign and zero are those of the URDF.
-    lower, upper : array (n,)
-        Joint limits [rad, m].
-    speed : array (n,)
-        Largest joint speeds [rad/s, m/s]; NaN where the description gives none.
-    link_mass : array (n,)
-        Mass of what each joint moves up to the next joint [kg]; zero where none is given.
-    link_com : array (n, 3)
-        Centre of mass of each link, in the frame of its joint [m].
-    gravity : array (3,)
-        Acceleration of gravity [m/s²] in the base frame; behind a positioner, that of the link that
-        stands on the floor (:attr:`floor`). The root of the description is level.
-    stiffness : array (n,)
-        Torsional stiffness of each reducer [Nm/rad]; infinite where the description gives none.
-    notices : tuple of str
-        What was decided while reading the description, in words.
-    bodies : tuple of Body
-        Solids of the arm; none where the description has none.
-    lost_shapes : tuple of (int, str)
-        Number and name of the links whose description names a solid that cannot be had: a mesh
-        that is not there, say.
-    fitted_links : tuple of str
-        Links whose solids are estimated from the chain (:mod:`calib.robots.arm_shapes`).
-    coupled_limits : tuple of CoupledLimit
-        Limits that several joints have together.
-    allowed_contacts : tuple of (str, str)
-        Names of bodies that may touch, by the semantic description.
-    controller : Controller or None
-        What the pendant shows; None where the maker is not known.
-    held : tuple of HeldJoint
-        Joints of the description that base or tip hang on and that are held where they are.
-    T_floor_world : array (4, 4)
-        The frame that a cell describes its surroundings in, in that of the link on the floor [m]:
-        the base frame, or behind a positioner the root of the description.
     """
 
     name: str
     chain: SerialChain
+    """Kinematics from base to tip, as arrays."""
     joint_names: tuple[str, ...]
+    """From the base to the tip; the joint's sign and zero are those of the URDF."""
     lower: FloatArray
     upper: FloatArray
+    """lower, upper (n,): joint limits [rad, m]."""
     speed: FloatArray
+    """(n,): largest joint speeds [rad/s, m/s]; NaN where the description gives none."""
     link_mass: FloatArray
+    """(n,): mass of what each joint moves up to the next joint [kg]; zero where none is given."""
     link_com: FloatArray
+    """(n, 3): centre of mass of each link, in the frame of its joint [m]."""
     gravity: FloatArray
+    """(3,): acceleration of gravity [m/s²] in the base frame; behind a positioner, that of the link
+    that stands on the floor (:attr:`floor`). The root of the description is level."""
     stiffness: FloatArray
+    """(n,): torsional stiffness of each reducer [Nm/rad]; infinite where none is given."""
     base_frame: str
     tip_frame: str
     notices: tuple[str, ...] = ()
+    """What was decided while reading the description, in words."""
     bodies: tuple[Body, ...] = ()
+    """Solids of the arm; none where the description has none."""
     lost_shapes: tuple[tuple[int, str], ...] = ()
+    """Number and name of the links whose description names a solid that cannot be had: a mesh that
+    is not there, say."""
     fitted_links: tuple[str, ...] = ()
+    """Links whose solids are estimated from the chain (:mod:`calib.robots.arm_shapes`)."""
     coupled_limits: tuple[CoupledLimit, ...] = ()
+    """Limits that several joints have together."""
     allowed_contacts: tuple[tuple[str, str], ...] = ()
+    """Names of bodies that may touch, by the semantic description."""
     controller: Controller | None = None
+    """What the pendant shows; None where the maker is not known."""
     held: tuple[HeldJoint, ...] = ()
+    """Joints of the description that base or tip hang on and that are held where they are."""
     T_floor_world: FloatArray = field(default_factory=lambda: np.eye(4))
+    """(4, 4): the frame that a cell describes its surroundings in, in that of the link on the floor
+    [m]: the base frame, or behind a positioner the root of the description."""
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import InputError, near_names
 from calib.model import CalibrationModel, Linearisation, Setup
@@ -162,6 +162,12 @@ class CandidatePoses:
             return []
         each = [seen.labels for seen in self.cell.observations]
         return [each[k] for k in self.target]
+
+    @property
+    def names_of_targets(self) -> NDArray[np.object_]:
+        """Name of the target that each posture is of, ``(N,)``."""
+        seen = None if self.cell is None else [each.target for each in self.cell.observations]
+        return np.array(seen or self.target_names, dtype=object)[self.target]
 
     @property
     def of_each(self) -> IntArray:

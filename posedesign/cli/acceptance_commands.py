@@ -7,24 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from posedesign.cli.output import (
-    LARGEST_SEED,
-    AsJson,
-    CellFile,
-    JointsFile,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-    command_line,
-    knowing,
-    note,
-    progress,
-    refuse_given,
-    rehearsed_words,
-    results_in,
-    tell,
-)
+from posedesign.cli import output
 
 _OF_MEASUREMENTS = "is of measurements, and none are given"
 
@@ -34,7 +17,7 @@ Measured = Annotated[
 
 
 def prove(
-    cell: CellFile,
+    cell: output.CellFile,
     measurements: Measured = None,
     identification: Annotated[
         Path | None,
@@ -67,7 +50,7 @@ def prove(
         int | None, typer.Option(help="Times that each pose is measured; default: 30 of iso, or 1.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the places; default: 1.")
+        int | None, typer.Option(min=0, max=output.LARGEST_SEED, help="Of the places; default: 1.")
     ] = None,
     rule: Annotated[
         Path | None,
@@ -77,12 +60,12 @@ def prove(
         Literal["fit", "given"],
         typer.Option(help="Of the instrument: fit, or given as the cell has it."),
     ] = "fit",
-    joints: JointsFile = None,
-    out: OutFolder = Path("proof"),
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    joints: output.JointsFile = None,
+    out: output.OutFolder = Path("proof"),
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Prove the accuracy: plan an acceptance test, then judge what was measured at its poses.
 
@@ -109,28 +92,28 @@ def prove(
     given: dict[str, object] = {name: value for name, value in asked.items() if value is not None}
     given_frame = frame == "given"
     loaded = Cell.load(cell)
-    results = results_in(
+    results = output.results_in(
         out, "prove", cell, measurements, identification, rule, joints, overwrite=overwrite
     )
     if measurements is None:
         only = {"frame": given_frame or None, "rule": rule, "joints": joints}
-        refuse_given(only, _OF_MEASUREMENTS)
+        output.refuse_given(only, _OF_MEASUREMENTS)
         if limit is not None:
             given["limit_m"] = parse_length(str(given.pop("limit")))
         request = AcceptanceRequest(**given)  # type: ignore[arg-type]
-        with progress("planning"), knowing(loaded):
+        with output.progress("planning"), output.knowing(loaded):
             plan = workflow.plan_acceptance_test(loaded, request, results, identification, model)
         files = [str(out / name) for name in (workflow.POSES[0], workflow.ACCEPTANCE_RULE[0])]
-        return tell(
+        return output.tell(
             answer_of_acceptance_plan(loaded, plan, files),
             verbose=verbose,
-            then=command_line("program", files[0], "--cell", cell, "--out", out),
-            first=rehearsed_words(identification),
+            then=output.command_line("program", files[0], "--cell", cell, "--out", out),
+            first=output.rehearsed_words(identification),
             content={**rule_as_dict(plan), "notes": plan.notes, "files": files},
             as_json=as_json,
         )
-    refuse_given(given, "was fixed when the test was planned")
-    with progress("judging"):
+    output.refuse_given(given, "was fixed when the test was planned")
+    with output.progress("judging"):
         found = workflow.judge_acceptance_test(
             loaded,
             measurements,
@@ -143,19 +126,19 @@ def prove(
             trust_units=trust_units,
         )
     names = (workflow.ACCEPTANCE[0], workflow.ACCEPTANCE_DRAWN[0][0])
-    return tell(
+    return output.tell(
         answer_of_verdict(found, [str(out / name) for name in names]),
         found.passed,
         verbose=verbose,
-        then=command_line("report", out),
-        first=rehearsed_words(measurements, identification),
+        then=output.command_line("report", out),
+        first=output.rehearsed_words(measurements, identification),
         content=found.model_dump(),
         as_json=as_json,
     )
 
 
 def recheck(
-    cell: CellFile,
+    cell: output.CellFile,
     measurements: Measured = None,
     identification: Annotated[
         Path, typer.Option(help="The identification that the arm is held against.")
@@ -167,12 +150,12 @@ def recheck(
             "--set-up-anew", help="Target or instrument stand elsewhere than in the identification."
         ),
     ] = False,
-    joints: JointsFile = None,
-    out: OutFolder = Path("recheck"),
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    joints: output.JointsFile = None,
+    out: output.OutFolder = Path("recheck"),
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Is it still the robot that was identified? Plan a few poses, then test what was measured."""
     from posedesign import workflow
@@ -181,21 +164,21 @@ def recheck(
     from posedesign.report.acceptance import answer_of_recheck, answer_of_recheck_plan
 
     loaded = Cell.load(cell)
-    results = results_in(
+    results = output.results_in(
         out, "recheck", cell, measurements, identification, joints, overwrite=overwrite
     )
     if measurements is None:
-        refuse_given({"joints": joints}, _OF_MEASUREMENTS)
-        with progress("choosing poses"), knowing(loaded):
+        output.refuse_given({"joints": joints}, _OF_MEASUREMENTS)
+        with output.progress("choosing poses"), output.knowing(loaded):
             plan = workflow.plan_recheck_poses(
                 loaded, identification, results, poses, set_up_anew=set_up_anew
             )
         files = [str(out / workflow.POSES[0])]
-        return tell(
+        return output.tell(
             answer_of_recheck_plan(loaded, plan, files),
             verbose=verbose,
-            then=command_line("program", files[0], "--cell", cell, "--out", out),
-            first=rehearsed_words(identification),
+            then=output.command_line("program", files[0], "--cell", cell, "--out", out),
+            first=output.rehearsed_words(identification),
             content={"smallest_si": plan.smallest(), "blind": plan.blind, "files": files},
             as_json=as_json,
         )
@@ -207,14 +190,14 @@ def recheck(
         joints=joints,
         set_up_anew=set_up_anew,
         trust_units=trust_units,
-        warn=lambda text: note(f"warning: {measurements}: {text}"),
+        warn=lambda text: output.note(f"warning: {measurements}: {text}"),
     )
-    return tell(
+    return output.tell(
         answer_of_recheck(found, [str(out / workflow.RECHECK[0])]),
         found.same,
         verbose=verbose,
-        then=command_line("report", out),
-        first=rehearsed_words(measurements, identification),
+        then=output.command_line("report", out),
+        first=output.rehearsed_words(measurements, identification),
         content=recheck_as_dict(found),
         as_json=as_json,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
+from posedesign import workflow
 from posedesign.cell import Cell, cell_template
 from posedesign.files import Results, write_text_atomic
 from posedesign.hand_eye.pairs import SolverOutcome, read_pairs
@@ -23,19 +24,6 @@ from posedesign.report.identification import answer_of_identification
 from posedesign.report.pairs import ROBOT_WORLD, answer_of_pairs, solve_and_draw
 from posedesign.report.plans import answer_of_plan
 from posedesign.simulation import AccuracyStudy, accuracy_study, effective_truth
-from posedesign.workflow import (
-    IDENTIFICATION,
-    PAIRS,
-    POSES,
-    ROUNDS,
-    STUDY,
-    TOUCH_UPS,
-    camera_noise,
-    identify_file,
-    plan_poses,
-    simulate,
-    write_study,
-)
 
 _STEPS_BEFORE_STUDY = 0.2
 """Part of the time that everything but the study takes."""
@@ -76,25 +64,32 @@ def run_demo(
     """
     results = out if isinstance(out, Results) else Results(out, "demo", remakes=True)
     (file,) = results.claim("computed", ("cell.toml", "reference cell"))
-    results.claim("planned", POSES, ROUNDS)
-    results.claim("simulated", TOUCH_UPS, PAIRS, IDENTIFICATION, *ROBOT_WORLD, *STUDY)
+    results.claim("planned", workflow.POSES, workflow.ROUNDS)
+    results.claim(
+        "simulated",
+        workflow.TOUCH_UPS,
+        workflow.PAIRS,
+        workflow.IDENTIFICATION,
+        *ROBOT_WORLD,
+        *workflow.STUDY,
+    )
     text = cell_template()
     find_dialect("fanuc-ls").claim(Cell.from_text(text).config.program.name, results)
     path, folder = write_text_atomic(file, text), results.folder
     progress("planning", 0.0)
     cell = Cell.load(path)
-    plan = plan_poses(cell, results)
+    plan = workflow.plan_poses(cell, results)
     poses = read_poses(folder / "poses.csv", cell.robot.n)
     name = cell.config.program.name
     made = replace(results, inputs=(*results.inputs, folder / "poses.csv", path))
     program = write_program(poses, made, "fanuc-ls", program_options(cell, poses), name, cell)
     progress("touching up", 0.05)
-    robot = simulate(cell, poses, results)
-    identification = identify_file(cell, folder / "touchups.csv", results)
+    robot = workflow.simulate(cell, poses, results)
+    identification = workflow.identify_file(cell, folder / "touchups.csv", results)
     progress("solving A X = Z B", 0.1)
     pairs = folder / "pairs.csv"
     robot_world = solve_and_draw(
-        read_pairs(pairs), results, noise=camera_noise(cell), inputs=[pairs]
+        read_pairs(pairs), results, noise=workflow.camera_noise(cell), inputs=[pairs]
     )
     study = accuracy_study(
         cell,
@@ -103,7 +98,7 @@ def run_demo(
             f"accuracy study, {what}", _STEPS_BEFORE_STUDY + (1.0 - _STEPS_BEFORE_STUDY) * part
         ),
     )
-    write_study(study, results)
+    workflow.write_study(study, results)
     truth = effective_truth(robot, cell.model())
     return DemoResults(plan, program, identification, truth, robot_world, study)
 

@@ -5,30 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from posedesign.cli.output import (
-    AsJson,
-    CameraPlace,
-    CellFile,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-    note,
-    progress,
-    rehearsed_words,
-    results_in,
-    tell,
-)
+from posedesign.cli import output
 
 if TYPE_CHECKING:
+    from calib.errors import CalibError
     from calib.lens import Lens, LensName
-    from calib.robot_world import Noise, NoiseShown
-    from posedesign.files import Results
-    from posedesign.hand_eye.pairs import Pairs, SolverOutcome
+    from posedesign.hand_eye.pairs import Pairs
 
 
 def robot_world(
@@ -58,7 +44,7 @@ def robot_world(
         Literal["mm", "m"] | None, typer.Option(help="Unit of length in a file of matrices.")
     ] = None,
     camera: Annotated[
-        CameraPlace,
+        output.CameraPlace,
         typer.Option(
             help="Where it is. on-flange: A = T_base_flange, B = T_target_camera. fixed, with the "
             "target on the flange: A = T_base_flange, B = T_camera_target."
@@ -117,7 +103,7 @@ def robot_world(
             "side, the same in all directions: that of B where no sizes are given.",
         ),
     ] = False,
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     transforms: Annotated[
         bool,
         typer.Option(
@@ -127,37 +113,28 @@ def robot_world(
             "camera.calib (easy_handeye2), transforms.json (cv2.FileStorage).",
         ),
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
     trust_units: Annotated[
         bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
     ] = False,
-    overwrite: Overwrite = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Solve A X = Z B: camera on flange and target in base, or the other way.
 
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
+    from calib.errors import CalibError
     from posedesign.hand_eye.pairs import PairSource
+    from posedesign.hand_eye.pairs import results as pair_results
     from posedesign.hand_eye.pairs.certificate import refuse_uncertifiable
-    from posedesign.hand_eye.pairs.results import asked_noise, methods_of, outcome_as_dict, reached
     from posedesign.hand_eye.pairs.transforms import TRANSFORMS, claim_transforms, write_transforms
-    from posedesign.report.pairs import answer_of_pairs
+    from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
-    source = PairSource(
-        pairs,
-        a,
-        b,
-        listed(columns),
-        listed(variables),
-        unit,
-        invert,
-        convention,
-        trust_units,
-        camera,
-    )
-    methods = methods_of(method)
+    named = listed(columns), listed(variables)
+    source = PairSource(pairs, a, b, *named, unit, invert, convention, trust_units, camera)
+    methods = pair_results.methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
     if certify:
         # a proof is of one noise that is known beforehand, and of the answer by it
@@ -168,22 +145,22 @@ def robot_world(
         None if noise_deg is None else math.radians(noise_deg),
         None if noise_mm is None else noise_mm / 1e3,
     )
-    noise = asked_noise(found, camera, *sizes, noise_on)
-    results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    noise = pair_results.asked_noise(found, camera, *sizes, noise_on)
+    results = output.results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     claims = claim_transforms(results) if transforms else []
-    outcomes = _solved(
-        found,
-        results,
-        methods,
-        noise,
-        estimate_scale=estimate_scale,
-        certify=certify,
-        quiet=as_json,
-    )
+    try:
+        with output.progress("A X = Z B", quiet=as_json) as advance:
+            outcomes = solve_and_draw(
+                found, results, methods, noise, advance, estimate_scale=estimate_scale
+            )
+            outcomes = pair_results.certified(found, outcomes) if certify else outcomes
+    except CalibError as error:
+        _say_how_read(found, error)
+        raise
     opencv = convention == "opencv"
     made = ("robot_world.csv", "robot_world_pairs.csv", "robot_world.png")
     files = [str(out / name) for name in made if (out / name).is_file()]
-    trusted = outcomes[0].result if reached(outcomes) else None
+    trusted = outcomes[0].result if pair_results.reached(outcomes) else None
     if claims and trusted is not None:
         write_transforms(claims, trusted, camera)
         files += [str(claim.path) for claim in claims]
@@ -191,41 +168,22 @@ def robot_world(
         results.remove(*TRANSFORMS)
     inverted = invert in ("b", "both")
     answer = answer_of_pairs(outcomes, camera, found, files, opencv=opencv, inverted=inverted)
-    content = [outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
-    good, first = reached(outcomes), rehearsed_words(pairs, a, b)
-    return tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
+    content = [pair_results.outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes]
+    good, first = pair_results.reached(outcomes), output.rehearsed_words(pairs, a, b)
+    return output.tell(answer, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
-def _solved(
-    pairs: Pairs,
-    out: Results,
-    methods: Sequence[str],
-    noise: Noise | NoiseShown | None,
-    *,
-    estimate_scale: bool,
-    certify: bool,
-    quiet: bool,
-) -> tuple[SolverOutcome, ...]:
-    """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
-    from calib.errors import CalibError, InputError
-    from posedesign.hand_eye.pairs.results import certified
-    from posedesign.report.pairs import solve_and_draw
+def _say_how_read(pairs: Pairs, error: CalibError) -> None:
+    """Say before an error what is odd about pairs as they were read."""
+    from calib.errors import InputError
 
-    try:
-        with progress("A X = Z B", quiet=quiet) as advance:
-            outcomes = solve_and_draw(
-                pairs, out, methods, noise, advance, estimate_scale=estimate_scale
-            )
-            return certified(pairs, outcomes) if certify else outcomes
-    except CalibError as error:
-        for text in pairs.notes:
-            note(f"warning: {text}")
-        if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
-            # the same finding, but by one who knows how the numbers were read
-            raise InputError(pairs.misread, name="pairs") from error
-        if pairs.misread:
-            note(f"warning: {pairs.misread}")
-        raise
+    for text in pairs.notes:
+        output.note(f"warning: {text}")
+    if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
+        # the same finding, but by one who knows how the numbers were read
+        raise InputError(pairs.misread, name="pairs") from error
+    if pairs.misread:
+        output.note(f"warning: {pairs.misread}")
 
 
 def refuse_unfit_noise(
@@ -272,7 +230,7 @@ def listed(text: str) -> list[str]:
 
 
 def camera(
-    cell: CellFile,
+    cell: output.CellFile,
     pictures: Annotated[
         Path,
         typer.Argument(
@@ -290,7 +248,7 @@ def camera(
         ),
     ] = None,
     camera: Annotated[
-        CameraPlace | None,
+        output.CameraPlace | None,
         typer.Option(
             help="on-flange: eye-in-hand. fixed: eye-to-hand, the board on the flange. Default: as "
             "camera.mount of the cell says."
@@ -337,7 +295,7 @@ def camera(
             help="Order of the pictures: by name, or by the time that they were taken at."
         ),
     ] = "name",
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     transforms: Annotated[
         bool,
         typer.Option(
@@ -346,10 +304,10 @@ def camera(
             "OpenCV, camera_info.yaml.",
         ),
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Calibrate a camera from pictures of a board: its place, its lens, and the board's place.
 
@@ -375,20 +333,20 @@ def camera(
         arm_sigma_of(arm_mm, arm_deg),
         board,
     )
-    results = results_in(out, "camera", cell, joints, overwrite=overwrite)
+    results = output.results_in(out, "camera", cell, joints, overwrite=overwrite)
     shown = {
         name: read_picture_set(folder, joints, loaded.robot, order=order, trust_units=trust_units)
         for name, folder in cameras_in(pictures).items()
     }
-    with progress("calibrating the camera", with_time_left=True) as advance:
+    with output.progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
             loaded, shown, asked, results, advance, transforms=transforms
         )
-    return tell(
+    return output.tell(
         answer_of_camera(found, [str(path) for path in files]),
         found.result.is_ok,
         verbose=verbose,
-        first=rehearsed_words(joints),
+        first=output.rehearsed_words(joints),
         content=result_as_dict(found),
         as_json=as_json,
     )
@@ -400,10 +358,8 @@ def lens_of(text: str) -> LensName | Lens:
     from calib.lens import DISTORTION
     from posedesign.hand_eye.lens_files import read_lens
 
-    name: LensName
-    for name in ("pinhole", "rational", "fisheye"):
-        if text == name:
-            return name
+    if text in DISTORTION:
+        return cast("LensName", text)
     if not Path(text).exists() and "." not in text:
         raise InputError(
             f"--lens {text}: there is no such lens, and no such file",

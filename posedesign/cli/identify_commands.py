@@ -10,30 +10,7 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import (
-    DONE,
-    LARGEST_SEED,
-    NOT_REACHED,
-    AsJson,
-    CellFile,
-    JointsFile,
-    OutFolder,
-    Overwrite,
-    PlannedPoses,
-    TrustUnits,
-    Verbose,
-    command_line,
-    note,
-    poses_of,
-    print_json,
-    progress,
-    refuse_given,
-    rehearsed_words,
-    results_in,
-    say,
-    show_file,
-    tell,
-)
+from posedesign.cli import output
 
 Box = Annotated[
     str | None,
@@ -42,18 +19,19 @@ Box = Annotated[
 
 
 def simulate(
-    cell: CellFile,
-    poses: PlannedPoses,
-    out: OutFolder = Path("rehearsal"),
+    cell: output.CellFile,
+    poses: output.PlannedPoses,
+    out: output.OutFolder = Path("rehearsal"),
     seed: Annotated[
-        int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise; default: the cell's.")
+        int | None,
+        typer.Option(min=0, max=output.LARGEST_SEED, help="Of the noise; default: the cell's."),
     ] = None,
     cycles: Annotated[
         int, typer.Option(min=1, max=1000, help="Times that an instrument reads all poses.")
     ] = 1,
-    as_json: AsJson = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Rehearse: touch up the poses with a simulated robot, into a folder of its own."""
     from posedesign import workflow
@@ -62,41 +40,42 @@ def simulate(
     from posedesign.simulation.pictures import JOINTS, simulate_pictures
 
     loaded = Cell.load(cell)
-    listed = poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
-    results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
+    listed = output.poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
+    results = output.results_in(out, "simulate", cell, poses, overwrite=overwrite)
+    then: tuple[object, ...]
     if loaded.sees_board:
         check_fit(loaded, listed)
-        with progress("taking pictures", with_time_left=True) as advance:
+        with output.progress("taking pictures", with_time_left=True) as advance:
             own_seed = loaded.config.truth.seed if seed is None else seed
             taken = simulate_pictures(loaded, listed, results, own_seed, advance)
         folder, joints = taken[0].parent, out / JOINTS[0]
-        if as_json:
-            print_json({"pictures": [str(path) for path in taken], "files": [str(joints)]})
-        else:
-            say(f"wrote {folder} and {joints}: {len(taken)} pictures of the board, SIMULATED")
-            mount = ("--camera", "fixed") if loaded.board_set_up.carried == "board" else ()
-            then = ("camera", cell, folder, "--joints", joints, *mount, "--out", out)
-            say(f"next: {command_line(*then)}")
-        return DONE
-    with progress("rehearsing"):
-        workflow.simulate(loaded, listed, results, seed, cycles)
-    count = len(listed.measured.names)
-    written = workflow.simulated_files(loaded)
-    files, (_, what) = [str(out / name) for name, _ in written], written[0]
-    measures = not loaded.is_hand_eye
-    if as_json:
-        print_json({"touch_ups": count if measures else 0, "files": files})
+        mount = ("--camera", "fixed") if loaded.board_set_up.carried == "board" else ()
+        then = ("camera", cell, folder, "--joints", joints, *mount)
+        said = f"{folder} and {joints}: {len(taken)} pictures of the board"
+        content: dict[str, object] = {
+            "pictures": [str(path) for path in taken],
+            "files": [str(joints)],
+        }
     else:
+        with output.progress("rehearsing"):
+            workflow.simulate(loaded, listed, results, seed, cycles)
+        count, written = len(listed.measured.names), workflow.simulated_files(loaded)
+        files = [str(out / name) for name, _ in written]
+        what = "pairs of A X = Z B" if loaded.is_hand_eye else written[0][1]
         counted = f"{count} poses, {what}" if what == "measurements" else f"{count} {what}"
-        said = counted if measures else f"{count} pairs of A X = Z B"
-        say(f"wrote {' and '.join(files)}: {said}, SIMULATED")
-        then = ("identify", cell, files[0]) if measures else ("robot-world", *files)
-        say(f"next: {command_line(*then, '--out', out)}")
-    return DONE
+        then = ("robot-world", *files) if loaded.is_hand_eye else ("identify", cell, files[0])
+        said = f"{' and '.join(files)}: {counted}"
+        content = {"touch_ups": 0 if loaded.is_hand_eye else count, "files": files}
+    if as_json:
+        output.print_json(content)
+    else:
+        output.say(f"wrote {said}, SIMULATED")
+        output.say(f"next: {output.command_line(*then, '--out', out)}")
+    return output.DONE
 
 
 def identify(
-    cell: CellFile,
+    cell: output.CellFile,
     measurements: Annotated[
         Path,
         typer.Argument(
@@ -104,12 +83,12 @@ def identify(
             "an instrument, as [instrument] of the cell says"
         ),
     ],
-    joints: JointsFile = None,
-    out: OutFolder = Path(),
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    joints: output.JointsFile = None,
+    out: output.OutFolder = Path(),
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Identify the robot from measurements, by every model of the cell.
 
@@ -120,31 +99,31 @@ def identify(
     from posedesign.workflow import identify_file
 
     file = out / "identification.json"
-    with progress("identifying"):
+    with output.progress("identifying"):
         identified = identify_file(
             Cell.load(cell),
             measurements,
-            results_in(out, "identify", cell, overwrite=overwrite),
+            output.results_in(out, "identify", cell, overwrite=overwrite),
             joints=joints,
             trust_units=trust_units,
-            warn=lambda text: note(f"warning: {text}"),
+            warn=lambda text: output.note(f"warning: {text}"),
         )
-    rehearsed = rehearsed_words(cell, measurements)
+    rehearsed = output.rehearsed_words(cell, measurements)
     good = identified.is_of_this_robot
     if as_json:
-        note(rehearsed)
-        show_file(file.read_text(encoding="utf-8"))
-        return DONE if good else NOT_REACHED
+        output.note(rehearsed)
+        output.show_file(file.read_text(encoding="utf-8"))
+        return output.DONE if good else output.NOT_REACHED
     beside = ("joined.csv", "residuals.csv") if identified.table.facts else ()
     named = (file, file.with_suffix(".png"), *(out / name for name in beside))
     files = [str(path) for path in named if path.is_file()]
-    then = command_line("correct", cell, file, "--out", out) if good else ""
+    then = output.command_line("correct", cell, file, "--out", out) if good else ""
     answer = answer_of_identification(identified, files)
-    return tell(answer, good, verbose=verbose, then=then, first=rehearsed)
+    return output.tell(answer, good, verbose=verbose, then=then, first=rehearsed)
 
 
 def calibrate(
-    cell: CellFile,
+    cell: output.CellFile,
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results, and for going on after a stop.")
     ] = Path("calibration"),
@@ -176,7 +155,9 @@ def calibrate(
     ] = 600.0,
     seed: Annotated[
         int | None,
-        typer.Option(min=0, max=LARGEST_SEED, help="Of the simulated noise; default: the cell's."),
+        typer.Option(
+            min=0, max=output.LARGEST_SEED, help="Of the simulated noise; default: the cell's."
+        ),
     ] = None,
     pictures_mb: Annotated[
         float | None,
@@ -193,9 +174,9 @@ def calibrate(
             "--restart", help="Begin anew: the files made before are put aside, together."
         ),
     ] = False,
-    overwrite: Overwrite = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
+    overwrite: output.Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
 ) -> int:
     """Calibrate by sight: find camera and target, plan, touch up, identify.
 
@@ -204,7 +185,7 @@ def calibrate(
     """
     from posedesign.autonomous import run_by_sight
 
-    with progress("calibrating") as advance:
+    with output.progress("calibrating") as advance:
         done = run_by_sight(
             cell,
             out,
@@ -218,23 +199,23 @@ def calibrate(
             restart=restart,
             overwrite=overwrite,
             progress=advance,
-            warn=lambda text: note(f"warning: {text}"),
+            warn=lambda text: output.note(f"warning: {text}"),
         )
     identified = done.calibration.identified
-    tell(
+    output.tell(
         done.answer([str(out)]),
         verbose=verbose,
-        then=command_line("correct", cell, out / "identification.json", "--out", out),
+        then=output.command_line("correct", cell, out / "identification.json", "--out", out),
         first="" if folder else "SIMULATED, not for a robot: this is a rehearsal",
         content=done.as_dict(),
         as_json=as_json,
     )
     good = done.calibration.plan.reached and not done.calibration.missed
-    return DONE if good and identified.is_of_this_robot else NOT_REACHED
+    return output.DONE if good and identified.is_of_this_robot else output.NOT_REACHED
 
 
 def correct(
-    cell: CellFile,
+    cell: output.CellFile,
     identification: Annotated[
         Path, typer.Argument(help="identification.json, from: posedesign identify")
     ],
@@ -260,18 +241,17 @@ def correct(
         str | None, typer.Option(help='Positions of a program that stay as they are: "3,7".')
     ] = None,
     again: Annotated[
-        bool,
-        typer.Option("--again", help="Correct what is corrected already."),
+        bool, typer.Option("--again", help="Correct what is corrected already.")
     ] = False,
     export: Annotated[
         list[str] | None,
         typer.Option(help="Another form, too: dh, dh-modified, dh-hayati, ur-kinematics."),
     ] = None,
-    out: OutFolder = Path(),
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    out: output.OutFolder = Path(),
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Write what corrects the robot: description, mastering, poses; or a corrected program.
 
@@ -287,15 +267,15 @@ def correct(
     from posedesign.report.identification import answer_of_correction, answer_of_program
 
     loaded = Cell.load(cell)
-    results = results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
+    results = output.results_in(out, "correct", cell, identification, poses, overwrite=overwrite)
     of_program = poses is not None and is_program(poses, dialect)
     if of_program:
-        refuse_given({"box": box, "export": export}, "does nothing for a program")
+        output.refuse_given({"box": box, "export": export}, "does nothing for a program")
     else:
         given = {"joints": joints or None, "leave": leave, "again": (again and not poses) or None}
-        refuse_given(given, "does nothing for anything but a program")
+        output.refuse_given(given, "does nothing for anything but a program")
     if poses is not None and of_program:
-        with progress("correcting"):
+        with output.progress("correcting"):
             program = correct_program(
                 loaded,
                 identification,
@@ -310,7 +290,7 @@ def correct(
             )
         answer, content, ok = answer_of_program(program), program_as_dict(program), program.ok
     else:
-        with progress("correcting"):
+        with output.progress("correcting"):
             done = run(
                 loaded,
                 cell,
@@ -325,14 +305,14 @@ def correct(
                 trust_units=trust_units,
             )
         answer, content, ok = answer_of_correction(done), correction_as_dict(done), done.ok
-    first = rehearsed_words(cell, identification)
-    tell(answer, verbose=verbose, first=first, content=content, as_json=as_json)
-    return DONE if ok else NOT_REACHED
+    first = output.rehearsed_words(cell, identification)
+    output.tell(answer, verbose=verbose, first=first, content=content, as_json=as_json)
+    return output.DONE if ok else output.NOT_REACHED
 
 
 def predict(
-    cell: CellFile,
-    poses: PlannedPoses,
+    cell: output.CellFile,
+    poses: output.PlannedPoses,
     box: Box = None,
     steps: Annotated[
         str | None, typer.Option(help='Points along x, y and z; default: the cell\'s, or "3,3,3".')
@@ -341,11 +321,11 @@ def predict(
         str | None,
         typer.Option(help="One of the cell's models, by name; default: its zero offsets."),
     ] = None,
-    out: OutFolder = Path(),
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    out: output.OutFolder = Path(),
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Predict the accuracy over a box, before anything is measured.
 
@@ -358,11 +338,11 @@ def predict(
 
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)
-    listed = poses_of(loaded, poses, trust_units=trust_units)
-    results = results_in(out, "predict", cell, poses, overwrite=overwrite)
-    with progress("predicting"):
+    listed = output.poses_of(loaded, poses, trust_units=trust_units)
+    results = output.results_in(out, "predict", cell, poses, overwrite=overwrite)
+    with output.progress("predicting"):
         found = run(loaded, listed, asked, results, model)
     files = [str(out / "predicted_accuracy.csv")]
     content = {"reference": found.reference, "points": found.rows(), "files": files}
     answer = answer_of_prediction(found, files)
-    return tell(answer, verbose=verbose, content=content, as_json=as_json)
+    return output.tell(answer, verbose=verbose, content=content, as_json=as_json)

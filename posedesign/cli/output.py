@@ -11,11 +11,11 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol, TextIO
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 import typer
 
@@ -78,12 +78,8 @@ DONE, NOT_REACHED, BAD_INPUT, FAULT, STOPPED = 0, 1, 2, 70, 130
 that of shells."""
 
 
-class Advance(Protocol):
-    """Callback of long work: what is being done, and the part of all work that is done."""
-
-    def __call__(self, what: str, part: float) -> None:
-        """Say what is being done, and which part of all work is done."""
-
+Advance = Callable[[str, float], None]
+"""Is told what is being done, and which part of all work is done."""
 
 _ARGUMENT = re.compile(r"`([a-z]+(?:_[a-z]+)*)`")
 """An argument of a function as the library's texts name it: here it is an option."""
@@ -275,26 +271,16 @@ def say_what_to_know(cell: Cell) -> None:
 @contextmanager
 def progress(title: str, *, with_time_left: bool = False, quiet: bool = False) -> Iterator[Advance]:
     """A progress bar on standard error, if that is a terminal, while something long runs."""
+    from rich import progress as bars
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    left = (TextColumn("left"), TimeRemainingColumn()) if with_time_left else ()
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        *left,
-    )
+    columns = [bars.TextColumn("{task.description}", markup=False), bars.BarColumn()]
+    columns.append(bars.TimeElapsedColumn())
+    if with_time_left:
+        columns += [bars.TextColumn("left"), bars.TimeRemainingColumn()]
     console = Console(stderr=True)
-    with Progress(
-        *columns, console=console, transient=True, disable=quiet or not console.is_terminal
-    ) as bar:
+    hidden = quiet or not console.is_terminal
+    with bars.Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         task = bar.add_task(title, total=1.0)
 
         def advance(what: str, part: float) -> None:

@@ -9,28 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from posedesign.cli.output import (
-    DONE,
-    AsJson,
-    CellFile,
-    JointsFile,
-    ListedPoses,
-    OutFolder,
-    Overwrite,
-    TrustUnits,
-    Verbose,
-    command_line,
-    knowing,
-    note,
-    poses_of,
-    print_json,
-    print_table,
-    progress,
-    rehearsed_words,
-    results_in,
-    show_file,
-    tell,
-)
+from posedesign.cli import output
 from posedesign.report.answer import WIDTH
 
 if TYPE_CHECKING:
@@ -45,7 +24,7 @@ LOOSE_HAND_EYE = 1e3
 touch-ups would end the loop at the narrowest angles."""
 
 
-def robots(as_json: AsJson = False, verbose: Verbose = False) -> int:
+def robots(as_json: output.AsJson = False, verbose: output.Verbose = False) -> int:
     """List the robots that come with the tool."""
     from calib.robots import preset_info, preset_names
 
@@ -55,17 +34,17 @@ def robots(as_json: AsJson = False, verbose: Verbose = False) -> int:
         keys = ("title", "controller", "payload_kg", "confidence", "source")
         rows.append({"preset": name, **{key: info[key] for key in keys}})
     if as_json:
-        print_json(rows)
+        output.print_json(rows)
     elif verbose:
-        print_table("Robots", rows)
+        output.print_table("Robots", rows)
     else:
         for row in rows:
             said = str(row.pop("confidence"))
             doubtful = "UNVERIFIED" if "UNVERIFIED" in said else "partly unverified"
             row["numbers"] = doubtful if "unverified" in said.lower() else "public"
             del row["source"]
-        print_table("Robots", rows, WIDTH)
-    return DONE
+        output.print_table("Robots", rows, WIDTH)
+    return output.DONE
 
 
 def new(
@@ -117,34 +96,36 @@ def new(
     )
     made = Cell.from_text(text)
     if robot is None:
-        note(
+        output.note(
             f"note: this is the reference cell, of a {preset_info(made.robot.name)['title']}; for "
             "your own robot: posedesign new --robot PRESET or FILE.urdf (posedesign robots lists "
             "the presets)"
         )
     for said in made.robot.notices:
-        note(f"note: {said}")
+        output.note(f"note: {said}")
     beside = made.config.robot.urdf and srdf_beside(Path(made.config.robot.urdf))
     if beside:
-        note(f"note: {beside.name} lies beside the URDF: robot.srdf takes it, if you want it")
+        output.note(
+            f"note: {beside.name} lies beside the URDF: robot.srdf takes it, if you want it"
+        )
     try:
         made.solid  # noqa: B018
     except RobotModelError as error:
-        note(f"decide before planning: {error}")
+        output.note(f"decide before planning: {error}")
     makers = makers_like(made.robot) if made.robot.controller is None else ()
     if makers:
-        note(
+        output.note(
             "say before planning whose it is, for programs need it: robot.controller = "
             f'"{makers[0]}" perhaps'
         )
-    show_file(text)
-    return DONE
+    output.show_file(text)
+    return output.DONE
 
 
 def plan(
-    cell: CellFile,
-    out: OutFolder = Path(),
-    as_json: AsJson = False,
+    cell: output.CellFile,
+    out: output.OutFolder = Path(),
+    as_json: output.AsJson = False,
     method: Annotated[
         str | None,
         typer.Option(
@@ -207,8 +188,8 @@ def plan(
             help="Choose for robots that are not as described, too: none, average, worst."
         ),
     ] = "none",
-    verbose: Verbose = False,
-    overwrite: Overwrite = False,
+    verbose: output.Verbose = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Plan measuring poses.
 
@@ -233,19 +214,19 @@ def plan(
         keep=keep is not None,
         minutes=minutes,
     )
-    results = results_in(out, "plan", cell, keep, overwrite=overwrite)
+    results = output.results_in(out, "plan", cell, keep, overwrite=overwrite)
     if request is None:
         return _plan_by_grid(loaded, results, cell, as_json=as_json, verbose=verbose)
     from posedesign.cli.json_forms import choice_as_dict
     from posedesign.report.plans import answer_of_choice
     from posedesign.workflow import plan_optimal_poses
 
-    own = None if keep is None else poses_of(loaded, keep, of_any_robot=True)
-    with knowing(loaded), progress("planning") as advance:
+    own = None if keep is None else output.poses_of(loaded, keep, of_any_robot=True)
+    with output.knowing(loaded), output.progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, request, advance, own)
     names = ("poses.csv", *["validation.csv"] * (result.validation is not None), "plan.png")
     files = [str(out / name) for name in names if result.route is not None]
-    return tell(
+    return output.tell(
         answer_of_choice(loaded, result, files),
         result.reached,
         verbose=verbose,
@@ -256,7 +237,7 @@ def plan(
 
 
 def next_poses(
-    cell: CellFile,
+    cell: output.CellFile,
     measurements: Annotated[
         Path,
         typer.Argument(
@@ -264,8 +245,8 @@ def next_poses(
             "camera.json, or the poses: poses.csv"
         ),
     ],
-    joints: JointsFile = None,
-    out: OutFolder = Path(),
+    joints: output.JointsFile = None,
+    out: output.OutFolder = Path(),
     poses: Annotated[int, typer.Option(min=1, max=100, help="How many poses.")] = 3,
     criterion: Annotated[str, typer.Option(help="As of plan --method exchange.")] = "tcp",
     least_gain: Annotated[
@@ -279,10 +260,10 @@ def next_poses(
             "given."
         ),
     ] = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Say which poses to measure next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
@@ -292,30 +273,30 @@ def next_poses(
     from posedesign.workflow import plan_next_poses
 
     loaded = Cell.load(cell)
-    with knowing(loaded), progress("choosing the next poses"):
+    with output.knowing(loaded), output.progress("choosing the next poses"):
         result = plan_next_poses(
             loaded,
             measurements,
-            results_in(out, "next", cell, overwrite=overwrite),
+            output.results_in(out, "next", cell, overwrite=overwrite),
             poses,
             criterion=criterion,
             least_gain=least_gain,
             accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
             joints=joints,
             trust_units=trust_units,
-            warn=lambda text: note(f"warning: {measurements}: {text}"),
+            warn=lambda text: output.note(f"warning: {measurements}: {text}"),
         )
     files = [str(out / "poses.csv")]
-    then = command_line("program", files[0], "--cell", cell)
+    then = output.command_line("program", files[0], "--cell", cell)
     if not result.worth:
         of = ("--joints", joints) if joints else ()
-        then = command_line("identify", cell, measurements, *of)
-    return tell(
+        then = output.command_line("identify", cell, measurements, *of)
+    return output.tell(
         answer_of_next(loaded, result, files),
         not result.dropped,
         verbose=verbose,
         then=then,
-        first=rehearsed_words(cell, measurements),
+        first=output.rehearsed_words(cell, measurements),
         content=next_as_dict(loaded, result) | {"files": files},
         as_json=as_json,
     )
@@ -328,7 +309,7 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
     from posedesign.workflow import plan_poses
 
     largest = max(loaded.config.variations.largest_deg)
-    with knowing(loaded), progress("planning") as advance:
+    with output.knowing(loaded), output.progress("planning") as advance:
         result = plan_poses(
             loaded,
             out,
@@ -338,7 +319,7 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
         )
         outlook = outlook_of(loaded, result.model, result.postures)
     files = [str(out.folder / name) for name in ("poses.csv", "rounds.csv", "plan.png")]
-    return tell(
+    return output.tell(
         told_plan(loaded, result, outlook, files),
         result.reached,
         verbose=verbose,
@@ -359,9 +340,9 @@ def _program_command(cell: Cell, files: Sequence[str], path: Path) -> str:
     named = controller is not None and bool(controller.maker)
     makers = (controller.maker,) if controller is not None and named else makers_like(cell.robot)
     if not any(dialect.maker in makers[:1] for dialect in DIALECTS.values()):
-        return command_line(*words, "--format", "ros-trajectory")
+        return output.command_line(*words, "--format", "ros-trajectory")
     first = f'say whose it is in {path}, robot.controller = "{makers[0]}" perhaps; then '
-    return first * (not named) + command_line(*words)
+    return first * (not named) + output.command_line(*words)
 
 
 def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()) -> Answer:
@@ -383,11 +364,11 @@ def told_plan(cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[st
 
 
 def check(
-    cell: CellFile,
-    poses: ListedPoses,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
+    cell: output.CellFile,
+    poses: output.ListedPoses,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
 ) -> int:
     """Say whether the robot can really take the poses of a list, and go from one to the next.
 
@@ -399,8 +380,8 @@ def check(
     from posedesign.report.plans import answer_of_check
 
     loaded = Cell.load(cell)
-    listed = poses_of(loaded, poses, trust_units=trust_units)
-    with knowing(loaded), progress("checking poses and motions"):
+    listed = output.poses_of(loaded, poses, trust_units=trust_units)
+    with output.knowing(loaded), output.progress("checking poses and motions"):
         verdicts = check_poses(loaded, listed)
         measured = listed.measured
         which = loaded.which(measured.labels)
@@ -415,15 +396,15 @@ def check(
         "not_checked": loaded.not_checked,
     }
     answer = answer_of_check(loaded, verdicts, off)
-    return tell(answer, good, verbose=verbose, content=content, as_json=as_json)
+    return output.tell(answer, good, verbose=verbose, content=content, as_json=as_json)
 
 
 def score(
-    cell: CellFile,
-    poses: ListedPoses,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
+    cell: output.CellFile,
+    poses: output.ListedPoses,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
 ) -> int:
     """Say how good any list of poses is.
 
@@ -435,8 +416,8 @@ def score(
     from posedesign.report.plans import answer_of_score, sigma_table
 
     loaded = Cell.load(cell)
-    listed = poses_of(loaded, poses, trust_units=trust_units)
-    with knowing(loaded):
+    listed = output.poses_of(loaded, poses, trust_units=trust_units)
+    with output.knowing(loaded):
         scored = score_poses(loaded, listed.measured)
     scaling = scaling_of(loaded.model())
     threshold = loaded.config.plan.condition_threshold
@@ -454,4 +435,4 @@ def score(
         "reached": good,
     }
     answer = answer_of_score(loaded, scored, scaling)
-    return tell(answer, good, verbose=verbose, content=content, as_json=as_json)
+    return output.tell(answer, good, verbose=verbose, content=content, as_json=as_json)

@@ -7,29 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
-from posedesign.cli.output import (
-    DONE,
-    NOT_REACHED,
-    AsJson,
-    CellFile,
-    FileFormat,
-    OutFolder,
-    Overwrite,
-    PlannedPoses,
-    TrustUnits,
-    Verbose,
-    command_line,
-    knowing,
-    note,
-    note_misfit,
-    poses_of,
-    print_json,
-    progress,
-    rehearsed_words,
-    results_in,
-    say,
-    tell,
-)
+from posedesign.cli import output
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
@@ -47,7 +25,7 @@ Files = Annotated[list[Path], typer.Argument(help="Program files, backups, or li
 
 
 def program(
-    poses: PlannedPoses,
+    poses: output.PlannedPoses,
     dialect: Annotated[
         str | None,
         typer.Option(
@@ -57,7 +35,7 @@ def program(
             "moveit-joints, robot-calibration, robodk-csv. [that of the robot's controller]",
         ),
     ] = None,
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     cell: Annotated[
         Path | None, typer.Option(help="Cell with a [program] section; default: usual values.")
     ] = None,
@@ -77,10 +55,10 @@ def program(
     force: Annotated[
         bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
@@ -90,24 +68,24 @@ def program(
     from posedesign.pose_programs.from_plan import with_approaches
 
     loaded = Cell.load(cell) if cell is not None else None
-    listed = poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
+    listed = output.poses_of(loaded, poses, trust_units=trust_units, of_any_robot=True)
     listed = listed.of_payload("" if payload == "none" else payload)
     chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
     forced: tuple[str, ...] = ()
     if loaded:
-        with knowing(loaded), progress("checking poses and motions"):
+        with output.knowing(loaded), output.progress("checking poses and motions"):
             check_fit(loaded, listed)
             forced = check_clear(loaded, listed, force=force)
     usual = loaded.config.program.name if loaded else USUAL_NAME
     title = usual if name is None else name
     options = program_options(loaded, listed, form)
-    results = results_in(out, "program", poses, cell, overwrite=overwrite)
+    results = output.results_in(out, "program", poses, cell, overwrite=overwrite)
     written = write_program(listed, results, chosen, options, title, loaded, forced)
-    good, first = not written.problems, rehearsed_words(poses, cell)
+    good, first = not written.problems, output.rehearsed_words(poses, cell)
     content = {**written.__dict__, "paths": [str(path) for path in written.paths]}
     told = _told(written, loaded)
-    return tell(told, good, verbose=verbose, first=first, content=content, as_json=as_json)
+    return output.tell(told, good, verbose=verbose, first=first, content=content, as_json=as_json)
 
 
 def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
@@ -149,7 +127,7 @@ def _told(written: WrittenProgram, cell: Cell | None) -> Answer:
 
 def validate(
     files: Files,
-    dialect: FileFormat = None,
+    dialect: output.FileFormat = None,
     measuring: Annotated[
         bool | None,
         typer.Option(
@@ -158,7 +136,7 @@ def validate(
             "default: the first of programs that posedesign wrote.",
         ),
     ] = None,
-    as_json: AsJson = False,
+    as_json: output.AsJson = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Print all problems of each file.")
     ] = False,
@@ -188,7 +166,7 @@ def validate(
         found.append((path, chosen, levels, problems, notes))
     good = not any(problems for *_, problems, _ in found)
     if as_json:
-        print_json(
+        output.print_json(
             {
                 "valid": good,
                 "files": [
@@ -203,35 +181,35 @@ def validate(
                 ],
             }
         )
-        return DONE if good else NOT_REACHED
+        return output.DONE if good else output.NOT_REACHED
     for path, chosen, levels, problems, notes in found:
         asked = "" if "measuring" in levels else " that a controller would refuse"
         verdict = f"{len(problems)} problem(s)" if problems else "no problem found"
-        say(f"{path}: {chosen.title}: {verdict}{asked}")
+        output.say(f"{path}: {chosen.title}: {verdict}{asked}")
         told = problems if verbose else problems[:MOST_SHOWN]
         for problem in told:
-            say(f"- {problem}")
+            output.say(f"- {problem}")
         if len(told) < len(problems):
-            say(f"- and {len(problems) - len(told)} more: see --verbose")
+            output.say(f"- and {len(problems) - len(told)} more: see --verbose")
         for remark in notes:
-            note(f"{path}: note: {remark}")
-    return DONE if good else NOT_REACHED
+            output.note(f"{path}: note: {remark}")
+    return output.DONE if good else output.NOT_REACHED
 
 
 def import_positions(
-    cell: CellFile,
+    cell: output.CellFile,
     files: Files,
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     poses: Annotated[
         Path | None, typer.Option(help="The plan that the program was written from: its poses.csv.")
     ] = None,
-    dialect: FileFormat = None,
+    dialect: output.FileFormat = None,
     keep_untouched: Annotated[
         bool, typer.Option("--keep-untouched", help="Take positions that stand as planned, too.")
     ] = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
@@ -240,10 +218,10 @@ def import_positions(
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
-    plan = None if poses is None else poses_of(loaded, poses)
-    results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
+    plan = None if poses is None else output.poses_of(loaded, poses)
+    results = output.results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
-    with progress("reading programs"):
+    with output.progress("reading programs"):
         imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
     loads = [load.name for load in loaded.config.payload]
     kinds = [] if loaded.is_hand_eye else list(dict.fromkeys(o.kind for o in loaded.observations))
@@ -259,11 +237,11 @@ def import_positions(
         "missing": imported.missing,
         "warnings": imported.warnings,
     }
-    return tell(
+    return output.tell(
         _told_imported(imported, path, planned=plan is not None),
         not imported.doubtful,
         verbose=verbose,
-        then=command_line("identify", cell, path),
+        then=output.command_line("identify", cell, path),
         content=content,
         as_json=as_json,
     )
@@ -299,10 +277,10 @@ MOST_REFUSED = 1000
 
 
 def record(
-    cell: CellFile,
+    cell: output.CellFile,
     poses: Annotated[Path, typer.Argument(help="The plan that the program was written from.")],
     host: Annotated[str, typer.Argument(help="Name or address of the UR controller.")],
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     register: Annotated[
         int,
         typer.Option(
@@ -311,9 +289,9 @@ def record(
         ),
     ] = 36,
     timeout_s: Annotated[float, typer.Option(help="Longest time without a pose [s].")] = 3600.0,
-    as_json: AsJson = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Take touch-ups from a UR while its program runs; add each to touchups.csv.
 
@@ -327,19 +305,21 @@ def record(
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
-    plan = poses_of(loaded, poses, trust_units=trust_units)
+    plan = output.poses_of(loaded, poses, trust_units=trust_units)
     check_recorded(loaded, plan)
-    arriving = told_poses(host, register, timeout_s, note)
-    results = results_in(make_folder(out), "record", poses, overwrite=overwrite)
+    arriving = told_poses(host, register, timeout_s, output.note)
+    results = output.results_in(make_folder(out), "record", poses, overwrite=overwrite)
     refused: list[str] = []
     with held(out, "recording"):
         (claimed,) = results.claim("measured", TOUCH_UPS)
         recording = Recording.resume(loaded, plan, claimed)
         total = len(recording.plan.names)
         if recording.by_hand:
-            note(f"warning: {claimed}: {recording.by_hand}")
+            output.note(f"warning: {claimed}: {recording.by_hand}")
         if recording.rows:
-            note(f"{claimed}: goes on, {len(recording.missing)} of {total} poses are missing")
+            output.note(
+                f"{claimed}: goes on, {len(recording.missing)} of {total} poses are missing"
+            )
         for told in arriving if recording.missing else ():
             try:
                 if told.q is None:
@@ -347,22 +327,24 @@ def record(
                 name, moved_m = recording.take(told.number, told.q)
             except InputError as error:
                 refused.append(error.message)
-                note(f"warning: not recorded: {error}")
+                output.note(f"warning: not recorded: {error}")
                 if len(refused) > MOST_REFUSED:
                     raise
                 continue
             line = f"{name}: touched up, {1e3 * moved_m:.3f} mm from the plan"
-            (note if as_json else say)(f"{line} ({total - len(recording.missing)} of {total})")
+            (output.note if as_json else output.say)(
+                f"{line} ({total - len(recording.missing)} of {total})"
+            )
             if not recording.missing:
                 break
     if as_json:
         said = {"touch_ups": len(recording.rows), "missing": recording.missing, "refused": refused}
-        print_json({"path": str(claimed), **said})
+        output.print_json({"path": str(claimed), **said})
     else:
-        say(f"{claimed}: {len(recording.rows)} touch-ups")
+        output.say(f"{claimed}: {len(recording.rows)} touch-ups")
     if recording.missing:
-        note(f"warning: the program has ended without {', '.join(recording.missing)}")
-    return NOT_REACHED if recording.missing else DONE
+        output.note(f"warning: the program has ended without {', '.join(recording.missing)}")
+    return output.NOT_REACHED if recording.missing else output.DONE
 
 
 def convert(
@@ -379,9 +361,9 @@ def convert(
             "them, first in each row."
         ),
     ] = "usual",
-    as_json: AsJson = False,
-    trust_units: TrustUnits = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    trust_units: output.TrustUnits = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Write a table of poses with its joints named in another way.
 
@@ -393,13 +375,13 @@ def convert(
     from posedesign.planning.poses_file import read_robot_poses, write_pose_list
 
     loaded = Cell.load(cell)
-    (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(
+    (file,) = output.results_in(out.parent, "convert", poses, overwrite=overwrite).claim(
         "planned", (out.name, "converted poses"), bare=to == "robodk"
     )
     listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
     for said in outside_limits(loaded, listed.names, listed.postures):
-        note(f"warning: {poses}: {said}")
-    note_misfit(poses, listed, loaded)
+        output.note(f"warning: {poses}: {said}")
+    output.note_misfit(poses, listed, loaded)
     write_pose_list(
         file,
         listed,
@@ -409,7 +391,7 @@ def convert(
         form=JointForm(to),
     )
     if as_json:
-        print_json(
+        output.print_json(
             {
                 "path": str(out),
                 "poses": len(listed.measured.names),
@@ -419,5 +401,5 @@ def convert(
             }
         )
     else:
-        say(f"wrote {out}: {len(listed.measured.names)} poses")
-    return DONE
+        output.say(f"wrote {out}: {len(listed.measured.names)} poses")
+    return output.DONE

@@ -7,21 +7,7 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import (
-    DONE,
-    LARGEST_SEED,
-    NOT_REACHED,
-    AsJson,
-    OutFolder,
-    Overwrite,
-    Verbose,
-    print_json,
-    print_table,
-    progress,
-    results_in,
-    say,
-    tell,
-)
+from posedesign.cli import output
 from posedesign.report.answer import WIDTH
 
 MOST_TRIALS = 10_000_000
@@ -36,12 +22,12 @@ def accuracy(
     cell: Annotated[
         Path | None, typer.Argument(help="The cell; default: the reference cell.")
     ] = None,
-    out: OutFolder = Path(),
+    out: output.OutFolder = Path(),
     draws: Draws = 50,
-    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise.")] = 1,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    overwrite: Overwrite = False,
+    seed: Annotated[int, typer.Option(min=0, max=output.LARGEST_SEED, help="Of the noise.")] = 1,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Accuracy against condition number: what better poses buy."""
     from posedesign.cell import Cell, cell_template
@@ -50,15 +36,15 @@ def accuracy(
     from posedesign.workflow import STUDY, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
-    results = results_in(out, "study accuracy", cell, overwrite=overwrite)
+    results = output.results_in(out, "study accuracy", cell, overwrite=overwrite)
     results.claim("simulated", *STUDY)
-    with progress("accuracy study") as advance:
+    with output.progress("accuracy study") as advance:
         study = accuracy_study(loaded, draws=draws, seed=seed, progress=advance)
     table, figure = write_study(study, results)
     if as_json:
-        print_json([finding.__dict__ for finding in study.findings])
-        return DONE
-    return tell(answer_of_study(study, [str(table), str(figure)]), verbose=verbose)
+        output.print_json([finding.__dict__ for finding in study.findings])
+        return output.DONE
+    return output.tell(answer_of_study(study, [str(table), str(figure)]), verbose=verbose)
 
 
 StudyName = Annotated[str, typer.Argument(help="The study, see: posedesign study list")]
@@ -67,7 +53,7 @@ StudyOut = Annotated[
 ]
 
 
-def list_all(as_json: AsJson = False) -> int:
+def list_all(as_json: output.AsJson = False) -> int:
     """List the studies and what they ask."""
     from posedesign.study.library import list_studies
 
@@ -81,10 +67,10 @@ def list_all(as_json: AsJson = False) -> int:
         for study in list_studies()
     ]
     if as_json:
-        print_json(rows)
+        output.print_json(rows)
     else:
-        print_table("Studies", rows, WIDTH)
-    return DONE
+        output.print_table("Studies", rows, WIDTH)
+    return output.DONE
 
 
 def run(
@@ -103,7 +89,7 @@ def run(
     restart: Annotated[
         bool, typer.Option("--restart", help="Begin anew, whatever results are there.")
     ] = False,
-    as_json: AsJson = False,
+    as_json: output.AsJson = False,
 ) -> int:
     """Run a study and draw its figures.
 
@@ -114,23 +100,23 @@ def run(
 
     found = find_study(name)
     folder = out or results_of(found.name)
-    with found.writing_to(folder), progress(found.name, with_time_left=True) as advance:
+    with found.writing_to(folder), output.progress(found.name, with_time_left=True) as advance:
         workers = Workers(jobs, scheduler)
         options = Options(folder, trials, workers, restart=restart, advance=advance)
         figures = found.run(options)
     with found.writing_to(folder, PICTURES):
         drawn = found.plot(folder, workers)
     if as_json:
-        print_json(figures)
+        output.print_json(figures)
     else:
         for path in (*sorted(folder.glob("*.csv")), *drawn):
-            say(f"wrote {path}")
+            output.say(f"wrote {path}")
         # a short form cannot tell all that the README's tables have
         if trials is None and (tables := found.markdown(figures)):
             for line in tables.splitlines():
-                say(line)
-        say(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
-    return DONE
+                output.say(line)
+        output.say(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
+    return output.DONE
 
 
 def plot(name: StudyName, out: StudyOut = None) -> int:
@@ -142,8 +128,8 @@ def plot(name: StudyName, out: StudyOut = None) -> int:
     with found.writing_to(folder, PICTURES):
         drawn = found.plot(folder)
     for path in drawn:
-        say(f"wrote {path}")
-    return DONE
+        output.say(f"wrote {path}")
+    return output.DONE
 
 
 def results_of(name: str) -> Path:
@@ -152,20 +138,20 @@ def results_of(name: str) -> Path:
 
 
 def demo(
-    out: OutFolder = Path("posedesign-demo"),
+    out: output.OutFolder = Path("posedesign-demo"),
     draws: Draws = 50,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    overwrite: Overwrite = False,
+    as_json: output.AsJson = False,
+    verbose: output.Verbose = False,
+    overwrite: output.Overwrite = False,
 ) -> int:
     """Run the main job on the reference cell."""
     from posedesign.cli.demo import answer_of_demo, run_demo, truth_rows
 
-    with progress("demo") as advance:
-        folder = results_in(out, "demo", overwrite=overwrite, remakes=True)
+    with output.progress("demo") as advance:
+        folder = output.results_in(out, "demo", overwrite=overwrite, remakes=True)
         results = run_demo(folder, draws=draws, progress=advance)
     program = results.program
-    code = DONE if results.plan.reached and not program.problems else NOT_REACHED
+    code = output.DONE if results.plan.reached and not program.problems else output.NOT_REACHED
     files = sorted(path.name for path in out.iterdir())
     content = {
         "message": results.plan.message,
@@ -176,9 +162,9 @@ def demo(
         "files": [str(out / name) for name in files],
     }
     if as_json:
-        print_json(content)
+        output.print_json(content)
         return code
-    tell(
+    output.tell(
         answer_of_demo(results, out, files),
         verbose=verbose,
         then="posedesign new > cell.toml",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -51,11 +51,11 @@ class Situation:
         return self.chain.forward(self.q)
 
     def take(self, rows: IntArray) -> Situation:
+        """The same at some of the postures."""
         state = self.__dict__.get("state")
         if state is not None:
-            arrays = {f.name: getattr(state, f.name) for f in fields(state)}
-            external = arrays.pop("external")
-            state = ChainState(**{k: a[rows] for k, a in arrays.items()}, external=external)
+            arrays = [f.name for f in fields(state) if f.name != "external"]
+            state = replace(state, **{name: getattr(state, name)[rows] for name in arrays})
         return Situation(self.chain, self.q[rows], state, in_full=self.in_full)
 
 
@@ -111,9 +111,7 @@ class _Limits(Constraint):
         """How far postures are inside each limit ``(S, L)`` [rad]."""
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        margin = self._inside(arm.q) - self._margin
-        which = np.argmin(margin, axis=1)
-        return margin[np.arange(len(margin)), which], which
+        return _least(self._inside(arm.q) - self._margin)
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         name, value, lower, upper = self._limit(arm.q[i], which)
@@ -160,9 +158,7 @@ class SlideLimits(Constraint):
         self._robot = robot
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        room = _room(self._robot, arm.q)[:, self._robot.external.sliding]
-        which = np.argmin(room, axis=1)
-        return room[np.arange(len(room)), which], which
+        return _least(_room(self._robot, arm.q)[:, self._robot.external.sliding])
 
     def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         j = which + self._robot.external.sliding.start
@@ -173,6 +169,11 @@ class SlideLimits(Constraint):
         if margin < -ROUNDING:
             return limit_reason(name, value, low, high, "mm")
         return f"{name} {value:.1f} mm, {1e3 * margin:.1f} mm inside its limits"
+
+
+def _least(margins: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The smallest of margins ``(S, L)`` of each posture, and which that is."""
+    return margins.min(axis=1), margins.argmin(axis=1)
 
 
 def _room(robot: Robot, q: FloatArray) -> FloatArray:
@@ -245,9 +246,8 @@ class Verdicts:
     def reason(self, i: int, k: int | None = None) -> str:
         """What constraint k of posture i says, in words; the tightest unless it is given."""
         k = int(self.tightest[i]) if k is None else k
-        return self.constraints[k].reason(
-            self.arm, i, float(self.margin[i, k]), int(self.which[i, k])
-        )
+        margin, which = float(self.margin[i, k]), int(self.which[i, k])
+        return self.constraints[k].reason(self.arm, i, margin, which)
 
     def hint(self, i: int, k: int | None = None) -> str:
         """What to change where posture i breaks that constraint, or nothing."""
@@ -355,13 +355,8 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
 def nearest_rows(checker: Checker, solutions: InverseSolutions) -> tuple[IntArray, IntArray]:
     """Of each pose the posture nearest to the reference that keeps every constraint.
 
-    Returns
-    -------
-    row : array (N,)
-        Row of the solutions; -1 where none keeps them.
-    nearly : array (N,)
-        Where none does, the one inside the limits that comes nearest to it and is worth talking
-        about; -1 where there is none.
+    Rows ``(N,)`` of the solutions, -1 where none keeps them; and where none does, of the one inside
+    the limits that comes nearest to it and is worth talking about, -1 where there is none.
     """
     row, nearly = np.full((2, len(solutions.gap_m)), -1, dtype=np.intp)
     slack = np.full(len(row), -np.inf)
@@ -404,12 +399,8 @@ def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str,
     verdicts = Checker(checker.robot, margin=checker.margin).check(solutions.postures)
     # the branch that comes nearest to being possible is the one worth talking about
     best = first_per_group(solutions.pose, -verdicts.slack, len(solutions.gap_m))
-    reasons = []
-    for pose, branch in enumerate(best):
-        if branch >= 0:
-            reasons.append((verdicts.reason(int(branch)), verdicts.hint(int(branch))))
-        else:
-            gap = solutions.gap_m[pose]
-            far = "" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm"
-            reasons.append((f"out of reach{far}", ""))
-    return reasons
+    gaps = ("" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm" for gap in solutions.gap_m)
+    return [
+        (verdicts.reason(i), verdicts.hint(i)) if i >= 0 else (f"out of reach{far}", "")
+        for i, far in zip(best.tolist(), gaps, strict=True)
+    ]

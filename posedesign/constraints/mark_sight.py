@@ -36,16 +36,9 @@ class Mark:
 
 
 class MarkSight(Constraint):
-    """Enough marks of the tool face the instrument, in its range, with nothing in between.
+    """Enough marks of the tool, ``least``, face the instrument in its range, nothing in between.
 
-    Parameters
-    ----------
-    place_m : array (3,)
-        Of the instrument, or the foot of a bar or wire, in the base frame.
-    nearest_m, farthest_m : float
-        Range of distances.
-    least : int
-        Marks that have to be seen.
+    ``place_m (3,)``: of the instrument, or the foot of a bar or wire, in the base frame.
     """
 
     name = "marks in sight"

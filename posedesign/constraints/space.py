@@ -19,7 +19,7 @@ from calib.geometry import Body, HalfSpace, Scene, Sphere
 from calib.geometry.scene import CAP_M
 from calib.geometry.ways import TOUCH_M
 from calib.robots import NO_EXTERNAL_AXES, ExternalAxes, Robot
-from calib.se3 import BoolArray, FloatArray, IntArray, rotation_angle, transform
+from calib.se3 import BoolArray, FloatArray, IntArray, frame_about, rotation_angle, transform
 from posedesign.constraints.checker import ROUNDING, Checker, Constraint, Situation
 
 POINT_M = 1e-6
@@ -130,29 +130,18 @@ def workspace_scene(
     point = Sphere(POINT_M)
     tip = robot.chain.T_link_tip
     floor = robot.floor
+    joints = list(enumerate(robot.joint_names, start=1))[floor + 1 :]
     moving = [body for body in bodies if body.link >= floor + 2]
-    moving += [
-        Body(name, j + 1, np.eye(4), point)
-        for j, name in enumerate(robot.joint_names)
-        if j >= floor + 1
-    ]
+    moving += [Body(name, link, np.eye(4), point) for link, name in joints]
     T_link_tool = tip @ transform(np.eye(3), tool_m)
     moving += [Body("tool point", robot.n, T_link_tool, point)]
     sides = []
-    for axis, letter in enumerate("xyz"):
-        for bound, sign in ((lowest_m[axis], 1.0), (highest_m[axis], -1.0)):
-            place = transform(_z_along(axis, sign), bound * np.eye(3)[axis])
-            place = robot.T_floor_world @ place
-            sides.append(Body(f"{letter} = {bound * 1e3:.0f} mm", floor, place, HalfSpace()))
-    scene = Scene(robot.chain, arm=moving, obstacles=sides)
-    return scene.others
-
-
-def _z_along(axis: int, sign: float) -> FloatArray:
-    """A rotation (3, 3) whose z points along an axis of the base, or against it."""
-    z = sign * np.eye(3)[axis]
-    x = np.eye(3)[(axis + 1) % 3]
-    return np.column_stack([x, np.cross(z, x), z])
+    for letter, along, *bounds in zip("xyz", np.eye(3), lowest_m, highest_m, strict=True):
+        for bound, sign in zip(bounds, (1.0, -1.0), strict=True):
+            inward = transform(frame_about(sign * along), bound * along)
+            name = f"{letter} = {bound * 1e3:.0f} mm"
+            sides.append(Body(name, floor, robot.T_floor_world @ inward, HalfSpace()))
+    return Scene(robot.chain, arm=moving, obstacles=sides).others
 
 
 @dataclass(frozen=True, eq=False)

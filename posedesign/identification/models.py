@@ -182,7 +182,7 @@ class Models:
             if "geometry" in words and PRIORS not in words:
                 whole = self.of(words, kinds)
                 x = first_guess(whole, data)
-                if unseen_scale(whole.linearise_at(data, x), x) > UNSEEN_SCALE:
+                if unseen_scale(whole.linearise_at(data, x)) > UNSEEN_SCALE:
                     found.append(name_of(words))
         return tuple(found)
 

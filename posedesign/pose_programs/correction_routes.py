@@ -172,7 +172,10 @@ def corrected_tool(
     cell's tool.
     """
     model = identified.model
-    places = {label: _place(identified, k) for k, label in enumerate(model.tools)}
+    places = {
+        label: tool_place(model, identified.x, Setup.of(1, tool=k))
+        for k, label in enumerate(model.tools)
+    }
     if name is not None and name not in places:
         raise InputError(
             f"the identification has no tool point {name[:60]!r}",
@@ -201,11 +204,6 @@ def corrected_tool(
         (),
         f"the tool point is taken as described, where only the arm errs: {why}",
     )
-
-
-def _place(identified: IdentifiedModel, tool: int) -> FloatArray:
-    """Position of a tool point in the tip frame ``(3,)`` [m]."""
-    return tool_place(identified.model, identified.x, Setup.of(1, tool=tool))
 
 
 def tool_place(model: CalibrationModel, x: FloatArray, setup: Setup) -> FloatArray:

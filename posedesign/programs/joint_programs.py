@@ -267,8 +267,7 @@ class Standing:
     ) -> Iterator[Problem]:
         """Problems of a step that does these."""
         if self.moves and (moves or measures):
-            reason = f"no {self.words[0]} since the last move"
-            yield Problem(row, "standstill", reason, "measuring")
+            yield Problem(row, "standstill", f"no {self.words[0]} since the last move", "measuring")
         elif measures and not self.waited:
             reason = f"no {self.words[1]} since the last move"
             yield Problem(row, "wait-to-measure", reason, "measuring")

@@ -51,12 +51,8 @@ def plot(result: object) -> Figure:
 
 
 @plot.register(PosePlan)
-def _plot_plan(result: PosePlan) -> Figure:
-    return figure_of_sigmas(result.model, result.postures, result.setup)
-
-
 @plot.register(OptimalPlan)
-def _plot_choice(result: OptimalPlan) -> Figure:
+def _plot_plan(result: PosePlan | OptimalPlan) -> Figure:
     return figure_of_sigmas(result.model, result.postures, result.setup)
 
 

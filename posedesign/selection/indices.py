@@ -223,5 +223,5 @@ def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:
     cond = condition_2(blocks)
     counts = len(blocks), len(stack(blocks)), white.shape[-1]
     of_scaled = (o1, o2, o3, o4, o5, d_optimality, a_optimality, e_optimality)
-    found = [index(scaled) for index in of_scaled]  # type: ignore[operator]
+    found = [index(scaled) for index in of_scaled]
     return Indices(*counts, condition_inf(blocks), cond, cond**2, *found)

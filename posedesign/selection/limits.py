@@ -70,24 +70,18 @@ class Limits:
             One of them cannot be, or there is none that ends a choice.
         """
         _check_repeats(repeats)
-        rows, lower, upper = [np.zeros((0, N))], [np.zeros(0)], [np.zeros(0)]
+        parts = [(np.zeros((0, N)), np.zeros(0), np.zeros(0))]
         if n is not None:
-            rows.append(np.ones((1, N)))
-            lower.append(np.array([float(n)]))
-            upper.append(np.array([float(n)]))
+            parts.append((np.ones((1, N)), np.array([float(n)]), np.array([float(n)])))
         if costs is not None or budget is not None:
-            rows.append(_checked_costs(costs, budget, N)[None])
-            lower.append(np.array([-np.inf]))
-            upper.append(np.array([float(budget or 0.0)]))
-        for k, given in enumerate(constraints):
-            A, low, high = _checked_constraint(given, k, N)
-            rows.append(A)
-            lower.append(low)
-            upper.append(high)
+            each = _checked_costs(costs, budget, N)[None]
+            parts.append((each, np.array([-np.inf]), np.array([float(budget or 0.0)])))
+        parts += [_checked_constraint(given, k, N) for k, given in enumerate(constraints)]
+        rows, lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
         least = np.zeros(N)
         least[np.asarray(keep, dtype=np.intp)] = 1.0
         most = np.full(N, float(repeats))
-        limits = cls(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), least, most)
+        limits = cls(rows, lower, upper, least, most)
         if n is None and budget is None and not np.isfinite(limits.upper).any():
             raise InputError(
                 "nothing limits the number of poses",

@@ -338,8 +338,8 @@ def _errors(
         truth, sigma = effective_truth(robot, model), np.sqrt(np.diag(covariance))
         for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
             label, factor = DISPLAY[unit]
-            error = factor * (values[:, k] - truth[k])
-            yield name, parameter, label, error, factor * float(sigma[k])
+            off = factor * (values[:, k] - truth[k])
+            yield name, parameter, label, off, factor * float(sigma[k])
         yield from _on_plate(name, arm.plate, model, values)
     yield from _on_plate("uncalibrated", arm.plate, cell.model(), cell.model().nominal)
     kind = cell.observations[0].kind

@@ -235,6 +235,18 @@ def cli(glance) -> Cli:
 
 
 @pytest.fixture
+def done(cli) -> Cli:
+    """Run a command line that has to do what it is asked for, and return what it says."""
+
+    def typed(*words: object) -> Said:
+        said = cli(*words)
+        assert said.code == 0, said
+        return said
+
+    return typed
+
+
+@pytest.fixture
 def glance(capsys) -> Cli:
     """Run a command line in this process as it is typed; lines that were folded are joined."""
 

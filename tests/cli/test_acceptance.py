@@ -53,11 +53,10 @@ def judged(cli, *words: str):
     return cli("prove", "cell.toml", "proof/measurements.csv", *USED, "--out", "proof", *words)
 
 
-def test_a_test_is_planned_with_its_statement_and_its_chance(tracked, cli):
-    said = cli(
+def test_a_test_is_planned_with_its_statement_and_its_chance(tracked, done):
+    said = done(
         "prove", "cell.toml", *USED, "--content", "0.8", "--limit", "150um", "--out", "other"
     )
-    assert said.code == 0
     assert "at least 80 % of the places are within 0.15 mm, with confidence 95 %" in said.out
     assert "poses: 14 places, at most 0 of them beyond the limit" in said.out
     assert re.search(r"chance to pass: \d+ %, with 0\.\d+ mm rms to expect", said.out)
@@ -66,9 +65,8 @@ def test_a_test_is_planned_with_its_statement_and_its_chance(tracked, cli):
     assert len(rule["poses"]) == 14
     assert rule["origin"]["purpose"] == "acceptance test"
     # the list is one that the other commands take
-    assert cli("check", "cell.toml", "other/poses.csv").code == 0
-    wrote = cli("program", "other/poses.csv", "--cell", "cell.toml", "--out", "other")
-    assert wrote.code == 0
+    done("check", "cell.toml", "other/poses.csv")
+    done("program", "other/poses.csv", "--cell", "cell.toml", "--out", "other")
 
 
 def test_a_test_is_passed_after_and_says_what_is_proven(tracked, cli):
@@ -88,11 +86,11 @@ def test_a_test_is_passed_after_and_says_what_is_proven(tracked, cli):
     assert (tracked / "proof/acceptance.png").is_file()
 
 
-def test_the_verdict_is_a_part_of_the_page(tracked, cli):
+def test_the_verdict_is_a_part_of_the_page(tracked, cli, done):
     judged(cli)
     Path("proof/poses.csv").unlink()
     with rendering():
-        assert cli("report", "proof").code == 0
+        done("report", "proof")
     page = (tracked / "proof/report.html").read_text()
     assert "Acceptance test" in page
     assert "passed: 14 of 14 places within 0.2 mm" in page
@@ -100,20 +98,17 @@ def test_the_verdict_is_a_part_of_the_page(tracked, cli):
     assert "limit 0.2 mm" in page
 
 
-def test_cycles_of_the_standard_are_rehearsed_and_judged(tracked, cli):
-    assert cli("prove", "cell.toml", "--test", "iso", "--out", "iso").code == 0
-    made = cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "30", "--out", "iso")
-    assert made.code == 0
-    said = cli("prove", "cell.toml", "iso/measurements.csv", *USED, "--out", "iso")
-    assert said.code == 0
+def test_cycles_of_the_standard_are_rehearsed_and_judged(tracked, cli, done):
+    done("prove", "cell.toml", "--test", "iso", "--out", "iso")
+    done("simulate", "cell.toml", "iso/poses.csv", "--cycles", "30", "--out", "iso")
+    said = done("prove", "cell.toml", "iso/measurements.csv", *USED, "--out", "iso")
     assert "AP of ISO 9283 of the arm as identified" in said.out
     assert re.search(r"RP: 0\.\d+ \(0\.\d+ to 0\.\d+\) mm at P0\d", said.out)
     assert re.search(r"AD: .* between P0[24] and P0[24], 415\.\d mm apart", said.out)
     assert "takes 6 of the 15 coordinates" in said.err
     rows = strict_json((tracked / "iso/acceptance.json").read_text())["arms"][1]["poses"]
     assert {row["cycles"] for row in rows} == {30}
-    fewer = cli("simulate", "cell.toml", "iso/poses.csv", "--cycles", "3", "--out", "few")
-    assert fewer.code == 0
+    done("simulate", "cell.toml", "iso/poses.csv", "--cycles", "3", "--out", "few")
     shutil.copy("iso/acceptance_test.json", "few")
     said = cli("prove", "cell.toml", "few/measurements.csv", *USED, "--out", "few")
     assert "3 cycles were measured where the test has 30" in said.err
@@ -265,9 +260,8 @@ def test_touch_ups_are_not_repeated_in_cycles(work, refuse):
     ).says("2 cycles of poses that are touched")
 
 
-def test_a_recheck_says_which_changes_it_will_find(tracked, cli):
-    said = cli("recheck", "cell.toml", *USED, "--poses", "3", "--out", "three")
-    assert said.code == 0
+def test_a_recheck_says_which_changes_it_will_find(tracked, cli, done):
+    said = done("recheck", "cell.toml", *USED, "--poses", "3", "--out", "three")
     assert re.search(r"3 poses find any zero that has moved by 0\.\d+ deg", said.out)
     assert "with a chance of 90 %, at 5 % of false alarms in all" in said.out
     assert re.search(r"by number: 3 poses .* deg; 4 poses .* deg; 5 poses", said.out)
@@ -275,25 +269,23 @@ def test_a_recheck_says_which_changes_it_will_find(tracked, cli):
     assert strict_json(moved.out)["blind"] == ["zero of joint_a1"]
 
 
-def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli):
-    same = cli("recheck", "cell.toml", "again/measurements.csv", *USED)
-    assert same.code == 0
-    assert cli("report", "recheck").code == 0
+def test_a_robot_that_is_the_same_is_told_from_one_that_was_hit(tracked, cli, done):
+    same = done("recheck", "cell.toml", "again/measurements.csv", *USED)
+    done("report", "recheck")
     assert "Recheck: still the same robot" in Path("recheck/report.html").read_text()
     assert "still the same robot, as far as these poses tell (p = 0." in same.out
     hit = CELL.replace(
         "[truth]", "[truth]\nzero_offsets_deg = [0.03, 0.08, 0.04, 0.05, 0.1, -0.04]"
     )
     (tracked / "hit.toml").write_text(hit)  # joint 3 by a tenth of a degree
-    made = cli("simulate", "hit.toml", "again/poses.csv", "--out", "hit", "--seed", "8")
-    assert made.code == 0
+    done("simulate", "hit.toml", "again/poses.csv", "--out", "hit", "--seed", "8")
     said = cli("recheck", "cell.toml", "hit/measurements.csv", *USED)
     assert said.code == 1
     assert "NOT the same robot (p < 1e-12)" in said.out
     found = re.search(r"likeliest single cause: zero of joint_a3, by (\S+) \(", said.out)
     assert found is not None
     assert float(found[1]) == pytest.approx(0.1, abs=0.01)
-    assert cli("report", "recheck").code == 0
+    done("report", "recheck")
     page = Path("recheck/report.html").read_text()
     assert found[0] in page.replace("\n", " ")
     assert "What a single cause would explain" in page
@@ -316,9 +308,9 @@ def test_a_recheck_needs_the_identification(tracked, refuse):
     refuse("recheck", "cell.toml").says("identification.json: cannot be read")
 
 
-def test_postures_that_were_identified_from_are_named(tracked, cli):
+def test_postures_that_were_identified_from_are_named(tracked, cli, done):
     """Measured again they are no rows of the identification, and a weaker proof."""
-    assert cli("simulate", "cell.toml", "run/poses.csv", "--seed", "9", "--out", "more").code == 0
+    done("simulate", "cell.toml", "run/poses.csv", "--seed", "9", "--out", "more")
     rule = json.loads(Path("proof/acceptance_test.json").read_text())
     rows = [line.split(",") for line in Path("more/measurements.csv").read_text().splitlines()]
     header = next(row for row in rows if row[0] == "target")

@@ -29,15 +29,14 @@ NUMBER_CASES = {
 }
 
 
-@pytest.mark.parametrize("value", NUMBER_CASES.values(), ids=NUMBER_CASES)
 @pytest.mark.parametrize(
-    ("file", "column", "command"),
+    ("file", "column", "command", "value"),
     [
-        ("touchups.csv", "j3_deg", "identify"),
-        ("poses.csv", "j6_deg", "score"),
-        ("pairs.csv", "b_z_mm", "robot-world"),
+        *(("poses.csv", "j6_deg", "score", value) for value in NUMBER_CASES.values()),
+        ("touchups.csv", "j3_deg", "identify", "abc"),
+        ("pairs.csv", "b_z_mm", "robot-world", "abc"),
     ],
-    ids=["touchups", "poses", "pairs"],
+    ids=[*NUMBER_CASES, "text in touchups", "text in pairs"],
 )
 def test_cell_that_is_no_number(refuse, change_csv, work, value, file, column, command):
     path = change_csv(file, 5, column, value)

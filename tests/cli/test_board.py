@@ -28,10 +28,9 @@ def cell(cli, tmp_path):
     return path
 
 
-def test_svg_is_to_scale(cli, cell, tmp_path):
+def test_svg_is_to_scale(done, cell, tmp_path):
     out = tmp_path / "board.svg"
-    said = cli("board", cell, "--out", out)
-    assert said.code == 0
+    said = done("board", cell, "--out", out)
     assert "ChArUco board of 7 x 5 squares of 25 mm" in said.out
     text = out.read_text()
     assert 'width="210mm" height="297mm" viewBox="0 0 210 297"' in text
@@ -39,7 +38,7 @@ def test_svg_is_to_scale(cli, cell, tmp_path):
     boxes = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)V([\d.]+)", black), dtype=float)
     assert np.ptp(boxes[:, [0, 2]]) == pytest.approx(175.0)
     assert np.ptp(boxes[:, [1, 3]]) == pytest.approx(125.0)
-    assert cli("board", cell, "--out", out).code == 0  # its own file
+    done("board", cell, "--out", out)  # its own file
 
 
 def drawn_in(data: bytes) -> bytes:
@@ -48,9 +47,9 @@ def drawn_in(data: bytes) -> bytes:
     return zlib.decompressobj().decompress(data[stream:])
 
 
-def test_pdf_is_to_scale(cli, cell, tmp_path, rendered):
+def test_pdf_is_to_scale(done, cell, tmp_path, rendered):
     out = tmp_path / "board.pdf"
-    assert cli("board", cell, "--out", out, "--page", "a3").code == 0
+    done("board", cell, "--out", out, "--page", "a3")
     data = out.read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+)", data)
     assert np.array(box.groups(), dtype=float) == pytest.approx(np.array([297, 420]) / 25.4 * 72)
@@ -68,7 +67,7 @@ def round_cell(cli, tmp_path):
     return path
 
 
-def test_a_round_target_is_drawn_white_in_black(cli, round_cell, tmp_path, rendered):
+def test_a_round_target_is_drawn_white_in_black(cli, done, round_cell, tmp_path, rendered):
     out = tmp_path / "round.svg"
     said = cli("board", round_cell, "--out", out)
     assert "round target of 150 mm with a cross and three squares" in said.out
@@ -86,7 +85,7 @@ def test_a_round_target_is_drawn_white_in_black(cli, round_cell, tmp_path, rende
     wanted = 4 * (1e3 * Cell.load(round_cell).board.points[:, :2] + [105.0, 137.5])
     np.testing.assert_allclose(sighting.pixels, wanted, atol=0.02)
     pdf = tmp_path / "round.pdf"
-    assert cli("board", round_cell, "--out", pdf).code == 0
+    done("board", round_cell, "--out", pdf)
     drawn = drawn_in(pdf.read_bytes())
     after = drawn[drawn.rindex(b" c\n") :]  # the circle is of curves, what is white comes later
     corners = np.array(re.findall(rb"([\d.]+) ([\d.]+) [ml]\n", after), dtype=float) / 72 * 25.4

@@ -3,7 +3,7 @@
 from tests.two_arms import two_arms
 
 
-def test_one_of_two_arms_from_new_to_identify(cli, refuse, tmp_path):
+def test_one_of_two_arms_from_new_to_identify(cli, done, refuse, tmp_path):
     urdf = tmp_path / "duo.urdf"
     urdf.write_text(two_arms())
     (tmp_path / "duo.srdf").write_text('<robot name="duo"/>')
@@ -16,8 +16,7 @@ def test_one_of_two_arms_from_new_to_identify(cli, refuse, tmp_path):
     text = new.out.replace("\ntip = ", f"\n{held}", 1)
     cell = tmp_path / "cell.toml"
     cell.write_text(text)
-    plan = cli("plan", cell, "--out", tmp_path / "plan", "--verbose")
-    assert plan.code == 0
+    plan = done("plan", cell, "--out", tmp_path / "plan", "--verbose")
     assert "waist at 30 deg" in " ".join((plan.out + plan.err).split())
     poses = tmp_path / "plan" / "poses.csv"
     cli("program", poses, "--cell", cell, "--format", "ros-trajectory", "--out", tmp_path / "ros")

@@ -110,12 +110,11 @@ def cell(tmp_path) -> Path:
     return path
 
 
-def test_what_was_found_serves_every_other_command(cli, rehearsed, tmp_path):
+def test_what_was_found_serves_every_other_command(done, rehearsed, tmp_path):
     out = rehearsed.out
     assert {path.name for path in out.iterdir()} == FILES
-    assert cli("check", out / "found_cell.toml", out / "poses.csv").code == 0
-    again = cli("identify", out / "found_cell.toml", out / "touchups.csv", "--out", tmp_path)
-    assert again.code == 0
+    done("check", out / "found_cell.toml", out / "poses.csv")
+    done("identify", out / "found_cell.toml", out / "touchups.csv", "--out", tmp_path)
     first, second = (
         json.loads((folder / "identification.json").read_text())["models"]
         for folder in (out, tmp_path)
@@ -143,15 +142,14 @@ def test_touch_ups_are_those_of_the_journal(rehearsed):
         assert shown == pytest.approx([v * 57.29577951308232 for v in q], abs=1e-5)
 
 
-def test_stopped_and_gone_on(cli, cell, rehearsed, tmp_path):
+def test_stopped_and_gone_on(done, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     out.mkdir()
     lines = rehearsed.lines
     # the machine went down there
     (out / "journal.jsonl").write_text("".join(lines[:30]) + lines[30][:50])
     (out / "pairs.csv").write_text("an afternoon's work")  # nothing is written in its place
-    said = cli("calibrate", cell, "--out", out, "--no-images")
-    assert said.code == 0, said.err
+    said = done("calibrate", cell, "--out", out, "--no-images")
     assert "going on from 29 measurements" in said.err
     assert [words for words in WORDS if words not in said.out] == []
     assert {path.name for path in out.iterdir()} == FILES | {"pairs.csv"}
@@ -213,15 +211,14 @@ def test_pairs_that_a_person_measured(refuse, cell, tmp_path, words):
 
 
 @pytest.mark.slow
-def test_what_a_person_changed_is_kept_under_another_name(cli, refuse, cell, rehearsed, tmp_path):
+def test_what_a_person_changed_is_kept_under_another_name(done, refuse, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
     touched = (out / "touchups.csv").read_text().replace("P27", "P27x")
     (out / "touchups.csv").write_text(touched)
     words = ("calibrate", cell, "--out", out, "--no-images")
     refuse(*words).says("touchups.csv", "was changed since it was written")
-    said = cli(*words, "--overwrite")
-    assert said.code == 0, said.err
+    said = done(*words, "--overwrite")
     assert "what was there is kept as touchups.csv.1" in said.err
     assert (out / "touchups.csv.1").read_text() == touched
     assert "P27x" not in (out / "touchups.csv").read_text()
@@ -272,14 +269,14 @@ def test_a_folder_that_is_taken_away_while_it_runs(cell, rehearsed, tmp_path, at
 
 
 @pytest.mark.slow
-def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(refuse, cli, cell, rehearsed, tmp_path):
+def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(refuse, done, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
     (out / "journal.jsonl").unlink()
     before = (out / "touchups.csv").read_bytes()
     words = ("calibrate", cell, "--out", out, "--no-images")
     refuse(*words).says("touchups.csv", "no journal.jsonl that it comes from", "--restart")
-    assert cli(*words, "--restart").code == 0
+    done(*words, "--restart")
     assert (out / "session.1" / "touchups.csv").read_bytes() == before
 
 
@@ -379,11 +376,10 @@ def test_two_with_one_robot(refuse, cell, tmp_path):
 
 
 @pytest.mark.slow
-def test_rehearsal_with_pictures_among_obstacles(cli, cell, tmp_path):
+def test_rehearsal_with_pictures_among_obstacles(done, cell, tmp_path):
     cell.write_text(SURROUNDED)
     out = tmp_path / "run"
-    said = cli("calibrate", cell, "--out", out)
-    assert said.code == 0, said.err
+    said = done("calibrate", cell, "--out", out)
     assert [words for words in WORDS if words not in said.out] == []
     assert {path.name for path in out.iterdir()} == FILES | {"pairs.csv"}
 

@@ -72,9 +72,9 @@ def test_demo_files_can_be_read_back(demo):
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_demo_files_feed_the_single_commands(demo, cli):
+def test_demo_files_feed_the_single_commands(demo, done):
     out, _ = demo
-    assert cli("score", out / "cell.toml", out / "poses.csv").code == 0
+    done("score", out / "cell.toml", out / "poses.csv")
 
 
 def test_study_covers_every_estimator_and_quantity(demo):
@@ -113,7 +113,7 @@ def test_study_says_that_lower_condition_means_smaller_errors(demo):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("rendered")
-def test_study_command(cli, work):
+def test_study_command(cli, done, work):
     text = (work / "cell.toml").read_text()
     quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [10.0, 10.0, 10.0]")
     (work / "cell.toml").write_text(quick)
@@ -130,8 +130,7 @@ def test_study_command(cli, work):
             assert float(row["error_median"]) == pytest.approx(median, abs=1e-9)
         else:
             assert finding["error_median"] is None
-    table = cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out)
-    assert table.code == 0
+    table = done("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out)
     assert "10 draws a pose set" in table.out
     for name in ("accuracy_vs_condition.csv", "accuracy_vs_condition.png"):
         assert (out / name).stat().st_size > 1000

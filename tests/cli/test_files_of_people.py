@@ -83,10 +83,10 @@ def test_a_persons_program_is_not_replaced(refuse, inputs, tmp_path, dialect, fi
 
 
 @pytest.mark.parametrize("form", ["usual", "ros", "robodk"])
-def test_convert_does_not_replace(cli, refuse, inputs, tmp_path, form):
+def test_convert_does_not_replace(done, refuse, inputs, tmp_path, form):
     words = ("convert", inputs["poses"], "--cell", inputs["cell"], "--to", form, "--out")
-    assert cli(*words, tmp_path / "new.csv").code == 0
-    assert cli(*words, tmp_path / "new.csv").code == 0
+    done(*words, tmp_path / "new.csv")
+    done(*words, tmp_path / "new.csv")
     (tmp_path / "mine.csv").write_bytes(b"mine")
     refuse(*words, tmp_path / "mine.csv").says("does not say where it is from")
 
@@ -130,21 +130,21 @@ def test_simulated_is_said_in_the_headline(cli, work):
     assert '"kind": "simulated"' in (out / "identification.json").read_text()
 
 
-def test_a_rehearsal_goes_into_a_folder_of_its_own(cli, work, monkeypatch):
+def test_a_rehearsal_goes_into_a_folder_of_its_own(done, work, monkeypatch):
     monkeypatch.chdir(work)
     before = (work / "touchups.csv").read_bytes()
-    assert cli("simulate", "cell.toml", "poses.csv").code == 0
+    done("simulate", "cell.toml", "poses.csv")
     assert (work / "rehearsal" / "touchups.csv").is_file()
     assert (work / "touchups.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize("made", ["program", "touchups.csv"])
-def test_a_plan_that_is_in_use_is_not_replaced(cli, refuse, work, made):
+def test_a_plan_that_is_in_use_is_not_replaced(done, refuse, work, made):
     cell, out = work / "cell.toml", work / "out"
-    assert cli("plan", cell, "--out", out).code == 0
-    assert cli("plan", cell, "--out", out).code == 0
+    done("plan", cell, "--out", out)
+    done("plan", cell, "--out", out)
     if made == "program":
-        assert cli("program", out / "poses.csv", "--cell", cell, "--out", out).code == 0
+        done("program", out / "poses.csv", "--cell", cell, "--out", out)
         refuse("plan", cell, "--out", out).says("poses.csv belongs to CALIB01.LS")
     else:
         (out / made).write_text("target,j1_deg\nT1,1\n")
@@ -153,15 +153,14 @@ def test_a_plan_that_is_in_use_is_not_replaced(cli, refuse, work, made):
     before = (out / "poses.csv").read_bytes()
     text = cell.read_text().replace("start_deg = [5.0, 5.0, 5.0]", "start_deg = [7.0, 7.0, 7.0]")
     cell.write_text(text)
-    said = cli("plan", cell, "--out", out, "--overwrite")
-    assert said.code == 0
+    said = done("plan", cell, "--out", out, "--overwrite")
     assert "poses.csv: what was there is kept as poses.csv.1" in said.err
     assert (out / "poses.csv.1").read_bytes() == before
 
 
-def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli, work):
+def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli, done, work):
     cell, out = work / "cell.toml", work / "out"
-    assert cli("plan", cell, "--out", out).code == 0
+    done("plan", cell, "--out", out)
     said = cli("plan", cell, *OPTIMAL, "--out", out)
     assert f"{out / 'rounds.csv'} was of an earlier time: removed" in said.err
     assert sorted(path.name for path in out.iterdir()) == [
@@ -177,9 +176,9 @@ def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli, work):
     assert sorted(path.name for path in out.iterdir()) == names
 
 
-def test_an_edited_result_is_kept(cli, refuse, work):
+def test_an_edited_result_is_kept(done, refuse, work):
     cell, out = work / "cell.toml", work / "out"
-    assert cli("plan", cell, "--out", out).code == 0
+    done("plan", cell, "--out", out)
     edited = (out / "poses.csv").read_text().replace("P14", "mine", 1)
     (out / "poses.csv").write_text(edited)
     refuse("plan", cell, "--out", out).says("was changed since it was written")

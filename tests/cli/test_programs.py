@@ -46,21 +46,19 @@ def touch_up(program: Path, touchups: Path, poses: Path) -> list[str]:
     return names
 
 
-def test_the_way_there_and_back(cli: Cli, work: Path) -> None:
+def test_the_way_there_and_back(cli: Cli, done: Cli, work: Path) -> None:
     """What comes back from the program is what was touched up, and identifies the same robot."""
     cell, poses = offsets_only(work / "cell.toml"), work / "poses.csv"
     out = work / "out"
-    said = cli("program", poses, "--cell", cell, "--out", out)
-    assert said.code == 0
+    said = done("program", poses, "--cell", cell, "--out", out)
     planned, written = map(float, re.findall(r"(?:planned|written) (\S+?),?(?:\s|$)", said.out))
     assert written == pytest.approx(planned, rel=0.01)
     refused = cli("import", cell, out / "CALIB01.LS", "--poses", poses, "--out", out)
     assert (refused.code, refused.out) == (2, "")
     assert "no position differs from the plan: none was touched up" in refused.err
     names = touch_up(out / "CALIB01.LS", work / "touchups.csv", poses)
-    assert cli("validate", out / "CALIB01.LS").code == 0
-    back = cli("import", cell, out / "CALIB01.LS", "--poses", poses, "--out", out)
-    assert back.code == 0
+    done("validate", out / "CALIB01.LS")
+    back = done("import", cell, out / "CALIB01.LS", "--poses", poses, "--out", out)
     assert re.search(r"stored to 0.001 deg: that moves the tool point by 0\.0\d+ mm", back.err)
     assert back.out.startswith("How far")
     assert "27 touch-ups" in back.out
@@ -78,9 +76,9 @@ def test_the_way_there_and_back(cli: Cli, work: Path) -> None:
     assert max(off[:4]) > 0.0
 
 
-def test_import_says_what_it_did_as_json(cli: Cli, work: Path) -> None:
+def test_import_says_what_it_did_as_json(cli: Cli, done: Cli, work: Path) -> None:
     cell, poses, program = work / "cell.toml", work / "poses.csv", work / "CALIB01.LS"
-    assert cli("program", poses, "--cell", cell, "--out", work).code == 0
+    done("program", poses, "--cell", cell, "--out", work)
     names = touch_up(program, work / "touchups.csv", poses)
     text = program.read_text()
     program.write_text(text.replace(text[text.index("P[27:") : text.index("P[28:")], "", 1))
@@ -94,9 +92,9 @@ def test_import_says_what_it_did_as_json(cli: Cli, work: Path) -> None:
     assert 0.0 < max(said["moved_mm"]) < 20.0
 
 
-def test_a_program_of_another_plan(cli: Cli, refuse: Refuse, work: Path) -> None:
+def test_a_program_of_another_plan(done: Cli, refuse: Refuse, work: Path) -> None:
     cell, poses = work / "cell.toml", work / "poses.csv"
-    assert cli("program", poses, "--cell", cell, "--out", work).code == 0
+    done("program", poses, "--cell", cell, "--out", work)
     lines = poses.read_text().splitlines()
     poses.write_text("\n".join([*lines[:-2], lines[-1]]) + "\n")
     line = refuse("import", cell, work / "CALIB01.LS", "--poses", poses, "--out", work / "back")
@@ -104,7 +102,7 @@ def test_a_program_of_another_plan(cli: Cli, refuse: Refuse, work: Path) -> None
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_formats_are_those_of_the_library(dialect: str, cli: Cli, work: Path) -> None:
+def test_formats_are_those_of_the_library(dialect: str, cli: Cli, done: Cli, work: Path) -> None:
     """Without a cell each has what it needs, but the pulses of a Yaskawa."""
     poses = work / "poses.csv"
     poses.write_text(f"# controller: {DIALECTS[dialect].maker or 'fanuc'}\n" + poses.read_text())
@@ -118,12 +116,12 @@ def test_formats_are_those_of_the_library(dialect: str, cli: Cli, work: Path) ->
     files = [path for path in (work / "out").rglob("*") if path.is_file()]
     checked = [path for path in files if path.suffix.lower() in DIALECTS[dialect].suffixes]
     assert checked
-    assert cli("validate", *checked, "--format", dialect).code == 0
+    done("validate", *checked, "--format", dialect)
 
 
-def test_validate_says_line_and_rule(cli: Cli, work: Path) -> None:
+def test_validate_says_line_and_rule(cli: Cli, done: Cli, work: Path) -> None:
     path = work / "CALIB01.LS"
-    assert cli("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work).code == 0
+    done("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work)
     path.write_bytes(path.read_bytes().replace(b"CALL MEASURE(3)", b"CALL MEASURE(-3)"))
     said = cli("validate", path)
     assert said.code == 1
@@ -145,16 +143,16 @@ def test_validate_says_the_verdict_first_and_all_rows_on_request(glance: Cli, wo
     assert len(glance("validate", path, "--verbose").out.splitlines()) == 41
 
 
-def test_validate_of_what_is_no_program(cli: Cli, refuse: Refuse, work: Path) -> None:
+def test_validate_of_what_is_no_program(done: Cli, refuse: Refuse, work: Path) -> None:
     refuse("validate", work / "cell.toml").says("no controller's programs end in .toml")
     refuse("validate", work / "none.LS").says("none.LS", "cannot be read")
-    assert cli("plan", work / "cell.toml", "--out", work / "run").code == 0
+    done("plan", work / "cell.toml", "--out", work / "run")
     refuse("validate", work / "run" / "poses.csv").says("holds measuring poses", "posedesign check")
     (work / "x.yaml").write_text("a: 1\n")
     refuse("validate", work / "x.yaml").says("x.yaml", "is none of", "--format")
 
 
-def test_what_the_cell_says_is_in_the_program(cli, change_cell, work):
+def test_what_the_cell_says_is_in_the_program(done, change_cell, work):
     cell = change_cell(
         {
             "program.measure_argument": "5",
@@ -165,13 +163,12 @@ def test_what_the_cell_says_is_in_the_program(cli, change_cell, work):
             "program.form": '"cartesian"',
         }
     )
-    assert cli("program", work / "poses.csv", "--cell", cell, "--out", work).code == 0
+    done("program", work / "poses.csv", "--cell", cell, "--out", work)
     text = (work / "CALIB01.LS").read_text()
     for word in ("DO[12]=PULSE,0.2sec", "CALL MEASURE(5)", "PR[37]=LPOS", "CONFIG : 'N U T, 0, 0"):
         assert word in text
     assert "J1=" not in text
-    form = cli("program", work / "poses.csv", "--cell", cell, "--form", "joint", "--out", work)
-    assert form.code == 0
+    done("program", work / "poses.csv", "--cell", cell, "--form", "joint", "--out", work)
     assert "J1=" in (work / "CALIB01.LS").read_text()
 
 
@@ -195,9 +192,9 @@ def test_a_pose_that_breaks_a_coupled_limit_is_named(cli: Cli, work: Path) -> No
     assert coupled.name in said.err
 
 
-def test_an_approach_is_put_before_each_pose(cli: Cli, work: Path) -> None:
+def test_an_approach_is_put_before_each_pose(done: Cli, work: Path) -> None:
     words = ("program", work / "poses.csv", "--cell", work / "cell.toml", "--out", work)
-    assert cli(*words, "--approach-deg", "1").code == 0
+    done(*words, "--approach-deg", "1")
     moves = re.findall(r"J P\[(\d+)\]|CALL MEASURE\((\d+)\)", (work / "CALIB01.LS").read_text())
     calls = [i for i, (_, call) in enumerate(moves) if call]
     assert len(calls) == 27

@@ -45,7 +45,7 @@ def page(reported, work) -> str:
     return (work / "report.html").read_text()
 
 
-def test_one_file_says_it_all(page, work, cli):
+def test_one_file_says_it_all(page, work, done):
     titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
     assert titles == ["At a glance", "Cell", "Poses", "Motions", "Identification", "Files"]
     assert page.count("<svg") == 2
@@ -65,40 +65,40 @@ def test_one_file_says_it_all(page, work, cli):
     found = origin_of(work / "report.html")
     assert found is not None
     assert (found.kind, found.command) == ("simulated", "report")
-    assert cli("report", work).code == 0  # its own page may be replaced
+    done("report", work)  # its own page may be replaced
 
 
-def test_the_cell_above_is_taken_where_the_files_are_made_from_it(work, cli, change_cell):
+def test_the_cell_above_is_taken_where_the_files_are_made_from_it(work, cli, done, change_cell):
     run = work / "run"
-    assert cli("plan", work / "cell.toml", "--out", run).code == 0
-    assert cli("report", run).code == 0
+    done("plan", work / "cell.toml", "--out", run)
+    done("report", run)
     assert ">Motions</h2>" in (run / "report.html").read_text()
     change_cell({"plan.limit_margin_deg": "2.0"})
     assert cli("report", run).code == 2  # another cell than the poses are of
 
 
-def test_the_scene_of_the_cell_stands_on_the_page(work, cli):
+def test_the_scene_of_the_cell_stands_on_the_page(work, done):
     pytest.importorskip("viser", reason="needs the extra view")
     poses = work / "poses.csv"
-    assert cli("view", work / "cell.toml", poses, "--out", work / "scene.html").code == 0
+    done("view", work / "cell.toml", poses, "--out", work / "scene.html")
     scene = (work / "scene.html").read_text()
     assert scene.lower().startswith("<!doctype html>")  # else browsers draw it as of 1999
-    assert cli("report", work).code == 0
+    done("report", work)
     page = (work / "report.html").read_text()
     (shown,) = re.findall(r'srcdoc="([^"]*)"', page)
     assert unescape(shown) == scene
     assert 'sandbox="allow-scripts"' in page  # it cannot write on the page
     for other in (b"<html>another's</html>", scene.encode().replace(b"fixture", b"picture")):
         (work / "scene.html").write_bytes(other + b"\xff")
-        assert cli("report", work).code == 0
+        done("report", work)
         assert "srcdoc" not in (work / "report.html").read_text()
 
 
-def test_what_is_out_of_date_stands_at_the_top(page, work, cli, change_cell):
+def test_what_is_out_of_date_stands_at_the_top(page, work, done, change_cell):
     assert "warning: " not in page
     (work / "touchups.csv").write_text((work / "touchups.csv").read_text() + "\n")
     change_cell({"plan.limit_margin_deg": "2.0"})
-    assert cli("report", work).code == 0
+    done("report", work)
     text = (work / "report.html").read_text()
     glance = text[: text.index("Cell</h2>")]
     assert "warning: touchups.csv was changed since simulate wrote it" in glance
@@ -106,10 +106,10 @@ def test_what_is_out_of_date_stands_at_the_top(page, work, cli, change_cell):
     assert "warning: identification.json was made from another cell.toml" in glance
 
 
-def test_names_from_files_are_no_markup(page, work, cli):
+def test_names_from_files_are_no_markup(page, work, done):
     text = (work / "poses.csv").read_text()
     (work / "poses.csv").write_text(text.replace("P14,", "<script>alert(1)</script>,", 1))
-    assert cli("report", work).code == 0
+    done("report", work)
     changed = (work / "report.html").read_text()
     assert "<script>alert" not in changed
     assert "&lt;script&gt;alert" in changed
@@ -144,12 +144,12 @@ def test_a_figure_of_an_earlier_time_goes_where_nothing_can_be_drawn(tmp_path):
         assert not list(tmp_path.iterdir())
 
 
-def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, cli, refuse):
+def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, done, refuse):
     (work / "poses.csv").unlink()
     words = ("--method", "ml,shah", "--out", work)
-    assert cli("robot-world", work / "pairs.csv", *words).code == 0
+    done("robot-world", work / "pairs.csv", *words)
     with rendering():
-        assert cli("report", work).code == 0
+        done("report", work)
     page = (work / "report.html").read_text()
     assert "X by ml: (" in page
     assert "Residuals of the pairs, and how far methods differ" in page
@@ -158,13 +158,13 @@ def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, cli, refuse):
     refuse("report", work).says("robot_world.csv", "does not have what a report needs: x_w_deg")
 
 
-def test_poses_for_a_camera_promise_x_and_z_and_no_tool_point(work, cli, change_cell):
+def test_poses_for_a_camera_promise_x_and_z_and_no_tool_point(work, cli, done, change_cell):
     change_cell({"measurement.kind": '"camera-pose"', "plan.condition_threshold": "50.0"})
     out = work / "camera"
     said = cli("plan", work / "cell.toml", "--out", out)
     assert "tool point:" not in said.out
     assert re.search(r"^X: [\d.]+ mm and [\d.]+ deg predicted", said.out, re.MULTILINE)
-    assert cli("report", out).code == 0
+    done("report", out)
     page = (out / "report.html").read_text()
     assert "tool point, predicted" not in page
     assert "<td>tool.rx</td>" in page

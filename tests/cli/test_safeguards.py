@@ -49,12 +49,11 @@ def test_bodies_that_are_given_in_metres_are_doubted(cli, work):
     assert "warning: table is 0.7 mm large: is its size in mm?" in said.err
 
 
-def test_a_study_without_offsets_shows_the_tool(cli, change_cell, work, monkeypatch):
+def test_a_study_without_offsets_shows_the_tool(done, change_cell, work, monkeypatch):
     drawn = "posedesign.report.accuracy.draw_accuracy"
     monkeypatch.setattr(drawn, lambda study, path: path)  # longer than the study
     cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[10, 10, 10]"})
-    said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
-    assert said.code == 0
+    said = done("study", "accuracy", cell, "--draws", 10, "--out", work)
     assert "x sd" in said.out
 
 
@@ -98,16 +97,16 @@ def test_the_newton_raphson_of_the_paper(cli, change_cell, work):
     assert by["gauss-newton"] == pytest.approx(by["newton-raphson"], rel=1e-4, abs=1e-5)
 
 
-def test_a_stiffness_of_ones_own_makes_the_arm_deflect(cli, change_cell, work):
+def test_a_stiffness_of_ones_own_makes_the_arm_deflect(done, change_cell, work):
     files = []
     for stiffness in ("[1e6, 1e6, 1e6, 1e6, 1e6, 1e6]", "[1e9, 1e9, 1e9, 1e9, 1e9, 1e9]"):
         cell = change_cell({"truth.stiffness_nm_per_rad": stiffness})
-        assert cli("simulate", cell, work / "poses.csv", "--out", work / "out").code == 0
+        done("simulate", cell, work / "poses.csv", "--out", work / "out")
         files.append((work / "out" / "touchups.csv").read_text())
     assert files[0] != files[1]
 
 
-def test_arms_of_few_joints_are_planned_for_what_reads_the_tool_anywhere(cli, tmp_path):
+def test_arms_of_few_joints_are_planned_for_what_reads_the_tool_anywhere(cli, done, tmp_path):
     """They cannot turn the tool about a target; joint values of a pool need not."""
     joints = "".join(
         f"""<link name="l{i + 1}"/><joint name="j{i + 1}" type="revolute"><parent link="l{i}"/>
@@ -135,9 +134,9 @@ def test_arms_of_few_joints_are_planned_for_what_reads_the_tool_anywhere(cli, tm
         said = cli("plan", cell, *method, "--out", tmp_path)
         assert said.code == 2
         assert "short has 4 joints: fewer than 6 cannot hold the tool point" in said.err
-    assert cli("plan", read, "--method", "exchange", "--out", tmp_path).code == 0
-    assert cli("simulate", read, tmp_path / "poses.csv", "--out", tmp_path).code == 0
-    assert cli("identify", read, tmp_path / "measurements.csv", "--out", tmp_path).code == 0
+    done("plan", read, "--method", "exchange", "--out", tmp_path)
+    done("simulate", read, tmp_path / "poses.csv", "--out", tmp_path)
+    done("identify", read, tmp_path / "measurements.csv", "--out", tmp_path)
     models = json.loads((tmp_path / "identification.json").read_text())["models"]
     (model,) = (model for model in models if model["name"] == "offsets")
     found = {p["name"].removeprefix("zero_offset."): p for p in model["parameters"]}
@@ -146,7 +145,7 @@ def test_arms_of_few_joints_are_planned_for_what_reads_the_tool_anywhere(cli, tm
         assert found[joint]["sigma"] < 0.1
 
 
-def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
+def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, done, work):
     """The pendant's J3 of another arm would be wrong by its J2."""
     robot = """<robot name="{name}"><link name="l0"/>{joints}</robot>"""
     joint = """<link name="l{n}"/><joint name="j{n}" type="revolute"><parent link="l{m}"/>
@@ -159,8 +158,7 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
     new = cli("new", "--robot", work / "arm.urdf")
     assert 'say before planning whose it is, for programs need it: robot.controller = "f' in new.err
     (work / "other.toml").write_text(new.out)
-    planned = cli("plan", work / "other.toml", "--out", work / "other")
-    assert planned.code == 0
+    planned = done("plan", work / "other.toml", "--out", work / "other")
     assert 'robot.controller = "fanuc" perhaps; then posedesign program' in planned.out
     words = ("program", work / "other" / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
@@ -172,20 +170,19 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
     assert "other has an unknown controller: its joints would be taken in the wrong" in said.err
     assert not (work / "CALIB01.LS").exists()
     (work / "other.toml").write_text(new.out.replace("# controller =", "controller ="))
-    assert cli(*words).code == 0
+    done(*words)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("rendered")
-def test_a_study_on_an_arm_without_room_for_the_plate(cli, change_cell, work):
+def test_a_study_on_an_arm_without_room_for_the_plate(done, change_cell, work):
     cell = change_cell(
         {
             "base_pose.posture_deg": "[0.0, 70.0, -10.0, 0.0, -20.0, 0.0]",
             "variations.largest_deg": "[10, 10, 10]",
         }
     )
-    said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
-    assert said.code == 0
+    said = done("study", "accuracy", cell, "--draws", 10, "--out", work)
     assert "note: plate test left out: point" in said.err
     assert (work / "accuracy_vs_condition.png").stat().st_size > 10_000
 

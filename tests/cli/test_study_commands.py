@@ -76,9 +76,8 @@ def small_study(tmp_path, monkeypatch) -> str:
     return "small"
 
 
-def test_run_and_plot(cli, small_study, tmp_path):
-    said = cli("study", "run", small_study, "--trials", "5")
-    assert said.code == 0, said.err
+def test_run_and_plot(cli, done, small_study, tmp_path):
+    said = done("study", "run", small_study, "--trials", "5")
     out = Path("study-results") / "small"
     wrote = f"wrote {out / 'small.csv'}\nwrote {out / 'small.txt'}\n"
     assert said.out.startswith(wrote)
@@ -101,13 +100,13 @@ def test_results_of_others_are_not_replaced(cli, refuse, small_study, tmp_path, 
     refuse(*words).says(f"here/{name}")
 
 
-def test_edited_results_are_not_replaced(cli, refuse, small_study, tmp_path):
+def test_edited_results_are_not_replaced(done, refuse, small_study, tmp_path):
     words = ("study", "run", small_study, "--out", "here")
     for _ in range(2):
-        assert cli(*words, "--trials", "4").code == 0
+        done(*words, "--trials", "4")
     table = tmp_path / "here" / "small.csv"
     table.write_text(table.read_text() + "99\n")
-    assert cli("study", "plot", small_study, "--out", "here").code == 0
+    done("study", "plot", small_study, "--out", "here")
     refuse(*words).says("small.csv was changed since the study wrote it")
     picture = tmp_path / "here" / "mine.png"
     picture.write_bytes(b"mine")
@@ -126,8 +125,10 @@ def test_damaged_tables(refuse, small_study, tmp_path):
         refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
 
 
-def test_a_fault_in_drawing_is_no_damaged_table(cli, refuse, small_study, tmp_path, monkeypatch):
-    assert cli("study", "run", small_study, "--out", "here").code == 0
+def test_a_fault_in_drawing_is_no_damaged_table(
+    cli, done, refuse, small_study, tmp_path, monkeypatch
+):
+    done("study", "run", small_study, "--out", "here")
     words = ("study", "plot", small_study, "--out", "here")
 
     def faulty(folder: Path) -> list[Path]:
@@ -145,7 +146,7 @@ def test_a_fault_in_drawing_is_no_damaged_table(cli, refuse, small_study, tmp_pa
         find_study(small_study).plot(tmp_path / "here")
 
 
-def test_what_a_run_left_that_failed_is_its_own(cli, small_study, monkeypatch):
+def test_what_a_run_left_that_failed_is_its_own(cli, done, small_study, monkeypatch):
     module = find_study(small_study).load()
     study = module.study
 
@@ -156,7 +157,7 @@ def test_what_a_run_left_that_failed_is_its_own(cli, small_study, monkeypatch):
     monkeypatch.setattr(module, "study", stopped)
     assert cli("study", "run", small_study, "--out", "here").code == 130
     monkeypatch.setattr(module, "study", study)
-    assert cli("study", "run", small_study, "--out", "here").code == 0
+    done("study", "run", small_study, "--out", "here")
 
 
 def test_the_note_of_another_study_opens_nothing(refuse, small_study, tmp_path):
@@ -167,12 +168,12 @@ def test_the_note_of_another_study_opens_nothing(refuse, small_study, tmp_path):
     refuse(*words).says("here/small.csv", "is not of the study small")
 
 
-def test_the_own_folder_has_the_figures_that_tests_hold_it_to(cli, refuse, small_study, tmp_path):
+def test_the_own_folder_has_the_figures_that_tests_hold_it_to(done, refuse, small_study, tmp_path):
     own = tmp_path / "studies" / "07_small"
     refuse("study", "run", small_study, "--out", own, "--trials", "4").says("7_small", "--out")
     (own / "figures.json").write_text("{}")
     (own / "any.png").write_text("mine")
-    assert cli("study", "run", small_study, "--out", own).code == 0
+    done("study", "run", small_study, "--out", own)
     assert (own / "expected.json").read_text() == "{}"
     assert not (own / "figures.json").exists()
 
@@ -194,14 +195,13 @@ def test_studies_are_found_in_a_checkout_alone(cli, refuse, small_study, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("rendered")
-def test_run_draws_and_goes_on(cli, tmp_path, monkeypatch):
+def test_run_draws_and_goes_on(cli, done, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     settings = find_study("accuracy_vs_condition").load().SETTINGS
     monkeypatch.setitem(settings, "presets", ["irb120"])
     monkeypatch.setitem(settings, "thresholds", 4)
     words = ("study", "run", "accuracy_vs_condition", "--trials", "10")
-    said = cli(*words)
-    assert said.code == 0, said.err
+    said = done(*words)
     out = tmp_path / "study-results" / "accuracy_vs_condition"
     for name in ("accuracy_vs_condition.csv", "relations.csv", "accuracy_vs_condition.svg"):
         assert (out / name).stat().st_size > 1000
@@ -211,7 +211,7 @@ def test_run_draws_and_goes_on(cli, tmp_path, monkeypatch):
     assert json.loads(again.out)["trials"] == 10
     assert {path.name: path.read_bytes() for path in out.glob("*.csv")} == before
     (out / "accuracy_vs_condition.png").unlink()
-    assert cli("study", "plot", "01").code == 0
+    done("study", "plot", "01")
     assert (out / "accuracy_vs_condition.png").exists()
 
 

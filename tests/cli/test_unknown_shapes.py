@@ -146,7 +146,7 @@ def test_meshes_that_are_gone_after_planning_are_refused(cli, bare_cell, poses, 
     assert "no collision geometry for forearm_link" in refused.err
 
 
-def test_what_is_not_checked_goes_with_the_poses(cli, bare_cell, tmp_path):
+def test_what_is_not_checked_goes_with_the_poses(cli, done, bare_cell, tmp_path):
     """Verdict, JSON, list of poses, and the program that is written from it without the cell."""
     cell, out = bare_cell('shapes = "ur10e"'), tmp_path / "out"
     said = cli("plan", cell, "--out", out, "--json")
@@ -159,15 +159,14 @@ def test_what_is_not_checked_goes_with_the_poses(cli, bare_cell, tmp_path):
     assert told["target"]["apart_mm"] == 0.0
     for line in told["not_checked"]:
         assert f"\n# not checked: {line}\n" in (out / "poses.csv").read_text()
-    alone = cli("program", out / "poses.csv", "--format", "ros-trajectory", "--out", out)
-    assert alone.code == 0
+    alone = done("program", out / "poses.csv", "--format", "ros-trajectory", "--out", out)
     assert f"not checked: {view}" in alone.out
     assert f"# * NOT CHECKED: {view}" in (out / "CALIB01.yaml").read_text()
     for words in (("check", cell, out / "poses.csv"), ("score", cell, out / "poses.csv")):
         assert json.loads(cli(*words, "--json").out)["not_checked"] == told["not_checked"]
 
 
-def test_what_force_lets_through_is_named(cli, bare_cell, poses, tmp_path):
+def test_what_force_lets_through_is_named(cli, done, bare_cell, poses, tmp_path):
     cell, first = bare_cell('shapes = "ur10e"'), only_the_first(poses)
     elbow = Robot.preset("ur10e").state(np.deg2rad([0, -70, 90, -110, -90, 0])).origins[2]
     at_mm = np.round(1e3 * elbow).tolist()
@@ -176,8 +175,7 @@ def test_what_force_lets_through_is_named(cli, bare_cell, poses, tmp_path):
     words = ["program", first, "--cell", cell, "--format", "ros-trajectory", "--out", tmp_path]
     refused = cli(*words)
     assert refused.code == 2
-    forced = cli(*words, "--force", "--json")
-    assert forced.code == 0
+    forced = done(*words, "--force", "--json")
     (spite,) = json.loads(forced.out)["forced"]
     assert spite.startswith("P01: ")
     assert "post" in spite

@@ -54,7 +54,7 @@ def test_of_hundreds_none_is_wrong_in_silence(trials):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
 def test_nothing_is_named_where_there_is_nothing(trials):
     said = [judge(case_of("none", 1000 + trial)) for trial in range(trials)]
     assert sum(one.kind != "silent right" for one in said) <= 0.01 * trials

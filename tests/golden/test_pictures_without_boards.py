@@ -11,7 +11,7 @@ from tests.board_pictures import BOARDS
 
 MORE = 6
 """Times more pictures for a round target, which has less in it than any other board."""
-SIZE = HEIGHT, WIDTH = 360, 480
+SIZE = HEIGHT, WIDTH = 480, 640
 
 Grey = np.ndarray
 Clutter = Callable[[np.random.Generator], Grey]

@@ -34,11 +34,6 @@ def trials(run) -> ModuleType:
     return import_module("studies.16_recommended_model.recommended_trials")
 
 
-@pytest.fixture(scope="module")
-def peers(run) -> ModuleType:
-    return import_module("studies.16_recommended_model.recommended_trials")
-
-
 def test_the_interval_of_wilson_is_the_published_one():
     """Eight of ten: .490 to .943 (Newcombe 1998 gives the formula; none of ten ends at .278)."""
     eight = wilson(np.arange(10) < 8)
@@ -65,13 +60,13 @@ def test_an_arm_is_the_same_however_it_is_measured(arms):
     assert [first[n] for n in own] == [second[n] for n in own]
 
 
-def test_qr_keeps_what_the_measurements_tell(arms, peers):
+def test_qr_keeps_what_the_measurements_tell(arms, trials):
     """As many columns as the matrix has singular values above noise."""
     bench = arms.bench_of("irb120", "tracker")
     arm = bench.arm(0)
     table, q, how = bench.measured(arm, 0)
-    whole = peers.all_links(Models(bench.cell, table).candidates()[0].model)
-    few = peers.reduced_by_qr(whole, table.data, q, 1e-6)
+    whole = trials.all_links(Models(bench.cell, table).candidates()[0].model)
+    few = trials.reduced_by_qr(whole, table.data, q, 1e-6)
     J = whole.linearise(q, whole.nominal, how, table.data.observed).white_jacobian
     J = J.reshape(-1, whole.p)
     assert few.p == np.linalg.matrix_rank(J / np.linalg.norm(J, axis=0), tol=1e-8)

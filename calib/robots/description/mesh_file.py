@@ -128,9 +128,9 @@ _SIMPLIFY = "give a simplified mesh for collisions"
 
 
 def _wrong(
-    path: Path, what: str, hint: str = "export it again", **found: object
+    path: Path, what: str, hint: str = "export it again", value: object = None, bound: object = None
 ) -> FileFormatError:
-    return FileFormatError(what, path=path, hint=hint, **found)
+    return FileFormatError(what, path=path, hint=hint, value=value, bound=bound)
 
 
 def _read(path: Path) -> bytes:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
@@ -162,21 +163,16 @@ def _state(state: Element, path: Path) -> tuple[tuple[str, str], Mapping[str, fl
 
 def allowed_contacts(bodies: Sequence[Body], srdf: Srdf) -> tuple[tuple[str, str], ...]:
     """Names of the bodies of a robot that may touch by an SRDF."""
-    links = sorted(_links(srdf), key=len, reverse=True)
-    of = {body.name: _link_of(body.name, links) for body in bodies}
-    names = list(of)
+    told = srdf.allowed_of.union(*srdf.allowed, *srdf.enabled)
+    links = sorted(told, key=len, reverse=True)
+
+    def link_of(body: str) -> str:
+        """Bodies have the name of their link, with a number or a name of their own behind it."""
+        return next((link for link in links if f"{body}/".startswith(f"{link}/")), body)
+
+    of = {body.name: link_of(body.name) for body in bodies}
     return tuple(
         (one, other)
-        for k, one in enumerate(names)
-        for other in names[k + 1 :]
+        for one, other in combinations(of, 2)
         if of[one] != of[other] and srdf.allows(of[one], of[other])
     )
-
-
-def _links(srdf: Srdf) -> set[str]:
-    return {link for pair in srdf.allowed | srdf.enabled for link in pair} | srdf.allowed_of
-
-
-def _link_of(body: str, links: Iterable[str]) -> str:
-    """The link of a body: bodies have its name, with a number or a name of their own behind it."""
-    return next((link for link in links if body == link or body.startswith(f"{link}/")), body)

@@ -40,30 +40,15 @@ class _NoMesh(Exception):
 def read_collision_shapes(
     root: Element, path: Path, folders: Sequence[Path], packages: Packages | None = None
 ) -> tuple[tuple[LinkShape, ...], tuple[str, ...], list[str]]:
-    """Read the ``<collision>`` elements of a URDF.
+    """Read the ``<collision>`` elements of a URDF, in which file names are relative to its path.
 
-    Parameters
-    ----------
-    path : Path
-        The file, to which file names in it are relative.
-    folders : sequence of Path
-        Folders that meshes may lie in (see :mod:`calib.robots.description.packages`).
-    packages : Packages, optional
-        Those that it may name; those around it by default.
+    Meshes may lie in the folders, and in the packages that it names: those around it by default
+    (see :mod:`calib.robots.description.packages`).
 
-    Returns
-    -------
-    shapes : tuple of LinkShape
-        Named after their links; ``link/collision`` where a link has several, or names them.
-    lost : tuple of str
-        Links that have lost a shape.
-    notices : list of str
-        Which links have no geometry, and why: a line for each kind of reason.
+    Returns shapes, named after their links (``link/collision`` where a link has several, or names
+    them), links that have lost one, and notices: a line for each kind of reason.
 
-    Raises
-    ------
-    RobotModelError
-        A size or a pose is not of this world; the link is named.
+    Raises RobotModelError: a size or a pose is not of this world; the link is named.
     """
     found = [(link, c) for link in root.iterfind("link") for c in link.iterfind("collision")]
     if len(found) > MOST_BODIES:
@@ -131,15 +116,7 @@ class _Reader:
         return transform(rotation_from_wpr(rpy), xyz)  # roll, pitch, yaw are W, P, R
 
     def solid(self, geometry: Element | None) -> Solid:
-        """The solid of a <geometry> element.
-
-        Raises
-        ------
-        _NoMesh
-            It is no solid that can be had.
-        RobotModelError
-            A size cannot be used.
-        """
+        """The solid of a <geometry> element; :class:`_NoMesh` where it is none that can be had."""
         element = None if geometry is None else next(iter(geometry), None)
         readers: dict[str, Callable[[Element], Solid]] = {
             "box": self._box,
@@ -200,10 +177,7 @@ class _Meshes:
     def get(self, name: str, scale: tuple[float, float, float]) -> Mesh:
         """Read a mesh by the name that the description gives it.
 
-        Raises
-        ------
-        _NoMesh
-            There is no such file, it may not be read, or it is no mesh.
+        :class:`_NoMesh`: there is no such file, it may not be read, or it is no mesh.
         """
         file, folders = self._locate(name)
         if not is_inside(file, folders):

@@ -53,11 +53,8 @@ class Refusal(Exception):
 def run(data: bytes) -> bytes:
     """Expand one file and give the outcome, as JSON; in a process of :mod:`calib.limited`.
 
-    Parameters
-    ----------
-    data : bytes
-        As JSON ``file``: the xacro file; ``search``: folders to search for packages;
-        ``arguments``: of the file, by name; ``most_bytes``: of a file read and of the outcome.
+    Of JSON with ``file``: the xacro file; ``search``: folders to search for packages;
+    ``arguments``: of the file, by name; ``most_bytes``: of a file read and of the outcome.
     """
     job = json.loads(data)
     expansion: _Expansion | None = None
@@ -291,19 +288,11 @@ def evaluate(
 ) -> Any:
     """Work out an expression of numbers, texts, lists and tables.
 
-    Parameters
-    ----------
-    symbols : mapping
-        Values by name; a name space is a mapping in it.
-    functions : mapping
-        What may be called, by the dotted name it is called by.
+    ``symbols``: values by name; a name space is a mapping in it. ``functions``: what may be called,
+    by the dotted name it is called by.
 
-    Raises
-    ------
-    ExpressionError
-        The expression is no Python, or holds something that is not listed here.
-    Exception
-        What the operators and functions raise: division by zero, a wrong type.
+    Raises ExpressionError (it is no Python, or holds something that is not listed here), and what
+    the operators and functions raise: division by zero, a wrong type.
     """
     if len(text) > LONGEST_EXPRESSION:
         raise ExpressionError(f"an expression of more than {LONGEST_EXPRESSION} characters")

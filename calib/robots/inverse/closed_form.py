@@ -220,13 +220,9 @@ def solve_straight_wrist(
     q5; q6 is the turn then left over, which makes up for the rounding of q4. On the line itself
     only the sum (or difference) of q4 and q6 is given, and they share the way from ``near``.
 
-    Returns
-    -------
-    postures : array (K, 6)
-        Joint 5 bent either way, or straight where axis 6 is on the line. Exact for a wrist whose
-        axis 5 is perpendicular to its neighbours.
-    source : array (K,)
-        Row of the posture that each comes from.
+    Postures ``(K, 6)``, joint 5 bent either way, or straight where axis 6 is on the line, and the
+    row ``(K,)`` that each comes from. Exact for a wrist whose axis 5 is perpendicular to its
+    neighbours.
     """
     q = postures.copy()
     q[:, 3], q[:, 5] = near[3], near[5]
@@ -281,14 +277,8 @@ def solve_parallel_arm(
     Off that line the direction of axis 6 tells how far the arm has turned (either way) and joint
     5, and joint 6 makes up for its rounding; what is left is a triangle for joints 2 to 4. On the
     line joint 6 is free: it is kept, or turned until the triangle closes. For arms for which
-    :func:`has_parallel_arm`.
-
-    Returns
-    -------
-    postures : array (K, 6)
-        [rad]; stretched towards the pose where that is out of reach.
-    source : array (K,)
-        Row of the posture that each comes from.
+    :func:`has_parallel_arm`. Postures ``(K, 6)`` [rad], stretched towards the pose where that is
+    out of reach, and the row ``(K,)`` that each comes from.
     """
     turns, bend, roll, source, line = _wrist(chain, postures, T_wanted)
     q = np.zeros((len(source), 6))
@@ -355,13 +345,8 @@ def _into_reach(
 ) -> FloatArray:
     """Smallest turn (S,) [rad] of an offset about n that brings its end into reach.
 
-    Parameters
-    ----------
-    centre, offset : array (S, 3)
-        Across n [m]: what the offset starts from, and the offset.
-    n : array (S, 3)
-    least, most : array (S,)
-        Distances that the end may have [m]; where no turn does, it comes as near as it can.
+    Of offsets ``(S, 3)`` from centres ``(S, 3)``, across n [m]. Least and most ``(S,)``: distances
+    that the end may have [m]; where no turn does, it comes as near as it can.
     """
     sides = _dot(centre, centre) + _dot(offset, offset)
     twice = 2.0 * np.linalg.norm(centre, axis=1) * np.linalg.norm(offset, axis=1)

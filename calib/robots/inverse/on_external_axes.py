@@ -42,15 +42,7 @@ arm that is stretched out to it reaches it from a short piece of a rail only."""
 
 
 class OnExternalAxes:
-    """Every branch of the arm at stations of the axes that move it.
-
-    Parameters
-    ----------
-    chain : SerialChain
-        With its external axes.
-    arm : InverseKinematics
-        Of ``chain.arm``.
-    """
+    """Every branch of the arm at stations of the axes that move it; ``arm`` is its solver."""
 
     def __init__(self, chain: SerialChain, arm: InverseKinematics) -> None:
         self._chain, self._arm, self._freely = chain, arm, DampedIteration(chain)

@@ -249,13 +249,8 @@ def move_near(
     Each step closes the pose (Newton) and follows the part of ``near - q`` that does not move the
     tip; joints that a step would take out of their limits are held on them. The gain of the pull
     is Barzilai and Borwein's, which on a curve is the secant method. Starts ``(S, n)`` need not
-    take their poses ``(S, 4, 4)``.
-
-    Returns
-    -------
-    array (S, n)
-        [rad], inside the limits. Closed on the poses where that succeeded; the nearest of their
-        neighbourhood where the walk came to rest.
+    take their poses ``(S, 4, 4)``. What comes out ``(S, n)`` [rad] is inside the limits, closed on
+    the poses where that succeeded, and the nearest of its neighbourhood where it came to rest.
     """
     q = q.copy()
     moved, pull = np.zeros_like(q), np.zeros_like(q)

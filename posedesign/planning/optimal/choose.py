@@ -266,8 +266,7 @@ class Planning:
         """
         if pool.cell is None:
             return None
-        seen = pool.cell.observations
-        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        of = pool.names_of_targets
         names, counts = np.unique(of, return_inverse=True)
         if len(names) == 1 or len(self._kept):
             return None
@@ -526,8 +525,7 @@ class Planning:
         """
         if pool.cell is None or not self._request.beside:
             return {}
-        seen = pool.cell.observations
-        of = np.array([observation.target for observation in seen], dtype=object)[pool.of]
+        of = pool.names_of_targets
         names = list(dict.fromkeys(of.tolist()))
         if not 1 < len(names) <= MOST_ALONE:
             return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -52,60 +53,55 @@ def plan_optimal(
     """
     kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
     of = np.zeros(len(kept), dtype=np.intp) if keep_of is None else keep_of
-    if request.time_s is not None:
-        return _plan_in_time(cell, request, request.time_s, advance, kept, of)
-    return Planning(cell, request, advance, kept, of).run()
+
+    def planned(**changes: object) -> OptimalPlan:
+        asked = replace(request, time_s=None, **changes)  # type: ignore[arg-type]
+        plan = Planning(cell, asked, advance, kept, of).run()
+        return replace(plan, request=replace(asked, time_s=request.time_s))
+
+    if request.time_s is None:
+        return planned()
+    if _stands_differ(cell):
+        return _plan_in_budget(cell, request.time_s, planned)
+    return _plan_in_time(cell, request, request.time_s, len(kept), planned)
+
+
+Plan = Callable[..., OptimalPlan]
+"""Plans with changes of a request."""
 
 
 def _plan_in_time(
-    cell: Cell,
-    request: Request,
-    time_s: float,
-    advance: Advance,
-    kept: FloatArray,
-    of: IntArray,
+    cell: Cell, request: Request, time_s: float, kept: int, planned: Plan
 ) -> OptimalPlan:
     """The best of as many poses as a round has time for, by the route through them.
 
     The number is looked for by the time that a pose takes in the plans before. It is compared with
     what two minutes more, and two less, would buy.
     """
-
-    def planned(count: int, **changes: object) -> OptimalPlan:
-        asked = replace(request, count=count, time_s=None, **changes)  # type: ignore[arg-type]
-        plan = Planning(cell, asked, advance, kept, of).run()
-        return replace(plan, request=replace(asked, time_s=time_s))
-
-    if _stands_differ(cell):
-        return _plan_in_budget(cell, request, time_s, advance, kept, of)
     model = cell.model()
-    least = max(-(-model.p // cell.rows(model)), len(kept), 1)
+    least = max(-(-model.p // cell.rows(model)), kept, 1)
     fits, too_many, each = 0, MOST_POSES + 1, 0.0
     count = max(least, min(MOST_POSES, int(time_s / (cell.config.plan.dwell_s + MOVING_S))))
     for _ in range(TRIED_COUNTS):
-        plan = planned(count, refine=False, validation=0, beside=0)
+        plan = planned(count=count, refine=False, validation=0, beside=0)
         _check_timed(cell, plan)
         taken_s = plan.cycle_time_s or 0.0
         each = taken_s / count
         if taken_s <= time_s:
             fits = count
         elif count == least:
-            raise InputError(
-                f"{time_s / 60.0:.3g} min are not enough: {least} poses, the fewest that can tell "
-                f"all parameters, take {taken_s / 60.0:.3g} min",
-                hint="allow more time, or take a smaller plan.dwell_s",
-                name="time",
-            )
+            what = f"{least} poses, the fewest that can tell all parameters, take"
+            raise _too_little(time_s, what, taken_s, "plan.dwell_s")
         else:
             too_many = count
         count = min(max(int(time_s / each), fits + 1, least), too_many - 1, MOST_POSES)
         if count <= fits:
             break
     fits, beside = max(fits, least), max(1, round(BESIDE_S / each))
-    final = planned(fits, beside=beside, refine=request.refine)
+    final = planned(count=fits, beside=beside)
     if final.cycle_time_s is not None and final.cycle_time_s <= time_s:
         return final
-    return planned(fits, beside=beside, refine=False)  # refined poses may lie farther apart
+    return planned(count=fits, beside=beside, refine=False)  # refined poses may lie farther apart
 
 
 def _stands_differ(cell: Cell) -> bool:
@@ -115,28 +111,23 @@ def _stands_differ(cell: Cell) -> bool:
     return not cell.is_hand_eye and len(each) > 1
 
 
-def _plan_in_budget(
-    cell: Cell,
-    request: Request,
-    time_s: float,
-    advance: Advance,
-    kept: FloatArray,
-    of: IntArray,
-) -> OptimalPlan:
+def _too_little(time_s: float, what: str, taken_s: float, dwell: str) -> InputError:
+    return InputError(
+        f"{time_s / 60.0:.3g} min are not enough: {what} {taken_s / 60.0:.3g} min",
+        hint=f"allow more time, or take a smaller {dwell}",
+        name="time",
+    )
+
+
+def _plan_in_budget(cell: Cell, time_s: float, planned: Plan) -> OptimalPlan:
     """The best poses that a round has time for, where some take longer than others.
 
     Each costs the time to stand there and a share of the moving time, as the plan before had it.
     """
-
-    def planned(moving_s: float, budget_s: float, **changes: object) -> OptimalPlan:
-        asked = replace(request, count=None, time_s=None, moving_s=moving_s, budget_s=budget_s)
-        asked = replace(asked, **changes)  # type: ignore[arg-type]
-        plan = Planning(cell, asked, advance, kept, of).run()
-        return replace(plan, request=replace(asked, time_s=time_s))
-
     best, moving_s, budget_s = None, MOVING_S, time_s
     for _ in range(TRIED_COUNTS):
-        plan = planned(moving_s, budget_s, refine=False, validation=0, beside=0)
+        costs = {"count": None, "moving_s": moving_s, "budget_s": budget_s}
+        plan = planned(**costs, refine=False, validation=0, beside=0)
         _check_timed(cell, plan)
         taken_s = plan.cycle_time_s or 0.0
         if taken_s <= time_s:
@@ -149,14 +140,9 @@ def _plan_in_budget(
         if route is not None and len(route.order):
             moving_s = route.moving_s / len(route.order)
     if best is None:
-        raise InputError(
-            f"{time_s / 60.0:.3g} min are not enough: the best poses for it take "
-            f"{taken_s / 60.0:.3g} min",
-            hint="allow more time, or take a smaller dwell_s",
-            name="time",
-        )
+        raise _too_little(time_s, "the best poses for it take", taken_s, "dwell_s")
     asked = best.request
-    final = planned(asked.moving_s, asked.budget_s or time_s)
+    final = planned(count=None, moving_s=asked.moving_s, budget_s=asked.budget_s)
     late = final.cycle_time_s is None or final.cycle_time_s > time_s
     return best if late else final
 

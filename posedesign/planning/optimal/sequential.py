@@ -27,16 +27,14 @@ from posedesign.candidates import (
 )
 from posedesign.cell import Cell
 from posedesign.motion import Router
-from posedesign.motion.route import Route
 from posedesign.planning.loop import told_by
 from posedesign.planning.optimal.choose import (
     as_pose_set,
     chosen_with_way,
     no_clear_way,
 )
-from posedesign.planning.optimal.request import PlanObjective, Request, objective_of
+from posedesign.planning.optimal.request import Request, objective_of
 from posedesign.planning.optimal.result import NextPoses
-from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import select
 
 _NUMBERED = re.compile(r"P0*([0-9]{1,6})", re.ASCII)
@@ -113,24 +111,20 @@ def plan_next(
     before = np.zeros((0, model.p))
     if identified is None:
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
-    box, box_words = functions_over_box(cell, model)
-    objective = objective_of(Request(count=count, criterion=criterion), model, box)
-    poses, route, errors = _choose(cell, pool, objective, box, x, measured, before, count)
+    request = Request(count=count, criterion=criterion)
+    found = _next_poses(cell, pool, request, x, measured, before)
     noise = 1.0  # what the residuals say of the noise given, where there are enough of them
     if identified is not None and identified.degrees_of_freedom >= ENOUGH_TO_JUDGE:
         noise = identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
-    return NextPoses(
-        objective,
-        len(data.postures),
-        identified,
-        why_not,
-        noise,
-        replace(poses, first=_last_number(data.names) + 1),
-        route,
-        noise * errors,
-        box_words,
-        least_gain,
-        accuracy_m,
+    return replace(
+        found,
+        identified=identified,
+        why_not=why_not,
+        noise_scale=noise,
+        poses=replace(found.poses, first=_last_number(data.names) + 1),
+        tcp_m=noise * found.tcp_m,
+        least_gain=least_gain,
+        accuracy_m=accuracy_m,
     )
 
 
@@ -179,24 +173,13 @@ def plan_next_views(
         why_not = _shortened(error.message)
         wide = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
         before = np.vstack([before, wide])
-    box, box_words = functions_over_box(cell, model)
-    objective = objective_of(Request(count=count, criterion=criterion), model, box)
     pool = candidates_of(away_from_singularities(cell))
-    poses, route, errors = _choose(
-        cell, pool, objective, box, model.nominal, measured, before, count
-    )
-    return NextPoses(
-        objective,
-        len(taken),
-        None,
-        why_not,
-        1.0,
-        replace(poses, first=len(taken) + 1),
-        route,
-        errors,
-        box_words,
-        least_gain,
-        accuracy_m,
+    request = Request(count=count, criterion=criterion)
+    return replace(
+        _next_poses(cell, pool, request, model.nominal, measured, before),
+        why_not=why_not,
+        least_gain=least_gain,
+        accuracy_m=accuracy_m,
         things=("picture", "what the camera sees"),
     )
 
@@ -229,21 +212,21 @@ def _in_words_of(model: CalibrationModel, data: Measurements, kinds: Sequence[st
     return found
 
 
-def _choose(
+def _next_poses(
     cell: Cell,
     pool: CandidatePoses,
-    objective: PlanObjective,
-    box: FloatArray,
+    request: Request,
     x: FloatArray,
     measured: Linearisation,
     before: FloatArray,
-    count: int,
-) -> tuple[PoseSet, Route, FloatArray]:
-    """Poses, the one that gains most first; the motions; errors ``(k + 1,)`` [m].
+) -> NextPoses:
+    """Poses after those that were measured, the one that gains most first.
 
     Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
     """
     model = measured.model
+    box, box_words = functions_over_box(cell, model)
+    objective, count = objective_of(request, model, box), request.count or 1
     known = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
 
     def choose(pool: CandidatePoses, few: int) -> IntArray:
@@ -257,9 +240,20 @@ def _choose(
     pool, rows, route, dropped = chosen_with_way(Router.of_cell(cell), pool, count, choose)
     if not len(rows):
         raise no_clear_way(dropped[0])
-    chosen = pool.take(rows)
-    poses = as_pose_set(chosen).and_dropped(dropped)
-    return poses, route, _errors(chosen.white(model, x), known, box)
+    chosen, done = pool.take(rows), len(measured.white_jacobian)
+    return NextPoses(
+        objective=objective,
+        measured=done,
+        identified=None,
+        why_not="",
+        noise_scale=1.0,
+        poses=replace(as_pose_set(chosen).and_dropped(dropped), first=done + 1),
+        route=route,
+        tcp_m=_errors(chosen.white(model, x), known, box),
+        box_words=box_words,
+        least_gain=LEAST_GAIN,
+        accuracy_m=None,
+    )
 
 
 def _last_number(names: Sequence[str]) -> int:

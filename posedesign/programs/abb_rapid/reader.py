@@ -72,8 +72,7 @@ class StoredPosition(Stored):
         if module.shape(value) != SHAPES[kind]:
             wanted = ", ".join(map(str, SHAPES[kind]))
             label = variable or "the position"
-            reason = f"{label} has not the lists of {wanted} numbers of a {kind}"
-            refuse(reason, path, line)
+            refuse(f"{label} has not the lists of {wanted} numbers of a {kind}", path, line)
         return cls(variable, line, kind, value)  # type: ignore[arg-type]
 
     @property

@@ -473,8 +473,7 @@ class _Checker:
         alone = given[:1] and given[0][0] is None  # switches in front of the first argument
         wanted = [pair for pair in SIGNATURES[word] if pair[0] or alone]
         if len(given) != len(wanted):
-            said = f"{word} has {len(given)} arguments, not {len(wanted)}"
-            yield Problem(row, "argument", said)
+            yield Problem(row, "argument", f"{word} has {len(given)} arguments, not {len(wanted)}")
             return
         for (value, switches), (kind, known) in zip(given, wanted, strict=True):
             for switch, inner in switches.items():

@@ -313,8 +313,7 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
             near = rules.near(word, known)
             if near:
                 level: Level = "error" if module.whole else "note"
-                said = f"{word} is no word that is known here: {near}?"
-                yield Problem(row, "word", said, level)
+                yield Problem(row, "word", f"{word} is no word that is known here: {near}?", level)
             elif known is _CALLED:
                 yield Problem(row, "routine", f"{word} stands in another file", "note")
             if near or known is _CALLED:

@@ -231,8 +231,7 @@ def _problems(text: str) -> Iterator[Problem]:
 def _numbers(row: int, fields: list[str]) -> Iterator[Problem]:
     for column, field in enumerate(fields, start=1):
         if not _PLAIN.fullmatch(field) or _MINUS_ZERO.fullmatch(field):
-            reason = f"value {column} is {field[:30]!a}, not a plain number"
-            yield Problem(row, "number", reason)
+            yield Problem(row, "number", f"value {column} is {field[:30]!a}, not a plain number")
         elif abs(float(field)) > MOST_JOINT_DEG:
             yield Problem(row, "range", f"value {column} is {field} deg, beyond +-720")
 

@@ -153,8 +153,7 @@ def _own(arrays: _Data) -> tuple[_Listed, bool]:
     stored = None
     if actual is not None:
         if _KINDS.get(actual.type) != "joint":
-            reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
-            arrays.refuse(reason, actual.line)
+            arrays.refuse(f"jActual is of type {actual.type[:20]!a}, not jointRx", actual.line)
         first, text = arrays.first("nFirst"), arrays.string("nFirst")
         if not _WHOLE.fullmatch(text) or int(text) < 1:
             reason = f"nFirst is {text[:20]!r}, not a number from 1 on"

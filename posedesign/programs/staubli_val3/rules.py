@@ -214,8 +214,7 @@ def _check_project(root: Node, path: Path) -> Iterator[Problem]:
             yield Problem(root.line, "project-files", f"{file[:40]!a} is not there")
     missing = {"start.pgx", "stop.pgx"} - set(files)
     if missing:
-        reason = f"has no {' and '.join(sorted(missing))}"
-        yield Problem(root.line, "project-files", reason, "note")
+        yield Problem(root.line, "project-files", f"has no {' and '.join(sorted(missing))}", "note")
 
 
 def _check_programs(root: Node, path: Path) -> Iterator[Problem]:

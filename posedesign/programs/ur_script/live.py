@@ -151,6 +151,8 @@ def _told(
         try:
             with closing(_samples(host, register)) as samples:
                 for sample in samples:
+                    if not connected:  # how long a process takes to start is no time without a pose
+                        last = time.monotonic()
                     connected, lines = True, 0
                     told = watch.see(sample)
                     if told is not None:

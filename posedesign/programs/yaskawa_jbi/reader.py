@@ -566,8 +566,7 @@ class _Reader:
             first = first or values
             hint = "measure with these axes at rest"
             if values[1] != first[1]:
-                reason = "station axes stand elsewhere than at the poses before"
-                self.refuse(reason, row, hint)
+                self.refuse("station axes stand elsewhere than at the poses before", row, hint)
             if values[0] != first[0]:
                 reason = "base axes stand elsewhere than at the poses before"
                 hint += ", or describe the slide in the URDF"

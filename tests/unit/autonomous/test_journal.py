@@ -170,32 +170,24 @@ def test_a_journal_that_is_a_link_is_refused(tmp_path):
     assert not (tmp_path / "elsewhere").exists()
 
 
+OF_ANOTHER_VERSION = '{"posedesign": "calibration", "version": 3, "about": {"robot": "a"}}\n{"cut'
+NO_JOURNALS = [
+    "[1]\n", "no json\n", '{"posedesign": "plan"}\n', "{\n", "[" * 100_000 + "\n", "\x00\n",
+    # without a line end, as a line that was cut off
+    '{"mine": 1}', '{"mine": 1}\n{"mine": 2}', '{"posedesign": "plan"}',
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("text", "said"),
     [
-        "[1]\n",
-        "no json\n",
-        '{"posedesign": "plan"}\n',
-        "{\n",
-        "[" * 100_000 + "\n",
-        "\x00\n",
-        # without a line end, as a line that was cut off
-        '{"mine": 1}',
-        '{"mine": 1}\n{"mine": 2}',
-        '{"posedesign": "plan"}',
+        *((text, "is no journal") for text in NO_JOURNALS),
+        (OF_ANOTHER_VERSION, "version 3, this program has 2"),
     ],
 )
-def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path, text):
+def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path, text, said):
     (tmp_path / "journal.jsonl").write_text(text)
-    with pytest.raises(FileFormatError, match="is no journal"):
-        journal(tmp_path)
-    assert (tmp_path / "journal.jsonl").read_text() == text
-
-
-def test_a_journal_of_another_version_is_told_as_such(tmp_path):
-    text = '{"posedesign": "calibration", "version": 3, "about": {"robot": "a"}}\n{"cut'
-    (tmp_path / "journal.jsonl").write_text(text)
-    with pytest.raises(FileFormatError, match="version 3, this program has 2"):
+    with pytest.raises(FileFormatError, match=said):
         journal(tmp_path)
     assert (tmp_path / "journal.jsonl").read_text() == text
 

@@ -204,27 +204,23 @@ def test_the_second_is_told_which_is_first(tmp_path):
     assert not (tmp_path / LOCK).read_text()
 
 
+def not_held(folder: Path, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says), held(folder, "digging"):
+        pytest.fail("is held")
+
+
 def test_what_stands_in_the_lock_may_be_anything(tmp_path):
     with held(tmp_path, "digging"):
         (tmp_path / LOCK).write_bytes(b"\xff\x00\x1b[31m")
-        with (
-            pytest.raises(InputError, match="process another is digging"),
-            held(tmp_path, "digging"),
-        ):
-            pass
+        not_held(tmp_path, InputError, "process another is digging")
 
 
-def test_what_a_link_leads_to_is_not_emptied(tmp_path):
+def test_what_a_link_leads_to_is_not_emptied_and_a_folder_has_to_be_there(tmp_path):
     (tmp_path / "kept").write_text("kept")
     (tmp_path / LOCK).symlink_to(tmp_path / "kept")
-    with pytest.raises(OutputError, match="cannot be written"), held(tmp_path, "digging"):
-        pass
+    not_held(tmp_path, OutputError, "cannot be written")
     assert (tmp_path / "kept").read_text() == "kept"
-
-
-def test_a_folder_that_is_none(tmp_path):
-    with pytest.raises(OutputError, match="No such file"), held(tmp_path / "none", "digging"):
-        pass
+    not_held(tmp_path / "none", OutputError, "No such file")
 
 
 def test_a_file_system_without_locks(tmp_path, monkeypatch):
@@ -243,8 +239,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "write", full)
-    with pytest.raises(OutputError, match="No space left"), held(tmp_path, "digging"):
-        pass
+    not_held(tmp_path, OutputError, "No space left")
     monkeypatch.undo()
     with held(tmp_path, "digging"):
         pass

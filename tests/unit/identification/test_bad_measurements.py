@@ -25,76 +25,48 @@ def data_of(count: int, observed=None, setup=None, **labels) -> Measurements:
     return Measurements(q, how, **{"targets": ("tracker",), **labels}, observed=observed)
 
 
-def assert_refused(model, data, message) -> InputError:
-    """By identify, by identify_batch and by the check alone."""
-    with pytest.raises(InputError, match=message) as caught:
-        identify(model, data)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match=message):
-        identify_batch(model, data.repeated(2))
-    with pytest.raises(InputError, match=message):
-        check_enough(model, data)
-    return caught.value
+ALONE = [Pose(1e-5)]
+FOR_EACH = [Pose(1e-5), Distance(1e-5)]
+EIGHT = np.zeros((8, 6))
 
 
-def test_fewer_equations_than_parameters(pose_model):
-    """Six equations a pose, and the hint says how many poses that takes."""
-    error = assert_refused(
-        pose_model,
-        data_of(2, np.zeros((2, 6))),
-        "2 measurements give 12 equations for 16 parameters",
-    )
-    assert "at least 3 poses" in error.hint
-    assert (error.value, error.bound) == (12, 16)
-
-
-def test_a_mixture_counts_the_equations_of_each_kind(pose_model):
-    model = pose_model.with_measurements([Pose(1e-5), Distance(1e-5)])
-    setup = Setup.of(8, kind=[0, 1, 1, 1, 1, 1, 1, 1])
-    assert_refused(
-        model, data_of(8, np.zeros((8, 6)), setup), "8 measurements give 13 equations for 16"
-    )
-
-
-def test_no_measurements_at_all(pose_model):
-    assert_refused(
-        pose_model, data_of(0, np.zeros((0, 6))), "0 measurements give 0 equations for 16"
-    )
-
-
-def test_readings_that_are_not_there(pose_model):
-    assert_refused(pose_model, data_of(8), "there are no readings of the kind pose")
-    model = pose_model.with_measurements([TouchUp(1e-5), Distance(1e-5)])
-    setup = Setup.of(20, kind=np.arange(20) % 2)
-    assert_refused(model, data_of(20, None, setup), "there are no readings of the kind distance")
-
-
-@pytest.mark.parametrize("columns", [3, 7])
-def test_readings_of_another_shape(pose_model, columns):
-    assert_refused(
-        pose_model,
-        data_of(8, np.zeros((8, columns))),
-        f"readings have {columns} columns, the model 6 rows",
-    )
-
-
-def test_labels_that_the_model_does_not_have(pose_model):
-    read = np.zeros((8, 6))
-    assert_refused(
-        pose_model,
-        data_of(8, read, targets=("T1",)),
-        "the measurements name the targets T1, the model tracker",
-    )
-    assert_refused(
-        pose_model,
-        data_of(8, read, tools=("gripper",)),
-        "the measurements name the tools gripper, the model tool",
-    )
-
-
-def test_a_kind_that_the_model_does_not_have(pose_model):
-    setup = Setup.of(8, kind=[0, 1] * 4)
-    assert_refused(pose_model, data_of(8, np.zeros((8, 6)), setup), "kind of measurement 2 of a")
+@pytest.mark.parametrize(
+    ("kinds", "data", "message"),
+    [
+        (ALONE, data_of(2, EIGHT[:2]), "2 measurements give 12 equations for 16 parameters"),
+        (
+            FOR_EACH,
+            data_of(8, EIGHT, Setup.of(8, kind=[0, *[1] * 7])),
+            "8 measurements give 13 equations for 16",
+        ),
+        (ALONE, data_of(0, EIGHT[:0]), "0 measurements give 0 equations for 16"),
+        (ALONE, data_of(8), "there are no readings of the kind pose"),
+        (
+            [TouchUp(1e-5), Distance(1e-5)],
+            data_of(20, None, Setup.of(20, kind=np.arange(20) % 2)),
+            "there are no readings of the kind distance",
+        ),
+        (ALONE, data_of(8, EIGHT[:, :3]), "readings have 3 columns, the model 6 rows"),
+        (ALONE, data_of(8, np.zeros((8, 7))), "readings have 7 columns, the model 6 rows"),
+        (ALONE, data_of(8, EIGHT, targets=("T1",)), "name the targets T1, the model tracker"),
+        (ALONE, data_of(8, EIGHT, tools=("gripper",)), "name the tools gripper, the model tool"),
+        (ALONE, data_of(8, EIGHT, Setup.of(8, kind=[0, 1] * 4)), "kind of measurement 2 of a"),
+    ],
+)
+def test_data_that_do_not_belong_to_the_model(pose_model, kinds, data, message):
+    """Refused by identify, by identify_batch and by the check alone."""
+    model = pose_model.with_measurements(kinds)
+    for refuse, given in (
+        (identify, data),
+        (identify_batch, data.repeated(2)),
+        (check_enough, data),
+    ):
+        with pytest.raises(InputError, match=message) as caught:
+            refuse(model, given)
+        assert "\n" not in str(caught.value)
+    if message.startswith("2 measurements"):  # six equations a pose
+        assert "at least 3 poses" in caught.value.hint
+        assert (caught.value.value, caught.value.bound) == (12, 16)
 
 
 def test_a_payload_that_the_model_does_not_have(pose_model, reference_robot):

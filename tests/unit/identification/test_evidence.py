@@ -54,7 +54,7 @@ def draw(seed: int, count: int = 40, kind: Measurement | None = None) -> Measure
 def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None, x=None):
     members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
     w = np.ones(data.count) if weights is None else weights
-    return linear_evidence(model, data, model.nominal if x is None else x, members, w)
+    return linear_evidence(model.linearise_at(data, model.nominal if x is None else x), members, w)
 
 
 def solved(model: CalibrationModel, data: Measurements, found: TunedPriors, groups=GROUPS):

@@ -22,7 +22,7 @@ COUNT, FREE = 25, 65  # touch-ups, and equations left over with the ten paramete
 
 def covariance(solved: Solved, data: Measurements) -> FloatArray:
     linear = solved.model.linearise(data.postures, solved.x, data.setup, data.observed)
-    return covariance_at(replace(linear, root=np.sqrt(solved.weights / solved.inflation)), solved.x)
+    return covariance_at(replace(linear, root=np.sqrt(solved.weights / solved.inflation)))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_full_weights_cost_nothing(loss, share):
 def test_the_noise_that_is_estimated_is_that_of_the_good_ones(make_model, trials, loss):
     _, data = trials
     unknown = make_model(measurement=TouchUp(None))
-    used = 12
+    used = 5
     found = [fit_robustly(unknown, data.trials(t), unknown.nominal, loss=loss) for t in range(used)]
     variance = np.mean([solved.model.measurement.sigma[0] ** 2 for solved in found])
     # four standard deviations of the mean of so many chi²

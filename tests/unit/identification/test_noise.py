@@ -18,7 +18,7 @@ from calib.model.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-TRIALS = 8
+TRIALS = 4
 T_TOOL = transform(rotation_exp([0.1, 0.2, -0.1]), [0.2, -0.05, 0.35])
 T_TRACKER = transform(rotation_exp([0.2, -0.1, 2.0]), [2.0, -1.0, 0.5])
 JOINTS = ["joint_2", "joint_3", "joint_4", "joint_5"]

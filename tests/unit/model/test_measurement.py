@@ -26,7 +26,7 @@ from calib.model.parameters import (
 )
 from calib.se3 import rotation_exp, rotation_from_wpr, transform
 
-SAMPLES = 8000
+SAMPLES = 3200
 FIVE_SIGMA = 5 * np.sqrt(2 / SAMPLES)
 """Of the scatter of a variance estimated from that many samples."""
 

@@ -24,18 +24,6 @@ def test_prediction_is_the_tool_point_less_the_target(make_model, reference_robo
     np.testing.assert_allclose(model.predict(q), tip - places[0], atol=1e-14)
 
 
-def test_trials_are_independent(make_model):
-    model = make_model()
-    rng = np.random.default_rng(2)
-    q, x = rng.uniform(-1, 1, (3, 4, 6)), model.nominal + rng.uniform(-0.01, 0.01, (3, model.p))
-    together = model.linearise(q, x)
-    for t in range(3):
-        one = model.linearise(q[t], x[t])
-        np.testing.assert_allclose(one.rows, together.rows[t], atol=1e-14)
-        np.testing.assert_allclose(one.jacobian, together.jacobian[t], atol=1e-14)
-        np.testing.assert_allclose(one.white_rows, together.white_rows[t], rtol=1e-12)
-
-
 @pytest.mark.parametrize("measurement", MEASUREMENTS)
 def test_whitening_divides_by_the_noise_of_the_rows(make_model, touching, measurement):
     model = make_model(measurement=MEASUREMENTS[measurement])
@@ -111,42 +99,25 @@ def test_names_and_labels(make_model):
     assert model.p == len(model.names) == 11
 
 
-def tool_and_targets() -> list:
-    return [ToolPoint([0, 0, 0]), TargetPoints([1, 0, 0])]
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("blocks", "message"),
     [
-        (
-            lambda r: [TargetPoints([1, 0, 0])],
-            r"a calibration model needs a tool \(add ToolPoint .* free=''",
-        ),
-        (
-            lambda r: [ToolPoint([0, 0, 0])],
-            r"a calibration model needs a target \(add TargetPoints to the parameters\)",
-        ),
-        (
-            lambda r: [*tool_and_targets(), ToolPoint([0, 0, 1])],
-            r"two tools have the same name \(rename one\)",
-        ),
-        (
-            lambda r: [*tool_and_targets(), TargetFrame(np.eye(4), "T1")],
-            r"two targets have the same name \(rename one\)",
-        ),
-        (
-            lambda r: [
-                ZeroOffsets(r, ["joint_2"]),
-                ZeroOffsets(r, ["joint_2"]),
-                *tool_and_targets(),
-            ],
-            "the parameter zero_offset.joint_2 is there twice",
-        ),
+        ("target", r"a calibration model needs a tool \(add ToolPoint .* free=''"),
+        ("tool", r"a calibration model needs a target \(add TargetPoints to the parameters\)"),
+        ("tool target tool", r"two tools have the same name \(rename one\)"),
+        ("tool target frame", r"two targets have the same name \(rename one\)"),
+        ("zero zero tool target", "the parameter zero_offset.joint_2 is there twice"),
     ],
 )
-def test_sets_of_blocks_that_make_no_model(reference_robot, change, message):
+def test_sets_of_blocks_that_make_no_model(reference_robot, blocks, message):
+    known = {
+        "tool": ToolPoint([0, 0, 0]),
+        "target": TargetPoints([1, 0, 0]),
+        "frame": TargetFrame(np.eye(4), "T1"),
+        "zero": ZeroOffsets(reference_robot, ["joint_2"]),
+    }
     with pytest.raises(InputError, match=message):
-        CalibrationModel(reference_robot, change(reference_robot), TouchUp(1e-5))
+        CalibrationModel(reference_robot, [known[name] for name in blocks.split()], TouchUp(1e-5))
 
 
 @pytest.mark.parametrize(
@@ -194,7 +165,7 @@ def test_a_distance_to_what_is_no_target(reference_robot):
     with pytest.raises(InputError, match=r"no target 'T3' .* \(did you mean T1\?\)"):
         CalibrationModel(
             reference_robot,
-            tool_and_targets(),
+            [ToolPoint([0, 0, 0]), TargetPoints([1, 0, 0])],
             TouchUp(1e-5),
             distances=[KnownDistance("T1", "T3", 0.5)],
         )

@@ -260,17 +260,30 @@ def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, asked, words):
     refused.match(words)
 
 
-def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
-    route, cut = Router.route, []
+@pytest.fixture
+def lose(monkeypatch):
+    """Have no way lead to rows of postures that a rule names; returns all that it was asked for."""
 
-    def losing(self, postures, loads=None):
-        lost = np.flatnonzero(postures[:, 3] > 0.5).tolist()
-        cut.append(len(lost))
-        return replace(route(self, postures), lost=dict.fromkeys(lost, "a wall"))
+    def by(rule, why="a wall"):
+        route, asked = Router.route, []
 
-    monkeypatch.setattr(Router, "route", losing)
+        def losing(self, postures, loads=None):
+            asked.append(postures)
+            lost = list(rule(postures, len(asked)))
+            found = route(self, np.delete(postures, lost, axis=0))
+            return replace(found, lost=dict.fromkeys(lost, why))
+
+        monkeypatch.setattr(Router, "route", losing)
+        return asked
+
+    return by
+
+
+def test_what_no_way_leads_to_is_left_out(cell, lose):
+    asked = lose(lambda q, _: np.flatnonzero(q[:, 3] > 0.5))
     found = plan_optimal(cell, Request(count=9))
     assert (found.postures[:, 3] <= 0.5).all()
+    cut = [int((q[:, 3] > 0.5).sum()) for q in asked]
     assert cut[0] > 0
     assert cut[-1] == 0
     assert found.pool_size == len(candidates_of(cell)) - sum(cut)
@@ -315,17 +328,10 @@ def test_as_many_poses_are_chosen_as_can_be_reached(make_cell, tmp_path):
     assert [pose.reason for pose in listed.dropped] == list(found.dropped)
 
 
-def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkeypatch):
+def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, lose):
     """Others make up for it, also among the poses for validation; nothing else is lost."""
     own = planned.poses.kept[:2]
-    route = Router.route
-
-    def losing(self, postures, loads=None):
-        lost = np.flatnonzero((postures == own[1]).all(axis=1)).tolist()
-        found = route(self, np.delete(postures, lost, axis=0))
-        return replace(found, lost=dict.fromkeys(lost, "a wall"))
-
-    monkeypatch.setattr(Router, "route", losing)
+    lose(lambda q, _: np.flatnonzero((q == own[1]).all(axis=1)))
     found = plan_optimal(cell, Request(count=9, refine=False), keep=own)
     assert not found.reached
     assert found.dropped == ("was to be kept: a wall",)
@@ -335,16 +341,8 @@ def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkey
     assert "1 pose(s) dropped: was to be kept: a wall" in found.message
 
 
-def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monkeypatch):
-    route, first = Router.route, []
-
-    def losing(self, postures, loads=None):
-        first.append(len(postures))
-        lost = {} if len(first) == 1 or len(postures) < 3 else {0: "a wall"}
-        found = route(self, np.delete(postures, list(lost), axis=0))
-        return replace(found, lost=lost)
-
-    monkeypatch.setattr(Router, "route", losing)
+def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, lose):
+    lose(lambda q, turn: [0] if turn > 1 and len(q) > 2 else [])
     found = plan_optimal(cell, Request(count=9, refine=False, validation=3))
     assert not found.reached
     assert len(found.postures) == 9
@@ -353,14 +351,10 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
     assert found.dropped == ("a wall",)
 
 
-def test_poses_that_no_way_leads_to_are_not_refined_first(cell, monkeypatch):
-    chosen, plain = candidates_of(cell).take([0, 1, 2]), Router.route
-
-    def losing(self, postures, loads=None):
-        return replace(plain(self, postures[:2]), lost={2: "a wall"})
-
+def test_poses_that_no_way_leads_to_are_not_refined_first(cell, lose, monkeypatch):
+    chosen = candidates_of(cell).take([0, 1, 2])
+    lose(lambda q, _: [2])
     monkeypatch.setattr(Router, "reached", lambda self, q: np.arange(len(q)) < 2)
-    monkeypatch.setattr(Router, "route", losing)
     found, route = refined_with_way(Router.of_cell(cell), chosen, lambda _: pytest.fail("refined"))
     assert found is chosen
     assert list(route.lost) == [2]
@@ -484,34 +478,19 @@ def test_the_pool_is_all_grids_that_can_be_taken(camera_cell, fewest_seen):
     assert sorted(found.route.order) == list(range(len(kept)))
 
 
-def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, fewest_seen, monkeypatch):
+def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, fewest_seen, lose):
     first = fewest_seen
     cut_off = first.poses.kept[0]
-    route = Router.route
-
-    def losing(self, postures, loads=None):
-        found = route(self, postures)
-        lost = np.flatnonzero((postures == cut_off).all(axis=1)).tolist()
-        return replace(found, lost=dict.fromkeys(lost, "no clear way to it: a wall"))
-
-    monkeypatch.setattr(Router, "route", losing)
+    lose(lambda q, _: np.flatnonzero((q == cut_off).all(axis=1)))
     second = plan_fewest(camera_cell, WANTED_M)
     assert second.reached
     assert second.pool_size == first.pool_size - 1
     assert not (second.poses.kept == cut_off).all(axis=1).any()
 
 
-def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch):
+def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, lose, monkeypatch):
     """Whatever is chosen, its first is cut off: it is dropped, and what is left is planned."""
-    route, tries = Router.route, []
-
-    def losing(self, postures, loads=None):
-        tries.append(postures)
-        lost = {0: "no clear way to it: a wall"} if len(tries) <= 2 else {}
-        kept = route(self, np.delete(postures, list(lost), axis=0))
-        return replace(kept, lost=lost)
-
-    monkeypatch.setattr(Router, "route", losing)
+    tries = lose(lambda q, turn: [0] if turn <= 2 else [], "no clear way to it: a wall")
     monkeypatch.setattr(planning, "ATTEMPTS", 2)
     found = plan_fewest(camera_cell, WANTED_M)
     assert len(tries) == 3
@@ -523,14 +502,8 @@ def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch)
     assert "1 pose(s) dropped: no clear way to it: a wall" in found.message
 
 
-def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
-    route = Router.route
-
-    def losing(self, postures, loads=None):
-        nothing = route(self, postures[:0])
-        return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
-
-    monkeypatch.setattr(Router, "route", losing)
+def test_without_any_way_it_says_what_is_in_it(camera_cell, lose, monkeypatch):
+    lose(lambda q, _: range(len(q)))
     monkeypatch.setattr(planning, "ATTEMPTS", 2)
     with pytest.raises(InputError, match="a wall"):
         plan_fewest(camera_cell, 1e-3)

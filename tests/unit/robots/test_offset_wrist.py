@@ -104,7 +104,7 @@ def test_all_that_a_search_finds_is_found(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("poses", [8, pytest.param(20, marks=pytest.mark.full)])
+@pytest.mark.parametrize("poses", [4, pytest.param(20, marks=pytest.mark.full)])
 def test_all_that_a_long_search_finds_is_found(robot, poses):
     check_against_search(robot, poses, starts=8_000)
 

@@ -13,7 +13,7 @@ from posedesign.identification.instruments.scatter import (
     trend_with,
 )
 
-TRIALS = 3000
+TRIALS = 1200
 
 
 def at_most(rate: float) -> float:

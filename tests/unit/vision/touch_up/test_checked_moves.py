@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, IntArray, rotation_exp
-from calib.vision.camera import Views
-from calib.vision.touch_up import Drive, Loop, RobotAdapter, touch_up
+from calib.se3 import FloatArray, rotation_exp
+from calib.vision.touch_up import Drive, RobotAdapter
 from calib.vision.touch_up.arms import OneArm
 from tests.visual_cells import preset, usual_posture
 
@@ -260,32 +259,3 @@ def test_a_correction_that_turns_a_joint_far_is_not_made(bench):
     (reason,) = drive.to_pose(ONE, q[None], T)
     assert "off the planned posture, 45 deg allowed" in reason
     assert not robot.commanded
-
-
-class TurnedOn:
-    """Simulated arms whose controller shows J2 one turn on from some move on."""
-
-    def __init__(self, arms: object, moves: int) -> None:
-        self._arms, self._moves, self.made = arms, moves, 0
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._arms, name)
-
-    def move(self, which: IntArray, q: FloatArray) -> None:
-        self.made += 1
-        self._arms.move(which, q)
-
-    def joints(self, which: IntArray) -> FloatArray:
-        return self._arms.joints(which) + (self.made >= self._moves) * TURN * np.eye(6)[1]
-
-    def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
-        return self._arms.look(which, near_px)
-
-
-@pytest.mark.parametrize("moves", [0, 1, 4])
-def test_a_turn_in_a_touch_up_commands_nothing_more(bench, jacobian, moves):
-    arms = TurnedOn(bench.arms(), moves)
-    start = bench.q + np.deg2rad([0.5, -0.4, 0.3, 0.0, 0.2, 0.0])
-    with pytest.raises(InputError, match=r"one turn of 360 deg (on|back)"):
-        touch_up(Drive(bench.robot, arms, 0.003), start[None], jacobian, Loop())
-    assert arms.made == moves

@@ -190,7 +190,7 @@ def test_out_of_reach_says_by_how_much():
 def test_more_candidates_that_are_as_good_would_do():
     blocks, _ = hand_eye_pool(1)
     rng = np.random.default_rng(0)
-    more = np.concatenate([blocks * (1 + 1e-3 * rng.normal(size=blocks.shape)) for _ in range(2)])
+    more = np.concatenate([blocks * (1 + 1e-3 * rng.normal(size=blocks.shape)) for _ in range(3)])
     assert fewest_of(more, sigma_of(blocks) / 1.5).reached
 
 

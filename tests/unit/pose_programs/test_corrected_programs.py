@@ -64,7 +64,7 @@ REACH_M = 4.0
 
 BAR_M = 1e-6
 EXACT = 1e-10
-counts = pytest.mark.parametrize("count", by_stage(12, 60, 1000))
+counts = pytest.mark.parametrize("count", by_stage(12, 100, 1000))
 
 
 @cache

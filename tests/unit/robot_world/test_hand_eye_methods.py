@@ -278,7 +278,7 @@ def test_noise_next_to_half_turns_between_poses_does_no_harm(method):
     axes = rng.normal(size=(5, 3))
     axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
     R = se3.rotation_exp(np.concatenate([np.zeros((1, 3)), np.pi * axes]))
-    problems = random_problems(rng, 40, 6)
+    problems = random_problems(rng, 100, 6)
     A = se3.transform(R, problems.A[..., :3, 3])
     B = se3.inverse(problems.Z)[:, None] @ A @ problems.X[:, None]
     A, B = add_noise(rng, A, B, NOISE)

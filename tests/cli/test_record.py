@@ -7,7 +7,11 @@ import signal
 import struct
 import sys
 import time
+import traceback
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,14 +57,43 @@ def ur(described, tmp_path) -> Path:
 
 
 @pytest.fixture
-def record(cli, ur, monkeypatch):
+def record_in(cli, monkeypatch):
     monkeypatch.setattr(live, "AGAIN_S", 0.1)
 
-    def recorded(server: RtdeServer, *words: object):
-        files = (ur / "cell.toml", ur / "poses.csv")
-        return cli("record", *files, server.host, "--out", ur, *words)
+    def recorded(folder: Path, server: RtdeServer, *words: object):
+        files = (folder / "cell.toml", folder / "poses.csv")
+        return cli("record", *files, server.host, "--out", folder, *words)
 
     return recorded
+
+
+@pytest.fixture
+def record(record_in, ur):
+    return partial(record_in, ur)
+
+
+@pytest.fixture
+def at_once(described, tmp_path):
+    """Check cases in a folder and a process each, all at once: they do little but wait."""
+
+    def checked(check: Callable[[Any, Path], None], cases: Sequence[Any]) -> None:
+        children = {}
+        for i, case in enumerate(cases):
+            folder = shutil.copytree(described, tmp_path / f"{i}")
+            process = os.fork()
+            if not process:
+                try:
+                    check(case, folder)
+                except BaseException:
+                    (folder / "failed").write_text(traceback.format_exc())
+                finally:
+                    os._exit(0)
+            children[process] = folder
+        for process, folder in children.items():
+            os.waitpid(process, 0)
+            assert not (folder / "failed").exists(), (folder / "failed").read_text()
+
+    return checked
 
 
 def told(number: int, q=None, **how) -> list[Stage]:
@@ -221,14 +254,16 @@ def impatient(monkeypatch, tmp_path_factory):
 
 
 @pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize("request_", ["V", "S"])
-def test_silence_of_the_controller_is_one_line(request_, record, ur):
-    with RtdeServer([], {request_: None}) as server:
-        said = record(server)
-    assert said.code == 2
-    (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
-    assert line.startswith(f"error: {server.host}:30004: nothing comes (is it the controller's")
-    assert not (ur / "touchups.csv").exists()
+def test_silence_of_the_controller_is_one_line(record_in, at_once):
+    def is_one_line(request: str, folder: Path) -> None:
+        with RtdeServer([], {request: None}) as server:
+            said = record_in(folder, server)
+        assert said.code == 2
+        (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
+        assert line.startswith(f"error: {server.host}:30004: nothing comes (is it the controller's")
+        assert not (folder / "touchups.csv").exists()
+
+    at_once(is_one_line, "VS")
 
 
 @pytest.mark.usefixtures("impatient")
@@ -268,31 +303,34 @@ def test_a_bad_greeting_is_one_line_or_does_no_harm(answers, record, ur):
         assert not (ur / "touchups.csv").exists()
 
 
+HOSTILE = [
+    struct.pack(">HB", 0, ord("U")) + b"x" * 70_000,
+    package("U", b"\1"),
+    package("M", b"\xff"),
+    package("U", b"\1" + b"\xff" * 60_000),
+    b"HTTP/1.1 400 Bad Request\r\n\r\n",
+]
+
+
 @pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize(
-    "data",
-    [
-        struct.pack(">HB", 0, ord("U")) + b"x" * 70_000,
-        package("U", b"\1"),
-        package("M", b"\xff"),
-        package("U", b"\1" + b"\xff" * 60_000),
-        b"HTTP/1.1 400 Bad Request\r\n\r\n",
-    ],
-)
-def test_hostile_packages_write_no_row(data, record, ur):
+def test_hostile_packages_write_no_row(record_in, at_once):
     """Whatever ur_rtde makes of them: it may lose the line, or read a state in which nothing
     runs, depending on how the bytes fall into its reads; no row is written for it either way."""
-    with RtdeServer([*told(1), *[Raw(data)] * 5, Stage(state=PAUSED), Raw(None)]) as server:
-        said = record(server, "--timeout-s", "2")
-    assert "Traceback" not in said.err
-    if said.code == 1:
-        assert "the program has ended without P03, P01" in said.err, said
-    else:
-        assert said.code == 2, said
-        (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
-        assert f"{server.host}:30004: " in line
-    np.testing.assert_allclose(kept(ur).pop("P02"), TOUCHED[0], atol=1e-11)
-    assert list(kept(ur)) == ["P02"]
+
+    def writes_no_row(data: bytes, folder: Path) -> None:
+        with RtdeServer([*told(1), *[Raw(data)] * 5, Stage(state=PAUSED), Raw(None)]) as server:
+            said = record_in(folder, server, "--timeout-s", "2")
+        assert "Traceback" not in said.err
+        if said.code == 1:
+            assert "the program has ended without P03, P01" in said.err, said
+        else:
+            assert said.code == 2, said
+            (line,) = [line for line in said.err.splitlines() if line.startswith("error")]
+            assert f"{server.host}:30004: " in line
+        np.testing.assert_allclose(kept(folder).pop("P02"), TOUCHED[0], atol=1e-11)
+        assert list(kept(folder)) == ["P02"]
+
+    at_once(writes_no_row, HOSTILE)
 
 
 def test_a_program_that_counts_without_end_is_left(record, ur, monkeypatch):

@@ -244,13 +244,31 @@ def test_a_kill_loses_nothing(record, ur):
 
 
 @pytest.fixture
-def impatient(monkeypatch, tmp_path_factory):
+def process_of(monkeypatch, tmp_path_factory):
+    """Have the process that talks to the controller be another in one place of its text."""
+
+    def changed(old: str, new: str) -> None:
+        source = Path(rtde_process.__file__).read_text()
+        path = tmp_path_factory.mktemp("process") / "changed.py"
+        path.write_text(source.replace(old, new))
+        assert path.read_text() != source
+        monkeypatch.setattr(rtde_process, "__file__", str(path))
+
+    return changed
+
+
+@pytest.fixture
+def impatient(process_of) -> None:
     """The process waits for some seconds only: on a busy machine it is there in one or two."""
-    source = Path(rtde_process.__file__).read_text()
-    path = tmp_path_factory.mktemp("process") / "impatient.py"
-    path.write_text(source.replace("CONNECT_S, SILENT_S = 15.0, 5.0", "CONNECT_S, SILENT_S = 4, 1"))
-    assert path.read_text() != source
-    monkeypatch.setattr(rtde_process, "__file__", str(path))
+    process_of("CONNECT_S, SILENT_S = 15.0, 5.0", "CONNECT_S, SILENT_S = 4, 1")
+
+
+def test_a_slow_start_is_no_time_without_a_pose(record, ur, process_of):
+    process_of("CONNECT_S, SILENT_S =", "time.sleep(1.5)\nCONNECT_S, SILENT_S =")
+    with RtdeServer([*told(1), *told(2), *told(3)]) as server:
+        said = record(server, "--timeout-s", "1")
+    assert said.code == 0, said
+    assert list(kept(ur)) == ["P02", "P03", "P01"]
 
 
 @pytest.mark.usefixtures("impatient")

@@ -61,8 +61,11 @@ def _outcome(rows: pd.DataFrame) -> dict[str, Any]:
 
     name = NOMINAL if taken is None else str(taken.name)
     return {
-        "preset": str(head["preset"]), "way": str(head["way"]), "trial": int(head["trial"]),
-        "compliant": bool(head["compliant"]), "wavy": bool(head["wavy"]),
+        "preset": str(head["preset"]),
+        "way": str(head["way"]),
+        "trial": int(head["trial"]),
+        "compliant": bool(head["compliant"]),
+        "wavy": bool(head["wavy"]),
         "refused": head["role"] == "refused",
         "model": name,
         "recommended": of(name) if taken is None else float(taken["error_mm"]),

@@ -110,7 +110,11 @@ EMPTY: Mapping[str, Any] = {
     **dict.fromkeys(("error_mm", "box_mm", "expected_mm", "expected_low_mm"), np.nan),
     "expected_high_mm": np.nan,
     **dict.fromkeys(("recommended", "reference", "incomplete", "blames"), False),
-    "covered": 0, "parameters": 0, "give_mm": np.nan, "seconds": np.nan, "said": "",
+    "covered": 0,
+    "parameters": 0,
+    "give_mm": np.nan,
+    "seconds": np.nan,
+    "said": "",
 }
 """The table's columns, a row a model, those of a trial behind each other; and what stands where
 there is nothing."""

@@ -117,12 +117,13 @@ def _tune(
     candidate: Candidate, data: Measurements, loss: Loss, like: IdentificationResult | None = None
 ) -> TunedPriors:
     """Find sizes and noise, from the weights of a model that has the same parameters and more."""
+    known = loss in LOSSES  # others may have weights of zero, which have no evidence
     return tune_priors(
         candidate.model,
         data,
         candidate.groups,
-        loss=loss if loss in LOSSES else "student-t",
-        weights=None if like is None else like.weights,
+        loss=loss if known else "student-t",
+        weights=like.weights if like is not None and known else None,
         identifiable=like is not None,
     )
 

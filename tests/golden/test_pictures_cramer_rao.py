@@ -178,7 +178,7 @@ def test_the_time_between_joints_and_pictures_is_found_as_near_as_can_be(carried
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
 def test_errors_with_a_time_offset_are_those_of_the_bound(trials):
     each = [run_moving(trials, carried, 54) for carried in WHERE]
     assert LOWEST < together(each).over_bound() < HIGHEST
@@ -219,7 +219,7 @@ def test_two_deviations_of_the_arm_that_are_as_likely_do_not_take_turns(trial):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trials", [100, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("trials", [50, pytest.param(200, marks=pytest.mark.full)])
 def test_zero_offsets_of_the_robot_are_found_as_near_as_can_be(trials):
     each = [run_robot(trials, carried, 52) for carried in WHERE]
     assert together(each).over_bound() < HIGHEST

@@ -17,6 +17,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
+from posedesign.cell.reference import reference_of
 from posedesign.files import (
     MEASURED,
     Claim,
@@ -140,7 +141,8 @@ def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None
     rows = result.round_rows()
     write_table(rounds, list(rows[0]), rows)
     results.remove(VALIDATION)
-    draw(results, drawn, lambda: figure_of_plan(cell, result.model, result.postures, result.setup))
+    arms = reference_of(cell.parts[0])
+    draw(results, drawn, lambda: figure_of_plan(cell, arms, result.postures, result.setup))
     return result
 
 
@@ -178,7 +180,7 @@ def plan_optimal_poses(
         draw(
             results,
             (png, svg),
-            lambda: figure_of_plan(cell, result.model, result.postures, result.setup),
+            lambda: figure_of_plan(cell, result.arms, result.postures, result.setup),
         )
     return result
 

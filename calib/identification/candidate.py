@@ -156,8 +156,10 @@ class ExpectedError:
     rms_m: float  # root mean square over arms and workplace [m]
     low_m: float
     high_m: float
-    """low_m, high_m: of the root mean square over the workplace: 95 % of the arms are between
+    """low_m, high_m: of the root mean square over the workplace: so many of the arms are between
     [m]."""
+    share: float = INTERVAL  # of the arms
+    median_m: float = float("nan")  # of the same over the arms [m]; NaN where it was not asked for
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,11 +38,11 @@ from calib.identification.result import SIZES
 from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
-TURNED_BASE = (
-    "accuracy in the base frame as the targets were found in it: the zero of joint 1, which they "
-    "take up, and where the base stands in the world are no part of it"
+PLACED_BASE = (
+    "accuracy of the arm itself: the base is placed anew, as by teaching the user frame again, so "
+    "where it stands in the world and the zero of joint 1 are no part of it"
 )
-KNOWN_BASE = "accuracy in the frame that the known targets are given in"
+"""Meaning of an error of the tool point over a volume, in words."""
 
 Against = Literal["base", "target"]
 
@@ -61,7 +61,7 @@ def predict_accuracy(
     Against the base: of the parameters of arm and tool; where the targets are is of no account.
     What the targets take up is not free, and counts as known. Where they are identified with the
     arm nothing tells where the base is in the world, nor the zero of joint 1: the base is then the
-    arm's own, turned about joint 1 as the targets were found, see :func:`reference_frame`.
+    arm's own, turned about joint 1 as the targets were found.
 
     Against a target: of where the tool point goes as seen from the target as identified. What
     moves both alike does not count; points given by their distance from the target are reached as
@@ -121,10 +121,11 @@ def tool_motion(
     return J
 
 
-def reference_frame(model: CalibrationModel) -> str:
-    """What an accuracy against the base is one against, in words."""
-    free = any(block.targets and block.size for block in model.parameters)
-    return TURNED_BASE if free else KNOWN_BASE
+def placed_anew(motion: FloatArray, points: FloatArray) -> FloatArray:
+    """Displacements ``(K, 3, p)`` of points ``(K, 3)`` less their best common rigid motion."""
+    rows = motion.reshape(3 * len(points), -1)
+    rigid = rigid_motions(points)
+    return np.asarray(rows - rigid @ (rigid.T @ rows)).reshape(motion.shape)
 
 
 def _counts(model: CalibrationModel, against: Against) -> BoolArray:

@@ -8,7 +8,6 @@ from posedesign.candidates.building import away_from_singularities as away_from_
 from posedesign.candidates.building import box_of_cell as box_of_cell
 from posedesign.candidates.building import candidates_of as candidates_of
 from posedesign.candidates.building import cone_candidates as cone_candidates
-from posedesign.candidates.building import functions_over_box as functions_over_box
 from posedesign.candidates.building import grid_candidates as grid_candidates
 from posedesign.candidates.building import joint_candidates as joint_candidates
 from posedesign.candidates.candidate_poses import CandidatePoses as CandidatePoses
@@ -17,3 +16,6 @@ from posedesign.candidates.candidate_poses import offset_targets as offset_targe
 from posedesign.candidates.postures import CONFIGURATIONS as CONFIGURATIONS
 from posedesign.candidates.postures import Configurations as Configurations
 from posedesign.candidates.postures import local_poses as local_poses
+from posedesign.candidates.workplace import functions_over_work as functions_over_work
+from posedesign.candidates.workplace import workplace as workplace
+from posedesign.candidates.workplace import workplace_of as workplace_of

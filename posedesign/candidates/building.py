@@ -44,7 +44,7 @@ from posedesign.cell import (
 )
 from posedesign.cell.board_set_up import rotations_to
 from posedesign.cell.observations import normal_of, place_of, touched_by_tool
-from posedesign.cell.task_box import BOX_OF_REACH, box_functions
+from posedesign.cell.task_box import BOX_OF_REACH
 from posedesign.constraints import Checker
 from posedesign.files.measurements import TOOL
 
@@ -521,29 +521,11 @@ def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
     return TaskBox(cell.target_m - half, cell.target_m + half), words
 
 
-def functions_over_box(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
-    """How the tool point moves with the parameters over the box ``(K, 3, p)``, and which box.
-
-    Where pictures of a board are taken, over what the camera sees. Without a task box of its own,
-    another cell is judged at the base pose where nothing else is reached.
-    """
-    if cell.sees_board:
-        return _functions_of_picture(cell, model)
-    box, words = box_of_cell(cell)
-    try:
-        return box_functions(cell, model, box), words
-    except UnreachableError:
-        if cell.config.task_box is not None:
-            raise
-    point = TaskBox(cell.target_m, cell.target_m, (1, 1, 1))
-    return box_functions(cell, model, point), "the target alone"
-
-
 IN_PICTURE = 0.8
 """Part of the picture, from its middle, over which it is looked at where a camera sees points."""
 
 
-def _functions_of_picture(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
+def functions_of_picture(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
     """How what the camera sees moves with X, or Z, and the lens, at nine points of its picture.
 
     ``(9, 3, p)``, seen from what the camera is on: the flange, or the base.

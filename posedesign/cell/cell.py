@@ -272,7 +272,11 @@ class Cell(CellData):
         """:meth:`model` of poses of these observations ``(N,)``: without targets of others."""
         if self.is_hand_eye or len(self.observations) == 1:
             return self.model()
-        return measuring_model(self, [self.observations[k] for k in np.unique(which)])
+        return measuring_model(self, self.observations_among(which))
+
+    def observations_among(self, which: IntArray) -> list[Observation]:
+        """The observations that poses ``(N,)`` are of, in the order of the cell."""
+        return [self.observations[k] for k in np.unique(which)]
 
     def rows(self, model: CalibrationModel) -> int:
         """Rows of the block of a pose in a model of the cell: of all that is measured there."""

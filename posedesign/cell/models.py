@@ -5,12 +5,12 @@ What is identified, what is planned for, and the simulated robot.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence, Set
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.model import CalibrationModel, Setup
+from calib.model import CalibrationModel, KnownDistance, Setup
 from calib.model.measurements import (
     KINDS,
     BoardShape,
@@ -70,6 +70,9 @@ that sizes of priors have where they are found. With the stiffness of RV reducer
 R-2000iC gives way by some 1.7 mrad at the shoulder, and the joints of light arms with torque
 sensors by several."""
 
+EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics", PRIORS)
+"""Words of what may be off on any arm."""
+
 _WEIGHED = 300
 """Postures among which the largest torque is looked for."""
 
@@ -95,7 +98,7 @@ def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     length = section.prior_length_mm * 1e-3 if held else None
     angle = section.prior_angle_deg * degree if held else None
     wave = section.prior_harmonic_deg * degree if held else None
-    give = section.prior_compliance_urad_nm * 1e-6 if held else None
+    give = section.prior_compliance_urad_nm * 1e-6
     if "geometry" in words:
         # offsets first: a turn about a joint's axis is then called by the name of its offset
         blocks.append(ZeroOffsets(robot, robot.joint_names, offset, length))
@@ -105,10 +108,17 @@ def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     if "scale" in words:
         blocks.append(JointScale(robot, robot.joint_names, wave))  # as much in a radian as a wave
     if "compliance" in words:
-        wound = None if give is None else _give(robot, payloads, give)
+        gravity = GravityLoad(robot, payloads)
+        wound = None
+        if held:
+            wound = _give(robot, payloads, gravity.joint_torque, give)[robot.n_external :]
         blocks.append(JointCompliance(robot, joints, payloads, prior=wound))
     if "bearings" in words:
-        blocks.append(BearingCompliance(robot, joints, payloads, prior=give))
+        bearings = BearingCompliance(robot, joints, payloads)
+        if held:
+            tilted = _give(robot, payloads, bearings.torques, give)
+            bearings = BearingCompliance(robot, joints, payloads, prior=tilted)
+        blocks.append(bearings)
     if "lost_motion" in words:
         blocks.append(LostMotion(robot, joints, section.lost_motion_nm, payloads, prior_rad=wave))
     if "harmonics" in words:
@@ -116,24 +126,27 @@ def robot_blocks(cell: CellData, words: Sequence[str]) -> list[ParameterBlock]:
     return blocks
 
 
-def _give(robot: Robot, payloads: Sequence[Payload], prior: float) -> FloatArray:
-    """Standard deviations ``(n,)`` of compliances [rad/Nm]: less for joints that carry much.
+Torques = Callable[[FloatArray, Setup], FloatArray]
+"""Torques of gravity ``(k, N)`` [Nm] at postures ``(n, N)`` and their set-up."""
 
-    The reducer of a shoulder that holds 5 kNm is stiffer than that of a light wrist: none is built
-    to give way by more than ``WIND_UP`` or so.
+
+def _give(robot: Robot, payloads: Sequence[Payload], torques: Torques, prior: float) -> FloatArray:
+    """Standard deviations ``(k,)`` of compliances [rad/Nm]: less for those that carry much.
+
+    The reducer of a shoulder that holds 5 kNm is stiffer than that of a light wrist, and so is the
+    bearing of a first joint that holds the whole arm: none is built to give way by more than
+    ``WIND_UP`` or so.
     """
     rng = np.random.default_rng(0)
     q = rng.uniform(robot.lower, robot.upper, (_WEIGHED, robot.n)).T.copy()
-    load = GravityLoad(robot, payloads)
     largest = np.max(
         [
-            np.abs(load.joint_torque(q, Setup.of(_WEIGHED, payload=[k] * _WEIGHED))).max(axis=1)
+            np.abs(torques(q, Setup.of(_WEIGHED, payload=[k] * _WEIGHED))).max(axis=1)
             for k in range(len(payloads))
         ],
         axis=0,
     )
-    sigma = np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior))
-    return np.asarray(sigma[robot.n_external :])
+    return np.asarray(np.minimum(prior, WIND_UP / np.maximum(largest, WIND_UP / prior)))
 
 
 def _across_axes(robot: Robot) -> list[str]:
@@ -384,13 +397,43 @@ def _target(cell: CellData, label: str, met: set[str], points: FloatArray) -> Pa
     return TargetPoints([points.mean(axis=0) if known is None else place_of(cell, known)], [label])
 
 
-def measuring_model(cell: CellData, observations: Sequence[Observation]) -> CalibrationModel:
-    """Model of what the cell plans for: the arm's errors, tools and targets of observations."""
-    words = cell.config.parameters.planned
+def everything(cell: CellData) -> tuple[str, ...]:
+    """Words of all that may be off on the arm of a cell, and that the cell asks for."""
+    asked = {word for words in cell.config.parameters.models for word in words}
+    every = dict.fromkeys([*EVERYTHING, *sorted(asked - {"zero_offsets"})])
+    return tuple(word for word in every if has_weight(cell) or word not in WEIGH)
+
+
+def measuring_model(
+    cell: CellData, observations: Sequence[Observation], words: Sequence[str] | None = None
+) -> CalibrationModel:
+    """Model of the arm's errors, and of tools and targets of observations.
+
+    ``words``: of the errors; by default those of ``parameters.planned``, else the zero offsets of
+    Watanabe et al. 2006.
+    """
+    if words is None:
+        words = cell.config.parameters.planned or PAPER
     arm = robot_blocks(cell, words)
     return CalibrationModel(
-        cell.robot, [*arm, *_set_up(cell, observations)], _kinds(cell, observations)
+        cell.robot,
+        [*arm, *_set_up(cell, observations)],
+        _kinds(cell, observations),
+        known_distances(cell, {seen.target for seen in observations}) if PRIORS in words else (),
     )
+
+
+PAPER = ("zero_offsets",)
+"""Words of the errors that Watanabe et al. 2006 identify: ten numbers with tool point and target."""
+
+
+def known_distances(cell: CellData, targets: Set[str]) -> list[KnownDistance]:
+    """Distances that the cell knows between some targets, by their names."""
+    return [
+        KnownDistance(*known.targets, known.length_mm / 1e3, known.three_sigma_mm / 3e3)
+        for known in cell.config.known_distance
+        if targets >= {*known.targets}
+    ]
 
 
 def _kinds(cell: CellData, observations: Sequence[Observation]) -> list[Measurement]:

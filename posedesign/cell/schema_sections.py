@@ -108,9 +108,9 @@ class ParameterSection(Section):
     """Usual standard deviation of errors of transmissions."""
     prior_compliance_urad_nm: Positive = 50.0
     """Usual standard deviation of the compliance of reducers."""
-    planned: Annotated[tuple[Word, ...], Field(min_length=1)] = ("zero_offsets",)
-    """What poses are planned for: the model, in the words of ``models``, that they are to
-    identify."""
+    planned: Annotated[tuple[Word, ...], Field(min_length=1)] | None = None
+    """What poses are planned for, in the words of ``models``, where that is not the arm that is
+    fitted: everything that may be off, held by priors of usual sizes."""
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
     """``newton-raphson``: as in the paper, with derivatives by finite differences."""
     loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError
 from calib.identification import predict_accuracy, tool_motion
-from calib.identification.prediction import reference_frame
+from calib.identification.prediction import PLACED_BASE, placed_anew
 from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, transform
 from calib.shown import Shown
@@ -166,8 +166,7 @@ def predict_box(
 ) -> BoxAccuracy:
     """Predict the accuracy of the tool point at the points of a box.
 
-    From the noise of the measurement alone, see
-    :func:`calib.identification.prediction.predict_accuracy`.
+    The base is placed anew over all points, see :mod:`calib.identification.prediction`.
 
     Parameters
     ----------
@@ -187,13 +186,13 @@ def predict_box(
     there = found.feasible
     spread = np.full((len(found.q), 3, 3), np.nan)
     at = Setup.of(int(there.sum()))
-    spread[there] = predict_accuracy(model, covariance, found.q[there], at)
+    motion = tool_motion(model, found.q[there], at)
+    motion = placed_anew(motion, model.view(found.q[there], None, at).tool_points)
+    spread[there] = motion @ covariance @ np.swapaxes(motion, -1, -2)
     way = predict_accuracy(model, covariance, found.q[there], at, against="target")
     to_target = np.full(len(found.q), np.nan)
     to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
-    return BoxAccuracy(
-        box.points_m, found.q, spread, to_target, found.reasons, reference_frame(model)
-    )
+    return BoxAccuracy(box.points_m, found.q, spread, to_target, found.reasons, PLACED_BASE)
 
 
 def box_functions(cell: Cell, model: CalibrationModel, box: TaskBox) -> FloatArray:

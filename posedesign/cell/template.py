@@ -171,7 +171,8 @@ models = [
     ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
     ["geometry", "priors"], ["geometry", "compliance", "priors"],{pitch}
 ]
-planned = ["zero_offsets"]        # what poses are planned for, in the same words
+# planned = ["zero_offsets"]      # what poses are planned for, where that is not the arm that is
+                                  # fitted: all that may be off, held by priors
 prior_offset_deg = 1.0            # usual standard deviations: how well the joints are mastered,
 prior_length_mm = 0.5             # links and axes are built,
 prior_angle_deg = 0.1

@@ -116,7 +116,7 @@ def answer_of_demo(results: DemoResults, out: Path, files: Sequence[str]) -> Ans
     plan, program = results.plan, results.program
     cell = Cell.load(out / "cell.toml")
     steps = {
-        "planned": answer_of_plan(cell, plan, outlook_of(cell, plan.model, plan.postures)),
+        "planned": answer_of_plan(cell, plan, outlook_of(cell, plan.postures)),
         "identified": answer_of_identification(results.identification),
         "A X = Z B": answer_of_pairs(results.robot_world),
         "studied": answer_of_study(results.study),

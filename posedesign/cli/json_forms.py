@@ -5,12 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from calib.identification import ExpectedError
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.optimal import NextPoses, OptimalPlan
     from posedesign.planning.optimal.outlook import Outlook
     from posedesign.pose_programs import CorrectedProgram
     from posedesign.pose_programs.correction import Correction
+
+
+def expected_as_dict(expected: ExpectedError | None) -> dict[str, float] | None:
+    """An error to expect, with its range over arms; None where nothing is told."""
+    if expected is None:
+        return None
+    return {
+        "rms_mm": 1e3 * expected.rms_m,
+        "median_mm": 1e3 * expected.median_m,
+        "low_mm": 1e3 * expected.low_m,
+        "high_mm": 1e3 * expected.high_m,
+        "share_of_arms": expected.share,
+    }
 
 
 def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, object]:
@@ -32,6 +46,7 @@ def plan_as_dict(cell: Cell, result: PosePlan, outlook: Outlook) -> dict[str, ob
         "indices": result.indices.as_dict(),
         "scaling": scaling_of(result.model),
         "predicted": sigma_table(result.sigma_displayed()).rows,
+        "expected_error": expected_as_dict(outlook.expected),
         "tcp_rms_mm": 1e3 * outlook.tcp_m,
         "tcp_worst_rms_mm": 1e3 * outlook.tcp_worst_m,
         "chosen_tcp_rms_mm": None if chosen is None else 1e3 * chosen,
@@ -44,7 +59,7 @@ def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:
     """What was chosen, what is proven of it, and what one pose more or fewer changes."""
     from posedesign.planning import scaling_of
 
-    found, objective, tried = result.selection, result.objective, result.robustness
+    found, objective = result.selection, result.objective
     return {
         "reached": result.reached,
         "poses": len(result.poses.kept_names),
@@ -70,6 +85,7 @@ def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:
         },
         "at_least": None if result.fewest is None else result.fewest.at_least,
         "decides": result.decides or None,
+        "expected_error": expected_as_dict(result.accuracy.expected),
         "tcp_rms_mm": 1e3 * result.accuracy.tcp_m,
         "tcp_worst_rms_mm": 1e3 * result.accuracy.tcp_worst_m,
         "task_box": result.box_words,
@@ -85,14 +101,6 @@ def choice_as_dict(cell: Cell, result: OptimalPlan) -> dict[str, object]:
             }
             for other in result.others
         ],
-        "other_robots": None
-        if tried is None
-        else {
-            "trials": tried.trials,
-            "nominal": tried.nominal,
-            "median": tried.median,
-            "worst": tried.worst,
-        },
         "validation": 0 if result.validation is None else len(result.validation.names),
         "scaling": scaling_of(result.model),
         "target": cell.whereabouts.as_dict(),

@@ -317,7 +317,7 @@ def _plan_by_grid(loaded: Cell, out: Results, cell: Path, *, as_json: bool, verb
                 f"round {turn.number}, C_G {turn.c_g:.3g}", max(turn.variation_deg) / largest
             ),
         )
-        outlook = outlook_of(loaded, result.model, result.postures)
+        outlook = outlook_of(loaded, result.postures)
     files = [str(out.folder / name) for name in ("poses.csv", "rounds.csv", "plan.png")]
     return output.tell(
         told_plan(loaded, result, outlook, files),

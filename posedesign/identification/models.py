@@ -14,7 +14,7 @@ from calib.identification import Candidate, Workplace, reduce
 from calib.identification.evidence import groups_of
 from calib.identification.identifiability import UNSEEN_SCALE, unseen_scale
 from calib.identification.least_squares import first_guess
-from calib.model import CalibrationModel, KnownDistance, Setup
+from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import KINDS, Measurement
 from calib.model.parameters import (
     BearingCompliance,
@@ -33,20 +33,20 @@ from calib.model.parameters import (
 )
 from calib.robots import ChainState
 from calib.se3 import FloatArray, transform
-from posedesign.candidates import box_of_cell
+from posedesign.candidates import workplace
 from posedesign.cell import Cell
 from posedesign.cell.models import (
     PRIORS,
     WEIGH,
+    everything,
     has_weight,
+    known_distances,
     measured_with,
     payloads_of,
     robot_blocks,
     set_up_blocks,
 )
 from posedesign.cell.observations import instrument_frame, place_of, target_named
-from posedesign.cell.task_box import BOX_OF_REACH, TaskBox
-from posedesign.constraints import Checker, nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
 
 FRAMES_ONLY = "frames only"
@@ -56,9 +56,6 @@ OFFSETS = "offsets"
 _NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
 EVERYTHING = "everything with priors"
 """Name of the reference, which all models are judged by."""
-
-_EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics", PRIORS)
-"""What may be off on any arm."""
 
 _GIVES, _RUNS = ("compliance", "bearings"), ("lost_motion", "harmonics")
 _ABSENT = (
@@ -72,14 +69,6 @@ SIZES = 0.05, 2.0
 """Bounds of the standard deviation of a kind of errors that is found from the measurements, over
 the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
 the likeliest arm may be one that has shrunk."""
-
-WORK_POSTURES = 60
-"""Postures that an identified arm is judged at: twice as many change the expected error by some
-three per cent."""
-
-_TRIED = 10
-"""Points drawn for each of them: of the box about joints that turned everywhere most are beyond
-reach."""
 
 _WAVE = re.compile(r"harmonic\..+\.(?:sin|cos)(\d+(?:\.\d+)?)", re.ASCII)
 _TOOL_AXIS = re.compile(r"tool(?:\.(.+))?\.r?[xyz]", re.ASCII)
@@ -160,10 +149,7 @@ class Models:
                         hint=f"in the cell's [[known_distance]], {near_names(name, targets)}",
                         name="known_distance",
                     )
-        return [
-            KnownDistance(*known.targets, known.length_mm / 1e3, known.three_sigma_mm / 3e3)
-            for known in self.cell.config.known_distance
-        ]
+        return known_distances(self.cell, {*targets})
 
     def of(self, words: Sequence[str], kinds: Sequence[Measurement]) -> CalibrationModel:
         """The model that frees what words say, besides the set-up."""
@@ -231,10 +217,7 @@ class Models:
         Nothing is left out of it: priors hold what the measurements do not tell. And its
         alternatives: arms that have not all of it.
         """
-        asked = {word for words in self.cell.config.parameters.models for word in words}
-        every = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
-        if not has_weight(self.cell):
-            every = tuple(word for word in every if word not in WEIGH)
+        every = everything(self.cell)
         kinds = kinds_of(self.cell, self.table.kinds)
 
         def without(absent: Sequence[str]) -> Candidate:
@@ -274,41 +257,8 @@ class Models:
         return out
 
     def workplace(self) -> Workplace:
-        """Postures over the volume that the arm will work in, its tool turned as it was measured.
-
-        Points are drawn in the task box of the cell, or where there is none in the one about all
-        that was measured and a little beyond; each is reached with the tool turned as at a
-        measurement, by the posture inside the limits that is nearest to the middle of all. Where
-        hardly any can be reached, half-way postures between pairs of measurements take their place.
-        """
-        cell, data, robot = self.cell, self.table.data, self.cell.robot
-        rng = np.random.default_rng(0)
-        if cell.config.task_box is not None:
-            box, words = box_of_cell(cell)[0], "the task box"
-        else:
-            points = self._nominal.point(cell.tool_m)
-            beyond = BOX_OF_REACH * robot.chain.reach_m
-            box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
-            words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
-        middle = np.median(data.postures, axis=0)
-        near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
-        checker = Checker(robot, (), cell.margin)
-        q, like = np.empty((0, robot.n)), np.empty(0, dtype=np.intp)
-        for _ in range(_TRIED):
-            row = rng.integers(data.count, size=WORK_POSTURES)
-            at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
-            R = self._nominal.R_base_tip[row]
-            found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
-            q = np.concatenate([q, found.q[found.feasible]])[:WORK_POSTURES]
-            like = np.concatenate([like, row[found.feasible]])[:WORK_POSTURES]
-            if 2 * len(q) >= WORK_POSTURES:
-                break
-        else:
-            like, other = rng.integers(data.count, size=(2, WORK_POSTURES))
-            q = (data.postures[like] + data.postures[other]) / 2.0
-            words = "half-way between measurements"
-        setup = Setup.of(len(q), tool=data.setup.tool[like], payload=data.setup.payload[like])
-        return Workplace(q, setup, words)
+        """Postures at which the arm will work, by those of the table: see :func:`workplace`."""
+        return workplace(self.cell, self.table.data.postures, self.table.data.setup)
 
 
 def asked_for(cell: Cell) -> list[tuple[str, ...]]:

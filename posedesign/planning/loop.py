@@ -12,14 +12,17 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of, reduce
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
 from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.cell import posture_section
+from posedesign.cell.models import PAPER
 from posedesign.cell.observations import touched_by_tool
 from posedesign.cell.orientations import GRID, cone_rotations
+from posedesign.cell.reference import reference_of
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
@@ -238,7 +241,7 @@ class _Loop:
             cell = cell.parts[0]
         self.cell = cell
         self.model = cell.model()
-        if cell.config.parameters.planned != ("zero_offsets",):
+        if cell.config.parameters.planned not in (None, PAPER):
             widest = grid_poses(cell, np.array(cell.config.variations.largest_deg)).kept
             self.model = told_by(cell, self.model, widest, np.zeros(len(widest), dtype=np.intp))
         self.progress = progress
@@ -571,12 +574,20 @@ def told_by(
     """The model of a plan less what of the arm postures ``(N, n)`` [rad] do not tell.
 
     Zero offsets that the cell lists by name are left as they are: a plan that cannot tell one of
-    them is refused.
+    them is refused. Nothing is left out of the arm that is fitted either: priors hold it.
     """
-    if cell.is_hand_eye or cell.config.parameters.planned == ("zero_offsets",):
+    if cell.is_hand_eye or cell.config.parameters.planned in (None, PAPER):
         return model
     data = to_be_measured(cell, model, postures, which)
     return reduce(model, data, model.nominal).model
+
+
+def arms_told_by(cell: Cell, postures: FloatArray, which: IntArray) -> PriorArms:
+    """The arms that are fitted to poses ``(N, n)`` [rad] of observations ``(N,)``."""
+    seen = None if cell.is_hand_eye else cell.observations_among(which)
+    arms = reference_of(cell, seen)
+    told = told_by(cell, arms.model, postures, which)
+    return arms if told is arms.model else PriorArms(told)
 
 
 def to_be_measured(

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
-from calib.identification import covariance_of
+from calib.identification import check_identifiable
 from calib.robots import shown_of
 from calib.se3 import FloatArray
 from posedesign.acceptance.file import RECHECK, RESULT, read_recheck, read_result
-from posedesign.candidates import box_of_cell
+from posedesign.candidates import box_of_cell, functions_over_work
 from posedesign.cell import Cell
 from posedesign.cell.task_box import predict_box
 from posedesign.files import (
@@ -37,7 +37,7 @@ from posedesign.files.origin import checksum, read_whole
 from posedesign.identification.file import IdentificationFile, read_file
 from posedesign.planning import POSE_AXES, displayed, off_target
 from posedesign.planning.checks import ON_TARGET_M, check_poses
-from posedesign.planning.loop import told_by
+from posedesign.planning.loop import arms_told_by
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.report import figures
 from posedesign.report.acceptance import (
@@ -49,7 +49,12 @@ from posedesign.report.acceptance import (
 from posedesign.report.answer import Answer, Table
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
-from posedesign.report.plans import answer_of_check, frame_notes, sigma_table
+from posedesign.report.plans import (
+    answer_of_check,
+    expected_words,
+    frame_notes,
+    sigma_table,
+)
 from posedesign.report.plots import figure_of_identification, figure_of_plan
 
 PAGE = ("report.html", "report")
@@ -247,23 +252,28 @@ def _section_of_answer(title: str, answer: Answer) -> Section:
 
 
 def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
-    """What to expect of an identification at these poses, from the noise alone."""
+    """What to expect of an identification at these poses."""
     q, which = measured.postures, cell.which(measured.labels)
-    model = told_by(cell, cell.model_for(which), q, which)
-    setup = cell.setup(model, q, which)
-    covariance = covariance_of(model, q, setup=setup, weighted=cell.config.measurement.weighted)
+    arms = arms_told_by(cell, q, which)
+    setup = cell.setup(arms.model, q, which)
+    blocks = arms.blocks(arms.model.linearise(q, setup=setup))
+    told = np.vstack([blocks.reshape(-1, arms.model.p), arms.known_rows])
+    check_identifiable(told, arms.model.names, arms.model.nuisance)
+    covariance = arms.covariance(blocks)
     if not cell.is_hand_eye:  # X and Z are no errors of the arm
+        functions, where = functions_over_work(cell, arms.model)
         box, words = box_of_cell(cell)
-        found = predict_box(cell, model, covariance, box)
+        found = predict_box(cell, arms.model, covariance, box)
         section.lines += [
-            f"tool point, predicted from the noise alone over {words}: {found.summary()}",
+            f"expected error: {expected_words(arms.expected_error(blocks, functions), where)}",
+            f"over {words}: {found.summary()}",
             found.reference,
         ]
-    svg = figures.as_svg(figure_of_plan(cell, model, q, setup))
-    section.figures.append(("Predicted from the noise alone", svg))
-    section.lines += frame_notes(model)
+    svg = figures.as_svg(figure_of_plan(cell, arms, q, setup))
+    section.figures.append(("Expected before measuring", svg))
+    section.lines += frame_notes(arms.model)
     sigma = np.sqrt(np.diag(covariance))
-    section.tables.append(sigma_table(displayed(model, sigma)))
+    section.tables.append(sigma_table(displayed(arms.model, sigma)))
 
 
 def _section_of_identification(folder: Path) -> Section:

@@ -12,13 +12,15 @@ from posedesign.planning.pose_plan import displayed
 from posedesign.report.answer import Answer, Table
 
 if TYPE_CHECKING:
+    from calib.identification import ExpectedError
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict, Score
     from posedesign.planning.optimal import NextPoses, OptimalPlan
     from posedesign.planning.optimal.outlook import Outlook
+    from posedesign.planning.optimal.request import Accuracy
 
-PREDICTED = "Predicted before measuring, from the noise alone"
+PREDICTED = "Expected before measuring"
 
 
 def frame_notes(model: CalibrationModel) -> list[str]:
@@ -50,7 +52,6 @@ def answer_of_plan(
     cell: Cell, result: PosePlan, outlook: Outlook, files: Sequence[str] = ()
 ) -> Answer:
     """The answer of the paper's loop: whether the threshold was reached, and what that is worth."""
-    error = outlook.tcp_m, outlook.tcp_worst_m, outlook.box_words
     better = ""
     if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
         of_X = cell.is_hand_eye and not cell.sees_board
@@ -64,7 +65,7 @@ def answer_of_plan(
     return Answer(
         result.verdict,
         {
-            **_promised(cell, *error, result.sigma_displayed()),
+            **_promised(cell, outlook, outlook.box_words, result.sigma_displayed()),
             "better": better,
             "would buy more": outlook.advice,
             "time": result.route.timing.removeprefix("predicted cycle time "),
@@ -105,19 +106,31 @@ def _camera_and_target(sigma: Sequence[tuple[str, str, float]]) -> dict[str, str
     return said
 
 
+def expected_words(expected: ExpectedError, where: str) -> str:
+    """An error to expect before measuring, with its range over arms."""
+    return (
+        f"{1e3 * expected.rms_m:.3g} mm rms over {where}; {expected.share:.0%} of such arms "
+        f"{1e3 * expected.low_m:.2g} to {1e3 * expected.high_m:.2g} mm"
+    ).replace("%", " %")
+
+
 def _promised(
-    cell: Cell, rms_m: float, worst_m: float, box: str, sigma: Sequence[tuple[str, str, float]]
+    cell: Cell, promised: Accuracy | Outlook, where: str, sigma: Sequence[tuple[str, str, float]]
 ) -> dict[str, str]:
-    """Predicted errors over a box of the tool point, or of what a camera sees, with X and Z."""
-    error = f"{1e3 * rms_m:.3g} mm rms predicted over {box}, {1e3 * worst_m:.3g} mm"
-    error += " where it is largest"
+    """Error to expect of the tool point, or of what a camera sees, with X and Z."""
     if not cell.is_hand_eye:
-        return {"tool point": error}
+        if promised.expected is None:
+            return {"expected error": "unknown: these poses do not tell where tool and target are"}
+        return {"expected error": expected_words(promised.expected, where)}
     said = _camera_and_target(sigma)  # nothing of the arm is identified
     if not cell.sees_board:
         return said
-    where = "base" if cell.camera_stands else "flange"
-    return {"what the camera sees": f"{error}, seen from the {where}"} | said
+    on = "base" if cell.camera_stands else "flange"
+    error = (
+        f"{1e3 * promised.tcp_m:.3g} mm rms predicted over {where}, "
+        f"{1e3 * promised.tcp_worst_m:.3g} mm where it is largest, seen from the {on}"
+    )
+    return {"what the camera sees": error} | said
 
 
 def _short_names(row: Mapping[str, object]) -> dict[str, object]:
@@ -152,14 +165,13 @@ def _alone_words(result: OptimalPlan) -> str:
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
-    error = found.tcp_m, found.tcp_worst_m, result.box_words
     time = "" if result.cycle_time_s is None else f"about {result.cycle_time_s:.0f} s"
     if result.request.time_s is not None:
         time += "; " + _what_time_buys(result)
     return Answer(
         result.verdict,
         {
-            **_promised(cell, *error, displayed(result.model, found.sigma)),
+            **_promised(cell, found, result.box_words, displayed(result.model, found.sigma)),
             "each target alone": _alone_words(result),
             "time": time,
             "pool": result.pool_words,

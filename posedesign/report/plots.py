@@ -13,16 +13,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
-from calib.identification import IdentificationResult, covariance_of
+from calib.identification import IdentificationResult
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
 from calib.robot_world import RobotWorldResult
 from calib.se3 import FloatArray
-from posedesign.candidates import box_of_cell, functions_over_box
+from posedesign.candidates import box_of_cell, functions_over_work
 from posedesign.cell import Cell
 from posedesign.cell.task_box import BoxAccuracy, predict_box
 from posedesign.planning.optimal import NextPoses, OptimalPlan
 from posedesign.planning.pose_plan import PosePlan
 from posedesign.report import figures
+from posedesign.selection import shortened
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,34 +96,33 @@ def _plot_robot_world(result: RobotWorldResult) -> Figure:
 
 
 def figure_of_plan(
-    cell: Cell, model: CalibrationModel, q: FloatArray, setup: Setup | None = None
+    cell: Cell, arms: PriorArms, q: FloatArray, setup: Setup | None = None
 ) -> Figure:
-    """Predicted error of the tool point by the number of poses, and over the task box.
+    """Expected error of the tool point by the number of poses, and over the task box.
 
     Of poses for a camera, the standard deviations of X and Z.
 
     ``q`` (N, n): postures in the order of the visit [rad]. ``setup``: what is measured at each.
     """
+    model = arms.model
     if cell.is_hand_eye:
         return figure_of_sigmas(model, q, setup, {"tool": "X", "target": "Z", "lens": "lens"})
     box, words = box_of_cell(cell)
-    weighted = cell.config.measurement.weighted
-    covariance = covariance_of(model, q, setup=setup, weighted=weighted)
-    found = predict_box(cell, model, covariance, box)
-    figure = figures.new_figure(6.6 if weighted else 3.6)
-    top, bottom = figures.rows_of(figure, (1.0, 1.0)) if weighted else (None, figure)
-    if top is not None:
-        first, best = errors_of_fewer(
-            model.linearise(q, setup=setup).white_jacobian, functions_over_box(cell, model)[0]
-        )
-        error = {"the first poses of the tour": 1e3 * first, "the best of these poses": 1e3 * best}
-        figures.error_by_poses(top, error, _TOOL_POINT)
+    blocks = arms.blocks(model.linearise(q, setup=setup))
+    found = predict_box(cell, model, arms.covariance(blocks), box)
+    figure = figures.new_figure(6.6)
+    top, bottom = figures.rows_of(figure, (1.0, 1.0))
+    functions, where = functions_over_work(cell, model)
+    first, best = errors_of_fewer(blocks, functions, arms.known_rows)
+    error = {"the first poses of the tour": 1e3 * first, "the best of these poses": 1e3 * best}
+    figures.error_by_poses(top, error, _TOOL_POINT)
+    top.suptitle(f"over {where}", fontsize=10)
     figures.error_over_box(bottom, found.points_m, found.rms_m)
     bottom.suptitle(f"over {words}", fontsize=10)
     return figure
 
 
-_TOOL_POINT = "error of the tool point over\nthe box, rms, predicted [mm]"
+_TOOL_POINT = "error of the tool point,\nrms, expected [mm]"
 
 
 def figure_of_sigmas(
@@ -157,38 +158,52 @@ _KINDS = (
 )
 
 
-def errors_of_fewer(white: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def errors_of_fewer(
+    white: FloatArray, functions: FloatArray, known: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Error [SI] of the first poses of a tour, and of the best of all of it.
 
     ``white`` (N, m, p): whitened blocks. ``functions`` (K, r, p): how what is asked for moves with
-    the parameters, at K places. Returns ``first`` and ``best`` (N,), root mean square over the
-    places, for 1, 2, .. N poses; NaN where they do not suffice. The best are found by leaving out,
-    one after the other, the pose that is missed least.
+    the parameters, at K places. ``known`` (k, p): rows of what is known beforehand. Returns
+    ``first`` and ``best`` (N,), root mean square over the places, for 1, 2, .. N poses; NaN where
+    they do not suffice. The best are found by leaving out, one after the other, the pose that is
+    missed least.
     """
+    white = shortened(white)
     blocks = np.einsum("nmp,nmq->npq", white, white)
+    before = np.zeros(blocks.shape[1:]) if known is None else known.T @ known
     wanted = np.einsum("kip,kiq->pq", functions, functions) / len(functions)
-    first = _error(np.cumsum(blocks, axis=0), wanted)
+    first = _error(before + np.cumsum(blocks, axis=0), wanted)
     best = np.full(len(white), np.nan)
     left = np.arange(len(white))
     best[-1:] = first[-1:]
-    while len(left) > 1:
-        error = _error(blocks[left].sum(axis=0) - blocks[left], wanted)
-        if np.isnan(error).all():
-            break
-        left = np.delete(left, np.nanargmin(error))
-        best[len(left) - 1] = np.nanmin(error)
+    while len(left) > 1 and np.isfinite(best[len(left) - 1]):
+        missed = _missed(white[left], before + blocks[left].sum(axis=0), wanted)
+        left = np.delete(left, int(np.argmin(missed)))
+        best[len(left) - 1] = _error((before + blocks[left].sum(axis=0))[None], wanted)[0]
     return first, best
+
+
+def _missed(white: FloatArray, information: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Growth ``(N,)`` of the mean square error without each block of the information ``(p, p)``."""
+    scale = 1.0 / np.sqrt(np.diag(information))
+    C = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    moved = white @ C
+    rest = np.eye(white.shape[1]) - moved @ np.swapaxes(white, 1, 2)
+    values, vectors = np.linalg.eigh(rest)
+    seen = np.swapaxes(vectors, 1, 2) @ moved
+    growth = np.einsum("nmp,pq,nmq->nm", seen, wanted, seen, optimize=True)
+    return np.asarray((growth / np.maximum(values, 1.0 / SINGULAR)).sum(axis=1))
 
 
 def _error(information: FloatArray, wanted: FloatArray) -> FloatArray:
     """Root mean square error ``(N,)`` by information ``(N, p, p)``; NaN where singular."""
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
-    normal = information / (scale[:, :, None] * scale[:, None, :])
-    known = np.linalg.cond(normal) < SINGULAR
+    values, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
+    known = values[:, 0] * SINGULAR > values[:, -1]
     out = np.full(len(information), np.nan)
-    weight = wanted / (scale[known][:, :, None] * scale[known][:, None, :])
-    spread = np.linalg.inv(normal[known])
-    out[known] = np.sqrt(np.einsum("npq,nqp->n", spread, weight))
+    half = vectors[known] / np.sqrt(values[known])[:, None, :] / scale[known][:, :, None]
+    out[known] = np.sqrt(np.einsum("npk,pq,nqk->n", half, wanted, half, optimize=True))
     return out
 
 

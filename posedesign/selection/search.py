@@ -70,6 +70,11 @@ OPTIMAL = 1e-6
 SHORTLIST = 20_000
 """Candidates that the exchange works on: the best by the relaxation, where there are more."""
 
+SHORTLIST_WORK = 2.5e7
+"""Products of a step of the exchange over the shortlist: of many parameters it is shorter. A choice
+by 90 parameters out of the best 1,000 of 2,982 was as good as out of all, in a quarter of the time;
+out of the best 500 it was 3 % worse."""
+
 BEFORE_MANY = 2
 """Starts that are made one after the other in pools so small that many are made at once."""
 
@@ -356,7 +361,9 @@ class Search:
     def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:
         """Candidates that the exchange works on: those that add most at the relaxation."""
         pool, N = self._candidates, self._candidates.N
-        if N <= SHORTLIST:
+        size = min(SHORTLIST, int(SHORTLIST_WORK / (pool.m * pool.p**2)))
+        size = max(size, 2 * self._count, pool.p)
+        if size >= N:
             return np.arange(N), self._objective, self._kept
         weights: FloatArray = np.ones(N) if relaxed is None else relaxed.weights
         M = pool.weighted(weights * (self._count / float(weights.sum())))
@@ -366,5 +373,5 @@ class Search:
         if relaxed is not None:
             scores[weights > OPTIMAL] = np.inf
         scores[self._kept] = np.inf
-        short = np.sort(np.argpartition(scores, N - SHORTLIST)[N - SHORTLIST :])
+        short = np.sort(np.argpartition(scores, N - size)[N - size :])
         return short, self._criterion.on(pool.take(short)), np.searchsorted(short, self._kept)

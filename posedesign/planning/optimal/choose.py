@@ -15,28 +15,35 @@ import numpy as np
 
 from calib.errors import CalibError, InputError
 from calib.identification import check_identifiable
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import (
     CandidatePoses,
     away_from_singularities,
     candidates_of,
-    functions_over_box,
+    functions_over_work,
 )
 from posedesign.candidates.building import with_kept
 from posedesign.candidates.limits import dwell_of, limits_of
 from posedesign.cell import Cell
+from posedesign.cell.reference import reference_of
 from posedesign.motion import Router
 from posedesign.motion.route import Route
-from posedesign.planning.loop import check_base_pose, identification_jacobian, told_by
+from posedesign.planning.loop import (
+    arms_told_by,
+    check_base_pose,
+    identification_jacobian,
+    told_by,
+)
 from posedesign.planning.optimal.refinement import (
     SCENARIOS,
     blocks_of_robots,
     draw_parameters,
     refine,
-    robustness,
 )
 from posedesign.planning.optimal.request import (
+    BY_REGRESSOR,
     Accuracy,
     Request,
     accuracy_of,
@@ -47,14 +54,23 @@ from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import (
     Criterion,
     Fewest,
+    Indices,
     Selection,
     evaluate,
     mean_deviation,
     select,
     select_fewest,
+    shortened,
 )
 from posedesign.selection.criterion import over_scenarios
-from posedesign.selection.select import STARTS
+from posedesign.selection.select import STARTS, TOLERANCE
+
+MANY_PARAMETERS = 40
+"""Parameters from which a choice is searched from fewer starts, and its bound sharpened less."""
+
+FEWER_STARTS, ROUGHER = 2, 5e-3
+"""Those starts, and the part that the bound is sharpened to: of 90 parameters a third start, and a
+bound five times as sharp, gain a third of a per cent, each in the time of all else."""
 
 ATTEMPTS = 6
 """How often poses are chosen while no clear way leads to some of them."""
@@ -191,7 +207,7 @@ class Planning:
         self._why, self._dropped, self._unused = "", list[str](), list[str]()
         # what is wrong with it is wrong with the task box about it, too
         check_base_pose(cell, of_pool=True)
-        self._take(cell.model())
+        self._take(reference_of(cell), cell.model())
         self._rows = cell.rows(self._model)
         if self._objective.weighted and not cell.config.measurement.weighted:
             raise InputError(
@@ -211,18 +227,35 @@ class Planning:
         self._cell = away_from_singularities(cell)
         self._router = Router.of_cell(cell)
 
-    def _take(self, model: CalibrationModel) -> None:
-        """Plan for a model: what of it counts over the task box."""
-        self._model = model
-        self._box, self._box_words = functions_over_box(self._cell, model)
-        self._objective = objective_of(self._request, model, self._box)
+    def _take(self, arms: PriorArms, paper: CalibrationModel) -> None:
+        """Plan for arms: what they do where they will work, and what the criterion is of.
+
+        Condition numbers and standard deviations wanted of all parameters are of the numbers that
+        ``paper`` has, with nothing known beforehand.
+        """
+        criterion = self._request.criterion.strip().lower()
+        of_paper = criterion in {name.lower() for name in BY_REGRESSOR}
+        self._arms, self._for = arms, arms
+        if (of_paper or self._request.wants_sigma) and paper is not arms.model:
+            self._for = PriorArms(paper)
+        self._model = self._for.model
+        self._functions, self._work_words = functions_over_work(self._cell, arms.model)
+        own = self._functions
+        if self._for is not arms:
+            own = np.zeros((0, 3, self._model.p))  # neither is of the tool point
+        self._objective = objective_of(self._request, self._for, own)
+
+    def _take_told(self, postures: FloatArray, of: IntArray) -> None:
+        """Plan for what poses of observations ``(N,)`` tell, which are all that there are."""
+        paper = told_by(self._cell, self._cell.model_for(of), postures, of)
+        self._take(arms_told_by(self._cell, postures, of), paper)
 
     def run(self) -> OptimalPlan:
         self._advance("looking for postures", 0.0)
         pool = with_kept(self._cell, candidates_of(self._cell), self._kept, self._kept_of)
-        told = told_by(self._cell, self._model, pool.postures, pool.of)
-        if told is not self._model:
-            self._take(told)
+        told = told_by(self._cell, self._arms.model, pool.postures, pool.of)
+        if told is not self._arms.model:
+            self._take(PriorArms(told), told)
         self._check_pool(pool)
         whole = len(pool)
         for attempt in range(ATTEMPTS):
@@ -273,7 +306,7 @@ class Planning:
         fewest = int(np.argmin(np.bincount(counts[selection.indices], minlength=len(names))))
         self._unused.append(str(names[fewest]))
         left = pool.take(counts != fewest)
-        self._take(told_by(self._cell, self._cell.model_for(left.of), left.postures, left.of))
+        self._take_told(left.postures, left.of)
         return left
 
     def _others_than(
@@ -282,7 +315,7 @@ class Planning:
         """The pool without poses that no clear way leads to; None where too few would be left."""
         lost = selection.indices[list(route.lost)]
         others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
-        if len(others) * self._rows < self._model.p:
+        if len(others) * self._rows < self._for.must_be_told:
             return None
         self._why = next(iter(route.lost.values()))
         of_own = [i for i in route.lost if i < len(self._kept)]
@@ -298,15 +331,15 @@ class Planning:
 
     def _check_pool(self, pool: CandidatePoses) -> None:
         """Refuse what this pool cannot give, before anything is chosen."""
-        white = pool.white(self._model)
-        names, nuisance = self._model.names, self._model.nuisance
-        told = np.vstack([white.reshape(-1, self._model.p), self._model.known_rows])
-        check_identifiable(told, names, nuisance)
+        for arms in dict.fromkeys((self._for, self._arms)):
+            white = pool.white(arms.model).reshape(-1, arms.model.p)
+            told = np.vstack([white, arms.known_rows])
+            check_identifiable(told, arms.model.names, arms.model.nuisance)
         count, validation = self._request.count, self._request.validation
         if count is None:
             return
         rows = self._rows
-        if count * rows < self._model.p:
+        if count * rows < self._for.must_be_told:
             self._refuse_few(count, rows)
         if validation and count + validation > len(pool):
             raise InputError(
@@ -343,7 +376,13 @@ class Planning:
         try:
             threshold = objective.limit if first else None
             found = self._select(
-                pool, blocks, criterion, count, request.budget_s, threshold=threshold
+                pool,
+                blocks,
+                criterion,
+                count,
+                request.budget_s,
+                threshold=threshold,
+                starts=STARTS if first else 1,
             )
         except InputError as error:
             raise self._in_own_words(error) from error
@@ -359,9 +398,12 @@ class Planning:
         *,
         threshold: float | None = None,
         starts: int = STARTS,
+        bound: bool = True,
     ) -> Selection:
         """So many poses, or as many as a time is enough for, within the limits of the cell."""
-        costs = None
+        costs, tolerance = None, TOLERANCE
+        if self._model.p > MANY_PARAMETERS:
+            starts, tolerance = min(starts, FEWER_STARTS), ROUGHER
         if budget_s is not None:
             costs = dwell_of(self._cell, pool) + self._request.moving_s
         return select(
@@ -378,6 +420,8 @@ class Planning:
             threshold=threshold,
             keep=range(len(self._kept)),
             starts=starts,
+            tolerance=tolerance,
+            bound=bound,
         )
 
     def _in_own_words(self, error: InputError) -> InputError:
@@ -399,7 +443,7 @@ class Planning:
         if robust == "none":
             return objective.of_pool(self._model, pool), objective.criterion
         rng = np.random.default_rng(SCENARIOS)
-        drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
+        drawn = draw_parameters(self._model, SCENARIOS, rng)
         blocks = blocks_of_robots(self._model, objective, pool, drawn)
         stacked = np.moveaxis(blocks, 0, 1).reshape(len(pool), -1, self._model.p)
         return stacked, over_scenarios(objective.criterion, SCENARIOS, worst=robust == "worst")
@@ -419,21 +463,20 @@ class Planning:
             rows, route = reached_of(self._router, chosen, route)
             chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
             route = replace(route, dwell_s=dwell_of(self._cell, chosen))
-            if len(rows) * self._rows < self._model.p and not dropped:
+            if len(rows) * self._rows < self._for.must_be_told and not dropped:
                 self._refuse_few(len(rows), self._rows)
-            if len(rows) * self._rows < self._model.p:
+            if len(rows) * self._rows < self._for.must_be_told:
                 raise no_clear_way(dropped[-1])
-        linear = chosen.linearise(self._model)
-        blocks, white = identification_jacobian(linear), linear.white_jacobian
         of_pool = accuracy = self._accuracy(as_they_were)
         if not np.array_equal(chosen.postures, as_they_were.postures):
             accuracy = self._accuracy(chosen)
         if fewest is None and not np.isfinite(accuracy.sigma).all():
+            white = self._arms.blocks(chosen.linearise(self._arms.model))
             count, m, p = white.shape
-            if count * m < p:
+            if count * m < self._arms.must_be_told:
                 self._refuse_few(count, m)
-            told = np.vstack([white.reshape(-1, p), self._model.known_rows])
-            check_identifiable(told, self._model.names, self._model.nuisance)
+            told = np.vstack([white.reshape(-1, p), self._arms.known_rows])
+            check_identifiable(told, self._arms.model.names, self._arms.model.nuisance)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
             request=self._request,
@@ -445,35 +488,44 @@ class Planning:
             pool_words=pool.summary(),
             pool_size=len(pool),
             tried=pool.tried,
-            indices=evaluate(blocks, white),
+            indices=self._indices(chosen),
             model=self._model,
             accuracy=accuracy,
             of_pool=of_pool,
             others=() if route is None else self._others(pool, selection, fewest),
             alone={} if route is None or fewest is not None else self._alone(pool),
-            box_words=self._box_words,
-            robustness=None
-            if route is None or self._cell.is_hand_eye
-            else robustness(self._cell, self._model, self._objective, chosen),
+            box_words=self._work_words,
+            arms=self._arms,
             not_checked=self._cell.not_checked,
-            setup=(chosen if route is None else chosen.take(route.order)).setup(self._model),
+            setup=(chosen if route is None else chosen.take(route.order)).setup(self._arms.model),
         )
         if route is None or not self._request.validation:
             return plan
         self._advance("poses for validation", 0.9)
         left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
-        return self._with_validation(plan, left, white)
+        return self._with_validation(plan, left, chosen)
+
+    def _indices(self, chosen: CandidatePoses) -> Indices:
+        """Indices of poses, of the numbers that the loop of the paper is judged by."""
+        told = self._for.model
+        if self._for is self._arms:
+            told = told_by(self._cell, self._cell.model_for(chosen.of), chosen.postures, chosen.of)
+        linear = chosen.linearise(told)
+        return evaluate(identification_jacobian(linear), linear.white_jacobian)
 
     def _with_validation(
-        self, plan: OptimalPlan, left: CandidatePoses, white: FloatArray
+        self, plan: OptimalPlan, left: CandidatePoses, chosen: CandidatePoses
     ) -> OptimalPlan:
         """The plan with poses for validation out of what is left, and the way through them."""
         count, why = self._request.validation, self._why
-        known = np.sqrt(PART_OF_PLAN) * white.reshape(-1, self._model.p)
+        arms = self._arms
+        told = arms.blocks(chosen.linearise(arms.model)).reshape(-1, arms.model.p)
+        known = np.vstack([np.sqrt(PART_OF_PLAN) * told, arms.known_rows])
 
         def choose(pool: CandidatePoses, few: int) -> IntArray:
-            told, criterion = pool.white(self._model), mean_deviation(self._box)
-            return select(told, few, criterion, known=known, starts=1, bound=False).indices
+            blocks = pool.blocks(arms.model, lambda linear: shortened(arms.blocks(linear)))
+            criterion = mean_deviation(self._functions)
+            return select(blocks, few, criterion, known=known, starts=1, bound=False).indices
 
         route, dropped = None, [why] * count
         if len(left):
@@ -483,7 +535,7 @@ class Planning:
         return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
 
     def _refuse_few(self, count: int, m: int) -> None:
-        p = self._model.p
+        p = self._for.must_be_told
         raise InputError(
             f"{count} poses give {count * m} equations for {p} parameters",
             hint=f"ask for {-(-p // m)} poses or more",
@@ -491,31 +543,49 @@ class Planning:
         )
 
     def _accuracy(self, chosen: CandidatePoses) -> Accuracy:
-        return accuracy_of(self._model, self._objective, self._box, chosen.linearise(self._model))
+        own = None if self._for is self._arms else chosen.linearise(self._model)
+        linear = chosen.linearise(self._arms.model)
+        return accuracy_of(self._objective, self._arms, self._functions, linear, own)
 
     def _others(
         self, pool: CandidatePoses, selection: Selection, fewest: Fewest | None
     ) -> tuple[Accuracy, ...]:
-        """What the best choices of a pose fewer and one more promise, or of less and more time."""
-        found = []
+        """Accuracy of a pose fewer and of one more, or of less and of more time.
+
+        Poses are left out of the choice, and taken in besides; where limits or the time decide what
+        goes together, the choice is made anew.
+        """
+        found: list[Accuracy] = []
+        beside, pool_section = self._request.beside, self._cell.config.pool
+        if not beside:
+            return ()
         blocks, criterion = self._blocks_and_criterion(pool)
-        beside, budget_s = self._request.beside, self._request.budget_s
-        for sign in (-1, 1) if beside else ():
-            count, time_s = None, None
-            if budget_s is None:
-                count = selection.count + sign * beside
-                if not max(-(-self._model.p // self._rows), len(self._kept)) <= count <= len(pool):
+        anew = self._request.budget_s is not None or pool_section.limit
+        known, chosen = self._objective.known, selection.indices
+        for sign in (-1, 1):
+            count = selection.count + sign * beside
+            least = max(-(-self._for.must_be_told // self._rows), len(self._kept))
+            try:
+                if anew or pool_section.repeats != 1:
+                    budget_s = self._request.budget_s
+                    time_s = None if budget_s is None else budget_s + sign * BESIDE_S
+                    asked = None if budget_s is not None else count
+                    rows = self._select(pool, blocks, criterion, asked, time_s, starts=1).indices
+                elif fewest is not None and fewest.fewer is not None and sign < 0:
+                    rows = fewest.fewer.indices
+                elif not least <= count <= len(pool):
                     continue
-            else:
-                time_s = budget_s + sign * BESIDE_S
-            if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
-                other = fewest.fewer
-            else:
-                try:
-                    other = self._select(pool, blocks, criterion, count, time_s, starts=1)
-                except InputError:  # limits that as many poses cannot keep, or no time left
-                    continue
-            found.append(self._accuracy(pool.take(other.indices)))
+                elif sign < 0:
+                    kept, few = range(len(self._kept)), blocks[chosen]
+                    left = select(few, count, criterion, known=known, keep=kept, bound=False)
+                    rows = chosen[left.indices]
+                else:
+                    rows = select(
+                        blocks, count, criterion, "greedy", known=known, keep=chosen, bound=False
+                    ).indices
+            except CalibError:  # limits that as many poses cannot keep, or too little is told
+                continue
+            found.append(self._accuracy(pool.take(rows)))
         return tuple(found)
 
     def _alone(self, pool: CandidatePoses) -> dict[str, float]:
@@ -533,8 +603,7 @@ class Planning:
         for name in names:
             part, alone = pool.take(of == name), copy(self)
             try:
-                model = self._cell.model_for(part.of)
-                alone._take(told_by(self._cell, model, part.postures, part.of))
+                alone._take_told(part.postures, part.of)
                 blocks, criterion = alone._blocks_and_criterion(part)
                 request = self._request
                 chosen = alone._select(

@@ -13,18 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.model import CalibrationModel
+from calib.identification import ExpectedError
 from calib.se3 import FloatArray
-from posedesign.candidates import away_from_singularities, candidates_of, functions_over_box
-from posedesign.candidates.postures import MOST_PER_POSE
+from posedesign.candidates import functions_over_work
+from posedesign.candidates.workplace import small_pool_of
 from posedesign.cell import Cell
+from posedesign.cell.reference import reference_of
 from posedesign.planning.optimal.request import IN_MM, Request, accuracy_of, objective_of
 from posedesign.selection import select
-
-CANDIDATES = 300
-"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all. Of a
-redundant arm, which gives several postures of each, so many fewer."""
 
 NOTICEABLE = 0.9
 """Part of the predicted error below which a choice is worth a word."""
@@ -41,40 +37,43 @@ APART_OF_REACH = 0.3
 
 @dataclass(frozen=True)
 class Outlook:
-    """Predicted error of the tool point over the task box, from the noise alone."""
+    """Error to expect of the tool point where the arm will work."""
 
     tcp_m: float
     tcp_worst_m: float
-    """tcp_m, tcp_worst_m: root mean square error of the poses, in the mean over the box and where
-    it is largest [m]; infinite where they do not identify everything."""
+    """tcp_m, tcp_worst_m: root mean square error of the poses, in the mean over the places and
+    where it is largest [m]; infinite where they do not identify everything."""
     chosen_tcp_m: float | None
     """In the mean, of the best choice of as many poses out of a small pool that keeps all
     constraints but those on the motions between poses; None where there is no such choice."""
-    box_words: str  # the task box in words
+    box_words: str  # where the arm will work, in words
     advice: str = ""
     """What would lower the error of the best choice, with the error of as many poses chosen
     then."""
+    expected: ExpectedError | None = None  # the error in the mean with its range over arms
 
     @property
     def chosen_is_better(self) -> bool:
-        """Whether chosen poses promise noticeably less error: by a tenth or more."""
+        """Return True if chosen poses promise noticeably less error: by a tenth or more."""
         return self.chosen_tcp_m is not None and self.chosen_tcp_m < NOTICEABLE * self.tcp_m
 
 
-def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
+def outlook_of(cell: Cell, postures: FloatArray) -> Outlook:
     """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
 
     All are of the first observation of the cell, as those of the loop.
     """
     cell = cell if cell.is_hand_eye else cell.parts[0]
-    box, words = functions_over_box(cell, model)
+    arms = reference_of(cell)
+    functions, words = functions_over_work(cell, arms.model)
     count = len(postures)
-    objective = objective_of(Request(count=count), model, box)
-    own = accuracy_of(model, objective, box, cell.linearise(model, postures))
+    objective = objective_of(Request(count=count), arms, functions)
+    own = accuracy_of(objective, arms, functions, cell.linearise(arms.model, postures))
+    found = Outlook(own.tcp_m, own.tcp_worst_m, None, words, expected=own.expected)
     if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
-        return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
+        return found
     chosen = _chosen_tcp_m(cell, count)
-    return Outlook(own.tcp_m, own.tcp_worst_m, chosen, words, advice_for(cell, count, chosen))
+    return replace(found, chosen_tcp_m=chosen, advice=advice_for(cell, count, chosen))
 
 
 def advice_for(cell: Cell, count: int, chosen_m: float | None = None) -> str:
@@ -120,15 +119,11 @@ def _with(cell: Cell, **sections: object) -> Cell:
 
 def _chosen_tcp_m(cell: Cell, count: int) -> float | None:
     """Error of the tool point [m] of the best of a small pool; None where there is no such pool."""
-    draws = CANDIDATES if cell.robot.n <= 6 else CANDIDATES // MOST_PER_POSE
-    pool = cell.config.pool.model_copy(update={"candidates": draws})
     try:
-        model = cell.model()
-        box, _ = functions_over_box(cell, model)
-        objective = objective_of(Request(count=count), model, box)
-        blocks = objective.of_pool(
-            model, candidates_of(away_from_singularities(_with(cell, pool=pool)))
-        )
+        arms = reference_of(cell)
+        functions, _ = functions_over_work(cell, arms.model)
+        objective = objective_of(Request(count=count), arms, functions)
+        blocks = objective.of_pool(arms.model, small_pool_of(cell))
         found = select(
             blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
         )

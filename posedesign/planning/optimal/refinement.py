@@ -12,7 +12,7 @@ those parameters, at the postures that it really takes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,8 +35,8 @@ SCENARIOS = 6
 """Robots that poses are chosen for, the one as described among them: a choice takes about so many
 times as long as a plain one. Whether more of them would choose otherwise was not tried."""
 
-TRIALS = 50
-"""Robots that a choice is tried on."""
+ANGLE_RAD = float(np.deg2rad(1.0))
+"""The same of angles that nothing is known of."""
 
 DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
 """Turns down the gradient that are offered."""
@@ -54,25 +54,13 @@ ENOUGH = 1e-4
 """Relative gain of a sweep below which no other follows."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robustness:
-    """What a choice is worth for robots that are not as described."""
-
-    nominal: float
-    median: float
-    worst: float  # nominal, median, worst: of the criterion, as it is shown; over the trials
-    trials: int
-
-
-def draw_parameters(
-    cell: Cell, model: CalibrationModel, count: int, rng: np.random.Generator
-) -> FloatArray:
+def draw_parameters(model: CalibrationModel, count: int, rng: np.random.Generator) -> FloatArray:
     """Parameters ``(count, p)`` [SI] as they may be, the nominal ones first.
 
-    Angles by ``parameters.prior_offset_deg`` of the cell, lengths by :data:`LENGTH_M`.
+    By their priors; tool and targets by :data:`LENGTH_M` and :data:`ANGLE_RAD`.
     """
-    angle = np.deg2rad(cell.config.parameters.prior_offset_deg)
-    size = np.array([angle if unit == "rad" else LENGTH_M for unit in model.units])
+    usual = np.array([LENGTH_M if unit == "m" else ANGLE_RAD for unit in model.units])
+    size = np.where(np.isfinite(model.prior), model.prior, usual)
     drawn = model.nominal + size * rng.normal(size=(count, model.p))
     drawn[0] = model.nominal
     return np.asarray(drawn)
@@ -91,27 +79,6 @@ def blocks_of_robots(
         q, miss = touch(model, q, parameters, setup)
     blocks = objective.blocks(model.linearise(q, parameters, setup))
     return np.where((miss < TOUCHED_M)[..., None, None], blocks, 0.0)
-
-
-def robustness(
-    cell: Cell, model: CalibrationModel, objective: PlanObjective, chosen: CandidatePoses
-) -> Robustness:
-    """Try a choice on robots that are not as described."""
-    rng = np.random.default_rng(TRIALS)  # fixed, and others than those that poses are chosen for
-    drawn = draw_parameters(cell, model, TRIALS + 1, rng)
-    costs = np.array(
-        [
-            objective.cost_of_blocks(each)
-            for each in blocks_of_robots(model, objective, chosen, drawn)
-        ]
-    )
-    shown = objective.criterion.shown
-    return Robustness(
-        shown(float(costs[0])),
-        shown(float(np.median(costs[1:]))),
-        shown(float(costs[1:].max())),
-        TRIALS,
-    )
 
 
 def refine(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import InputError, NotIdentifiableError, near_names
-from calib.identification import check_identifiable
+from calib.identification import ExpectedError, check_identifiable
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
@@ -30,7 +31,7 @@ from posedesign.selection import (
 TCP, TCP_WORST, SIGMA = "tcp", "tcp-worst", "sigma"
 
 OBJECTIVES = {
-    TCP: "rms error of the tool point, in the mean over the task box (I-optimality)",
+    TCP: "rms error of the tool point where the arm will work, in the mean (I-optimality)",
     TCP_WORST: "the same where it is largest (G-optimality)",
     f"{SIGMA}:NAME": "standard deviation of one parameter, such as sigma:zero_offset.joint_2",
     **CRITERIA,
@@ -40,7 +41,9 @@ OBJECTIVES = {
 IN_MM = 1e3
 """Functions of the tool point give mm."""
 
-_BY_REGRESSOR = ("C_G", "cond_2")
+BY_REGRESSOR = ("C_G", "cond_2")
+"""Criteria of the numbers that Watanabe et al. 2006 identify, with nothing known beforehand."""
+
 _BY_NUISANCE = ("D", "A", "E")
 
 MOST_POSES = 1000
@@ -61,13 +64,14 @@ class PlanObjective:
     unit: str = ""  # of values as they are shown; empty where they have none
     known: FloatArray | None = None
     """(K, p): rows of what is known before any pose, as the blocks are scaled; None for nothing."""
+    arms: PriorArms | None = None  # that it is for; None where it is of the model alone
 
     def blocks(self, linear: Linearisation) -> FloatArray:
         """Blocks ``(N, m, p)`` that the criterion is of."""
         name = self.criterion.name
-        if name in _BY_REGRESSOR:
+        if name in BY_REGRESSOR:
             return regressor(linear)
-        white = linear.white_jacobian
+        white = linear.white_jacobian if self.arms is None else self.arms.blocks(linear)
         return PER_MRAD_AND_MM * white if name in CRITERIA else white
 
     def of_pool(
@@ -103,17 +107,18 @@ class PlanObjective:
     @property
     def weighted(self) -> bool:
         """Whether the criterion is of what the noise leaves."""
-        return self.criterion.name not in _BY_REGRESSOR
+        return self.criterion.name not in BY_REGRESSOR
 
 
-def objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> PlanObjective:
+def objective_of(request: Request, arms: PriorArms, functions: FloatArray) -> PlanObjective:
     """The objective of a request.
 
-    ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Raises
-    InputError: no such criterion or parameter, or a request that does not go with it.
+    ``functions`` (K, 3, p): displacements of the tool point by each parameter where the arm will
+    work. Raises InputError: no such criterion or parameter, or a request that does not go with it.
     """
-    objective = _objective_of(request, model, box)
-    known = model.known_rows
+    model = arms.model
+    objective = replace(_objective_of(request, model, functions), arms=arms)
+    known = arms.known_rows
     if not (len(known) and objective.weighted):
         return objective
     units = PER_MRAD_AND_MM if objective.criterion.name in CRITERIA else 1.0
@@ -204,41 +209,54 @@ class Accuracy:
     sigma: FloatArray  # (p,): standard deviations of the parameters [SI]
     tcp_m: float
     tcp_worst_m: float
-    """tcp_m, tcp_worst_m: root mean square error of the tool point over the task box, in the mean
-    and where it is largest [m]."""
+    """tcp_m, tcp_worst_m: root mean square error of the tool point where the arm will work, in the
+    mean and where it is largest [m]."""
+    expected: ExpectedError | None = None
+    """The same mean with its range over arms; None where nothing is told."""
 
 
 def accuracy_of(
-    model: CalibrationModel, objective: PlanObjective, box: FloatArray, linear: Linearisation
+    objective: PlanObjective,
+    arms: PriorArms,
+    functions: FloatArray,
+    linear: Linearisation,
+    own: Linearisation | None = None,
 ) -> Accuracy:
-    """What postures promise: parameters, criterion, tool point over the box ``(K, 3, p)``."""
-    count = len(linear.white_jacobian)
-    covariance = _covariance(linear.white_jacobian, model)
-    if covariance is None:
-        unknown = np.full(model.p, np.inf)
+    """What postures promise: parameters, criterion, tool point at ``functions`` (K, 3, p).
+
+    ``linear``: of the model of the arms. ``own``: of the model that the objective is of, where that
+    is another one.
+    """
+    blocks, count = arms.blocks(linear), len(linear.white_jacobian)
+    measured, counted = (arms, blocks), (arms, blocks)
+    if own is not None:
+        counted = PriorArms(own.model), own.white_jacobian
+    if not all(
+        is_told(np.vstack([told.reshape(-1, of.model.p), of.known_rows]), of.model)
+        for of, told in {id(of): (of, told) for of, told in (measured, counted)}.values()
+    ):
+        unknown = np.full(counted[0].model.p, np.inf)
         return Accuracy(count, objective.criterion.shown(np.inf), unknown, np.inf, np.inf)
-    squares = np.einsum("krp,pq,krq->k", box, covariance, box, optimize=True)
+    squares = np.sum((functions @ arms.covariance(blocks)) * functions, axis=(1, 2))
     return Accuracy(
         count,
-        objective.value_of(linear),
-        np.sqrt(np.diag(covariance)),
+        objective.value_of(linear if own is None else own),
+        np.sqrt(np.diag(counted[0].covariance(counted[1]))),
         float(np.sqrt(squares.mean())),
         float(np.sqrt(squares.max())),
+        arms.expected_error(blocks, functions),
     )
 
 
-def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None:
-    """Covariance ``(p, p)`` of blocks; None where they do not identify everything."""
-    rows = np.vstack([white.reshape(-1, model.p), model.known_rows])
+def is_told(rows: FloatArray, model: CalibrationModel) -> bool:
+    """Return True if rows ``(M, p)`` tell all parameters of a model apart."""
     if len(rows) < model.p:
-        return None
+        return False
     try:
         check_identifiable(rows, model.names, model.nuisance)
     except NotIdentifiableError:
-        return None
-    length = np.linalg.norm(rows, axis=0)
-    R = np.linalg.inv(np.linalg.qr(rows / length, mode="r")) / length[:, None]
-    return np.asarray(R @ R.T)
+        return False
+    return True
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.identification import IdentificationResult
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
 from calib.se3 import FloatArray
 from calib.shown import Shown
 from posedesign.motion.route import Route
-from posedesign.planning.optimal.refinement import SCENARIOS, Robustness
+from posedesign.planning.optimal.refinement import SCENARIOS
 from posedesign.planning.optimal.request import TCP, TCP_WORST, Accuracy, PlanObjective, Request
 from posedesign.planning.pose_plan import (
     Planned,
@@ -36,8 +37,8 @@ class OptimalPlan(Planned):
     pool that the robot can take, of how many. ``indices``: of the poses chosen. ``of_pool``: of the
     poses before they were refined; the same where they were not. ``others``: one pose fewer and one
     more, out of the pool, where there are such. ``box_words``: the task box in words.
-    ``not_checked``: what planning did not look at (:attr:`.Cell.not_checked`). ``robustness``: what
-    the poses are worth for robots that are not as described. ``validation``: poses that are kept
+    ``not_checked``: what planning did not look at (:attr:`.Cell.not_checked`). ``arms``: those that
+    it is for. ``validation``: poses that are kept
     out of the fit. ``left_out``: candidates of the pool that were left out because no clear way to
     them is known, or to others like them. ``left_out_for``: what is in the way to one of them.
     ``unused``: targets of the cell that no pose is of, because others tell more of the arm.
@@ -59,7 +60,7 @@ class OptimalPlan(Planned):
     of_pool: Accuracy
     others: tuple[Accuracy, ...]
     box_words: str
-    robustness: Robustness | None = None
+    arms: PriorArms
     validation: PoseSet | None = None
     validation_route: Route | None = None
     left_out: int = 0
@@ -106,13 +107,6 @@ class OptimalPlan(Planned):
     def remarks(self) -> list[str]:
         """What a user should know of the choice, in words."""
         said = []
-        tried = self.robustness
-        if tried is not None:
-            said.append(
-                f"tried on {tried.trials} robots as far from the description as may be: "
-                f"{self.objective.words(tried.median)} in the median, "
-                f"{self.objective.words(tried.worst)} at worst"
-            )
         if self.selection.duplicates:
             said.append(
                 f"{self.selection.duplicates} candidates tell the same as others, and were "
@@ -251,7 +245,7 @@ class OptimalPlan(Planned):
             labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
         # one of the columns that are there anyway may be the criterion
         own = () if self.objective.criterion.name in (TCP, TCP_WORST) else (self.objective.title,)
-        rms, worst = "TCP rms over the box [mm]", "TCP rms at its worst [mm]"
+        rms, worst = "expected error [mm]", "where it is largest [mm]"
         if self.model.measurement.name == "board":
             rms, worst = SEEN_RMS, "the same at its worst [mm]"
         return [
@@ -333,7 +327,7 @@ class NextPoses(Shown):
 
     def rows(self) -> list[dict[str, object]]:
         rows: list[dict[str, object]] = []
-        rms = "TCP rms over the box [mm]"
+        rms = "expected error [mm]"
         if self.things[0] == "picture":
             rms = SEEN_RMS
         for k, value in enumerate(self.tcp_m):

@@ -15,17 +15,19 @@ import numpy as np
 
 from calib.errors import ConvergenceError, InputError, NotIdentifiableError, near_names
 from calib.identification import IdentificationResult, check_identifiable, identify
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
-from calib.model.parameters import TargetPoints, Unit
+from calib.model.parameters import Unit
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import (
     CandidatePoses,
     away_from_singularities,
     candidates_of,
-    functions_over_box,
+    functions_over_work,
 )
 from posedesign.cell import Cell
+from posedesign.cell.reference import reference_of
 from posedesign.motion import Router
 from posedesign.planning.loop import told_by
 from posedesign.planning.optimal.choose import (
@@ -35,7 +37,7 @@ from posedesign.planning.optimal.choose import (
 )
 from posedesign.planning.optimal.request import Request, objective_of
 from posedesign.planning.optimal.result import NextPoses
-from posedesign.selection import select
+from posedesign.selection import select, shortened
 
 _NUMBERED = re.compile(r"P0*([0-9]{1,6})", re.ASCII)
 
@@ -91,6 +93,10 @@ def plan_next(
     check_touch_up_cell(cell)
     _check_gain(least_gain)
     pool = candidates_of(away_from_singularities(cell))
+    arms = reference_of(cell)
+    told = told_by(cell, arms.model, pool.postures, pool.of)
+    if told is not arms.model:
+        arms = PriorArms(told)
     if cell.is_plain:
         if len(data.targets) != 1 or data.observed is not None:
             raise InputError(
@@ -100,19 +106,17 @@ def plan_next(
                 "rows",
                 name="touchups.csv",
             )
-        pool = replace(pool, target_names=data.targets)
-        model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
+        data = replace(data, targets=arms.model.targets)
     else:
-        model = told_by(cell, cell.model(), pool.postures, pool.of)
-        data = _in_words_of(model, data, kinds)
-    identified, why_not = _identified(cell, model, data)
-    x = model.nominal if identified is None else identified.values
-    measured = model.linearise(data.postures, x, data.setup)
-    before = np.zeros((0, model.p))
+        data = _in_words_of(arms.model, data, kinds)
+    identified, why_not = _identified(cell, arms.model, data)
+    x = arms.model.nominal if identified is None else identified.values
+    measured = arms.model.linearise(data.postures, x, data.setup)
+    before = arms.known_rows
     if identified is None:
-        before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+        before = _and_before_measuring(arms.model, before)
     request = Request(count=count, criterion=criterion)
-    found = _next_poses(cell, pool, request, x, measured, before)
+    found = _next_poses(cell, pool, request, arms, x, measured, before)
     noise = 1.0  # what the residuals say of the noise given, where there are enough of them
     if identified is not None and identified.degrees_of_freedom >= ENOUGH_TO_JUDGE:
         noise = identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
@@ -163,25 +167,30 @@ def plan_next_views(
             name="measurement.kind",
         )
     _check_gain(least_gain)
-    model = cell.model()
+    arms = reference_of(cell)
+    model = arms.model
     measured = model.linearise(taken)
-    why_not, before = "", model.known_rows
+    why_not, before = "", arms.known_rows
     told = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
     try:
         check_identifiable(told, model.names, model.nuisance)
     except NotIdentifiableError as error:
         why_not = _shortened(error.message)
-        wide = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
-        before = np.vstack([before, wide])
+        before = _and_before_measuring(model, before)
     pool = candidates_of(away_from_singularities(cell))
     request = Request(count=count, criterion=criterion)
     return replace(
-        _next_poses(cell, pool, request, model.nominal, measured, before),
+        _next_poses(cell, pool, request, arms, model.nominal, measured, before),
         why_not=why_not,
         least_gain=least_gain,
         accuracy_m=accuracy_m,
         things=("picture", "what the camera sees"),
     )
+
+
+def _and_before_measuring(model: CalibrationModel, known: FloatArray) -> FloatArray:
+    """Rows ``(K, p)`` of what is known, and of what is taken for known of everything."""
+    return np.vstack([known, np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])])
 
 
 def _check_gain(least_gain: float) -> None:
@@ -216,6 +225,7 @@ def _next_poses(
     cell: Cell,
     pool: CandidatePoses,
     request: Request,
+    arms: PriorArms,
     x: FloatArray,
     measured: Linearisation,
     before: FloatArray,
@@ -224,18 +234,21 @@ def _next_poses(
 
     Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
     """
-    model = measured.model
-    box, box_words = functions_over_box(cell, model)
-    objective, count = objective_of(request, model, box), request.count or 1
-    known = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
+    model, count = arms.model, request.count or 1
+    functions, words = functions_over_work(cell, model)
+    objective = objective_of(request, arms, functions)
+    known = np.vstack([arms.blocks(measured).reshape(-1, model.p), before])
+
+    def told_by_each(pool: CandidatePoses) -> FloatArray:
+        return pool.blocks(model, lambda linear: shortened(arms.blocks(linear)), x)
 
     def choose(pool: CandidatePoses, few: int) -> IntArray:
-        blocks, white = objective.of_pool(model, pool, x), pool.white(model, x)
+        blocks, white = objective.of_pool(model, pool, x), told_by_each(pool)
         # what was known before measuring, in the rows that the criterion is of
         scale = np.sqrt((blocks**2).sum() / (white**2).sum())
         there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
         found = select(blocks, few, objective.criterion, known=there, starts=1, bound=False)
-        return _best_first(white, found.indices, known, box)
+        return _best_first(white, found.indices, known, functions)
 
     pool, rows, route, dropped = chosen_with_way(Router.of_cell(cell), pool, count, choose)
     if not len(rows):
@@ -249,8 +262,8 @@ def _next_poses(
         noise_scale=1.0,
         poses=replace(as_pose_set(chosen).and_dropped(dropped), first=done + 1),
         route=route,
-        tcp_m=_errors(chosen.white(model, x), known, box),
-        box_words=box_words,
+        tcp_m=_errors(told_by_each(chosen), known, functions),
+        box_words=words,
         least_gain=LEAST_GAIN,
         accuracy_m=None,
     )

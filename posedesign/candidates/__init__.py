@@ -16,6 +16,6 @@ from posedesign.candidates.candidate_poses import offset_targets as offset_targe
 from posedesign.candidates.postures import CONFIGURATIONS as CONFIGURATIONS
 from posedesign.candidates.postures import Configurations as Configurations
 from posedesign.candidates.postures import local_poses as local_poses
-from posedesign.candidates.workplace import functions_over_work as functions_over_work
-from posedesign.candidates.workplace import workplace as workplace
-from posedesign.candidates.workplace import workplace_of as workplace_of
+from posedesign.candidates.workplaces import functions_over_work as functions_over_work
+from posedesign.candidates.workplaces import workplace as workplace
+from posedesign.candidates.workplaces import workplace_of as workplace_of

@@ -14,8 +14,6 @@ from calib.errors import ConvergenceError
 from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import Measurement, Point
 from calib.model.parameters import (
-    AXES,
-    GravityLoad,
     JointCompliance,
     JointHarmonics,
     LinkGeometry,
@@ -27,7 +25,6 @@ from calib.model.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.candidates import (
     CandidatePoses,
@@ -40,6 +37,7 @@ from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
 from studies import writing
+from studies.simulated_arms import across_axes, largest_torque_nm
 
 SETTINGS = writing.settings_of(__file__)
 
@@ -149,13 +147,7 @@ class Bench:
     @cached_property
     def torque_nm(self) -> FloatArray:
         """Largest torque of gravity ``(n,)`` [Nm] anywhere, a little at least: of the arm alone."""
-        robot = self.cell.robot
-        q = self._rng(3).uniform(robot.lower, robot.upper, (self.settings["candidates"], robot.n))
-        torque = GravityLoad(self.cell.robot, self.cell.payload).joint_torque(
-            np.ascontiguousarray(q.T), Setup.of(len(q))
-        )
-        found = np.abs(torque).max(axis=1)
-        return np.asarray(np.maximum(found, 0.1 * found.max()))
+        return largest_torque_nm(self.cell, self.settings["candidates"], self._rng(3))
 
     def arm(self, trial: int) -> Arm:
         """The arm of a trial: the same, however it is measured, but for tool and target."""
@@ -168,7 +160,7 @@ class Bench:
         degree = np.pi / 180.0
         zero = size("offset_deg", degree)
         offsets = zero * rng.standard_normal(n)
-        links = LinkGeometry(robot, _across(robot))
+        links = LinkGeometry(robot, across_axes(robot))
         lengths, angles = size("length_mm", 1e-3), size("angle_deg", degree)
         sigma = np.where([unit == "m" for unit in links.units], lengths, angles)
         blocks: list[ParameterBlock] = [ZeroOffsets(robot, robot.joint_names), links]
@@ -265,26 +257,6 @@ class Bench:
 def bench_of(preset: str, way: str) -> Bench:
     """The bench of the study, made once a process."""
     return Bench(preset, way, SETTINGS)
-
-
-def aligned_rms_m(said: FloatArray, true: FloatArray) -> float:
-    """Root mean square distance [m] of points ``(V, 3)``, one set laid on the other as one body.
-
-    By the rotation of Kabsch 1976, and the middles of both.
-    """
-    a, b = said - said.mean(axis=0), true - true.mean(axis=0)
-    U, _, Vt = np.linalg.svd(b.T @ a)
-    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return float(np.sqrt(np.mean(np.sum((a @ turn.T - b) ** 2, axis=1))))
-
-
-def _across(robot: Robot) -> list[str]:
-    """Errors of links but turns about the joints' own axes, which are zero offsets."""
-    own = {
-        f"link.{joint}.{AXES[3 + int(np.argmax(np.abs(axis)))]}"
-        for joint, axis in zip(robot.joint_names, robot.chain.axes, strict=True)
-    }
-    return [name for name in LinkGeometry(robot).names if name not in own]
 
 
 def _blind(cell: Cell) -> Cell:

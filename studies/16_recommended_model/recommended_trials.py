@@ -29,7 +29,9 @@ from calib.se3 import FloatArray
 from posedesign.identification import Identified, identify_models, results_as_dict
 from posedesign.study import Task
 
-from .recommended_arms import Arm, Bench, aligned_rms_m, bench_of
+from studies.simulated_arms import aligned_rms_m
+
+from .recommended_arms import Arm, Bench, bench_of
 
 REDUCED, PULLED = "QR, least squares", "pulled to nominal"
 EVALUATIONS = 60

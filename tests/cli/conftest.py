@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from posedesign import identification, workflow
+from posedesign.candidates import workplaces
 from posedesign.cell import Cell, cell_template
 from posedesign.cli.main import run
 from posedesign.files import Claim, Results, write_bytes_atomic
@@ -159,11 +160,14 @@ def _rows(table: MeasurementTable, *_: object) -> bytes:
     return pickle.dumps(replace(table, path=Path()))
 
 
-_WHOLE = {"CANDIDATES": outlook.CANDIDATES, "_chosen_tcp_m": outlook._chosen_tcp_m}
+_WHOLE = (
+    (workplaces, "FEW_CANDIDATES", workplaces.FEW_CANDIDATES),
+    (outlook, "_chosen_tcp_m", outlook._chosen_tcp_m),
+)
 _plan = _once(workflow, "plan", lambda progress=None: "")
 _identify = _once(identification, "identify_models", _rows)
 _KEPT: tuple[tuple[Any, str, Any], ...] = (
-    (outlook, "CANDIDATES", 60),
+    (workplaces, "FEW_CANDIDATES", 60),
     (outlook, "_chosen_tcp_m", _once(outlook, "_chosen_tcp_m", lambda count: count)),
     (workflow, "plan", _plan),
     (
@@ -201,8 +205,8 @@ def _found_once() -> Iterator[None]:
 def whole_outlook() -> Iterator[None]:
     """What other poses would be worth, found in the pools that users have."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, whole in _WHOLE.items():
-            patch.setattr(outlook, name, whole)
+        for owner, name, whole in _WHOLE:
+            patch.setattr(owner, name, whole)
         yield
 
 

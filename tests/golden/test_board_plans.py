@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from calib.identification.prior_arms import PriorArms
 from calib.se3 import transform
-from posedesign.candidates import functions_over_box
+from posedesign.candidates import functions_over_work
 from posedesign.cell import Cell, cone_rotations_at
 from posedesign.constraints import nearest_postures
 from posedesign.planning import plan
@@ -88,8 +89,8 @@ def test_chosen_poses_are_better_than_random_ones(fixed, times):
     """
     cell = board_cell(fixed=fixed, pool={"candidates": 800})
     model = cell.model()
-    functions, _ = functions_over_box(cell, model)
-    objective = objective_of(Request(count=20), model, functions)
+    functions, _ = functions_over_work(cell, model)
+    objective = objective_of(Request(count=20), PriorArms(model), functions)
     rng = np.random.default_rng(5)
 
     def simulated(q: np.ndarray, trials: int) -> float:

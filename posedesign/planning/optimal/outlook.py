@@ -16,7 +16,7 @@ from calib.errors import CalibError
 from calib.identification import ExpectedError
 from calib.se3 import FloatArray
 from posedesign.candidates import functions_over_work
-from posedesign.candidates.workplace import small_pool_of
+from posedesign.candidates.workplaces import small_pool_of
 from posedesign.cell import Cell
 from posedesign.cell.reference import reference_of
 from posedesign.planning.optimal.request import IN_MM, Request, accuracy_of, objective_of

@@ -9,11 +9,12 @@ import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError, UnreachableError
 from calib.hand_eye.points import seen_point_motion
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardShape, BoardView
 from calib.model.parameters import TargetFrame, ToolFrame
 from calib.se3 import inverse, rotation_exp, transform
-from posedesign.candidates import candidates_of, functions_over_box
+from posedesign.candidates import candidates_of, functions_over_work
 from posedesign.candidates.building import view_candidates
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import nearest_postures
@@ -261,7 +262,7 @@ ALL = ("D", "A", "E", "cond_2", "O1", "O2", "O3", "O4", "O5", "tcp", "sigma")
 
 @pytest.mark.parametrize("name", rest_in_slow(ALL, {"D", "cond_2", "O2", "tcp"}))
 def test_every_criterion_chooses_the_same_of_shortened_blocks(cell, both, name):
-    functions, _ = functions_over_box(cell, cell.model())
+    functions, _ = functions_over_work(cell, cell.model())
     criterion = _criteria(21, functions)[name]
     one, other = (select(blocks, COUNT, criterion, starts=1, bound=False) for blocks in both)
     np.testing.assert_array_equal(one.indices, other.indices)
@@ -270,7 +271,7 @@ def test_every_criterion_chooses_the_same_of_shortened_blocks(cell, both, name):
 
 @pytest.mark.parametrize("method", rest_in_slow(["greedy", "exchange"], {"exchange"}))
 def test_every_method_chooses_the_same_of_shortened_blocks(cell, both, method):
-    functions, _ = functions_over_box(cell, cell.model())
+    functions, _ = functions_over_work(cell, cell.model())
     criterion = mean_deviation(1e3 * functions)
     few = [blocks[:14] for blocks in both]
     one, other = (select(blocks, COUNT, criterion, method) for blocks in few)
@@ -346,10 +347,10 @@ def test_the_next_pictures_gain_what_is_predicted(cell, pool):
     assert not found.why_not
     assert found.poses.kept_names == ("P05", "P06")
     assert (np.diff(found.tcp_m) < 0.0).all()
-    functions, _ = functions_over_box(cell, cell.model())
+    functions, _ = functions_over_work(cell, cell.model())
     q = np.vstack([taken, found.poses.kept])
     model = cell.model()
-    criterion = objective_of(Request(count=6), model, functions)
+    criterion = objective_of(Request(count=6), PriorArms(model), functions)
     assert 1e3 * found.tcp_m[-1] == pytest.approx(criterion.value_of(model.linearise(q)), rel=1e-5)
     check_constraints(cell, found.poses.kept)
     assert "what the camera sees known to" in found.message
@@ -400,8 +401,8 @@ def test_the_next_pictures_are_planned_with_the_camera_that_was_found(cell, pool
     )
     model = known.model()
     q = np.vstack([taken, found.poses.kept])
-    functions, _ = functions_over_box(known, model)
-    criterion = objective_of(Request(count=6), model, functions)
+    functions, _ = functions_over_work(known, model)
+    criterion = objective_of(Request(count=6), PriorArms(model), functions)
     assert 1e3 * found.tcp_m[-1] == pytest.approx(criterion.value_of(model.linearise(q)), rel=1e-5)
     # pixels and arm that scatter less than the cell says
     plain = plan_next_views(cell, taken, 1)

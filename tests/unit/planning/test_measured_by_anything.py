@@ -15,7 +15,7 @@ from posedesign.candidates import (
     away_from_singularities,
     box_of_cell,
     candidates_of,
-    functions_over_box,
+    functions_over_work,
 )
 from posedesign.cell import Cell
 from posedesign.files import Results
@@ -237,7 +237,7 @@ def test_the_next_pose_is_of_the_target_that_tells_most():
     told = model.linearise(data.postures, setup=data.setup).white_jacobian.reshape(-1, model.p)
     wide = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     known = told.T @ told + wide @ wide
-    box = functions_over_box(cell, model)[0]
+    box = functions_over_work(cell, model)[0]
     each = [
         np.sqrt(np.einsum("kip,pq,kiq->", box, np.linalg.inv(known + g.T @ g), box) / len(box))
         for g in pool.white(model)

@@ -10,7 +10,7 @@ from calib.errors import InputError
 from calib.identification import covariance_of, identify
 from calib.model import simulate
 from calib.model.measurements import touch_ups
-from posedesign.candidates import candidates_of, functions_over_box
+from posedesign.candidates import candidates_of, functions_over_work
 from posedesign.motion import Router
 from posedesign.planning.optimal import plan_next
 
@@ -38,7 +38,7 @@ def touched(cell, count, seed=2, noise=1.0):
 def tcp_rms(cell, postures, x):
     """Error of the tool point over the box of one design of all poses [m]."""
     model = cell.model()
-    box, _ = functions_over_box(cell, model)
+    box, _ = functions_over_work(cell, model)
     C = covariance_of(model, postures, x)
     return float(np.sqrt(np.einsum("kri,ij,krj->", box, C, box) / len(box)))
 

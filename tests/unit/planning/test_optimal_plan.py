@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import covariance_of, identify_batch, predict_accuracy
+from calib.identification import covariance_of, identify_batch
+from calib.identification.prediction import Expectation
+from calib.identification.prior_arms import PriorArms
 from calib.model import simulate, touch
 from calib.se3 import rotation_angle
-from posedesign.candidates import box_of_cell, candidates_of, cone_candidates, functions_over_box
+from posedesign.candidates import (
+    candidates_of,
+    cone_candidates,
+    functions_over_work,
+    workplace_of,
+)
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.file import parse_config
-from posedesign.cell.task_box import predict_box, reached_points
+from posedesign.cell.reference import reference_of
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
@@ -23,12 +30,7 @@ from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
 from posedesign.planning.optimal.choose import refined_with_way, without_unreached
 from posedesign.planning.optimal.outlook import advice_for, outlook_of
-from posedesign.planning.optimal.refinement import (
-    TRIALS,
-    blocks_of_robots,
-    draw_parameters,
-    robustness,
-)
+from posedesign.planning.optimal.refinement import blocks_of_robots, draw_parameters
 from posedesign.planning.optimal.request import accuracy_of, objective_of
 from posedesign.planning.poses_file import read_poses
 from posedesign.selection import Candidates
@@ -55,10 +57,12 @@ def fewest(cell):
     return plan_optimal(cell, Request(count=None, accuracy_m=1.5e-4))
 
 
-def box_rms(cell, model, postures):
-    """Root mean square errors over the box [m], by the prediction of identified robots."""
-    found = predict_box(cell, model, covariance_of(model, postures), box_of_cell(cell)[0])
-    return found.rms_m[found.reached]
+def expected_rms(cell, arms, postures):
+    """Error [m] that an identification of the arms leaves, as :class:`Expectation` has it."""
+    at = workplace_of(cell)
+    C = arms.covariance(arms.blocks(arms.model.linearise(postures)))
+    left = Expectation(arms.model, arms.model.nominal, C, at.postures, at.setup)
+    return left.of(arms.model, arms.model.nominal).rms_m
 
 
 def mean_rms(values):
@@ -68,15 +72,16 @@ def mean_rms(values):
 @pytest.mark.parametrize("criterion", ["tcp", "tcp-worst", "D", "sigma:tool.z"])
 def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
     model, pool = cell.model(), candidates_of(cell)
-    box, _ = functions_over_box(cell, model)
+    box, _ = functions_over_work(cell, model)
     chosen = pool.take(np.arange(0, len(pool), 11))
-    found = accuracy_of(
-        model, objective_of(Request(criterion=criterion), model, box), box, chosen.linearise(model)
-    )
+    arms = PriorArms(model)
+    objective = objective_of(Request(criterion=criterion), arms, box)
+    found = accuracy_of(objective, arms, box, chosen.linearise(model))
     C = covariance_of(model, chosen.postures)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(C)), rtol=1e-6)
-    points = reached_points(cell, box_of_cell(cell)[0])
-    spread = np.trace(predict_accuracy(model, C, points.q[points.feasible]), axis1=1, axis2=2)
+    at = workplace_of(cell)
+    points = Expectation(model, model.nominal, C, at.postures, at.setup)
+    spread = points.of(model, model.nominal).points_m ** 2
     assert found.tcp_m == pytest.approx(np.sqrt(spread.mean()), rel=1e-6)
     assert found.tcp_worst_m == pytest.approx(np.sqrt(spread.max()), rel=1e-6)
     sigma_z = 1e3 * np.sqrt(C[model.names.index("tool.z")] @ np.eye(model.p)[6])
@@ -91,15 +96,14 @@ def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
     assert found.value == pytest.approx(expected[criterion], rel=1e-6)
 
 
-def test_the_outlook_of_any_poses_is_their_predicted_error_beside_that_of_chosen_ones(cell):
-    model, pool = cell.model(), candidates_of(cell)
+def test_the_outlook_of_any_poses_is_their_expected_error_beside_that_of_chosen_ones(cell):
+    arms, pool = reference_of(cell), candidates_of(cell)
     postures = pool.postures[::11]
-    found = outlook_of(cell, model, postures)
-    assert found.tcp_m == pytest.approx(mean_rms(box_rms(cell, model, postures)), rel=1e-6)
+    found = outlook_of(cell, postures)
+    assert found.tcp_m == pytest.approx(expected_rms(cell, arms, postures), rel=1e-6)
     chosen = plan_optimal(cell, Request(count=len(postures), refine=False))
     # out of more candidates than this cell's pool has, and without regard to the way
     assert 0.7 * chosen.accuracy.tcp_m < found.chosen_tcp_m < 1.05 * chosen.accuracy.tcp_m
-    assert found.chosen_is_better
 
 
 def test_a_proof_of_the_pool_is_not_said_of_poses_turned_off_it(planned):
@@ -134,10 +138,10 @@ def test_where_the_base_pose_is_blocked_a_free_one_is_named(make_demo_cell):
 
 def test_too_few_poses_promise_nothing(cell):
     model, pool = cell.model(), candidates_of(cell)
-    box, _ = functions_over_box(cell, model)
-    found = accuracy_of(
-        model, objective_of(Request(), model, box), box, pool.take([0, 1, 2]).linearise(model)
-    )
+    box, _ = functions_over_work(cell, model)
+    arms = PriorArms(model)
+    few = pool.take([0, 1, 2]).linearise(model)
+    found = accuracy_of(objective_of(Request(), arms, box), arms, box, few)
     assert np.isinf([*found.sigma, found.tcp_m, found.tcp_worst_m, found.value]).all()
 
 
@@ -380,13 +384,13 @@ def reference(make_cell):
     cell = make_cell()
     model = cell.model()
     pool = cone_candidates(cell, TILT, 40, np.random.default_rng(3))
-    box, _ = functions_over_box(cell, model)
-    return cell, model, pool, objective_of(Request(), model, box)
+    box, _ = functions_over_work(cell, model)
+    return cell, model, pool, objective_of(Request(), PriorArms(model), box)
 
 
 def test_parameters_are_drawn_as_the_cell_says(reference):
     cell, model, _, _ = reference
-    drawn = draw_parameters(cell, model, 4001, np.random.default_rng(0))
+    drawn = draw_parameters(model, 4001, np.random.default_rng(0))
     np.testing.assert_array_equal(drawn[0], model.nominal)
     spread = (drawn[1:] - model.nominal).std(axis=0)
     expected = [np.deg2rad(1.0) if unit == "rad" else 5e-3 for unit in model.units]
@@ -396,7 +400,7 @@ def test_parameters_are_drawn_as_the_cell_says(reference):
 
 def test_blocks_are_those_at_the_postures_that_touch(reference):
     cell, model, pool, objective = reference
-    drawn = draw_parameters(cell, model, 3, np.random.default_rng(1))
+    drawn = draw_parameters(model, 3, np.random.default_rng(1))
     blocks = blocks_of_robots(model, objective, pool, drawn)
     assert blocks.shape == (3, len(pool), 3, model.p)
     np.testing.assert_allclose(blocks[0], pool.white(model), rtol=1e-9, atol=1e-6)
@@ -415,7 +419,7 @@ def test_what_is_said_of_other_robots_is_what_identification_finds_there(referen
     """The predicted error over the box, against Monte Carlo on one such robot."""
     cell, model, pool, objective = reference
     chosen = pool.take(np.arange(0, len(pool), 3))
-    x = draw_parameters(cell, model, 2, np.random.default_rng(5))[1]
+    x = draw_parameters(model, 2, np.random.default_rng(5))[1]
     predicted = objective.criterion.shown(
         objective.cost_of_blocks(blocks_of_robots(model, objective, chosen, x[None])[0])
     )
@@ -423,22 +427,11 @@ def test_what_is_said_of_other_robots_is_what_identification_finds_there(referen
 
     data = simulate(model, x, chosen.postures, rng, trials=trials)
     found = identify_batch(model, data)
-    box, _ = functions_over_box(cell, model)
+    box, _ = functions_over_work(cell, model)
     error = np.einsum("krp,tp->tkr", box, found - x)
     rms = np.sqrt((error**2).sum(axis=(1, 2)).mean() / len(box))
     # a few parameters carry most of the error: some 600 independent squares, five standard errors
     assert 1e3 * rms == pytest.approx(predicted, rel=5 / np.sqrt(2 * trials))  # in mm
-
-
-def test_robustness_is_of_the_trials(reference):
-    cell, model, pool, objective = reference
-    chosen = pool.take(np.arange(0, len(pool), 3))
-    found = robustness(cell, model, objective, chosen)
-    assert found.trials == TRIALS
-    assert found.nominal == pytest.approx(objective.value_of(chosen.linearise(model)), rel=1e-6)
-    assert found.nominal < found.worst
-    assert found.median < found.worst
-    assert found.worst < 3 * found.nominal  # a degree and 5 mm do not make it useless
 
 
 @pytest.mark.parametrize("robust", ["average", pytest.param("worst", marks=pytest.mark.slow)])

@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from calib.identification.prior_arms import PriorArms
 from calib.se3 import rotation_exp
-from posedesign.candidates import cone_candidates, functions_over_box, joint_candidates
+from posedesign.candidates import cone_candidates, functions_over_work, joint_candidates
 from posedesign.cell import touching_poses
 from posedesign.planning.optimal import Request, refinement
 from posedesign.planning.optimal.refinement import _Refinement, refine
@@ -22,8 +23,8 @@ SMOOTH = ("tcp", "sigma:zero_offset.joint_2", "D", "A")
 
 def objective_in(cell, criterion):
     model = cell.model()
-    box, _ = functions_over_box(cell, model)
-    return model, objective_of(Request(count=8, criterion=criterion), model, box)
+    box, _ = functions_over_work(cell, model)
+    return model, objective_of(Request(count=8, criterion=criterion), PriorArms(model), box)
 
 
 def cost_of(model, objective, pool):

@@ -109,18 +109,17 @@ def workplace_of(cell: Cell) -> Workplace:
         pool = small_pool_of(cell)
     except CalibError:
         try:
-            q = reached_points(cell, box)
+            found = reached_points(cell, box)
         except UnreachableError:
             if cell.config.task_box is not None:
                 raise
-            q = cell.base_posture[None]
-            return Workplace(q, Setup.of(1), "the target alone")
-        return Workplace(q.q[q.feasible], Setup.of(int(q.feasible.sum())), words)
+            return Workplace(cell.base_posture[None], Setup.of(1), "the target alone")
+        return Workplace(found.q[found.feasible], Setup.of(int(found.feasible.sum())), words)
     setup = Setup.of(len(pool), payload=pool.loads)
-    found = workplace(cell, pool.postures, setup)
+    at = workplace(cell, pool.postures, setup)
     if cell.is_plain and cell.config.task_box is None:
-        return replace(found, words=words)  # the same box: all that is measured is at the target
-    return replace(found, words=found.words.replace("was measured", "can be measured"))
+        return replace(at, words=words)  # the same box: all that is measured is at the target
+    return replace(at, words=at.words.replace("was measured", "can be measured"))
 
 
 def functions_over_work(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:

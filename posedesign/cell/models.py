@@ -424,7 +424,7 @@ def measuring_model(
 
 
 PAPER = ("zero_offsets",)
-"""Words of the errors that Watanabe et al. 2006 identify: ten numbers with tool point and target."""
+"""Words of what Watanabe et al. 2006 identify: ten numbers with tool point and target."""
 
 
 def known_distances(cell: CellData, targets: Set[str]) -> list[KnownDistance]:

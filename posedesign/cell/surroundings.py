@@ -405,6 +405,12 @@ def what_is_odd(cell: CellData) -> list[str]:
             "plan.retreat_mm is 0: a tool that touches the target does not back off between "
             "the poses"
         )
+    planned = cell.config.parameters.planned
+    if planned is not None and not cell.is_hand_eye:
+        said.append(
+            f"parameters.planned: plans take {', '.join(planned)} for all that may be off, and "
+            "expect no other error; without the key they are for the arm that identify fits"
+        )
     if cell.is_hand_eye:
         said.append(
             "camera and target are calibrated, and the robot is taken to be exact: [parameters] "

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import predict_accuracy, tool_motion
+from calib.identification import ExpectedError, predict_accuracy, tool_motion
 from calib.identification.prediction import PLACED_BASE, placed_anew
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, transform
 from calib.shown import Shown
@@ -100,6 +101,9 @@ class BoxAccuracy(Shown):
     point; NaN without a posture."""
     reasons: tuple[str, ...]  # why a point cannot be reached; empty where it can
     reference: str  # what the accuracy is one against, in words
+    expected: ExpectedError | None = None
+    """Its root mean square over the points reached, with its range over arms; None of a model that
+    is taken to be all that is off."""
 
     @property
     def reached(self) -> BoolArray:
@@ -162,9 +166,12 @@ def _or_none(value: float) -> float | None:
 
 
 def predict_box(
-    cell: Cell, model: CalibrationModel, covariance: FloatArray, box: TaskBox
+    cell: Cell,
+    arms: PriorArms,
+    blocks: FloatArray,
+    box: TaskBox,
 ) -> BoxAccuracy:
-    """Predict the accuracy of the tool point at the points of a box.
+    """Predict the error of the tool point at the points of a box, once blocks have been measured.
 
     The base is placed anew over all points, see :mod:`calib.identification.prediction`.
 
@@ -172,27 +179,29 @@ def predict_box(
     ----------
     cell : Cell
         Whose limits and solids decide what can be reached.
-    covariance : array (p, p)
-        Of its parameters [SI].
+    arms : PriorArms
+    blocks : array (N, m, p)
+        Whitened, of the measuring poses: as :meth:`PriorArms.blocks` has them.
 
     Raises
     ------
     UnreachableError
         No point of the box can be reached.
-    InputError
-        The covariance is none of the model.
     """
-    found = reached_points(cell, box)
+    found, model, C = reached_points(cell, box), arms.model, arms.covariance(blocks)
     there = found.feasible
+    at, q = Setup.of(int(there.sum())), found.q[there]
+    motion = tool_motion(model, q, at)
+    motion = placed_anew(motion, model.view(q, None, at).tool_points)
     spread = np.full((len(found.q), 3, 3), np.nan)
-    at = Setup.of(int(there.sum()))
-    motion = tool_motion(model, found.q[there], at)
-    motion = placed_anew(motion, model.view(found.q[there], None, at).tool_points)
-    spread[there] = motion @ covariance @ np.swapaxes(motion, -1, -2)
-    way = predict_accuracy(model, covariance, found.q[there], at, against="target")
+    spread[there] = motion @ C @ np.swapaxes(motion, -1, -2)
+    from_target = predict_accuracy(model, C, q, at, against="target")
     to_target = np.full(len(found.q), np.nan)
-    to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
-    return BoxAccuracy(box.points_m, found.q, spread, to_target, found.reasons, PLACED_BASE)
+    to_target[there] = np.sqrt(np.trace(from_target, axis1=1, axis2=2))
+    expected = arms.expected_error(blocks, motion)
+    return BoxAccuracy(
+        box.points_m, found.q, spread, to_target, found.reasons, PLACED_BASE, expected
+    )
 
 
 def box_functions(cell: Cell, model: CalibrationModel, box: TaskBox) -> FloatArray:

@@ -319,7 +319,10 @@ def predict(
     ] = None,
     model: Annotated[
         str | None,
-        typer.Option(help="One of the cell's models, by name; default: its zero offsets."),
+        typer.Option(
+            help="One of the cell's models, by name; default: the arm that is fitted, with all "
+            "that may be off."
+        ),
     ] = None,
     out: output.OutFolder = Path(),
     as_json: output.AsJson = False,
@@ -327,11 +330,9 @@ def predict(
     trust_units: output.TrustUnits = False,
     overwrite: output.Overwrite = False,
 ) -> int:
-    """Predict the accuracy over a box, before anything is measured.
-
-    From the noise of the measurement alone.
-    """
+    """Predict the error over a box, before anything is measured."""
     from posedesign.cell import Cell
+    from posedesign.cli.json_forms import expected_as_dict
     from posedesign.pose_programs.correction import box_of
     from posedesign.pose_programs.correction import predict as run
     from posedesign.report.identification import answer_of_prediction
@@ -343,6 +344,11 @@ def predict(
     with output.progress("predicting"):
         found = run(loaded, listed, asked, results, model)
     files = [str(out / "predicted_accuracy.csv")]
-    content = {"reference": found.reference, "points": found.rows(), "files": files}
+    content = {
+        "reference": found.reference,
+        "expected_error": expected_as_dict(found.expected),
+        "points": found.rows(),
+        "files": files,
+    }
     answer = answer_of_prediction(found, files)
     return output.tell(answer, verbose=verbose, content=content, as_json=as_json)

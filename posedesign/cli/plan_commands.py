@@ -411,6 +411,7 @@ def score(
     Condition numbers, indices, and the accuracy to expect.
     """
     from posedesign.cell import Cell
+    from posedesign.cli.json_forms import expected_as_dict
     from posedesign.planning import scaling_of
     from posedesign.planning.checks import score_poses
     from posedesign.report.plans import answer_of_score, sigma_table
@@ -426,6 +427,7 @@ def score(
     content = {
         "indices": scored.indices.as_dict(),
         "scaling": scaling,
+        "expected_error": expected_as_dict(scored.expected),
         "predicted": sigma_table(scored.sigma).rows,
         "problem": scored.problem,
         "not_feasible": scored.not_feasible,

@@ -10,14 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, JointLimitError, NotIdentifiableError
-from calib.identification import check_identifiable, covariance_of
+from calib.identification import (
+    ExpectedError,
+    check_identifiable,
+    covariance_of,
+    is_identifiable,
+)
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
+from posedesign.candidates import functions_over_work
 from posedesign.cell import Cell
 from posedesign.cell.observations import miss_m
 from posedesign.constraints import Collision, Verdicts
 from posedesign.constraints.space import MotionVerdicts
-from posedesign.planning.loop import identification_jacobian, told_by
+from posedesign.planning.loop import arms_told_by, identification_jacobian, told_by
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.poses_file import PoseList
 from posedesign.selection import Indices, evaluate
@@ -265,6 +271,10 @@ class Score:
     between them are not looked at: a list that is scored need not be in order."""
     off_target: tuple[str, ...]
     """Poses that do not bring the tool point to the target, with the distance."""
+    expected: ExpectedError | None = None
+    """Error to expect of the tool point where the arm will work; None where the poses do not place
+    tool and target, or no arm is identified."""
+    where: str = ""  # in words
 
 
 def score_poses(cell: Cell, poses: PoseList) -> Score:
@@ -288,9 +298,32 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
             for i in np.flatnonzero(~verdicts.feasible).tolist()
         ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M, which)
+    expected, where = _expected(cell, poses.postures, which)
     return Score(
-        evaluate(identification_jacobian(linear), white), sigma, problem, tuple(broken), tuple(off)
+        evaluate(identification_jacobian(linear), white),
+        sigma,
+        problem,
+        tuple(broken),
+        tuple(off),
+        expected,
+        where,
     )
+
+
+def _expected(
+    cell: Cell, postures: FloatArray, which: IntArray
+) -> tuple[ExpectedError | None, str]:
+    """Error to expect after measuring at postures ``(N, n)`` [rad], and where it is of."""
+    if cell.is_hand_eye:
+        return None, ""
+    arms = arms_told_by(cell, postures, which)
+    functions, where = functions_over_work(cell, arms.model)
+    setup = cell.setup(arms.model, postures, which)
+    blocks = arms.blocks(arms.model.linearise(postures, setup=setup))
+    told = np.vstack([blocks.reshape(-1, arms.model.p), arms.known_rows])
+    if len(told) < arms.model.p or not is_identifiable(told):
+        return None, where
+    return arms.expected_error(blocks, functions), where
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

@@ -37,8 +37,9 @@ from calib.correction import (
     corrected_urdf,
 )
 from calib.errors import FileFormatError, InputError, near_names
-from calib.identification import Carried, check_enough, covariance_of, part_of
+from calib.identification import Carried, check_enough, part_of
 from calib.identification.identifiability import check_identifiable_at
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
 from calib.robots import Robot
@@ -52,7 +53,8 @@ from posedesign.files.measurements import OWN_PAYLOAD, MeasurementTable
 from posedesign.files.origin import checksum
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import Models, model_of
-from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured, told_by
+from posedesign.planning import check_not_hand_eye, check_plain, to_be_measured
+from posedesign.planning.loop import arms_told_by
 from posedesign.planning.poses_file import (
     CORRECTED_BY,
     STOPS_SHORT,
@@ -354,10 +356,10 @@ def _corrected_list(
 def predict(
     cell: Cell, poses: PoseList, box: TaskBox, out: Path | Results, name: str | None = None
 ) -> BoxAccuracy:
-    """Predict the accuracy over a box of what a pose list will identify.
+    """Predict the error of the tool point over a box that a pose list will leave.
 
-    Of the zero offsets that the cell lists, or of one of its ``parameters.models`` by name: what
-    the poses do not tell of it is left out, as in the identification.
+    Of the arm that is fitted to its poses, or of one of the cell's ``parameters.models`` by name:
+    what the poses do not tell of it is left out, as in the identification.
 
     Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
     worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
@@ -368,16 +370,15 @@ def predict(
     (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
     check_not_hand_eye(cell, "a prediction over a box")
     q, which = poses.measured.postures, cell.which(poses.measured.labels)
-    model = told_by(cell, cell.model_for(which), q, which)
-    data = to_be_measured(cell, model, q, which)
+    arms = arms_told_by(cell, q, which)
+    data = to_be_measured(cell, arms.model, q, which)
     if name is not None:
         check_plain(cell, "a prediction of a model by its name")
-        model = _listed_model(cell, data, name)
-    check_enough(model, data)
-    check_identifiable_at(model, data, model.nominal)
-    weighted = cell.config.measurement.weighted
-    covariance = covariance_of(model, data.postures, setup=data.setup, weighted=weighted)
-    found = predict_box(cell, model, covariance, box)
+        arms = PriorArms(_listed_model(cell, data, name))
+    check_enough(arms.model, data)
+    check_identifiable_at(arms.model, data, arms.model.nominal)
+    setup = cell.setup(arms.model, q, which)
+    found = predict_box(cell, arms, arms.blocks(arms.model.linearise(q, setup=setup)), box)
     write_table(file, [*COLUMNS, "reason"], found.rows())
     return found
 

@@ -8,6 +8,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.identification import ExpectedError
 
 WIDTH = 100
 """Columns of a terminal that most people have."""
@@ -147,3 +151,11 @@ class Answer:
         return [line.cut() if cut else line for line in files] + (
             [Line("next", self.then)] if self.then else []
         )
+
+
+def expected_words(expected: ExpectedError, where: str) -> str:
+    """An error to expect before measuring, with its range over arms."""
+    return (
+        f"{1e3 * expected.rms_m:.3g} mm rms over {where}; {expected.share:.0%} of such arms "
+        f"{1e3 * expected.low_m:.2g} to {1e3 * expected.high_m:.2g} mm"
+    ).replace("%", " %")

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from posedesign.pose_programs.correction_routes import DESCRIPTION, MASTERING
-from posedesign.report.answer import Answer, Table
+from posedesign.report.answer import Answer, Table, expected_words
 
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult, KindNoise, Trial
@@ -278,11 +278,12 @@ def answer_of_program(done: CorrectedProgram) -> Answer:
 
 
 def answer_of_prediction(found: BoxAccuracy, files: Sequence[str] = ()) -> Answer:
-    """The answer of a prediction: the error of the tool point over the box."""
+    """The answer of a prediction: the error to expect of the tool point over the box."""
+    error = "" if found.expected is None else expected_words(found.expected, "the points reached")
     return Answer(
         found.summary(),
-        {"": "from the noise alone: what the model leaves out comes on top"},
+        {"expected error": error},
         details=[found.reference],
-        tables=[Table("Predicted accuracy of the tool point [mm], one sigma", found.rows())],
+        tables=[Table("Expected error of the tool point [mm], one sigma", found.rows())],
         files=files,
     )

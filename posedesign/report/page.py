@@ -46,12 +46,11 @@ from posedesign.report.acceptance import (
     figure_of_acceptance,
     rule_lines,
 )
-from posedesign.report.answer import Answer, Table
+from posedesign.report.answer import Answer, Table, expected_words
 from posedesign.report.hand_eye import CameraFile, figure_of_pictures, lines_of_camera
 from posedesign.report.pairs import SIGMA_AXES, figure_of_pairs
 from posedesign.report.plans import (
     answer_of_check,
-    expected_words,
     frame_notes,
     sigma_table,
 )
@@ -263,7 +262,7 @@ def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
     if not cell.is_hand_eye:  # X and Z are no errors of the arm
         functions, where = functions_over_work(cell, arms.model)
         box, words = box_of_cell(cell)
-        found = predict_box(cell, arms.model, covariance, box)
+        found = predict_box(cell, arms, blocks, box)
         section.lines += [
             f"expected error: {expected_words(arms.expected_error(blocks, functions), where)}",
             f"over {words}: {found.summary()}",

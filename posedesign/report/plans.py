@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardView
 from posedesign.planning.pose_plan import displayed
-from posedesign.report.answer import Answer, Table
+from posedesign.report.answer import Answer, Table, expected_words
 
 if TYPE_CHECKING:
-    from calib.identification import ExpectedError
     from posedesign.cell import Cell
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict, Score
@@ -67,7 +66,7 @@ def answer_of_plan(
         {
             **_promised(cell, outlook, outlook.box_words, result.sigma_displayed()),
             "better": better,
-            "would buy more": outlook.advice,
+            "would buy more": "; ".join(filter(None, [outlook.advice, outlook.scale])),
             "time": result.route.timing.removeprefix("predicted cycle time "),
             "target": cell.whereabouts.words,
         },
@@ -104,14 +103,6 @@ def _camera_and_target(sigma: Sequence[tuple[str, str, float]]) -> dict[str, str
             "likewise"
         )
     return said
-
-
-def expected_words(expected: ExpectedError, where: str) -> str:
-    """An error to expect before measuring, with its range over arms."""
-    return (
-        f"{1e3 * expected.rms_m:.3g} mm rms over {where}; {expected.share:.0%} of such arms "
-        f"{1e3 * expected.low_m:.2g} to {1e3 * expected.high_m:.2g} mm"
-    ).replace("%", " %")
 
 
 def _promised(
@@ -172,6 +163,7 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
         result.verdict,
         {
             **_promised(cell, found, result.box_words, displayed(result.model, found.sigma)),
+            "would buy more": result.scale,
             "each target alone": _alone_words(result),
             "time": time,
             "pool": result.pool_words,
@@ -277,7 +269,13 @@ def answer_of_score(cell: Cell, score: Score, scaling: Mapping[str, str]) -> Ans
     verdict = "; ".join([*worst, verdict])
     return Answer(
         verdict,
-        {"largest predicted sigma": _largest(score.sigma), "target": cell.whereabouts.words},
+        {
+            "expected error": ""
+            if score.expected is None
+            else expected_words(score.expected, score.where),
+            "largest predicted sigma": _largest(score.sigma),
+            "target": cell.whereabouts.words,
+        },
         warnings=[*cell.doubts, *score.not_feasible, *score.off_target],
         not_checked=cell.not_checked,
         notes=cell.remarks,

@@ -109,7 +109,7 @@ def figure_of_plan(
         return figure_of_sigmas(model, q, setup, {"tool": "X", "target": "Z", "lens": "lens"})
     box, words = box_of_cell(cell)
     blocks = arms.blocks(model.linearise(q, setup=setup))
-    found = predict_box(cell, model, arms.covariance(blocks), box)
+    found = predict_box(cell, arms, blocks, box)
     figure = figures.new_figure(6.6)
     top, bottom = figures.rows_of(figure, (1.0, 1.0))
     functions, where = functions_over_work(cell, model)

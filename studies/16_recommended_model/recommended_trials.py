@@ -28,7 +28,6 @@ from calib.model.parameters import LinkGeometry, ParameterBlock, Part
 from calib.se3 import FloatArray
 from posedesign.identification import Identified, identify_models, results_as_dict
 from posedesign.study import Task
-
 from studies.simulated_arms import aligned_rms_m
 
 from .recommended_arms import Arm, Bench, bench_of

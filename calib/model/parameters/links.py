@@ -140,7 +140,7 @@ class BearingCompliance(ParameterBlock):
         robot: Robot,
         joints: Sequence[str],
         payload: Payload | Sequence[Payload] | None = None,
-        prior: float | None = None,
+        prior: float | FloatArray | None = None,
     ) -> None:
         self._load = GravityLoad(robot, payload)
         self._joints = joint_indices(robot, joints, turning=True, of_arm=True)

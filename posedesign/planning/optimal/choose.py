@@ -36,6 +36,7 @@ from posedesign.planning.loop import (
     identification_jacobian,
     told_by,
 )
+from posedesign.planning.optimal.outlook import length_advice
 from posedesign.planning.optimal.refinement import (
     SCENARIOS,
     blocks_of_robots,
@@ -496,6 +497,9 @@ class Planning:
             alone={} if route is None or fewest is not None else self._alone(pool),
             box_words=self._work_words,
             arms=self._arms,
+            scale=""
+            if route is None
+            else length_advice(self._cell, self._arms, self._functions, chosen.postures, chosen.of),
             not_checked=self._cell.not_checked,
             setup=(chosen if route is None else chosen.take(route.order)).setup(self._arms.model),
         )
@@ -576,12 +580,13 @@ class Planning:
                 elif not least <= count <= len(pool):
                     continue
                 elif sign < 0:
-                    kept, few = range(len(self._kept)), blocks[chosen]
+                    kept, few = list(range(len(self._kept))), blocks[chosen]
                     left = select(few, count, criterion, known=known, keep=kept, bound=False)
                     rows = chosen[left.indices]
                 else:
+                    kept = chosen.tolist()
                     rows = select(
-                        blocks, count, criterion, "greedy", known=known, keep=chosen, bound=False
+                        blocks, count, criterion, "greedy", known=known, keep=kept, bound=False
                     ).indices
             except CalibError:  # limits that as many poses cannot keep, or too little is told
                 continue

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification import ExpectedError
-from calib.se3 import FloatArray
-from posedesign.candidates import functions_over_work
+from calib.identification import ExpectedError, tool_motion
+from calib.identification.prior_arms import PriorArms
+from calib.se3 import FloatArray, IntArray
+from posedesign.candidates import functions_over_work, workplace_of
 from posedesign.candidates.workplaces import small_pool_of
 from posedesign.cell import Cell
 from posedesign.cell.reference import reference_of
@@ -27,6 +28,9 @@ NOTICEABLE = 0.9
 
 WORTH_MORE = 0.8
 """The same for a change of the cell, which takes more than another option of a command."""
+
+BAR_SIGMA_M = 2e-5
+"""Standard deviation of the length of a bar by touch-ups of its ends."""
 
 APART_M = 1.0
 """Height of a second target over the first, or below it; of small arms less."""
@@ -50,6 +54,7 @@ class Outlook:
     advice: str = ""
     """What would lower the error of the best choice, with the error of as many poses chosen
     then."""
+    scale: str = ""  # what a known length would buy, in words; empty where it is little
     expected: ExpectedError | None = None  # the error in the mean with its range over arms
 
     @property
@@ -69,11 +74,49 @@ def outlook_of(cell: Cell, postures: FloatArray) -> Outlook:
     count = len(postures)
     objective = objective_of(Request(count=count), arms, functions)
     own = accuracy_of(objective, arms, functions, cell.linearise(arms.model, postures))
-    found = Outlook(own.tcp_m, own.tcp_worst_m, None, words, expected=own.expected)
+    scale = length_advice(cell, arms, functions, postures, np.zeros(count, dtype=np.intp))
+    found = Outlook(own.tcp_m, own.tcp_worst_m, None, words, expected=own.expected, scale=scale)
     if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
         return found
     chosen = _chosen_tcp_m(cell, count)
     return replace(found, chosen_tcp_m=chosen, advice=advice_for(cell, count, chosen))
+
+
+def length_advice(
+    cell: Cell, arms: PriorArms, functions: FloatArray, postures: FloatArray, which: IntArray
+) -> str:
+    """Say what of the expected error a known length would take off; or nothing.
+
+    Touch-ups do not see the scale of an arm: an arm, a tool and targets twice as large touch alike.
+    Its lengths then rest on their drawing, by their priors. A bar of known length, both ends of
+    which are touched, is one more row: the distance of the tool point between two postures as far
+    apart as any where the arm will work.
+
+    ``postures`` (N, n): measuring postures [rad] of observations ``which`` (N,).
+    """
+    if cell.is_hand_eye or not len(arms.known_rows):
+        return ""
+    at, model = workplace_of(cell), arms.model
+    points = model.view(at.postures, None, at.setup).tool_points
+    apart = np.linalg.norm(points[:, None] - points, axis=-1)
+    ends = np.array(np.unravel_index(np.argmax(apart), apart.shape))
+    length_m = float(apart[tuple(ends)])
+    if length_m <= 0.0:
+        return ""
+    along = (points[ends[0]] - points[ends[1]]) / length_m
+    moved = tool_motion(model, at.postures[ends], at.setup[ends])
+    setup = cell.setup(model, postures, which)
+    blocks = arms.blocks(model.linearise(postures, setup=setup)).reshape(-1, model.p)
+    bar = along @ (moved[0] - moved[1]) / BAR_SIGMA_M
+    before = arms.expected_error(blocks[None], functions).rms_m
+    after = arms.expected_error(np.vstack([blocks, bar])[None], functions).rms_m
+    if not after < WORTH_MORE * before:
+        return ""
+    return (
+        f"the length of the arm rests on its drawing, for nothing measured shows it: a bar of "
+        f"{1e3 * length_m:.0f} mm, known to {3e3 * BAR_SIGMA_M:.2g} mm and touched at both ends, "
+        f"would bring the error from {1e3 * before:.2g} to {1e3 * after:.2g} mm"
+    )
 
 
 def advice_for(cell: Cell, count: int, chosen_m: float | None = None) -> str:

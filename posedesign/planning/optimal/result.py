@@ -43,6 +43,7 @@ class OptimalPlan(Planned):
     them is known, or to others like them. ``left_out_for``: what is in the way to one of them.
     ``unused``: targets of the cell that no pose is of, because others tell more of the arm.
     ``alone``: error of the tool point [m] of as many poses, or as much time, of each target alone.
+    ``scale``: what a known length would buy, in words.
     """
 
     request: Request
@@ -69,6 +70,7 @@ class OptimalPlan(Planned):
     setup: Setup | None = None
     unused: tuple[str, ...] = ()
     alone: Mapping[str, float] = field(default_factory=dict)
+    scale: str = ""
 
     @property
     def reached(self) -> bool:

@@ -121,12 +121,12 @@ class PriorArms:
         return max(0, self.model.p - len(self.known_rows))
 
     def blocks(self, linear: Linearisation) -> FloatArray:
-        """Whitened blocks ``(N, m, p)`` of poses, the deviation of the joints integrated out."""
+        """Whitened blocks ``(..., N, m, p)`` of poses, the deviation of the joints integrated out."""
         white = linear.white_jacobian
         if not self.deviation_rad or not len(self.joints):
             return white
-        D = self.deviation_rad * white[:, :, self.joints]
-        root = np.linalg.cholesky(D @ np.swapaxes(D, 1, 2) + np.eye(D.shape[1]))
+        D = self.deviation_rad * white[..., self.joints]
+        root = np.linalg.cholesky(D @ np.swapaxes(D, -1, -2) + np.eye(D.shape[-2]))
         return np.asarray(np.linalg.solve(root, white))
 
     def covariance(self, blocks: FloatArray) -> FloatArray:

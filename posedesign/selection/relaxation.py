@@ -22,6 +22,11 @@ WELL_SEEN = 1e-2
 """Part of the pool's mean information that the first set has in every direction: a parameter that
 few of a large pool see may be missing from a few drawn at random."""
 
+FIRST_SET, TAKEN_IN = 160, 120
+"""Candidates of the first set, and of those taken in at once, at most because of the parameters:
+of 90 parameters with priors some 150 count at the optimum, and sets twice as large take twice as
+long."""
+
 AS_GOOD = 1e-12
 """Part by which a score may be below the least that is chosen and still be called as good."""
 
@@ -120,7 +125,9 @@ def relax_by(
         proof = objective.certificate_of(smooth)
         return Solved(weights, smooth.cost, proof, lambda pool: pool.scores(smooth.Z))
 
-    first, take = max(3 * count, 4 * candidates.p, 60), max(2 * count, 3 * candidates.p, 60)
+    p = candidates.p
+    first = max(3 * count, min(4 * p, FIRST_SET), 60)
+    take = max(2 * count, min(3 * p, TAKEN_IN), 60)
     sizes = first, take, AT_ZERO
     return relax_on_sets(solve, candidates, count, tolerance, sizes, next_in_line=NEXT_IN_LINE)
 

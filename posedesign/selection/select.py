@@ -40,6 +40,9 @@ TOLERANCE = 1e-3
 ROUGH = 0.02
 """Part to which bounds are sharpened while the number of poses is looked for."""
 
+MOST_TIMES = 1_000_000
+"""Measurements of each pose, beyond which more are no advice."""
+
 MOST_CONDITION_POSES = 200
 """Poses that a condition number is tried with at most: more of them need not lower it."""
 
@@ -116,7 +119,8 @@ class Fewest:
 
     ``selection``: the poses; where the value is out of reach, the best that was found. ``fewer``:
     the best choice found of one pose fewer, which does not reach it. ``wanted``: the value asked
-    for. ``at_least``: proven: fewer poses than that cannot reach it.
+    for. ``at_least``: proven: fewer poses than that cannot reach it. ``times``: how often all poses
+    would have to be measured where the value is out of reach; 0 where that does not help.
     """
 
     selection: Selection
@@ -124,6 +128,7 @@ class Fewest:
     wanted: float
     reached: bool
     at_least: int
+    times: int = 0
 
     @property
     def message(self) -> str:
@@ -144,18 +149,6 @@ class Fewest:
         if self.at_least >= found.count:
             return text + "; proven: fewer cannot"
         return text + f"; proven: fewer than {self.at_least} cannot"
-
-    @property
-    def times(self) -> int:
-        """How often all poses would have to be measured, as variances fall with the number.
-
-        0 where nothing is gained by it.
-        """
-        criterion = self.selection.criterion
-        if not criterion.falls_with_poses or not np.isfinite(self.selection.value):
-            return 0
-        ratio = criterion.cost_of(self.selection.value) / criterion.cost_of(self.wanted)
-        return int(np.ceil(ratio))
 
 
 @one_blas_thread
@@ -480,8 +473,10 @@ class _FewestSearch:
         if not monotone or self._enough(self._cost_of_all(offered), offered):
             upper = self._reached_from(most)
         if upper is None:
-            at_least = most if monotone else self.least
-            return Fewest(self._choose(most), None, self.value, reached=False, at_least=at_least)
+            at_least, found = most if monotone else self.least, self._choose(most)
+            return Fewest(
+                found, None, self.value, reached=False, at_least=at_least, times=self._times(found)
+            )
         low = lower = self._proven_from(upper, offered) if monotone else self.least
         while low < upper:
             middle = (low + upper) // 2
@@ -507,6 +502,31 @@ class _FewestSearch:
 
     def _cost_of_all(self, offered: int) -> float:
         return self.criterion_of(offered).on(self.pool).cost(np.arange(self.pool.N))
+
+    def _times(self, found: Selection) -> int:
+        """How often all poses would have to be measured; 0 where that does not help.
+
+        Costs fall with the number, as variances do; what is known besides stays as it is.
+        """
+        criterion, pool = found.criterion, self.pool
+        if not criterion.falls_with_poses or not np.isfinite(found.value):
+            return 0
+        wanted = criterion.cost_of(self.value)
+        if not pool.known.any():
+            return int(np.ceil(criterion.cost_of(found.value) / wanted))
+        R = np.linalg.qr(pool.J.reshape(-1, pool.p), mode="r")
+
+        def enough(times: int) -> bool:
+            again = pool.with_blocks(np.sqrt(times) * R[None])
+            return self._enough(criterion.on(again).cost(np.arange(1)), found.count)
+
+        if not enough(MOST_TIMES):
+            return 0
+        low, high = 1, MOST_TIMES
+        while low + 1 < high:
+            middle = (low + high) // 2
+            low, high = (low, middle) if enough(middle) else (middle, high)
+        return high
 
     def _reached_from(self, most: int) -> int | None:
         """A number of poses that does, by doubling."""

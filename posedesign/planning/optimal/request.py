@@ -212,7 +212,7 @@ class Accuracy:
     """tcp_m, tcp_worst_m: root mean square error of the tool point where the arm will work, in the
     mean and where it is largest [m]."""
     expected: ExpectedError | None = None
-    """The same mean with its range over arms; None where nothing is told."""
+    """The same mean with its range over arms; None where nothing is told, or it was not asked."""
 
 
 def accuracy_of(
@@ -221,11 +221,13 @@ def accuracy_of(
     functions: FloatArray,
     linear: Linearisation,
     own: Linearisation | None = None,
+    *,
+    over_arms: bool = True,
 ) -> Accuracy:
     """What postures promise: parameters, criterion, tool point at ``functions`` (K, 3, p).
 
     ``linear``: of the model of the arms. ``own``: of the model that the objective is of, where that
-    is another one.
+    is another one. ``over_arms``: draw arms for the range of the error.
     """
     blocks, count = arms.blocks(linear), len(linear.white_jacobian)
     measured, counted = (arms, blocks), (arms, blocks)
@@ -244,7 +246,7 @@ def accuracy_of(
         np.sqrt(np.diag(counted[0].covariance(counted[1]))),
         float(np.sqrt(squares.mean())),
         float(np.sqrt(squares.max())),
-        arms.expected_error(blocks, functions),
+        arms.expected_error(blocks, functions) if over_arms else None,
     )
 
 

@@ -51,9 +51,15 @@ BELIEVABLE_CHANCE = 0.05
 ENOUGH_TO_JUDGE = 5
 """Equations left over, at least, before the noise is judged by the residuals."""
 
-BEFORE_MEASURING: dict[Unit, float] = {"rad": np.deg2rad(1.0), "m": 0.01, "px": 30.0, "1": 0.3}
-"""Standard deviations that are taken for known while what is measured does not identify everything.
-"""
+BEFORE_MEASURING: dict[Unit, float] = {
+    "rad": np.deg2rad(1.0),
+    "m": 0.01,
+    "px": 30.0,
+    "1": 0.3,
+    "rad/Nm": 5e-5,
+}
+"""Standard deviations that are taken for known of parameters without a prior while what is measured
+does not identify everything."""
 
 
 def plan_next(
@@ -189,8 +195,9 @@ def plan_next_views(
 
 
 def _and_before_measuring(model: CalibrationModel, known: FloatArray) -> FloatArray:
-    """Rows ``(K, p)`` of what is known, and of what is taken for known of everything."""
-    return np.vstack([known, np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])])
+    """Rows ``(K, p)`` of what is known, and of what is taken for known of all without a prior."""
+    taken = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+    return np.vstack([known, taken[np.isinf(model.prior)]])
 
 
 def _check_gain(least_gain: float) -> None:

@@ -121,7 +121,7 @@ class PriorArms:
         return max(0, self.model.p - len(self.known_rows))
 
     def blocks(self, linear: Linearisation) -> FloatArray:
-        """Whitened blocks ``(..., N, m, p)`` of poses, the deviation of the joints integrated out."""
+        """Whitened blocks ``(..., N, m, p)``, the deviation of the joints integrated out."""
         white = linear.white_jacobian
         if not self.deviation_rad or not len(self.joints):
             return white
@@ -150,9 +150,10 @@ class PriorArms:
             less = np.ones(self.model.p)
             for (columns, size), own in zip(self.kinds, z, strict=True):
                 less[columns] = np.exp(size.log_sd * own - size.log_sd**2)
-            moved = L @ self._half(root, known / less).T
-            drawn = moved @ rng.standard_normal((self.model.p, each))
-            squares.append(np.sum(drawn**2, axis=0) / len(functions))
+            # sums of squares of normal variates, weighted by the squares of the singular values: the
+            # same in whatever order poses and parameters are, and in whatever units
+            s = np.linalg.svd(L @ self._half(root, known / less).T, compute_uv=False)
+            squares.append(s**2 @ rng.standard_normal((len(s), each)) ** 2 / len(functions))
         ends = (1.0 - SHARE) / 2.0, 0.5, (1.0 + SHARE) / 2.0
         low, middle, high = np.sqrt(np.quantile(squares, ends))
         return ExpectedError(rms, float(low), float(high), SHARE, float(middle))

@@ -122,13 +122,17 @@ def workplace_of(cell: Cell) -> Workplace:
     return replace(at, words=at.words.replace("was measured", "can be measured"))
 
 
-def functions_over_work(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
+def functions_over_work(
+    cell: Cell, model: CalibrationModel, at: Workplace | None = None
+) -> tuple[FloatArray, str]:
     """Displacements of the tool point by each parameter where the arm will work ``(K, 3, p)``.
 
     In base axes [m per unit], the base placed anew: rigid motions of all points alike are no error
     of the arm, see :mod:`calib.identification.prediction`. And where that is, in words. Where
     pictures of a board are taken, of what the camera sees; of other cells of hand-eye calibration,
     over the box.
+
+    ``at``: where an arm that touches up will work, :func:`workplace_of` the cell by default.
     """
     if cell.sees_board:
         return functions_of_picture(cell, model)
@@ -141,6 +145,6 @@ def functions_over_work(cell: Cell, model: CalibrationModel) -> tuple[FloatArray
                 raise
         point = TaskBox(cell.target_m, cell.target_m, (1, 1, 1))
         return box_functions(cell, model, point), "the target alone"
-    at = workplace_of(cell)
+    at = workplace_of(cell) if at is None else at
     moved = tool_motion(model, at.postures, at.setup)
     return placed_anew(moved, model.view(at.postures, None, at.setup).tool_points), at.words

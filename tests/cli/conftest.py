@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from calib.identification import Workplace
 from posedesign import identification, workflow
 from posedesign.candidates import workplaces
 from posedesign.cell import Cell, cell_template
@@ -160,6 +161,10 @@ def _rows(table: MeasurementTable, *_: object) -> bytes:
     return pickle.dumps(replace(table, path=Path()))
 
 
+def _of_choice(count: int, at: Workplace | None = None) -> tuple[int, bytes]:
+    return count, b"" if at is None else at.postures.tobytes()
+
+
 _WHOLE = (
     (workplaces, "FEW_CANDIDATES", workplaces.FEW_CANDIDATES),
     (outlook, "_chosen_tcp_m", outlook._chosen_tcp_m),
@@ -168,7 +173,7 @@ _plan = _once(workflow, "plan", lambda progress=None: "")
 _identify = _once(identification, "identify_models", _rows)
 _KEPT: tuple[tuple[Any, str, Any], ...] = (
     (workplaces, "FEW_CANDIDATES", 60),
-    (outlook, "_chosen_tcp_m", _once(outlook, "_chosen_tcp_m", lambda count: count)),
+    (outlook, "_chosen_tcp_m", _once(outlook, "_chosen_tcp_m", _of_choice)),
     (workflow, "plan", _plan),
     (
         identification,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification import ExpectedError, tool_motion
+from calib.identification import ExpectedError, Workplace, tool_motion
 from calib.identification.prior_arms import PriorArms
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import functions_over_work, workplace_of
@@ -129,8 +129,11 @@ def advice_for(cell: Cell, count: int, chosen_m: float | None = None) -> str:
     before = _chosen_tcp_m(cell, count) if chosen_m is None else chosen_m
     if before is None:
         return ""
+    at = workplace_of(cell)  # the arm will work there, whatever it is measured at
     found = [
-        (tcp_m, words) for words, other in _changes(cell) if (tcp_m := _chosen_tcp_m(other, count))
+        (tcp_m, words)
+        for words, other in _changes(cell)
+        if (tcp_m := _chosen_tcp_m(other, count, at))
     ]
     said = [
         f"{words}: about {1e3 * tcp_m:.2g} mm, {before / tcp_m:.2g} times less"
@@ -160,11 +163,14 @@ def _with(cell: Cell, **sections: object) -> Cell:
     return replace(cell, config=cell.config.model_copy(update=sections))
 
 
-def _chosen_tcp_m(cell: Cell, count: int) -> float | None:
-    """Error of the tool point [m] of the best of a small pool; None where there is no such pool."""
+def _chosen_tcp_m(cell: Cell, count: int, at: Workplace | None = None) -> float | None:
+    """Error of the tool point [m] of the best of a small pool; None where there is no such pool.
+
+    ``at``: where the arm will work, if that is not found from the cell.
+    """
     try:
         arms = reference_of(cell)
-        functions, _ = functions_over_work(cell, arms.model)
+        functions, _ = functions_over_work(cell, arms.model, at)
         objective = objective_of(Request(count=count), arms, functions)
         blocks = objective.of_pool(arms.model, small_pool_of(cell))
         found = select(

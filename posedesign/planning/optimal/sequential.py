@@ -35,7 +35,7 @@ from posedesign.planning.optimal.choose import (
     chosen_with_way,
     no_clear_way,
 )
-from posedesign.planning.optimal.request import Request, objective_of
+from posedesign.planning.optimal.request import Request, is_told, objective_of
 from posedesign.planning.optimal.result import NextPoses
 from posedesign.selection import select, shortened
 
@@ -243,17 +243,27 @@ def _next_poses(
     """
     model, count = arms.model, request.count or 1
     functions, words = functions_over_work(cell, model)
-    objective = objective_of(request, arms, functions)
+    objective, of = objective_of(request, arms, functions), np.arange(model.p)
+    of_criterion = before
+    if not objective.weighted and cell.config.parameters.planned is None and not cell.is_hand_eye:
+        # condition numbers are of the paper's parameters, with nothing known of them beforehand
+        paper = cell.model()
+        of = np.array([model.names.index(name) for name in paper.names], dtype=np.intp)
+        objective = objective_of(request, PriorArms(paper), functions[..., of])
+        of_criterion = np.zeros((0, paper.p))
+        if not is_told(measured.white_jacobian[..., of].reshape(-1, paper.p), paper):
+            of_criterion = _and_before_measuring(paper, of_criterion)
     known = np.vstack([arms.blocks(measured).reshape(-1, model.p), before])
 
     def told_by_each(pool: CandidatePoses) -> FloatArray:
         return pool.blocks(model, lambda linear: shortened(arms.blocks(linear)), x)
 
     def choose(pool: CandidatePoses, few: int) -> IntArray:
-        blocks, white = objective.of_pool(model, pool, x), told_by_each(pool)
+        blocks, white = objective.of_pool(model, pool, x)[..., of], told_by_each(pool)
         # what was known before measuring, in the rows that the criterion is of
-        scale = np.sqrt((blocks**2).sum() / (white**2).sum())
-        there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
+        scale = np.sqrt((blocks**2).sum() / (white[..., of] ** 2).sum())
+        measured_rows = objective.blocks(measured)[..., of].reshape(-1, len(of))
+        there = np.vstack([measured_rows, scale * of_criterion])
         found = select(blocks, few, objective.criterion, known=there, starts=1, bound=False)
         return _best_first(white, found.indices, known, functions)
 

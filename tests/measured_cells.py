@@ -1,4 +1,7 @@
-"""Cells of several arms that measure by whatever there is: text of each, by kind."""
+"""Cells of several arms that measure by whatever there is: text of each, by kind.
+
+Poses are planned for zero offsets, tool and target alone: few enough for many identifications.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -133,12 +136,10 @@ def cell_text(kind: str, robot: str, posture_deg: tuple[float, ...]) -> str:
         "payloads": '[measurement]\npayloads = ["weight"]\n[[payload]]\nname = "weight"\n'
         "mass_kg = 4.0\ncom_mm = [0.0, 0.0, 80.0]\n",
     }[kind]
-    if kind != "payloads":
-        return head + text + rigid
-    if not cell.robot.link_mass.any() or cell.robot.stiffness is None:
-        return head + text + rigid
-    planned = '[parameters]\nplanned = ["zero_offsets", "compliance"]\n'
-    return head + text + planned
+    words = '["zero_offsets"]'
+    if kind == "payloads" and cell.robot.link_mass.any() and cell.robot.stiffness is not None:
+        rigid, words = "", '["zero_offsets", "compliance"]'
+    return head + text + rigid + f"[parameters]\nplanned = {words}\n"
 
 
 @cache

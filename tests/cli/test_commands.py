@@ -165,8 +165,10 @@ def test_plan_as_json_says_what_the_tables_say(cli, work):
     assert_table_shows(table, plan["predicted"], ("parameter", "predicted sigma", "unit"))
     assert len(plan["predicted"]) == 10
     # the threshold says nothing of the tool point, and nothing of what better poses would give
-    assert f"tool point: {plan['tcp_rms_mm']:.3g} mm rms predicted over" in table
-    assert f"{plan['tcp_worst_rms_mm']:.3g} mm where it is largest" in table
+    expected = plan["expected_error"]
+    assert plan["tcp_rms_mm"] == pytest.approx(expected["rms_mm"])
+    assert f"expected error: {expected['rms_mm']:.3g} mm rms over" in table
+    assert f"80 % of such arms {expected['low_mm']:.2g} to {expected['high_mm']:.2g} mm" in table
     assert f"better: about {plan['chosen_tcp_rms_mm']:.2g} mm with as many poses chosen" in table
     assert "(--method exchange)" in table
     assert all(Path(file).is_file() for file in plan["files"])

@@ -207,7 +207,7 @@ def test_a_base_pose_in_radians_is_refused(tmp_path):
 @pytest.mark.parametrize("arm", ["ur10e", "r2000ic165f"])
 def test_the_table_s_zero_is_found_as_well_as_predicted(tmp_path, arm):
     """By two pins on it: the tilt and all joints of the arm but the last one."""
-    pool = "[pool]\ncandidates = 300\n"
+    pool = '[parameters]\nplanned = ["zero_offsets"]\n[pool]\ncandidates = 300\n'
     cell = cell_of(tmp_path, arm, pool + PINS, box="smallest_singular_value = 0.05\n")
     chosen = plan_optimal(cell, Request(count=30, beside=0))
     assert {"zero_offset.tilt", f"zero_offset.{cell.robot.arm_joints[0]}"} <= {*chosen.model.names}

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import covariance_of, predict_accuracy
+from calib.identification.prediction import Expectation
+from calib.identification.prior_arms import PriorArms
 from posedesign.cell import TaskBox
 from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
 from posedesign.planning import plan
@@ -15,7 +17,7 @@ BOX = TaskBox(np.array([1.4, -0.4, 0.5]), np.array([2.0, 0.4, 1.1]), (2, 3, 2))
 @pytest.fixture(scope="module")
 def planned(reference_cell):
     model = reference_cell.model()
-    return model, covariance_of(model, plan(reference_cell).postures)
+    return PriorArms(model), model.linearise(plan(reference_cell).postures).white_jacobian
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +46,24 @@ def test_the_tool_stands_on_each_point_as_at_the_base_pose(reference_cell, found
 
 
 def test_figures_are_those_of_the_covariance(planned, found):
-    model, C = planned
-    expected = predict_accuracy(model, C, found.postures)
+    """The base placed anew over all points: by drawn arms, each moved onto the one as described."""
+    model = planned[0].model
+    C = np.linalg.inv(np.einsum("nmp,nmq->pq", planned[1], planned[1]))
+    left = Expectation(model, model.nominal, C, found.postures)
+    J = left.jacobian.reshape(len(found.postures), 3, model.p)
+    expected = J @ C @ np.swapaxes(J, 1, 2)
     np.testing.assert_allclose(found.covariance, expected)
+    draws = 4000
+    x = model.nominal + np.random.default_rng(0).multivariate_normal(np.zeros(model.p), C, draws)
+    true = model.view(found.postures).tool_points
+    squares = []
+    for points in model.view(found.postures, x).tool_points:
+        moved = points - points.mean(axis=0)
+        turn, _ = Rotation.align_vectors(true - true.mean(axis=0), moved)
+        squares.append(np.sum((turn.apply(moved) - true + true.mean(axis=0)) ** 2, axis=1))
+    drawn = np.sqrt(np.mean(squares, axis=0))
+    # of squares of a few normal variates: five standard errors of their mean
+    np.testing.assert_allclose(found.rms_m, drawn, rtol=5 / np.sqrt(2 * draws))
     rows = found.rows()
     assert list(rows[0]) == [*COLUMNS, "reason"]
     for row, point, spread in zip(rows, BOX.points_m, expected, strict=True):
@@ -59,7 +76,7 @@ def test_figures_are_those_of_the_covariance(planned, found):
         assert sigma.max() <= row["worst_sigma_mm"] <= row["rms_mm"]
         assert row["reason"] == ""
     assert found.summary().startswith("12 of 12 points reached: rms ")
-    assert "joint 1" in found.reference
+    assert "the base is placed anew" in found.reference
 
 
 def test_nearer_to_the_target_it_is_reached_better(reference_cell, planned):

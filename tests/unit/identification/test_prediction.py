@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib import CalibrationModel
 from calib.errors import InputError
-from calib.identification import covariance_of, identify_batch, predict_accuracy
-from calib.identification.prediction import KNOWN_BASE, TURNED_BASE, reference_frame
+from calib.identification import covariance_of, identify_batch, predict_accuracy, tool_motion
+from calib.identification.prediction import placed_anew
 from calib.model import Setup, simulate
 from calib.model.measurements import TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
@@ -74,15 +75,27 @@ def test_an_unknown_reference_is_refused(make_model, elsewhere):
         predict_accuracy(make_model(), np.eye(10), elsewhere, against="world")
 
 
-def test_what_is_surveyed_makes_the_base_the_reference(reference_robot, target_m, make_model):
-    assert reference_frame(make_model()) == TURNED_BASE
+def test_the_zero_of_joint_1_is_no_error_once_the_base_is_placed_anew(
+    reference_robot, target_m, elsewhere
+):
+    """It turns all points alike; the zero of joint 2 does not."""
     blocks = [
-        ZeroOffsets(reference_robot, ["joint_1"]),
-        ToolPoint([0.2, 0.0, 0.3]),
+        ZeroOffsets(reference_robot, ["joint_1", "joint_2"]),
+        ToolPoint([0.2, -0.05, 0.35], ""),
         TargetPoints([target_m], free=False),
     ]
     model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5))
-    assert reference_frame(model) == KNOWN_BASE
+    points = model.view(elsewhere).tool_points
+    moved = tool_motion(model, elsewhere)
+    left = placed_anew(moved, points)
+    assert np.abs(moved[..., 0]).max() > 0.1
+    np.testing.assert_allclose(left[..., 0], 0.0, atol=1e-12)
+    # as the best fit of two sets of points has it
+    turned = points + 1e-6 * moved[..., 1]
+    best, _ = Rotation.align_vectors(points - points.mean(axis=0), turned - turned.mean(axis=0))
+    off = best.apply(turned - turned.mean(axis=0)) - points + points.mean(axis=0)
+    assert np.abs(left[..., 1]).max() > 0.1
+    np.testing.assert_allclose(left[..., 1], off / 1e-6, atol=1e-4)
 
 
 def test_the_zero_of_joint_1_counts_where_it_is_identified(

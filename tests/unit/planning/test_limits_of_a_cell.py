@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, InputError
+from calib.identification.prediction import Expectation
+from posedesign.candidates import away_from_singularities, candidates_of, workplace_of
 from posedesign.candidates.postures import in_front
 from posedesign.cell import Cell
 from posedesign.planning.optimal import OptimalPlan, Request, plan_optimal
 from posedesign.planning.optimal import plan as optimal
-from posedesign.selection import limited
+from posedesign.selection import limited, mean_deviation, select
 from tests.measured_cells import ARMS, cell_text
 
 ARM = "kr6r900sixx"
@@ -120,11 +122,15 @@ def test_the_fewest_poses_are_not_looked_for_within_limits():
 def test_what_the_tracker_buys_against_the_pin_is_said():
     """Each target by itself, for as many poses: as a cell that has only that one."""
     cell = cell_with("", "mixed")
+    at = workplace_of(cell)  # the arm will work there, whatever it is measured at
     both = plan_optimal(cell, Request(count=16))
     assert list(both.alone) == ["T1", "tracker"]
     for name, part in zip(both.alone, cell.parts, strict=True):
         pool = part.config.pool.model_copy(update={"candidates": 25})
         own = replace(part, config=part.config.model_copy(update={"pool": pool}))
-        one = plan_optimal(own, Request(count=16, beside=0))
-        assert both.alone[name] == pytest.approx(one.accuracy.tcp_m, rel=0.02)
+        model, candidates = own.model(), candidates_of(away_from_singularities(own))
+        work = Expectation(model, model.nominal, np.eye(model.p), at.postures, at.setup)
+        moved = work.jacobian.reshape(len(at.postures), 3, model.p)
+        one = select(candidates.white(model), 16, mean_deviation(moved), bound=False)
+        assert both.alone[name] == pytest.approx(one.value, rel=0.02)
     assert both.of_pool.tcp_m < min(both.alone.values()) * 1.05

@@ -8,6 +8,7 @@ import pytest
 
 from calib.errors import CalibError, InputError, NotIdentifiableError, UnreachableError
 from calib.identification import covariance_of
+from calib.identification.prediction import Expectation
 from calib.model.measurements import Point
 from calib.se3 import apply
 from posedesign.autonomous.by_sight import run_by_sight
@@ -104,7 +105,7 @@ def test_poses_of_a_list_say_what_they_are_of(kind, tmp_path):
         unsaid = replace(listed.measured, extra={})
         with pytest.raises(InputError, match="does not say which"):
             score_poses(cell, unsaid)
-    figure_of_plan(cell, chosen.model, chosen.postures, chosen.setup)
+    figure_of_plan(cell, chosen.arms, chosen.postures, chosen.setup)
     plot(chosen)
 
 
@@ -389,7 +390,7 @@ def test_a_target_out_of_reach_is_named():
 def test_named_offsets_that_cannot_be_told_are_refused():
     """The first joint turns with the tracker's frame."""
     text = cell_text("point", f'preset = "{ARM}"', ARMS[ARM])
-    text += '[parameters]\nzero_offsets = ["joint_a1", "joint_a2"]\n'
+    text += 'zero_offsets = ["joint_a1", "joint_a2"]\n'
     with pytest.raises(NotIdentifiableError, match="joint_a1"):
         plan_optimal(Cell.from_text(text), Request(count=POSES))
 
@@ -437,9 +438,12 @@ def test_the_accuracy_over_a_box_is_predicted_for_whatever_is_measured(tmp_path)
     chosen = planned(cell)
     box, _ = box_of_cell(cell)
     found = predict(cell, listed_of(chosen), box, tmp_path)
-    assert np.sqrt(np.mean(found.rms_m[found.reached] ** 2)) == pytest.approx(
-        chosen.accuracy.tcp_m, rel=0.05
-    )
+    model = chosen.model
+    C = covariance_of(model, chosen.postures, setup=chosen.setup)
+    left = Expectation(model, model.nominal, C, found.postures[found.reached])
+    expected = left.of(model, model.nominal)
+    assert expected.rms_m > 0.0
+    np.testing.assert_allclose(found.rms_m[found.reached], expected.points_m, rtol=1e-6)
 
 
 def test_a_scene_has_every_pose_of_several_targets():

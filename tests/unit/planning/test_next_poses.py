@@ -11,14 +11,24 @@ from calib.identification import covariance_of, identify
 from calib.model import simulate
 from calib.model.measurements import touch_ups
 from posedesign.candidates import candidates_of, functions_over_work
+from posedesign.cell.reference import reference_of
 from posedesign.motion import Router
+from posedesign.planning.loop import identification_jacobian
 from posedesign.planning.optimal import plan_next
+from posedesign.selection import evaluate
 
 POOL = {"candidates": 80}
 
 
 @pytest.fixture(scope="module")
 def cell(make_cell):
+    """Poses are for the ten parameters of the paper, which six touch-ups identify by themselves."""
+    return make_cell(pool=POOL, parameters={"planned": ["zero_offsets"]})
+
+
+@pytest.fixture(scope="module")
+def whole(make_cell):
+    """Poses are for all that may be off."""
     return make_cell(pool=POOL)
 
 
@@ -33,6 +43,19 @@ def touched(cell, count, seed=2, noise=1.0):
     x = model.nominal.copy()
     x[:4] += np.deg2rad([0.1, -0.08, 0.05, 0.12])
     return simulate(model, x, pool.postures[rows], rng)
+
+
+def expected_rms(cell, postures, x):
+    """Error to expect of one design of all poses, by all that may be off [m]."""
+    arms = reference_of(cell)
+    functions, _ = functions_over_work(cell, arms.model)
+    J = arms.model.linearise(postures, x).white_jacobian
+    D = arms.deviation_rad * J[..., [n.startswith("zero_offset.") for n in arms.model.names]]
+    weight = np.linalg.inv(np.eye(3) + D @ np.swapaxes(D, 1, 2))
+    told = np.einsum("nap,nab,nbq->pq", J, weight, J)
+    prior = np.where(np.isfinite(arms.model.prior), arms.model.prior, np.inf) ** -2.0
+    C = np.linalg.inv(np.diag(prior) + told)
+    return float(np.sqrt(np.einsum("kri,ij,krj->", functions, C, functions) / len(functions)))
 
 
 def tcp_rms(cell, postures, x):
@@ -150,6 +173,49 @@ def test_before_everything_is_identified_poses_are_chosen_for_that(cell, count):
     assert found.noise_scale == 1.0
     together = np.concatenate([data.postures, found.poses.kept])
     assert np.isfinite(covariance_of(cell.model(), together)).all()
+
+
+def test_errors_to_expect_are_of_all_that_may_be_off(whole):
+    data = touched(whole, 6)
+    found = plan_next(whole, data, 3)
+    x = identify(reference_of(whole).model, data).values
+    for k, error in enumerate(found.tcp_m):
+        together = np.concatenate([data.postures, found.poses.kept[:k]])
+        expected = expected_rms(whole, together, x)
+        assert error / found.noise_scale == pytest.approx(expected, rel=1e-6)
+
+
+def test_with_priors_two_touch_ups_have_to_tell_tool_and_target(whole):
+    """Six parameters that nothing is known of: one touch-up is too few, three are enough."""
+    one = plan_next(whole, touched(whole, 1), 4)
+    assert one.identified is None
+    assert "3 equations for" in one.why_not
+    assert one.message.startswith("go on: 1 touch-up does not yet identify everything")
+    three = plan_next(whole, touched(whole, 3), 4)
+    assert three.identified is not None
+    assert not three.why_not
+    assert (np.diff(three.tcp_m) < 0.0).all()
+
+
+@pytest.mark.parametrize("criterion", ["C_G", "cond_2"])
+@pytest.mark.parametrize("count", [2, 6])
+def test_condition_numbers_are_of_the_ten_parameters(whole, criterion, count):
+    """Better than pairs drawn from the pool, by the numbers of the paper's regressor."""
+    data = touched(whole, count)
+    found = plan_next(whole, data, 2, criterion=criterion)
+    model, pool, rng = whole.model(), candidates_of(whole), np.random.default_rng(1)
+    if count == 2:  # the four together identify the ten
+        together = np.concatenate([data.postures, found.poses.kept])
+        assert np.isfinite(covariance_of(model, together)).all()
+        return
+
+    def value(more):
+        linear = model.linearise(np.concatenate([data.postures, more]))
+        indices = evaluate(identification_jacobian(linear), linear.white_jacobian)
+        return indices.c_g if criterion == "C_G" else indices.cond_2_g
+
+    drawn = [value(pool.postures[rng.choice(len(pool), 2, replace=False)]) for _ in range(20)]
+    assert value(found.poses.kept) <= min(drawn)
 
 
 def test_the_same_pose_again_and_again_identifies_nothing(cell):

@@ -7,8 +7,10 @@ import pytest
 
 import posedesign
 from calib.errors import InputError
+from calib.identification.prior_arms import PriorArms
 from calib.robot_world import solve
 from calib.se3 import rotation_exp, transform
+from posedesign.cell.reference import reference_of
 from posedesign.cell.task_box import BoxAccuracy, TaskBox, predict_box
 from posedesign.identification.file import IdentificationFile
 from posedesign.report import figures
@@ -47,8 +49,8 @@ def test_errors_of_fewer_are_those_of_all_subsets():
 
 
 def test_a_plan_shows_its_error_by_poses_and_over_the_box(demo_cell):
-    plan = posedesign.plan(demo_cell)
-    figure = figure_of_plan(demo_cell, plan.model, plan.postures)
+    plan, arms = posedesign.plan(demo_cell), reference_of(demo_cell)
+    figure = figure_of_plan(demo_cell, arms, plan.postures)
     first = lines_of(figure, "the first poses of the tour")
     best = lines_of(figure, "the best of these poses")
     assert first[:, 0].tolist() == list(range(1, 28))
@@ -70,9 +72,8 @@ def test_a_map_shows_the_largest_of_points_behind_each_other_and_those_out_of_re
 
 def test_figures_of_results(demo_cell):
     model = demo_cell.model()
-    found = predict_box(
-        demo_cell, model, np.eye(model.p) * 1e-8, TaskBox([1.7, -0.1, 0.4], [2.0, 0.1, 0.6])
-    )
+    box = TaskBox([1.7, -0.1, 0.4], [2.0, 0.1, 0.6])
+    found = predict_box(demo_cell, PriorArms(model), 1e4 * np.eye(model.p)[None], box)
     assert isinstance(found, BoxAccuracy)
     assert len(panels(plot(found))) == 3
     rng = np.random.default_rng(3)

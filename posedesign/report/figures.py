@@ -162,7 +162,7 @@ def error_over_box(figure: Figure | SubFigure, points_m: FloatArray, error_m: Fl
         panel.set_title(title, fontsize=10)
         panel.set_xlabel(f"{'xyz'[a]} [mm]")
         panel.set_ylabel(f"{'xyz'[b]} [mm]")
-    figure.colorbar(image, ax=panels, label="error of the tool point\nrms, predicted [mm]")
+    figure.colorbar(image, ax=panels, label="error of the tool point\nrms, expected [mm]")
 
 
 def residuals_by_pose(

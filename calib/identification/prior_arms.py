@@ -96,7 +96,7 @@ class PriorArms:
         their priors.
         """
         prior, kinds = model.prior.copy(), []
-        for group in groups_of(model, 1.0, 1.0):
+        for group in sorted(groups_of(model, 1.0, 1.0), key=lambda group: group.name):
             size = usual.get(group.name)
             if size is not None:
                 columns = np.array([model.names.index(n) for n in group.parameters], dtype=np.intp)
@@ -150,8 +150,8 @@ class PriorArms:
             less = np.ones(self.model.p)
             for (columns, size), own in zip(self.kinds, z, strict=True):
                 less[columns] = np.exp(size.log_sd * own - size.log_sd**2)
-            # sums of squares of normal variates, weighted by the squares of the singular values: the
-            # same in whatever order poses and parameters are, and in whatever units
+            # sums of squares by the singular values are the same in whatever order poses and
+            # parameters are, and in whatever units
             s = np.linalg.svd(L @ self._half(root, known / less).T, compute_uv=False)
             squares.append(s**2 @ rng.standard_normal((len(s), each)) ** 2 / len(functions))
         ends = (1.0 - SHARE) / 2.0, 0.5, (1.0 + SHARE) / 2.0

@@ -546,10 +546,22 @@ def test_predict_prints_and_writes_a_table(cli, work):
         (2000, 0, 500),
         (2000, 0, 1100),
     ]
-    assert all(0 < r["rms_to_target_mm"] < r["rms_mm"] < 1.0 for r in rows)
+    for row in rows:
+        assert 0.0 < row["rms_to_target_mm"]
+        sigma = [row[f"sigma_{axis}_mm"] for axis in "xyz"]
+        assert row["rms_mm"] == pytest.approx(sum(value**2 for value in sigma) ** 0.5, rel=1e-3)
+        assert 0.0 < row["worst_sigma_mm"] <= row["rms_mm"] < 1.0
     assert "4 of 4 points reached" in said.out
-    assert "as the targets were found in it" in said.out
-    assert "from the noise alone" in said.out
+    assert "the base is placed anew" in " ".join(said.out.split())
+
+
+def test_of_ten_parameters_the_tool_point_is_known_to_the_target(cli, work):
+    path = work / "cell.toml"
+    path.write_text(path.read_text().replace("# planned =", "planned ="))
+    box = ("--box=1400,-300,500,2000,300,1100", "--steps=2,1,2")
+    cli("predict", path, work / "poses.csv", *box, "--out", work / "out")
+    rows = table(work / "out" / "predicted_accuracy.csv")
+    assert all(0 < r["rms_to_target_mm"] < 1.0 for r in rows)
 
 
 def test_a_box_may_begin_with_a_minus(cli, work):
@@ -563,15 +575,22 @@ def test_a_box_may_begin_with_a_minus(cli, work):
     assert "joint 1" in answer["reference"]
 
 
+MORE = "offsets + compliance"
+
+
 def test_a_model_of_the_cell_can_be_predicted(cli, refuse, work):
     typed = ["predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"]
-    plain, same, more = (
-        json.loads(cli(*typed, *options, "--out", work / "out", "--json").out)["points"]
-        for options in ([], ["--model", "offsets"], ["--model", "offsets + compliance"])
-    )
-    for a, b, c in zip(plain, same, more, strict=True):
-        assert a["rms_mm"] == pytest.approx(b["rms_mm"], rel=1e-6)
-        assert c["rms_mm"] > a["rms_mm"]  # more is to be told by the same touch-ups
+
+    def points(*options):
+        found = json.loads(cli(*typed, *options, "--out", work / "out", "--json").out)
+        return found["points"]
+
+    every, few, more = points(), points("--model", "offsets"), points("--model", MORE)
+    path = work / "cell.toml"
+    path.write_text(path.read_text().replace("# planned =", "planned ="))
+    for a, b, c, d in zip(every, few, points(), more, strict=True):
+        assert c["rms_mm"] == pytest.approx(b["rms_mm"], rel=1e-6)
+        assert a["rms_mm"] > d["rms_mm"] > b["rms_mm"]  # more is to be told by the same touch-ups
     (work / "out" / "predicted_accuracy.csv").unlink()
     refuse(*typed, "--model", "offset", "--out", work / "o").says("no model 'offset'", "offsets")
 
@@ -625,12 +644,13 @@ def test_sections_that_are_no_box_are_refused(refuse, work, text, words):
 
 
 def test_poses_that_identify_nothing_are_refused(refuse, work):
-    few = (work / "poses.csv").read_text().splitlines()[:3]
-    (work / "poses.csv").write_text("\n".join(few) + "\n")
-    said = refuse(
-        "predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"
-    )
-    said.says("2 measurements give 6 equations")
+    lines = (work / "poses.csv").read_text().splitlines()
+    for count, words in ((1, "1 measurements give 3 equations"), (2, "cannot identify target.T1")):
+        (work / "poses.csv").write_text("\n".join(lines[: 1 + count]) + "\n")
+        said = refuse(
+            "predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"
+        )
+        said.says(words)
 
 
 def test_ways_that_leave_the_same_are_named_beside_the_plainest(cli, work, identified):

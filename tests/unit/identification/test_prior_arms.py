@@ -134,7 +134,7 @@ def test_a_deviation_integrated_out_is_one_more_parameter_at_each_pose(arms, lin
 def drawn_errors(arms, J, functions, rng, trials, sizes=False):
     """Mean square errors of drawn arms, each measured and fitted with its own sizes."""
     p, L = arms.model.p, functions.reshape(-1, arms.model.p)
-    C, gain = posterior_of(J, arms.model.prior)
+    _, gain = posterior_of(J, arms.model.prior)
     squares = np.empty(trials)
     for trial in range(trials):
         prior = arms.model.prior.copy()
@@ -142,7 +142,7 @@ def drawn_errors(arms, J, functions, rng, trials, sizes=False):
             for columns, size in arms.kinds:
                 usual = prior[columns[0]] / np.exp(np.log(size.factor) ** 2)
                 prior[columns] = usual * size.factor ** rng.standard_normal()
-            _C, gain = posterior_of(J, prior)
+            _, gain = posterior_of(J, prior)
         held = np.isfinite(prior)
         x = np.where(held, prior, 1e-3) * rng.standard_normal(p)
         d = DEVIATION * rng.standard_normal((len(J), 6))

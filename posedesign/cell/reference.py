@@ -13,7 +13,6 @@ import numpy as np
 
 from calib.identification.prior_arms import PriorArms, UsualSize
 from calib.model import CalibrationModel
-from calib.robots import Robot
 from posedesign.cell.cell import Cell
 from posedesign.cell.models import everything, measuring_model
 from posedesign.cell.observations import Observation
@@ -61,13 +60,10 @@ def reference_of(cell: Cell, observations: Sequence[Observation] | None = None) 
 
 def _as_stiff_as_described(model: CalibrationModel) -> CalibrationModel:
     """The model with joints that give way as little as the robot's description says."""
-    robot, prior = model.robot, model.prior.copy()
-    for k, name in enumerate(model.names):
-        word, _, joint = name.partition(".")
-        if word == "compliance" and np.isfinite(given := robot.stiffness[_joint(robot, joint)]):
-            prior[k] = min(prior[k], 1.0 / given)
+    prior = model.prior.copy()
+    for joint, stiffness in zip(model.robot.joint_names, model.robot.stiffness, strict=True):
+        name = f"compliance.{joint}"
+        if name in model.names and np.isfinite(stiffness):
+            k = model.names.index(name)
+            prior[k] = min(prior[k], 1.0 / stiffness)
     return model.with_prior(prior)
-
-
-def _joint(robot: Robot, name: str) -> int:
-    return robot.joint_names.index(name)

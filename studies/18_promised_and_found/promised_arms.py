@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.identification import ExpectedError, Workplace
+from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel
 from calib.model.parameters import (
     JointCompliance,
@@ -26,19 +27,23 @@ from calib.se3 import FloatArray
 from posedesign.candidates import box_of_cell, workplace_of
 from posedesign.cell import Cell, TaskBox, cell_template
 from posedesign.cell.models import has_weight
+from posedesign.cell.reference import reference_of
 from posedesign.cell.task_box import reached_points
 from posedesign.planning import plan
-from posedesign.planning.optimal import Request, plan_optimal
+from posedesign.planning.optimal import OptimalPlan, Request, plan_optimal
 from posedesign.planning.optimal.outlook import outlook_of
 from studies import writing
 from studies.simulated_arms import across_axes, largest_torque_nm
 
 SETTINGS = writing.settings_of(__file__)
 
-GRID, EXCHANGE, OFFSETS_ALONE = "grid", "exchange", "exchange, offsets alone"
+GRID, EXCHANGE, OFFSETS_ALONE = "grid", "exchange", "offsets alone"
 PLANS = (GRID, EXCHANGE, OFFSETS_ALONE)
 """Plans that are compared: the W P R grid of the paper's loop, poses chosen for the arm that is
 fitted, and poses chosen for zero offsets alone."""
+
+POSITIVE = "compliance", "bearing", "lost_motion"
+"""First words of parameters that are never negative."""
 
 REFERENCE = "reference"
 """Name of the cell that `posedesign new` writes without a preset."""
@@ -50,6 +55,7 @@ class Arm:
 
     model: CalibrationModel
     values: FloatArray  # (p,) [SI]
+    deviation_rad: float = 0.0  # of each joint at each pose, which no parameter describes
 
     @property
     def as_described(self) -> FloatArray:
@@ -111,18 +117,21 @@ class Bench:
     def arm(self, population: str, trial: int) -> Arm:
         """Return the arm of a trial: the same for every plan."""
         rng = self.rng(population, trial)
+        if self.settings["populations"][population].get("usual"):
+            return self._usual_arm(rng)
         parts = self._parts(population, rng)
-        given, cell = self.settings["arm"], self.cell
-        tool = cell.tool_m + 1e-3 * given["tool_mm"] * rng.standard_normal(3)
-        target = cell.target_m + 1e-3 * given["target_mm"] * rng.standard_normal(3)
+        tool, target = self._set_up(rng)
         values = np.concatenate([*(part.values for part in parts), tool, target])
         return Arm(self._model(parts, tool, target), values)
 
-    def known(self, population: str) -> CalibrationModel:
-        """Return the model of the arms of a population, with priors of their true sizes."""
+    def known(self, population: str) -> PriorArms:
+        """Return the arms of a population as they are known to whoever knows how they are drawn."""
+        if self.settings["populations"][population].get("usual"):
+            return reference_of(self.cell)
         parts = self._parts(population, np.random.default_rng(0))
         model = self._model(parts, self.cell.tool_m, self.cell.target_m)
-        return model.with_prior([*np.concatenate([part.sizes for part in parts]), *[np.inf] * 6])
+        sizes = [part.sizes for part in parts]
+        return PriorArms(model.with_prior([*np.concatenate(sizes), *[np.inf] * 6]))
 
     def rng(self, population: str, trial: int, *stream: int) -> np.random.Generator:
         """Return the random numbers of a trial."""
@@ -131,7 +140,7 @@ class Bench:
         return np.random.default_rng([self.settings["seed"], preset, number, trial, *stream])
 
     @cached_property
-    def _by_offsets(self) -> Any:
+    def _by_offsets(self) -> OptimalPlan:
         parameters = self.cell.config.parameters.model_copy(update={"planned": ("zero_offsets",)})
         config = self.cell.config.model_copy(update={"parameters": parameters})
         cell = Cell.from_config(config, Path("cell.toml"))
@@ -143,6 +152,24 @@ class Bench:
         return largest_torque_nm(
             self.cell, count, np.random.default_rng([self.settings["seed"], count])
         )
+
+    def _usual_arm(self, rng: np.random.Generator) -> Arm:
+        """An arm as plans take it to be: sizes of its errors are drawn first, then the errors."""
+        arms = reference_of(self.cell)
+        sizes = np.where(np.isfinite(arms.model.prior), arms.model.prior, 0.0)
+        for columns, usual in arms.kinds:  # priors are root mean squares over arms
+            sizes[columns] *= np.exp(usual.log_sd * rng.standard_normal() - usual.log_sd**2)
+        values = arms.model.nominal + sizes * rng.standard_normal(arms.model.p)
+        words = [name.partition(".")[0] for name in arms.model.names]
+        values = np.where(np.isin(words, POSITIVE), np.abs(values), values)
+        values[arms.model.nuisance] = np.concatenate(self._set_up(rng))
+        return Arm(arms.model, values, arms.deviation_rad)
+
+    def _set_up(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Tool point and target [m]: as in the cell, and what the cell does not know."""
+        given, cell = self.settings["arm"], self.cell
+        tool = cell.tool_m + 1e-3 * given["tool_mm"] * rng.standard_normal(3)
+        return tool, cell.target_m + 1e-3 * given["target_mm"] * rng.standard_normal(3)
 
     def _model(
         self, parts: list[_Part], tool_m: FloatArray, target_m: FloatArray
@@ -197,7 +224,7 @@ class Bench:
 def has_errors(preset: str, population: str) -> bool:
     """Return True if arms of the population have errors: no masses, no weight to give way under."""
     given = SETTINGS["populations"][population]
-    weightless = {"offset_deg", "link_mm", "harmonic_deg"}
+    weightless = {"offset_deg", "link_mm", "harmonic_deg", "usual"}
     return bool(weightless & set(given)) or has_weight(bench_of(preset).cell)
 
 

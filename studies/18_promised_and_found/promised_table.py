@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 EVERY = "all"
 
+ARM = "preset", "population", "trial"
+"""Columns that name an arm."""
+
 Statistic = Callable[[FloatArray], FloatArray]
 """A figure of each sample ``(B, T) -> (B,)``."""
 
@@ -33,20 +36,19 @@ def median(values: FloatArray) -> FloatArray:
     return np.asarray(np.median(values, axis=-1))
 
 
-def summary(trials: pd.DataFrame, limits: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def summary(trials: pd.DataFrame, limits: pd.DataFrame) -> list[dict[str, Any]]:
     """Return a row for each population and plan: of all presets together, then of each.
 
     Errors of all presets together are taken as ratios: over the promise of the preset's own plan,
     and over the root mean square of the preset's own grid.
     """
-    import pandas as pd
-
-    both = trials.merge(pd.DataFrame(limits), on=["preset", "population", "plan"], sort=False)
-    own_grid = both[both["plan"] == GRID].groupby(["preset", "population"])["work_mm"]
-    of_grid = own_grid.agg(lambda e: float(rms(e.dropna().to_numpy()))).rename("grid_rms_mm")
-    both = both.join(of_grid, on=["preset", "population"])
-    own = both[both["plan"] == GRID].set_index(["preset", "population", "trial"])["work_mm"]
-    both = both.join(own.rename("grid_mm"), on=["preset", "population", "trial"])
+    both = trials.merge(limits, on=["preset", "population", "plan"], sort=False)
+    grid = both[both["plan"] == GRID]
+    own = grid.set_index([*ARM])[["work_mm", "box_mm"]]
+    both = both.join(own.add_prefix("grid_"), on=[*ARM])
+    squares = grid.assign(work_mm=grid["work_mm"] ** 2, box_mm=grid["box_mm"] ** 2)
+    of_grid = squares.groupby([*ARM[:2]])[["work_mm", "box_mm"]].mean() ** 0.5
+    both = both.join(of_grid.add_prefix("grid_rms_"), on=[*ARM[:2]])
     groups = both.groupby(["population", "plan"], sort=False)
     rows = [_row({"preset": EVERY}, part) for _, part in groups]
     groups = both.groupby(["preset", "population", "plan"], sort=False)
@@ -66,15 +68,18 @@ def _row(head: dict[str, Any], of: pd.DataFrame) -> dict[str, Any]:
         row |= _with_interval("box_mm", told["box_mm"].to_numpy(), rms)
         row["nominal_mm"] = float(rms(told["nominal_mm"].to_numpy()))
     row |= _with_interval("over_promised", found / told["promised_mm"].to_numpy(), rms)
+    row |= _with_interval("over_known", found / told["known_mm"].to_numpy(), rms)
     of_median = found / told["promised_median_mm"].to_numpy()
     row |= _with_interval("over_median", of_median, median)
     row |= _with_interval("over_expected", found / told["expected_mm"].to_numpy(), median)
     low, high = (told[f"promised_{end}_mm"].to_numpy() for end in ("low", "high"))
     row |= _share("inside", (low <= found) & (found <= high)) | _share("above", found > high)
-    both = told[np.isfinite(told["grid_mm"])]
-    relative = both[["work_mm", "grid_mm"]].to_numpy() / both[["grid_rms_mm"]].to_numpy()
-    row |= _paired("over_grid", *relative.T)
-    row |= _share("better", (both["work_mm"] < both["grid_mm"]).to_numpy())
+    both = told[np.isfinite(told["grid_work_mm"])]
+    for name, where in (("over_grid", "work_mm"), ("box_over_grid", "box_mm")):
+        size = both[f"grid_rms_{where}"].to_numpy()
+        own, others = (both[column].to_numpy() / size for column in (where, f"grid_{where}"))
+        row |= _paired(name, own, others)
+    row |= _share("better", (both["work_mm"] < both["grid_work_mm"]).to_numpy())
     return row
 
 
@@ -144,6 +149,7 @@ def markdown(said: Mapping[str, Any]) -> str:
 _SHARES: Mapping[str, Cell] = {
     "inside the range": "{inside:p} % ({inside_low:p} to {inside_high:p})",
     "over grid": span(".2f", "over_grid"),
+    "over grid, in the box": "{box_over_grid:.2f}",
     "better than grid": "{better:p} % ({better_low:p} to {better_high:p})",
 }
 _RATIOS: Mapping[str, Cell] = {
@@ -156,6 +162,7 @@ OF_ALL: Mapping[str, Cell] = {
     "number": "{arms}",
     "refused": "{refused}",
     **_RATIOS,
+    "over known sizes": span(".2f", "over_known"),
     "above the range": "{above:p} %",
     **_SHARES,
     "found over expected": "{over_expected:.2f}",
@@ -170,6 +177,7 @@ OF_EACH: Mapping[str, Cell] = {
     "median": span("s.3f", "median_mm"),
     "over the box": "{box_mm:s.3f}",
     **_RATIOS,
+    "over known sizes": "{over_known:.2f}",
     **_SHARES,
 }
 OF_FLOORS: Mapping[str, Cell] = {

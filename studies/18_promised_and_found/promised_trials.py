@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from calib.errors import CalibError
 from calib.identification import Workplace
-from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup, simulate
 from calib.se3 import FloatArray
 from posedesign.candidates import away_from_singularities, candidates_of, functions_over_work
@@ -54,6 +54,9 @@ def found(bench: Bench, arm: Arm, q: FloatArray, rng: np.random.Generator) -> di
     """Touch up an arm at postures ``(N, n)`` [rad], identify it, and return its errors."""
     try:
         data = simulate(arm.model, arm.values, q, rng)
+        if arm.deviation_rad:
+            off = arm.deviation_rad * rng.standard_normal(data.postures.shape)
+            data = replace(data, postures=data.postures + off)
         table = MeasurementTable(data, ("touch-up",), tuple(range(2, 2 + data.count)))
         trial, result = identify_models(bench.cell, table).shown
     except CalibError as error:
@@ -90,7 +93,7 @@ def limits_of_task(task: Task) -> list[dict[str, Any]]:
     """
     preset, population = task.condition["preset"], task.condition["population"]
     bench = bench_of(preset)
-    arms = PriorArms(bench.known(population))
+    arms = bench.known(population)
     functions, _ = functions_over_work(bench.cell, arms.model)
 
     def error_of(blocks: FloatArray) -> float:

@@ -15,7 +15,7 @@ from posedesign.study import Options, call, each
 from studies import writing
 from studies.drawing import MARKS, log_ticks
 
-from .promised_arms import EXCHANGE, GRID, PLANS, SETTINGS, has_errors
+from .promised_arms import EXCHANGE, PLANS, SETTINGS, has_errors
 from .promised_table import EVERY, floors, summary
 from .promised_table import markdown as markdown
 from .promised_trials import limits_of_task as limits_of_task  # called by its name
@@ -25,7 +25,7 @@ HERE = Path(__file__).parent
 WORKERS = True
 """Its tasks may be shared."""
 
-ARMS, LIMITS, FIGURE = "promised_and_found.csv", "limits.csv", "promised_and_found"
+TABLE, FIGURE = "promised_and_found.csv", "promised_and_found"
 DIGITS = 5
 TICKS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2)
 
@@ -44,8 +44,7 @@ def study(options: Options) -> dict[str, Any]:
     settings = SETTINGS | {"trials": 1, "batch": 1, "most": trials}
     found = writing.trials_by_grid(options, HERE.name, settings, conditions(every, trials))
     said = key_figures(found, rows) | {"trials": trials}
-    tables = {ARMS: found.to_dict("records"), LIMITS: rows}
-    return writing.write_rounded(options.out, said, DIGITS, tables)
+    return writing.write_rounded(options.out, said, DIGITS, {TABLE: said["rows"]})
 
 
 def populations() -> list[dict[str, str]]:
@@ -70,7 +69,7 @@ def conditions(every: Sequence[Mapping[str, str]], trials: int) -> list[dict[str
 
 def key_figures(found: pd.DataFrame, limits: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What the README has."""
-    return {"rows": summary(found, limits), "floors": floors(limits)}
+    return {"rows": summary(found, pd.DataFrame(limits)), "floors": floors(limits)}
 
 
 def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
@@ -100,22 +99,21 @@ def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
         panel.grid(visible=True, axis="x", alpha=0.3)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
-    by = {(r["population"], r["plan"]): r for r in rows if r["preset"] == EVERY}
-    built, uneven = (by[population, EXCHANGE]["over_promised"] for population in MIXED)
-    gain, worth = (by[population, EXCHANGE]["over_grid"] for population in MIXED)
+    by = {r["population"]: r for r in rows if (r["preset"], r["plan"]) == (EVERY, EXCHANGE)}
+    usual, built, uneven = (by[population]["over_promised"] for population in MIXED)
     set_answer(
         figure,
-        f"The exchange leaves {built:.2f} of the error that it promises on arms as built and "
-        f"{uneven:.2f} on uneven ones; {gain:.2f} and {worth:.2f} of the {GRID}'s",
+        f"Of the error that the exchange promises, {usual:.2f} is found on arms as plans take them "
+        f"to be, {built:.2f} on arms as built, {uneven:.2f} on uneven ones",
+        "Grey: .85 to 1.2. Intervals are 95 %.",
     )
     return figure
 
 
-MIXED = "as built", "uneven"
+MIXED = "usual", "as built", "uneven"
 """Populations of arms that have errors of several kinds."""
 
 
 def plot(folder: Path) -> list[Path]:
-    """Draw the ratios of the tables in a folder."""
-    found, limits = pd.read_csv(folder / ARMS), pd.read_csv(folder / LIMITS)
-    return writing.save(draw(summary(found, limits.to_dict("records"))), folder, FIGURE)
+    """Draw the ratios of the table in a folder."""
+    return writing.save(draw(writing.read_rows(folder, TABLE)), folder, FIGURE)

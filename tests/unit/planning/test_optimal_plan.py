@@ -334,12 +334,13 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     """
     raw = tomllib.loads(cell_template("ur10e"))
     raw["pool"]["candidates"] = 200
+    raw["parameters"].update(TEN)
     cell = Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
     found = plan_optimal(cell, Request(count=12, refine=False))
     assert found.reached
     assert len(found.postures) == 12
     assert found.left_out > 50
-    assert "(no clear way to it: forearm_link" in found.remarks[1]
+    assert any("(no clear way to it: forearm_link" in said for said in found.remarks)
     assert found.accuracy.value >= found.selection.bound
     stops = np.array([cell.base_posture, *(stop.posture for stop in found.route.stops)])
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()

@@ -514,7 +514,7 @@ class _FewestSearch:
         wanted = criterion.cost_of(self.value)
         if not pool.known.any():
             return int(np.ceil(criterion.cost_of(found.value) / wanted))
-        R = np.linalg.qr(pool.J.reshape(-1, pool.p), mode="r")
+        R = np.asarray(np.linalg.qr(pool.J.reshape(-1, pool.p), mode="r"))
 
         def enough(times: int) -> bool:
             again = pool.with_blocks(np.sqrt(times) * R[None])

@@ -547,7 +547,7 @@ def test_predict_prints_and_writes_a_table(cli, work):
         (2000, 0, 1100),
     ]
     for row in rows:
-        assert 0.0 < row["rms_to_target_mm"]
+        assert row["rms_to_target_mm"] > 0.0
         sigma = [row[f"sigma_{axis}_mm"] for axis in "xyz"]
         assert row["rms_mm"] == pytest.approx(sum(value**2 for value in sigma) ** 0.5, rel=1e-3)
         assert 0.0 < row["worst_sigma_mm"] <= row["rms_mm"] < 1.0

@@ -230,10 +230,12 @@ def of_the_offsets(cell: Cell) -> PriorArms:
     return PriorArms(measuring_model(cell, cell.observations, ("zero_offsets",)))
 
 
-def irb120_cells(names: Sequence[str], at_mm: Sequence[Sequence[float]], target: str) -> list[Cell]:
+def irb120_cells(
+    names: Sequence[str], at_mm: Sequence[Sequence[float]], target: str
+) -> tuple[Cell, Cell]:
     marks = "".join(MARK.format(name, *at) for name, at in zip(names, at_mm, strict=True))
     text = IRB120.format(marks=marks, target=target)
-    return [Cell.from_text(text + NOISE), Cell.from_text(text)]
+    return Cell.from_text(text + NOISE), Cell.from_text(text)
 
 
 @pytest.fixture(scope="module")

@@ -257,9 +257,10 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
     if equations + known_besides < model.p:
         rows = equations / max(measurements.count, 1)
         need = int(-(-(model.p - known_besides) // max(rows, 1.0)))
+        open_ = model.p - known_besides
         raise InputError(
-            f"{measurements.count} measurements give {equations} equations for {model.p} "
-            "parameters",
+            f"{measurements.count} measurements give {equations} equations for {open_} parameters"
+            + " that nothing else tells" * bool(known_besides),
             hint=f"measure at least {need} poses, better twice as many",
             name="measurements",
             value=equations,

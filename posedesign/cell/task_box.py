@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import ExpectedError, predict_accuracy, tool_motion
+from calib.identification import ExpectedError, tool_motion
 from calib.identification.prediction import PLACED_BASE, placed_anew
 from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Setup
-from calib.se3 import BoolArray, FloatArray, transform
+from calib.se3 import BoolArray, FloatArray, skew, transform
 from calib.shown import Shown
 from posedesign.cell.cell import Cell
 from posedesign.constraints import Postures, nearest_postures
@@ -97,8 +97,8 @@ class BoxAccuracy(Shown):
     covariance: FloatArray
     """(N, 3, 3): of the position of the tool point [m²], base axes; NaN without a posture."""
     to_target_m: FloatArray
-    """(N,): root mean square error [m] of the way from the target, as identified, to the tool
-    point; NaN without a posture."""
+    """(N,): root mean square error [m] of the vector from the target, as identified, to the tool
+    point, the base turned anew about the target; NaN without a posture."""
     reasons: tuple[str, ...]  # why a point cannot be reached; empty where it can
     reference: str  # what the accuracy is one against, in words
     expected: ExpectedError | None = None
@@ -191,13 +191,16 @@ def predict_box(
     found, model, C = reached_points(cell, box), arms.model, arms.covariance(blocks)
     there = found.feasible
     at, q = Setup.of(int(there.sum())), found.q[there]
-    motion = tool_motion(model, q, at)
-    motion = placed_anew(motion, model.view(q, None, at).tool_points)
+    points = model.view(q, None, at).tool_points
+    motion = placed_anew(tool_motion(model, q, at), points)
     spread = np.full((len(found.q), 3, 3), np.nan)
     spread[there] = motion @ C @ np.swapaxes(motion, -1, -2)
-    from_target = predict_accuracy(model, C, q, at, against="target")
+    apart = tool_motion(model, q, at, against="target").reshape(-1, model.p)
+    turns = np.linalg.qr(-skew(points - cell.target_m).reshape(-1, 3))[0]
+    apart -= turns @ (turns.T @ apart)
+    squares = np.sum((apart @ C) * apart, axis=1).reshape(-1, 3).sum(axis=1)
     to_target = np.full(len(found.q), np.nan)
-    to_target[there] = np.sqrt(np.trace(from_target, axis1=1, axis2=2))
+    to_target[there] = np.sqrt(squares)
     expected = arms.expected_error(blocks, motion)
     return BoxAccuracy(
         box.points_m, found.q, spread, to_target, found.reasons, PLACED_BASE, expected

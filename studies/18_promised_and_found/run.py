@@ -100,18 +100,23 @@ def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     by = {r["population"]: r for r in rows if (r["preset"], r["plan"]) == (EVERY, EXCHANGE)}
-    usual, built, uneven = (by[population]["over_promised"] for population in MIXED)
+    told = [
+        f"{by[name]['over_promised']:.2f} on {words}" for name, words in MIXED.items() if name in by
+    ]
     set_answer(
         figure,
-        f"Of the error that the exchange promises, {usual:.2f} is found on arms as plans take them "
-        f"to be, {built:.2f} on arms as built, {uneven:.2f} on uneven ones",
+        f"Found of the error that the exchange promises: {', '.join(told)}",
         "Grey: .85 to 1.2. Intervals are 95 %.",
     )
     return figure
 
 
-MIXED = "usual", "as built", "uneven"
-"""Populations of arms that have errors of several kinds."""
+MIXED = {
+    "usual": "arms as plans take them to be",
+    "as built": "arms as built",
+    "uneven": "uneven ones",
+}
+"""Populations of arms that have errors of several kinds, in words."""
 
 
 def plot(folder: Path) -> list[Path]:

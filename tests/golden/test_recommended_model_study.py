@@ -113,7 +113,7 @@ def test_what_is_recommended_harms_no_arm_and_is_near_the_best():
     assert list(ways) == ["touch-up", "camera", "tracker"]
     for row in ways.values():
         assert (row["refused"], row["harms"], row["harms_beyond"]) == (0, 0, 0)
-        assert row["blames"] <= 0.01 * row["arms"]  # at odds of a thousand to one
+        assert row["blames_low"] <= 0.01  # at odds of a thousand to one
         assert row["compliance_of_rigid"] <= 0.05 * row["compliance_of_rigid_of"]
         for kind in ("covered_smooth", "covered_wavy"):
             assert row[kind] >= 0.9 * row[f"{kind}_of"], (row["way"], kind)

@@ -230,6 +230,10 @@ class OptimalPlan(Planned):
             {"parameter": name, "predicted sigma": _or_none(sigma), "unit": unit}
             for name, unit, sigma in shown
         ]
+        if np.isfinite(self.model.prior).any():
+            before = displayed(self.model, self.model.prior)
+            for row, (_, _, prior) in zip(rows, before, strict=True):
+                row["before measuring"] = _or_none(prior)
         if self.request.wants_sigma:
             wanted = displayed(self.model, self._wanted)
             for row, (_, _, limit) in zip(rows, wanted, strict=True):

@@ -109,8 +109,8 @@ class ParameterSection(Section):
     prior_compliance_urad_nm: Positive = 50.0
     """Usual standard deviation of the compliance of reducers."""
     planned: Annotated[tuple[Word, ...], Field(min_length=1)] | None = None
-    """What poses are planned for, in the words of ``models``, where that is not the arm that is
-    fitted: everything that may be off, held by priors of usual sizes."""
+    """Errors that poses are planned for, in the words of ``models``, where these are not those of
+    the arm that is fitted: everything that may be off, held by priors of usual sizes."""
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
     """``newton-raphson``: as in the paper, with derivatives by finite differences."""
     loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"

@@ -251,7 +251,7 @@ def _section_of_answer(title: str, answer: Answer) -> Section:
 
 
 def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
-    """What to expect of an identification at these poses."""
+    """Write the error to expect of an identification at these poses into a section."""
     q, which = measured.postures, cell.which(measured.labels)
     arms = arms_told_by(cell, q, which)
     setup = cell.setup(arms.model, q, which)

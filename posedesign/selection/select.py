@@ -504,7 +504,7 @@ class _FewestSearch:
         return self.criterion_of(offered).on(self.pool).cost(np.arange(self.pool.N))
 
     def _times(self, found: Selection) -> int:
-        """How often all poses would have to be measured; 0 where that does not help.
+        """Times that all poses would have to be measured; 0 where that does not help.
 
         Costs fall with the number, as variances do; what is known besides stays as it is.
         """

@@ -224,7 +224,7 @@ def accuracy_of(
     *,
     over_arms: bool = True,
 ) -> Accuracy:
-    """What postures promise: parameters, criterion, tool point at ``functions`` (K, 3, p).
+    """Predict what postures leave: of parameters, criterion, tool point at ``functions`` (K, 3, p).
 
     ``linear``: of the model of the arms. ``own``: of the model that the objective is of, where that
     is another one. ``over_arms``: draw arms for the range of the error.

@@ -380,7 +380,10 @@ def test_rehearsal_with_pictures_among_obstacles(done, cell, tmp_path):
     cell.write_text(SURROUNDED)
     out = tmp_path / "run"
     said = done("calibrate", cell, "--out", out)
-    assert [words for words in WORDS if words not in said.out] == []
+    # its few touches with large errors decide whether tails count as heavy, and so which model
+    other = [words for words in WORDS if not words.startswith("recommended: ")]
+    assert [words for words in other if words not in said.out] == []
+    assert "recommended: offsets + compliance" in said.out or "recommended: every" in said.out
     assert {path.name for path in out.iterdir()} == FILES | {"pairs.csv"}
 
 

@@ -103,7 +103,8 @@ def test_chosen_poses_are_better_than_random_ones(fixed, times):
     predicted, found = [], []
     for _ in range(20):
         q = random_poses(cell, 20, rng)
-        predicted.append(accuracy_of(model, objective, functions, model.linearise(q)).tcp_m)
+        linear = model.linearise(q)
+        predicted.append(accuracy_of(objective, PriorArms(model), functions, linear).tcp_m)
         found.append(simulated(q, 4))  # 20 %, the median of twenty 6 %
     assert np.median(predicted) > times * chosen.accuracy.tcp_m
     assert np.median(found) == pytest.approx(np.median(predicted), rel=0.15)

@@ -156,9 +156,9 @@ class ExpectedError:
     rms_m: float  # root mean square over arms and workplace [m]
     low_m: float
     high_m: float
-    """low_m, high_m: of the root mean square over the workplace: so many of the arms are between
-    [m]."""
-    share: float = INTERVAL  # of the arms
+    """low_m, high_m: ends of the range of the root mean square over the workplace that holds
+    ``share`` of the arms [m]."""
+    share: float = INTERVAL
     median_m: float = float("nan")  # of the same over the arms [m]; NaN where it was not asked for
 
 

@@ -38,9 +38,7 @@ _TRIED = 10
 reach."""
 
 
-def workplace(
-    cell: Cell, postures: FloatArray, setup: Setup, box: tuple[TaskBox, str] | None = None
-) -> Workplace:
+def workplace(cell: Cell, postures: FloatArray, setup: Setup) -> Workplace:
     """Postures over the volume that the arm will work in, its tool turned as it is measured.
 
     Points are drawn in the task box of the cell, or where there is none in the one about all
@@ -54,14 +52,10 @@ def workplace(
         Measuring postures [rad].
     setup : Setup
         Tool and payload at each.
-    box : tuple of TaskBox and str, optional
-        The box and what it is in words; found as said by default.
     """
     robot, rng, count = cell.robot, np.random.default_rng(0), len(postures)
     state = robot.state(postures)
-    if box is not None:
-        at_work, words = box
-    elif cell.config.task_box is not None:
+    if cell.config.task_box is not None:
         at_work, words = box_of_cell(cell)[0], "the task box"
     else:
         points = state.point(cell.tool_m)

@@ -380,7 +380,8 @@ def test_rehearsal_with_pictures_among_obstacles(done, cell, tmp_path):
     cell.write_text(SURROUNDED)
     out = tmp_path / "run"
     said = done("calibrate", cell, "--out", out)
-    # its few touches with large errors decide whether tails count as heavy, and so which model
+    # residuals are 1.23 times what the noise given explains, on the edge of being doubted: whether
+    # the noise is found from them decides which model is recommended
     other = [words for words in WORDS if not words.startswith("recommended: ")]
     assert [words for words in other if words not in said.out] == []
     assert "recommended: offsets + compliance" in said.out or "recommended: every" in said.out

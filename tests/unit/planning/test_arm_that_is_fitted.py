@@ -1,6 +1,8 @@
 """Plans for the arm that is fitted: what they promise, for whom, and what is proven of a choice."""
 
+import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from calib.identification import tool_motion
 from calib.identification.prediction import rigid_motions
 from posedesign.candidates import functions_over_work, workplace_of
 from posedesign.cell.models import EVERYTHING, PRIORS, WIND_UP, payloads_of, robot_blocks
-from posedesign.cell.reference import DEVIATION_RAD, reference_of
+from posedesign.cell.reference import DEVIATION_RAD, USUAL_SIZES, reference_of
 from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.optimal.outlook import outlook_of
 from posedesign.report.plans import answer_of_choice
@@ -249,3 +251,22 @@ def test_more_measurements_are_counted_beside_what_is_known_beforehand():
     dark = J * (np.arange(8) < 7)  # the last parameter is told by its prior alone
     left = error_of((1e6 * dark, known, functions), range(8))
     assert select_fewest(dark, criterion, 0.99 * left, known=known).times == 0
+
+
+def test_the_page_on_the_expected_error_has_the_sizes_that_plans_take():
+    page = (Path(__file__).parents[3] / "docs/explanation/expected_error.md").read_text("utf-8")
+    rows = re.findall(r"^\| ([^|]+) \| \.(\d+)[^|]* \| ([\d.]+) \|$", page, flags=re.MULTILINE)
+    said = {name: (float(f".{share}"), float(factor)) for name, share, factor in rows}
+    called = {
+        "offsets": "zero offsets",
+        "lengths": "lengths of links",
+        "angles": "angles of links",
+        "compliance": "joint compliance",
+        "bearing": "bearings",
+        "lost motion": "lost motion, harmonics",
+        "harmonic": "lost motion, harmonics",
+    }
+    assert {name: said[called[name]] for name in USUAL_SIZES} == {
+        name: (size.share, size.factor) for name, size in USUAL_SIZES.items()
+    }
+    assert f"by {1e6 * DEVIATION_RAD:g} µrad" in page

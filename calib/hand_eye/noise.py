@@ -87,7 +87,7 @@ def deviations(
     linear = model.linearise_at(data, x) if linear is None else linear
     sigma = kind.sigma_of(linear.view).T
     rows, J = linear.rows / sigma, linear.jacobian / sigma[..., None]
-    D = kind.by_deviation(linear.view).transpose(2, 0, 1) / sigma[..., None]
+    D = model.by_deviation(linear.view).transpose(2, 0, 1)
     scale = np.linalg.norm(D, axis=(0, 1))
     D = D / np.where(scale > 0, scale, 1.0)
     stops = data.setup.stops

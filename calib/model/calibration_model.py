@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.batch_last import product, turn
+from calib.batch_last import cross, product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
+from calib.model.deviation import SharedDeviation
 from calib.model.measurements import Measurement, Measurements
 from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
@@ -179,6 +180,15 @@ class CalibrationModel:
         other = copy(self)
         other.measurements = tuple(measurements)
         return other
+
+    def with_deviation(self, arm_sigma: tuple[float, float] | None) -> CalibrationModel:
+        """Return the same model of an arm that stops elsewhere than it says [m, rad]."""
+        return self.with_measurements([k.with_deviation(arm_sigma) for k in self.measurements])
+
+    @property
+    def arm_sigma(self) -> tuple[float, float] | None:
+        """Standard deviations [m, rad] of where the arm stops; None where no kind has any."""
+        return next((k.arm_sigma for k in self.measurements if k.arm_sigma is not None), None)
 
     def view(
         self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
@@ -399,19 +409,57 @@ class CalibrationModel:
 
     def whiten_last(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
-        return self._gathered(
+        white = self._gathered(
             view,
             rows.shape[:-2],
             lambda kind, columns, part: kind.whiten(rows[..., : kind.rows, columns], part),
         )
+        shared = self.shared_deviation(view)
+        return white if shared is None else shared.whiten(white)
 
     def colour_last(self, white: FloatArray, view: MeasurementContext) -> FloatArray:
         """The inverse of :meth:`whiten_last`."""
+        shared = self.shared_deviation(view)
+        own = white if shared is None else shared.colour(white)
         return self._gathered(
             view,
-            white.shape[:-2],
-            lambda kind, columns, part: kind.colour(white[..., : kind.rows, columns], part),
+            own.shape[:-2],
+            lambda kind, columns, part: kind.colour(own[..., : kind.rows, columns], part),
         )
+
+    def shared_deviation(self, view: MeasurementContext) -> SharedDeviation | None:
+        """Return the effect of the deviation of the arm on the rows; None where it has none."""
+        if all(kind.arm_sigma is None for kind in self.measurements):
+            return None
+        key = ("deviation", self)
+        if key not in view.found:
+            A = np.zeros((self.rows, 6, view.q.shape[1]))
+            D = self.by_deviation(view)
+            for kind, columns, _ in self.by_kind(view):
+                if kind.arm_sigma is not None:
+                    A[..., columns] = D[..., columns] * np.repeat(kind.arm_sigma, 3)[:, None]
+            view.found[key] = SharedDeviation.of(A, view)
+        found: SharedDeviation = view.found[key]
+        return found
+
+    def by_deviation(self, view: MeasurementContext) -> FloatArray:
+        """Derivative ``(m, 6, S)`` of the rows over their own noise by the deviation of the arm.
+
+        By a shift [m] of the tip and a turn [rad] about its origin, in base axes.
+        """
+        width = view.q.shape[1]
+        lever = view.point - view.walk.p_base_tip
+        motion = np.zeros((6, 6, width))
+        for k, axis in enumerate(np.eye(3)):
+            motion[k, k] = 1.0
+            motion[3 + k, :3], motion[3 + k, 3 + k] = cross(axis[:, None], lever), 1.0
+
+        def moved(kind: Measurement, columns: Columns, part: MeasurementContext) -> FloatArray:
+            twists = motion[..., columns] if kind.sees_rotation else motion[:, :3, columns]
+            at = np.zeros((kind.rows, twists.shape[-1]))  # the truth, about which it deviates
+            return kind.whiten(kind.differentiate(twists, part, at), part)
+
+        return self._gathered(view, (6,), moved).swapaxes(0, 1)
 
     def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """What of vectors ``(..., 3, S)`` the arm has to close: see :meth:`Measurement.gap`."""
@@ -542,7 +590,9 @@ class Linearisation:
             motion = self.motion[:, :, columns]
             return kind.whiten_derivative(J[..., columns], motion, part, rows)
 
-        return self.model._gathered(self.view, (self.model.p,), whitened)
+        white = self.model._gathered(self.view, (self.model.p,), whitened)
+        shared = self.model.shared_deviation(self.view)
+        return white if shared is None else shared.whiten(white)
 
     def over_noise_last(self, weighted: bool) -> tuple[FloatArray, FloatArray]:
         """As :attr:`white_last`, or all rows over the same number."""

@@ -112,11 +112,14 @@ def _noise(
     Drawn posture by posture, so that the draws of the first trials do not depend on how many
     follow.
     """
+    white = np.zeros((truth.rows, view.q.shape[1]))
+    own = [each for each in truth.by_kind(view) if isinstance(each[0], Contact) == lift]
+    for kind, columns, part in own:
+        white[: kind.rows, columns] = rng.standard_normal((part.q.shape[1], kind.rows)).T
+    noise = truth.colour_last(white, view)
     out = np.zeros((3 if lift else truth.rows, view.q.shape[1]))
-    for kind, columns, part in truth.by_kind(view):
-        if isinstance(kind, Contact) != lift:
-            continue
-        rows = kind.colour(rng.standard_normal((part.q.shape[1], kind.rows)).T, part)
+    for kind, columns, part in own:
+        rows = noise[: kind.rows, columns]
         if isinstance(kind, Contact):
             out[:, columns] = kind.lift(rows, part)
         else:

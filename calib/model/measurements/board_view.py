@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.batch_last import cross, turn, turn_back
+from calib.batch_last import turn, turn_back
 from calib.errors import InputError
 from calib.lens import Lens, project
 from calib.model.context import MeasurementContext, Setup, reading_label
@@ -65,18 +65,6 @@ class _Seen(NamedTuple):
     by_twist: FloatArray
     by_lens: FloatArray
     by_board: FloatArray
-
-
-class _Deviation(NamedTuple):
-    """What deviations of the tip do to whitened pixels: ``A`` (2K, 6, S), and ``Aᵀ A = V λ Vᵀ``.
-
-    The latter of each stop of the arm, where pictures share one: ``stop`` (S,) says which.
-    """
-
-    A: FloatArray
-    values: FloatArray
-    vectors: FloatArray
-    stop: IntArray | None
 
 
 class BoardView(Measurement):
@@ -148,69 +136,14 @@ class BoardView(Measurement):
         return self._seen(view).by_board if label == self._board_label else None
 
     def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.whiten`.
-
-        ``(I + A Aᵀ)^(-1/2)`` of the rows over the pixels' noise, with A what a deviation of the
-        tip of one standard deviation does to them: ``I - A V f Vᵀ Aᵀ`` with
-        ``f = (1 - 1/sqrt(1 + λ))/λ``.
-        """
-        return self._turned(rows / self.sigma_of(view), view, inverse=True)
+        return np.asarray(rows / self.sigma_of(view))
 
     def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        return self._turned(rows, view, inverse=False) * self.sigma_of(view)
+        return np.asarray(rows * self.sigma_of(view))
 
     def sigma_of(self, view: MeasurementContext) -> FloatArray:
         """Noise of the pixels of each picture ``(1, S)``, or of all ``(1, 1)``."""
         return self.sigma[:1, None]
-
-    def _turned(self, white: FloatArray, view: MeasurementContext, *, inverse: bool) -> FloatArray:
-        if self.arm_sigma is None:
-            return white
-        off = self._deviation(view)
-        root = np.sqrt(1.0 + off.values)
-        # (1 - 1/root)/λ and (root - 1)/λ, without 0/0
-        factor = 1.0 / (root * (1.0 + root)) if inverse else -1.0 / (1.0 + root)
-        weight = np.einsum("sik,sk,sjk->ijs", off.vectors, factor, off.vectors)
-        inner = np.einsum("rts,...rs->...ts", off.A, white, optimize=True)
-        if off.stop is not None:
-            together = np.zeros((*inner.shape[:-1], weight.shape[-1]))
-            np.add.at(together.T, off.stop, inner.T)
-            inner = together
-        inner = np.einsum("ijs,...js->...is", weight, inner, optimize=True)
-        if off.stop is not None:
-            inner = inner[..., off.stop]
-        return np.asarray(white - np.einsum("rts,...ts->...rs", off.A, inner, optimize=True))
-
-    def _deviation(self, view: MeasurementContext) -> _Deviation:
-        key = ("deviation", id(self))
-        if key not in view.found:
-            A = self.by_deviation(view) / self.sigma_of(view)[:, None]
-            scale = np.repeat(np.array(self.arm_sigma), 3)
-            A = A * scale[:, None]
-            squares, stop = np.einsum("ris,rjs->sij", A, A, optimize=True), None
-            if view.setup.stop is not None:
-                stop = _stops_of(view)
-                together = np.zeros((int(stop.max(initial=-1)) + 1, 6, 6))
-                np.add.at(together, stop, squares)
-                squares = together
-            there = np.isfinite(squares).all(axis=(1, 2))  # a fit that runs away has none
-            values, vectors = np.linalg.eigh(np.where(there[:, None, None], squares, 0.0))
-            values[~there] = np.nan
-            view.found[key] = _Deviation(A, np.maximum(values, 0.0), vectors, stop)
-        return cast(_Deviation, view.found[key])
-
-    def by_deviation(self, view: MeasurementContext) -> FloatArray:
-        """Derivative ``(2K, 6, S)`` of the rows by a shift [m] and turn [rad] of the tip.
-
-        In base axes, the turn about the tip's own origin.
-        """
-        by_twist = self._seen(view).by_twist
-        lever = view.point - view.walk.p_base_tip
-        out = by_twist.copy()
-        for k in range(3):
-            moved = cross(np.eye(3)[k][:, None], lever)
-            out[:, 3 + k] += np.einsum("rts,ts->rs", by_twist[:, :3], moved)
-        return out
 
     def _seen(self, view: MeasurementContext) -> _Seen:
         """Pixels and derivatives; rows that were not seen are without derivative."""
@@ -331,12 +264,6 @@ class BoardViews(BoardView):
 
         return self._gathered(view, read)
 
-    def by_deviation(self, view: MeasurementContext) -> FloatArray:
-        found = self._gathered(
-            view, lambda look, part, columns: look.by_deviation(part).transpose(1, 0, 2)
-        )
-        return found.transpose(1, 0, 2)
-
     def _gathered(self, view: MeasurementContext, ask: _Ask) -> FloatArray:
         """Rows ``(..., m, S)`` of all looks at their pictures; noughts where one has none."""
         asked = [(ask(look, part, columns), columns) for look, part, columns in self._looked(view)]
@@ -368,14 +295,6 @@ class BoardViews(BoardView):
 
 _Look = tuple[BoardView, MeasurementContext, IntArray]
 _Ask = Callable[[BoardView, MeasurementContext, "IntArray"], "FloatArray | None"]
-
-
-def _stops_of(view: MeasurementContext) -> IntArray:
-    """Stop ``(S,)`` of each posture, those of each trial apart."""
-    stops = view.setup.stops
-    trials = view.q.shape[1] // max(view.setup.count, 1)
-    each = int(stops.max(initial=-1)) + 1
-    return np.asarray((stops + each * np.arange(trials)[:, None]).ravel())
 
 
 def _each(

@@ -61,6 +61,10 @@ class Measurement(ABC):
         Whether it was found from residuals, and not given.
     unit : str
         Of the rows that are no angles.
+    arm_sigma : tuple of two floats, or None
+        Standard deviations of where the arm stops about where it says: along each axis of the base
+        [m] and about each [rad]. All measurements of a stop share the deviation, see
+        :mod:`calib.model.deviation`. None: the arm stops where it says.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Measurement(ABC):
     sigma: FloatArray
     estimated: bool
     found: bool = False
+    arm_sigma: tuple[float, float] | None = None
 
     def __init__(self, sigma: ArrayLike | None) -> None:
         self.estimated = sigma is None
@@ -88,6 +93,12 @@ class Measurement(ABC):
         """The same kind with its noise times a factor, one for all or one for each row."""
         other = copy(self)
         other.sigma = self.sigma * np.asarray(scale, dtype=float)
+        return other
+
+    def with_deviation(self, arm_sigma: tuple[float, float] | None) -> Measurement:
+        """Return the same kind of an arm that stops elsewhere than it says by so much [m, rad]."""
+        other = copy(self)
+        other.arm_sigma = arm_sigma
         return other
 
     def of_unknown_noise(self) -> Measurement:

@@ -83,18 +83,18 @@ def test_pictures_of_one_stop_share_the_deviation_of_the_arm():
     model, q, setup = model_of_four_looks()
     view = model.view(q, None, setup)
     assert isinstance(model.measurement, BoardViews)
-    D = model.measurement.by_deviation(view).transpose(2, 0, 1)  # (N, m, 6)
+    sigma = np.where(setup.tool == 0, SIGMA_PX, 3 * SIGMA_PX)
+    D = sigma[:, None, None] * model.by_deviation(view).transpose(2, 0, 1)  # (N, m, 6)
     variance = np.repeat(np.array(STOPS_OFF) ** 2, 3)
     N, m, _ = D.shape
     together = setup.stops[:, None] == setup.stops
     covariance = np.einsum("imt,t,jnt,ij->imjn", D, variance, D, together).reshape(N * m, N * m)
-    sigma = np.where(setup.tool == 0, SIGMA_PX, 3 * SIGMA_PX)
     covariance += np.diag(np.repeat(sigma**2, m))
     rows = np.random.default_rng(3).standard_normal((m, N)) * setup.seen.T
     white = model.whiten_last(rows, view)
     flat = rows.T.ravel()
     assert np.sum(white**2) == pytest.approx(flat @ np.linalg.solve(covariance, flat), rel=1e-9)
-    np.testing.assert_allclose(model.measurement.colour(white, view), rows, atol=1e-9)
+    np.testing.assert_allclose(model.colour_last(white, view), rows, atol=1e-9)
 
 
 def test_what_two_cameras_are_apart_is_known_better_than_where_they_are():

@@ -145,7 +145,7 @@ def test_whitening_is_that_of_the_explicit_covariance(robot, scenes, carried):
         ]
         ahead, behind = np.split(model.predict(posture_of_pose(np.array(moved))), 2)
         D[..., k] = (ahead - behind) / (2 * step)
-    analytic = kind.by_deviation(model.view(q)).transpose(2, 0, 1)
+    analytic = SIGMA_PX * model.by_deviation(model.view(q)).transpose(2, 0, 1)
     np.testing.assert_allclose(analytic, D, atol=1e-6 * np.abs(D).max())
     S = np.diag(np.repeat(np.square(ARM), 3))
     covariance = SIGMA_PX**2 * np.eye(model.rows) + D @ S @ D.transpose(0, 2, 1)

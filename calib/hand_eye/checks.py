@@ -17,8 +17,8 @@ import numpy as np
 from calib import se3
 from calib.chance import chi2_quantile
 from calib.errors import CalibError
-from calib.hand_eye.noise import Deviations
 from calib.hand_eye.start import board_poses, start_lens
+from calib.identification.deviations import Deviations
 from calib.lens import Lens
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements

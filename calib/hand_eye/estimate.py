@@ -18,19 +18,13 @@ from numpy.typing import NDArray
 from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye import checks
-from calib.hand_eye.noise import (
-    Deviations,
-    arm_deviation,
-    deviations,
-    pixel_scale,
-    squares_of_pictures,
-    wrong_points,
-)
+from calib.hand_eye.noise import squares_of_pictures, wrong_points
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
 from calib.hand_eye.problem import Prepared, Problem
 from calib.hand_eye.result import HandEyeResult, PictureStatus
 from calib.identification import IdentificationResult, identify, minimise
+from calib.identification.deviations import Deviations, arm_deviation, deviations, noise_within
 from calib.identification.robust import not_converged
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel, Linearisation, Setup
@@ -154,7 +148,7 @@ def _fitted(
         model = problem.model(pixel, arm)
         x, linear = _minimised(model, data[kept], x, problem.largest_px)
         if still:  # the noise is that of these pictures: who else is within it?
-            parts = deviations(model, data, x, linear if good.all() else None)
+            parts = deviations(model, data, x, linear if good.all() else None, turns=True)
             if rounds < _MOST_ROUNDS_OF_POINTS:
                 rounds += 1
                 wrong = _wrong_points(parts, data)
@@ -172,13 +166,15 @@ def _fitted(
                 return _Fit(model, data, x, good, pixel, arm, noise_found, parts)
             good, still = again, False
             continue
-        some = deviations(model, data[kept], x, linear)
+        some = deviations(model, data[kept], x, linear, turns=True)
         before = np.array([*arm, *pixel.values()])
         pixel, arm = _noise_of(some, cameras[kept], pixel, arm, noise_found)
         after = np.array([*arm, *pixel.values()])
         nothing = np.append(_NOTHING[:2], np.full(len(pixel), _NOTHING[2]))
         still = bool((np.abs(after - before) <= _SETTLED * after + nothing).all())
-    return _Fit(model, data, x, good, pixel, arm, noise_found, deviations(model, data, x))
+    return _Fit(
+        model, data, x, good, pixel, arm, noise_found, deviations(model, data, x, turns=True)
+    )
 
 
 def _wrong_points(parts: Deviations, data: Measurements) -> BoolArray:
@@ -197,9 +193,9 @@ def _noise_of(
 ) -> tuple[dict[str, float], tuple[float, float]]:
     """Noise of the pixels of each camera and of the arm, what of it is to be found."""
     if found[0]:
-        scale = {camera: pixel_scale(parts, cameras == camera) for camera in pixel}
+        scale = {camera: noise_within(parts, cameras == camera)[0] for camera in pixel}
         pixel = {camera: scale[camera] * sigma for camera, sigma in pixel.items()}
-        parts = _with_pixels(parts, np.array([scale[camera] for camera in cameras]))
+        parts = parts.of_noise(np.array([scale[camera] for camera in cameras]))
     return pixel, arm_deviation(parts, arm) if found[1] else arm
 
 
@@ -238,19 +234,6 @@ def _minimised(
             hint="are lengths of the arm and the board in the units that are said?",
         )
     return found.x[0], linear
-
-
-def _with_pixels(parts: Deviations, scale: FloatArray) -> Deviations:
-    """The same for pictures ``(N,)`` of another noise, nearly where it differs within a stop."""
-    squares = scale**2
-    mean = parts.at_stops(squares) / np.maximum(parts.at_stops(np.ones(len(squares))), 1.0)
-    return replace(
-        parts,
-        covariance=parts.covariance * mean[:, None, None],
-        within=parts.within / squares,
-        within_blocks=parts.within_blocks / squares[:, None, None],
-        within_right=parts.within_right / squares[:, None],
-    )
 
 
 def _contradiction(bad: int, count: int) -> InputError:
@@ -363,7 +346,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
         model = problem.model(fit.sigma_px, fit.arm_sigma, **more)
         pairs = zip(model.names, model.nominal, strict=True)
         x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
-        parts = deviations(model, data, x)
+        parts = deviations(model, data, x, turns=True)
         noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
         return checks.step_with(problem.model(*noise, **more), data, x, new)
 
@@ -386,7 +369,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
         if not is_free:
             step = tried(LensParameters(lens, camera).names, free_lens=True)
             found.append(checks.suspicion_of_lens(step, lens))
-    parts = deviations(fit.model, data, fit.x)
+    parts = deviations(fit.model, data, fit.x, turns=True)
     found.append(
         checks.suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names)))
     )

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from calib.chance import normal_quantile
-from calib.hand_eye.noise import (
+from calib.errors import ConvergenceError
+from calib.hand_eye.noise import squares_of_pictures
+from calib.identification.deviations import (
     LEAST_ARM,
     arm_deviation,
     deviations,
-    pixel_scale,
+    noise_within,
     restricted,
-    squares_of_pictures,
 )
 from calib.lens import Lens
 from calib.model import CalibrationModel
@@ -21,7 +22,7 @@ from calib.model.measurements import (
     BoardView,
     Measurements,
     Setup,
-    TouchUp,
+    ViewLine,
     board_views,
 )
 from calib.model.parameters import LensParameters, TargetFrame, TargetPoints, ToolFrame, ToolPoint
@@ -88,7 +89,7 @@ def test_the_scatter_within_pictures_is_that_of_the_pixels_whatever_the_arm_does
     rng = np.random.default_rng(33)
     for arm in (EXACT, STOPS_OFF):
         found = [
-            pixel_scale(parts_of(scene, scene.seen(rng, 0.3, arm), sigma_px=SIGMA_PX)) ** 2
+            noise_within(parts_of(scene, scene.seen(rng, 0.3, arm), sigma_px=SIGMA_PX))[0] ** 2
             for _ in range(TRIALS)
         ]
         assert is_mean(found, (0.3 / SIGMA_PX) ** 2)
@@ -145,12 +146,11 @@ def test_an_exact_arm_is_found_to_be_one(scene):
     assert ((found == 0).mean(axis=0) > 0.15).all()
 
 
-def test_deviations_are_those_of_views_of_boards():
-    robot = flange_robot()
+def test_a_single_view_line_does_not_tell_where_the_arm_stood():
     blocks = [ToolPoint([0.1, 0.2, 0.3]), TargetPoints([[0.4, 0.1, 0.2]])]
-    model = CalibrationModel(robot, blocks, TouchUp([1e-5] * 3))
-    data = Measurements(np.zeros((2, 6)), Setup.of(2), observed=np.zeros((2, 3)))
-    with pytest.raises(TypeError, match="views of boards"):
+    model = CalibrationModel(flange_robot(), blocks, ViewLine(1e-5))
+    data = Measurements(np.zeros((2, 6)), Setup.of(2))
+    with pytest.raises(ConvergenceError, match="where the arm stood"):
         deviations(model, data, model.nominal)
 
 

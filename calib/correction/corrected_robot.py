@@ -54,7 +54,12 @@ class CorrectedRobot:
         In its own axes at zero: ``T_described_corrected``. Those of a positioner on the link that
         they hang on, as descriptions have them.
         """
-        return np.asarray(inverse(self.nominal.joint_origins) @ self.robot.joint_origins)
+        found = inverse(self.nominal.joint_origins) @ self.robot.joint_origins
+        along = self.nominal.outlying_m
+        if along.any():  # from the frame at the arm to the one that is described
+            slid = transform(np.eye(3), along[:, None] * self.nominal.chain.axes)
+            found = slid @ found @ inverse(slid)
+        return np.asarray(found)
 
     @property
     def moved(self) -> tuple[str, ...]:

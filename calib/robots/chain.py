@@ -27,6 +27,10 @@ _EXACT = 1e-15
 """Distance from 0, 1 and -1 within which an element of a constant rotation is just that: a quarter
 turn out of a URDF has elements of 6e-17, and multiplying by them costs time and means nothing."""
 
+OUTLYING_M = 1.0
+"""Distance beyond the reach of an arm from which the frame of a joint is no part of the arm:
+identified and optimised descriptions place frames anywhere along nearly parallel axes."""
+
 
 @dataclass(frozen=True)
 class ExternalAxes:
@@ -197,11 +201,53 @@ class SerialChain:
         return np.asarray(at_zero @ inverse(carrier.forward(external).T_base_tip) @ T_base)
 
     @cached_property
+    def _near_points(self) -> tuple[FloatArray, FloatArray]:
+        """A point on each axis from the second turning one (or the only one) on.
+
+        ``(K + 1, 3)`` [m], the tip last, with all joints at zero; and how far each is along its
+        axis from the origin of the joint's frame, ``(K,)`` [m]. Each point is the nearest of its
+        axis to the point before it; the first is found by the same steps from the tip. Descriptions
+        may have the frame of a joint anywhere along its axis, far outside the arm even. These
+        points do not depend on it.
+        """
+        first = min(self.external.count + 1, self.n - 1)
+        origins, axes, T = [], [], np.eye(4)
+        for j in range(first, self.n):
+            T = T @ self.placements[j] if j > first else T
+            origins.append(T[:3, 3])
+            axes.append(T[:3, :3] @ self.axes[j])
+        at = tip = (T @ self.T_link_tip)[:3, 3]
+        lines = list(zip(origins, axes, strict=True))
+        for origin, axis in reversed(lines):
+            at = origin + axis * (axis @ (at - origin))
+        points, along = [], []
+        for origin, axis in lines:
+            along.append(float(axis @ (at - origin)))
+            at = origin + axis * along[-1]
+            points.append(at)
+        return np.array([*points, tip]), np.array(along)
+
+    @cached_property
     def reach_m(self) -> float:
-        """Length of the stretched arm from its second turning joint to the tip, an upper bound."""
-        links = self.placements[self.external.count + 2 :, :3, 3]
-        steps = np.vstack([links, self.T_link_tip[:3, 3]])
-        return float(np.linalg.norm(steps, axis=1).sum())
+        """Length of the stretched arm from its second turning axis to the tip, an upper bound.
+
+        The sum of the shortest steps from axis to axis: where along its axis the frame of a joint
+        is described changes nothing.
+        """
+        points, _ = self._near_points
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+    @cached_property
+    def outlying(self) -> FloatArray:
+        """How far each joint's frame has to go along its axis to be at the arm ``(n,)`` [m].
+
+        Zero where it is nearer than the reach and :data:`OUTLYING_M`. Zero for the first turning
+        joint.
+        """
+        _, along = self._near_points
+        out = np.zeros(self.n)
+        out[self.n - len(along) :] = np.where(np.abs(along) > self.reach_m + OUTLYING_M, along, 0.0)
+        return out
 
     def smallest_singular_values(self, state: ChainState) -> FloatArray:
         """How far states ``(S, ...)`` are from a singularity, ``(S,)``: zero is in one.

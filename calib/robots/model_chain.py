@@ -24,6 +24,10 @@ USUAL_TIPS = ("tool0", "flange")
 MOST_OF_POSITIONER = 3
 """Joints that carry the base: each multiplies the stations that poses are solved for at."""
 
+MOST_TURNS = 4.0
+"""Turns to either side of zero that no limit of an arm goes beyond: industrial arms have at most
+some two. Limits beyond it are degrees: +-90 in radians are 14 turns."""
+
 MOST_JOINTS = 100
 """Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
 
@@ -312,6 +316,35 @@ def check_joints(model: pin.Model, path: Path, flaws: Mapping[str, RobotModelErr
         raise model_error(model.name, "no joint between base and tip turns", "name another tip")
 
 
+def check_units(model: pin.Model, path: Path) -> None:
+    """Refuse limits of joints of the chain that can only be degrees.
+
+    Raises
+    ------
+    RobotModelError
+        Joints that turn have limits beyond :data:`MOST_TURNS`.
+    """
+    turning = [i for i in path.joints if not is_slide(model, i)]
+    limits = {i: _limits(model, i) for i in turning}
+    most = 2.0 * math.pi * MOST_TURNS
+    beyond = [i for i in turning if max(map(abs, limits[i])) > most]
+    if not beyond:
+        return
+    low, high = limits[beyond[0]]
+    what = "limits" if len(beyond) == 1 else "limits such as"
+    named = ", ".join(names_of(model, beyond))
+    raise model_error(
+        model.name,
+        f"{named}: {what} {low:g} to {high:g} rad are {math.degrees(low):.0f} to "
+        f"{math.degrees(high):.0f} deg, more than {MOST_TURNS:g} turns",
+        f"were they typed in degrees? a URDF has radians: {math.radians(low):.4g} to "
+        f"{math.radians(high):.4g}; a joint without limits is continuous",
+        names_of(model, beyond)[0],
+        value=max(map(abs, limits[beyond[0]])),
+        bound=most,
+    )
+
+
 def _check_positioner(model: pin.Model, joints: list[int]) -> None:
     """Refuse what carries the base and is no positioner."""
     if len(joints) > MOST_OF_POSITIONER:
@@ -433,3 +466,26 @@ def chain_of(model: pin.Model, path: Path, base_id: int, tip_id: int) -> SerialC
         T_link_tip=transform(tip.rotation, tip.translation),
         external=ExternalAxes(up, sum(sliding)),
     )
+
+
+def with_frames_at_arm(model: pin.Model, path: Path, chain: SerialChain) -> pin.Model:
+    """The model with the frames of joints that lie far outside the arm slid along their axes.
+
+    A joint turns the same wherever along its axis its frame is, so that nothing else changes. But
+    errors of a link are turns about the frame of its joint, and capsules run from frame to frame.
+    """
+    model = pin.Model(model)
+    for joint, along in zip(path.joints, chain.axes * chain.outlying[:, None], strict=True):
+        if not along.any():
+            continue
+        slide = pin.SE3(np.eye(3), along)
+        back = slide.inverse()
+        model.jointPlacements[joint] = model.jointPlacements[joint] * slide
+        model.inertias[joint] = back.act(model.inertias[joint])
+        for other in range(1, model.njoints):
+            if model.parents[other] == joint:
+                model.jointPlacements[other] = back * model.jointPlacements[other]
+        for frame in model.frames:
+            if frame.parentJoint == joint and frame.type != pin.FrameType.JOINT:
+                frame.placement = back * frame.placement
+    return model

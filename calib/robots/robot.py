@@ -91,6 +91,9 @@ class Robot:
     T_floor_world: FloatArray = field(default_factory=lambda: np.eye(4))
     """(4, 4): the frame that a cell describes its surroundings in, in that of the link on the floor
     [m]: the base frame, or behind a positioner the root of the description."""
+    outlying_m: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    """(n,): how far the frame of each joint was slid along its axis [m], because the description
+    has it far outside the arm; empty where none was."""
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -192,6 +195,7 @@ class Robot:
         tip_id = frame_id(model, tip) if tip else tree.usual_tip(model, said)
         path = tree.joints_between(model, base_id, tip_id, asked)
         tree.check_joints(model, path, described.flaws)
+        tree.check_units(model, path)
         said[:0] = [own[name] for name in tree.names_of(model, path.joints) if name in own]
         locked = [i for i in range(1, model.njoints) if i not in path.joints]
         others = tree.links_of_other_branches(model, path.arm[0])
@@ -211,6 +215,18 @@ class Robot:
             path = tree.joints_between(model, base_id, tip_id)
         joints = path.joints
         names = tuple(tree.names_of(model, joints))
+        chain = tree.chain_of(model, path, base_id, tip_id)
+        outlying_m = np.zeros(chain.n) if path.positioner else chain.outlying
+        if outlying_m.any():
+            model = tree.with_frames_at_arm(model, path, chain)
+            chain = tree.chain_of(model, path, base_id, tip_id)
+            far = ", ".join(
+                f"{name} {abs(by):.3g} m" for name, by in zip(names, outlying_m, strict=True) if by
+            )
+            said.append(
+                f"frames of joints that lie outside the arm are taken at the arm instead: {far} "
+                "along the joint axis, which changes no pose"
+            )
         columns = [model.joints[i].idx_v for i in joints]
         speed = np.array(model.velocityLimit)[columns]
         if not (speed > 0).all():
@@ -222,7 +238,7 @@ class Robot:
         floor = tree.floor_of(model, path, base_id)
         return cls(
             name=model.name,
-            chain=tree.chain_of(model, path, base_id, tip_id),
+            chain=chain,
             joint_names=names,
             lower=np.array(model.lowerPositionLimit)[columns],
             upper=np.array(model.upperPositionLimit)[columns],
@@ -244,6 +260,7 @@ class Robot:
             model=model,
             held=held,
             T_floor_world=floor.homogeneous if path.positioner else np.eye(4),
+            outlying_m=outlying_m,
         )
 
     def controlled_by(self, maker: str, couplings: Sequence[Coupling] = ()) -> Robot:

@@ -489,7 +489,8 @@ def away_from_singularities(cell: Cell) -> Cell:
     if cell.is_hand_eye or section.smallest_singular_value >= least:
         return cell
     stricter = section.model_copy(update={"smallest_singular_value": least})
-    return replace(cell, config=cell.config.model_copy(update={"constraints": stricter}))
+    config = cell.config.model_copy(update={"constraints": stricter})
+    return replace(cell, config=config, singularity_setting="pool.smallest_singular_value")
 
 
 def with_kept(

@@ -50,6 +50,8 @@ class CellData:
     """tool_bodies, obstacles: what the flange carries, and what stands around."""
     camera_found: CameraFound | None = None
     """Camera, board and lens as they were calibrated before, in place of those described."""
+    singularity_setting: str = "constraints.smallest_singular_value"
+    """Key of the setting that the distance from singularities is taken from."""
 
     @property
     def sees_board(self) -> bool:

@@ -46,6 +46,10 @@ FARTHEST_M = 100.0
 _COUPLED_ABB = "irb_?(2400|4400|5400)"
 """Arms with a parallel linkage for which ROS-Industrial's abb packages have J23_coupled."""
 
+MOST_RAD_PER_S = 50.0
+"""Speed above which no joint turns: the fastest wrists reach 25 rad/s, flange axes of SCARA arms
+50."""
+
 SMALL_SOLID_M = 0.002
 """Of a body of a cell the largest extent is larger: others were given in metres."""
 
@@ -164,7 +168,7 @@ def build_checker(
     camera = cell.config.camera
     smallest = cell.config.constraints.smallest_singular_value
     if smallest:
-        found.append(Singularity(smallest))
+        found.append(Singularity(smallest, cell.singularity_setting))
     if cell.sees_board:
         there = board_set_up(cell)
         found += sight_constraints(
@@ -351,7 +355,7 @@ def what_may_be_wrong(cell: CellData) -> list[str]:
             f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
             "the tool point"
         )
-    said += _overload(cell)
+    said += [*_overload(cell), *_speeds_in_degrees(cell.robot)]
     section, controller = cell.config.robot, cell.robot.controller
     name = re.search(_COUPLED_ABB, cell.robot.name.lower())
     if name and controller and controller.maker == "abb" and not section.coupling:
@@ -383,6 +387,18 @@ def _overload(cell: CellData) -> list[str]:
         f"{name} weighs {mass:g} kg, and the robot carries {most:g} kg at most"
         for name, mass in masses
         if mass > most
+    ]
+
+
+def _speeds_in_degrees(robot: Robot) -> list[str]:
+    """Speeds of joints that can only be degrees a second."""
+    fast = [j for j in range(robot.n) if not robot.sliding[j] and robot.speed[j] > MOST_RAD_PER_S]
+    if not fast:
+        return []
+    named, speed = ", ".join(robot.joint_names[j] for j in fast), float(robot.speed[fast[0]])
+    return [
+        f"the robot's description has {named} turn at up to {speed:g} rad/s: were the speeds typed "
+        f"in degrees? a URDF has radians a second ({np.deg2rad(speed):.3g}); times are too short"
     ]
 
 

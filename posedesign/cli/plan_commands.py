@@ -101,6 +101,8 @@ def new(
             "your own robot: posedesign new --robot PRESET or FILE.urdf (posedesign robots lists "
             "the presets)"
         )
+    for said in made.doubts:
+        output.note(f"warning: {said}")
     for said in made.robot.notices:
         output.note(f"note: {said}")
     beside = made.config.robot.urdf and srdf_beside(Path(made.config.robot.urdf))

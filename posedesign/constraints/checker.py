@@ -198,11 +198,13 @@ class Singularity(Constraint):
     """The smallest singular value of the tip's Jacobian, its lengths divided by the arm's reach."""
 
     name = "singularity"
-    hint_words = "lower constraints.smallest_singular_value"
     comfort = 0.05
 
-    def __init__(self, smallest: float) -> None:
+    def __init__(
+        self, smallest: float, setting: str = "constraints.smallest_singular_value"
+    ) -> None:
         self._smallest = smallest
+        self.hint_words = f"lower {setting}"
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         value = arm.chain.smallest_singular_values(arm.state)

@@ -1,6 +1,7 @@
 """Where a clearance is asked for and part of the arm has no shape, nothing is said to be clear."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -181,3 +182,18 @@ def test_what_force_lets_through_is_named(cli, done, bare_cell, poses, tmp_path)
     assert "post" in spite
     assert f"warning: written in spite of {spite}" in forced.err
     assert f"# * WRITTEN IN SPITE OF: {spite[:40]}" in (tmp_path / "CALIB01.yaml").read_text()
+
+
+def test_units_of_limits_and_speeds_are_named_before_anything_is_planned(cli, refuse, tmp_path):
+    text = urdf_of(Robot.preset("ur10e"), "kinematics").decode()
+    in_degrees = re.sub(r'lower="[^"]*" upper="[^"]*"', 'lower="-170" upper="170"', text)
+    (tmp_path / "arm.urdf").write_text(in_degrees)
+    typed = ("new", "--robot", str(tmp_path / "arm.urdf"))
+    refuse(*typed).says("shoulder_pan_joint", "-9740 to 9740 deg", "typed in degrees")
+    fast = re.sub(r'velocity="[^"]*"', 'velocity="120"', text)
+    (tmp_path / "arm.urdf").write_text(fast)
+    said = cli(*typed)
+    assert said.code == 0
+    assert "turn at up to 120 rad/s: were the speeds typed in degrees?" in " ".join(
+        said.err.split()
+    )

@@ -1,5 +1,6 @@
 """Candidate poses: what they touch and keep, evenly drawn, none left out or twice; local turns."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.candidates import (
     CONFIGURATIONS,
     CandidatePoses,
+    away_from_singularities,
     cone_candidates,
     feasible,
     grid_candidates,
@@ -719,3 +721,16 @@ def test_wrong_turns_are_refused(reference_cell):
         local_poses(reference_cell, q, np.zeros((2, 3)), np.zeros(3))
     with pytest.raises(InputError, match="6 joints"):
         local_poses(reference_cell, q[:, 1:], np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("section", ["pool", "constraints"])
+def test_poses_near_singularities_name_the_setting_that_is_at_work(section):
+    text = cell_template("ur5e", surroundings=False)
+    given = re.search(r"^#? ?smallest_singular_value.*$", text.partition(f"[{section}]")[2], re.M)
+    head, tail = text.split(f"[{section}]", 1)
+    cell = Cell.from_text(
+        f"{head}[{section}]{tail.replace(given[0], 'smallest_singular_value = 0.9', 1)}"
+    )
+    with pytest.raises(UnreachableError) as error:
+        cone_candidates(away_from_singularities(cell), TILT, 60, rng())
+    assert error.value.hint == f"lower {section}.smallest_singular_value"

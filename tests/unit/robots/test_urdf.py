@@ -233,6 +233,12 @@ BROKEN = {
         "joint 'j2' has limits -1e\\+16 to 1e\\+16, more than a hundred turns",
         "j2",
     ),
+    "limits in degrees": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-90" upper="170" velocity="2"/>'),
+        r"j2: limits -90 to 170 rad are -5157 to 9740 deg, more than 4 turns \(were they typed in "
+        r"degrees\? a URDF has radians: -1.571 to 2.967;",
+        "j2",
+    ),
     "unnamed link": (ABC + J1 + J2 + "<link/>", "link '' has no name in one line", ""),
     "a name of two lines": (
         ABC + J1 + joint("j&#10;2", "b", "c"),

@@ -148,7 +148,7 @@ def _fitted(
         model = problem.model(pixel, arm)
         x, linear = _minimised(model, data[kept], x, problem.largest_px)
         if still:  # the noise is that of these pictures: who else is within it?
-            parts = deviations(model, data, x, linear if good.all() else None, turns=True)
+            parts = deviations(linear if good.all() else model.linearise_at(data, x), turns=True)
             if rounds < _MOST_ROUNDS_OF_POINTS:
                 rounds += 1
                 wrong = _wrong_points(parts, data)
@@ -166,14 +166,21 @@ def _fitted(
                 return _Fit(model, data, x, good, pixel, arm, noise_found, parts)
             good, still = again, False
             continue
-        some = deviations(model, data[kept], x, linear, turns=True)
+        some = deviations(linear, turns=True)
         before = np.array([*arm, *pixel.values()])
         pixel, arm = _noise_of(some, cameras[kept], pixel, arm, noise_found)
         after = np.array([*arm, *pixel.values()])
         nothing = np.append(_NOTHING[:2], np.full(len(pixel), _NOTHING[2]))
         still = bool((np.abs(after - before) <= _SETTLED * after + nothing).all())
     return _Fit(
-        model, data, x, good, pixel, arm, noise_found, deviations(model, data, x, turns=True)
+        model,
+        data,
+        x,
+        good,
+        pixel,
+        arm,
+        noise_found,
+        deviations(model.linearise_at(data, x), turns=True),
     )
 
 
@@ -346,7 +353,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
         model = problem.model(fit.sigma_px, fit.arm_sigma, **more)
         pairs = zip(model.names, model.nominal, strict=True)
         x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
-        parts = deviations(model, data, x, turns=True)
+        parts = deviations(model.linearise_at(data, x), turns=True)
         noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
         return checks.step_with(problem.model(*noise, **more), data, x, new)
 
@@ -369,7 +376,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
         if not is_free:
             step = tried(LensParameters(lens, camera).names, free_lens=True)
             found.append(checks.suspicion_of_lens(step, lens))
-    parts = deviations(fit.model, data, fit.x, turns=True)
+    parts = deviations(fit.model.linearise_at(data, fit.x), turns=True)
     found.append(
         checks.suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names)))
     )

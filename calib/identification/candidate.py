@@ -28,10 +28,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
+from calib.identification.deviations import components
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
 from calib.identification.prediction import Carried, Expectation
 from calib.identification.result import IdentificationResult, Loss
-from calib.identification.robust import HEAVY_TAILS, gain_of_student, redundancy
+from calib.identification.robust import (
+    HEAVY_TAILS,
+    costs_of,
+    gain_of_student,
+    judged_together,
+    redundancy,
+    rows_judged,
+)
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurement, Measurements
@@ -208,6 +216,10 @@ def _drawn(kind: Posterior, workplace: Workplace) -> tuple[Expectation, FloatArr
 LEAST_NOISE_SCALE = 0.1
 """Residuals over noise below which they are of rounding, and their tails say nothing."""
 
+_COMPONENT_ROUNDS, _COMPONENTS_SETTLED = 6, 0.02
+"""Rounds of components of variance, and their change below which they have settled: a fifth of how
+well some hundred stops tell them."""
+
 LEAST_LEFT = 0.1
 """Redundancy of a measurement from which its residual says something of its error."""
 
@@ -252,20 +264,16 @@ def fit_reference(
         By default least squares, or Student's where residuals have heavier tails than noise has.
     """
     usual: Loss = "least-squares" if loss is None else loss
-    given = candidate.model
-    candidate, fitted = _fit(candidate, data, usual)
+    given, data = candidate.model, data.at_stops()
+    candidate, fitted = _by_components(*_fit(candidate, data, usual), data, usual)
     if loss is None and _tails(fitted, data) > HEAVY_TAILS:
         usual = "student-t"
-        candidate, fitted = _fit(candidate, data, usual)
+        candidate, fitted = _by_components(*_fit(candidate, data, usual), data, usual)
     fits = {candidate.name: fitted}
     logs = {candidate.name: fitted.log_marginal}
-    unknown = [kind.found or kind.estimated for kind in fitted.model.measurements]
     for one in alternatives:
-        # noise is found where that of the whole arm was; its bounds are about the one given
-        kinds = [
-            kind.of_unknown_noise() if open_ else kind
-            for kind, open_ in zip(one.model.measurements, unknown, strict=True)
-        ]
+        # their noise is found where that of the whole arm was, about what that started from
+        kinds = candidate.model.measurements
         one = replace(one, model=one.model.with_measurements(kinds))
         with suppress(CalibError):
             tuned = _tune(one, data, usual, fitted.result)
@@ -305,13 +313,49 @@ def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidat
         return candidate, fitted
 
 
+def _by_components(
+    candidate: Candidate, fitted: Fitted, data: Measurements, loss: Loss
+) -> tuple[Candidate, Fitted]:
+    """Fit again with the deviation of the arm from stop to stop, where the residuals show one.
+
+    Noise within stops and the deviation are found at a solution, sizes of priors and the solution
+    with these, in turns.
+    """
+    for _ in range(_COMPONENT_ROUNDS):
+        result = fitted.result
+        used = np.flatnonzero(result.used)
+        linear = fitted.model.linearise_at(data[used], result.values)
+        shares = result.weights[used] / costs_of(linear, result.weights[used], loss)[0]
+        model = components(linear, shares)
+        if model is None:
+            return candidate, fitted
+        before = _noise_of(model)
+        again = replace(candidate, model=candidate.model.with_measurements(model.measurements))
+        try:
+            candidate, fitted = again, fit(again, data, loss=loss)
+        except CalibError:  # so few equations that they do not show it
+            return candidate, fitted
+        if (np.abs(_noise_of(fitted.model) - before) <= _COMPONENTS_SETTLED * before).all():
+            break
+    return candidate, fitted
+
+
 def _tails(fitted: Fitted, data: Measurements) -> float:
     """How much likelier heavy tails make the residuals, see :func:`gain_of_student`."""
     if not fitted.result.noise_scale > LEAST_NOISE_SCALE:
         return 0.0
-    model, x = fitted.model, fitted.result.values
+    model, x, setup = fitted.model, fitted.result.values, data.setup
     white, free = redundancy(model.linearise_at(data, x), np.ones(data.count))
-    rows = model.rows_read(data.setup)
-    left = free.sum(axis=1) / rows
-    seen = left > LEAST_LEFT
-    return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])
+    rows = rows_judged(model, setup)
+    left = judged_together(model, setup, free.sum(axis=1)) / rows
+    squares = judged_together(model, setup, np.sum(white**2, axis=1))
+    first = np.arange(data.count)
+    if model.arm_sigma is not None:
+        first = np.unique(setup.stops, return_index=True)[1]
+    seen = first[left[first] > LEAST_LEFT]
+    return gain_of_student(squares[seen] / left[seen], rows[seen])
+
+
+def _noise_of(model: CalibrationModel) -> FloatArray:
+    """Return the noise of all kinds, and the deviation of the arm [m, rad]."""
+    return np.concatenate([*(k.sigma for k in model.measurements), model.arm_sigma or (0.0, 0.0)])

@@ -18,10 +18,11 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError
+from calib.identification.robust import LEAST_NOISE
 from calib.model import CalibrationModel, Linearisation
 from calib.model.deviation import summed
-from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 LEAST_ARM = (1e-7, 1e-7)
@@ -102,15 +103,8 @@ class Deviations:
         )
 
 
-def deviations(
-    model: CalibrationModel,
-    data: Measurements,
-    x: FloatArray,
-    linear: Linearisation | None = None,
-    *,
-    turns: bool | None = None,
-) -> Deviations:
-    """Return the deviations at parameters ``(p,)``, linearised there.
+def deviations(linear: Linearisation, *, turns: bool | None = None) -> Deviations:
+    """Return the deviations of one set, linearised at its parameters.
 
     Parameters
     ----------
@@ -122,13 +116,13 @@ def deviations(
     ConvergenceError
         At these parameters no deviation can be told from the rows of a stop.
     """
-    linear = model.linearise_at(data, x) if linear is None else linear
+    model, setup = linear.model, linear.view.setup
     bare = linear.by(model.with_deviation(None))
     rows, J = bare.white_rows, bare.white_jacobian
     D = model.by_deviation(bare.view).transpose(2, 0, 1)
     if bare.root is not None:
         D = D * bare.root[:, None, None]
-    stops = data.setup.stops
+    stops = setup.stops
     if turns is None:
         turns = _are_told(D, stops)
     D = D if turns else D[..., :3]
@@ -147,10 +141,10 @@ def deviations(
     inverse = np.linalg.inv(squares)
     off = -(inverse @ inner[..., None])[..., 0]
     by_parameters = -inverse @ inner_J
-    seen = data.setup.seen
+    seen = setup.seen
     if seen is None:
-        seen = np.arange(model.rows) < model.rows_read(data.setup)[:, None]
-    known, K = (part[0] for part in model.known(x[None]))
+        seen = np.arange(model.rows) < model.rows_read(setup)[:, None]
+    known, K = (part[0] for part in model.known(linear.values[:, :1].T))
     return Deviations(
         stops=stops,
         off=off / scale,
@@ -312,3 +306,48 @@ def gain_of(parts: Deviations, arm_sigma: tuple[float, float]) -> float:
     some = np.log(np.maximum(np.stack([LEAST_ARM, arm_sigma]), LEAST_ARM))
     none, here = restricted(parts)(some)[0]
     return float(none - here)
+
+
+SURELY = 1e-3
+"""Probability that measurements of an arm that stops where it says show a deviation."""
+
+FEWEST_WITHIN = 10.0
+"""Redundancy within the stops from which the noise of a kind is told apart from the deviation."""
+
+
+def components(linear: Linearisation, shares: FloatArray) -> CalibrationModel | None:
+    """Return the model with the noise and the deviation of the arm that the measurements show.
+
+    None where stops show no deviation, or where hardly any stop has several measurements.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        Of one set at a fit, its set-up with the stop of each measurement.
+    shares : array (N,)
+        Weights of the squares of the measurements in the fit.
+    """
+    model, setup = linear.model, linear.view.setup
+    try:
+        parts = deviations(linear.weighed(shares))
+    except ConvergenceError:
+        return None
+    kinds, scale = [], np.ones(setup.count)
+    told = False
+    for k, kind in enumerate(model.measurements):
+        own, factor = setup.kind == k, np.ones(kind.rows)
+        for part in (slice(0, kind.rows - kind.turns), slice(kind.rows - kind.turns, kind.rows)):
+            some = np.zeros(parts.left.shape, dtype=bool)
+            some[own, part] = True
+            within, freedom = noise_within(parts, some)
+            if freedom >= FEWEST_WITHIN and within > 0.0:
+                factor[part], told = np.maximum(within, LEAST_NOISE / kind.sigma[part]), True
+        scale[own] = np.sqrt(np.mean(factor**2))
+        kinds.append(kind.with_deviation(None).with_noise(factor).of_unknown_noise())
+    if not told:
+        return None
+    parts = parts.of_noise(scale)
+    sigma = arm_deviation(parts, model.arm_sigma)
+    if gain_of(parts, sigma) < float(chi2_quantile(1.0 - SURELY, parts.off.shape[1] // 3)):
+        return None
+    return model.with_measurements(kinds).with_deviation(sigma)

@@ -23,7 +23,14 @@ from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.identifiability import check_enough, check_identifiable_at
 from calib.identification.least_squares import column_lengths, first_guess
 from calib.identification.result import Loss
-from calib.identification.robust import WEIGHTS, costs_of, distances2, log_weights
+from calib.identification.robust import (
+    WEIGHTS,
+    costs_of,
+    distances2,
+    judged_together,
+    log_weights,
+    rows_judged,
+)
 from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import Measurements
 from calib.one_thread import one_blas_thread
@@ -191,7 +198,7 @@ def tune_priors(
     x = first_guess(tuned, data)
     if not identifiable:
         check_identifiable_at(tuned, data, x)
-    rows, w = model.rows_read(data.setup), np.ones(data.count) if weights is None else weights
+    rows, w = rows_judged(model, data.setup), np.ones(data.count) if weights is None else weights
 
     def linearised() -> LinearEvidence:
         linear = model.linearise_at(data, x)
@@ -219,7 +226,8 @@ def tune_priors(
     log_evidence = problem.log_evidence(theta)[0]
     log_marginal = log_evidence + known.log_volume(curvature, theta)
     if loss == "student-t":
-        log_marginal += log_weights(w)
+        alike = judged_together(model, data.setup, np.ones(data.count))
+        log_marginal += log_weights(w, 1.0 / alike)
     moves = problem.sensitivity(theta)
     return TunedPriors(
         model=tuned,
@@ -477,6 +485,9 @@ def linear_evidence(
     given = [fixed.prior[np.isfinite(fixed.prior)], [known.sigma_m for known in model.distances]]
     constant = np.log(np.sqrt(weights)[:, None] / sigma)[there].sum() + np.log(unit / shares).sum()
     constant -= np.log(np.concatenate(given)).sum()
+    shared = model.shared_deviation(linear.view)
+    if shared is not None:
+        constant -= 0.5 * shared.log_det
     left = int(there.sum()) + len(known) + int(tied.sum()) - model.p
     return LinearEvidence(
         model.nominal,

@@ -31,6 +31,7 @@ from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise, orthonormal
 from calib.identification.result import Loss
 from calib.model import CalibrationModel, Linearisation, Setup
+from calib.model.deviation import summed
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -49,16 +50,36 @@ _TINY = np.finfo(float).tiny
 
 
 def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
-    """Squares of the residuals over their noise, summed over a measurement: ``(..., N)``.
+    """Squares ``(..., N)`` of the residuals over their noise, see :func:`judged_together`.
 
     Without a Jacobian, and of many trials ``(T, N, n)`` with ``(T, p)`` not all at once.
     """
     if x.ndim == 1:
-        return np.asarray(np.sum(model.white_residuals(data, x) ** 2, axis=-1))
+        each = np.sum(model.white_residuals(data, x) ** 2, axis=-1)
+        return judged_together(model, data.setup, each)
     step = max(_AT_ONCE // max(data.count, 1), 1)
     parts = [slice(start, start + step) for start in range(0, len(x), step)]
     white = (model.white_residuals(data.trials(part), x[part]) for part in parts)
-    return np.concatenate([np.sum(rows**2, axis=-1) for rows in white])
+    each = np.concatenate([np.sum(rows**2, axis=-1) for rows in white])
+    return judged_together(model, data.setup, each)
+
+
+def judged_together(model: CalibrationModel, setup: Setup, each: FloatArray) -> FloatArray:
+    """Return sums ``(..., N)`` over what is judged together, of ``(..., N)``.
+
+    A measurement is judged alone, unless the arm deviates at a stop: then all that was measured
+    there is off together, and is judged as one.
+    """
+    if model.arm_sigma is None or setup.stop is None:
+        return np.asarray(each)
+    last = np.moveaxis(each, -1, 0)
+    return np.asarray(np.moveaxis(summed(last, setup.stop)[setup.stop], 0, -1))
+
+
+def rows_judged(model: CalibrationModel, setup: Setup) -> IntArray:
+    """Return the rows ``(N,)`` that are judged together with each measurement."""
+    rows = model.rows_read(setup)
+    return np.round(judged_together(model, setup, rows.astype(float))).astype(np.intp)
 
 
 def redundancy(linear: Linearisation, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -110,19 +131,20 @@ def costs_of(
     """Consistency and variance factor of a loss for each measurement: ``(N,)`` and ``(N,)``."""
     usual, factor = np.ones(len(weights)), np.ones(len(weights))
     if loss in WEIGHED_DOWN:
+        model, setup = linear.model, linear.view.setup
         _, free = redundancy(linear, weights)
-        for k, kind in enumerate(linear.model.measurements):
-            own = linear.view.setup.kind == k
-            left = free[own][:, : kind.rows]
-            share = float(np.clip(left.mean(), 0.0, 1.0)) if left.size else 1.0
-            usual[own] = consistency(loss, kind.rows, share)
-            factor[own] = variance_factor(loss, kind.rows, share)
+        read, rows = model.rows_read(setup), rows_judged(model, setup)
+        for k, count in np.unique(np.column_stack([setup.kind, rows]), axis=0).tolist():
+            own = (setup.kind == k) & (rows == count)
+            share = float(np.clip(free[own].sum() / max(read[own].sum(), 1), 0.0, 1.0))
+            usual[own] = consistency(loss, count, share)
+            factor[own] = variance_factor(loss, count, share)
     return usual, factor
 
 
 def spread(model: CalibrationModel, setup: Setup, s2: FloatArray) -> FloatArray:
     """Variance over the noise given, by the median of a kind, of each measurement ``(N,)``."""
-    over = s2 / chi2_quantile(0.5, np.maximum(model.rows_read(setup), 1))
+    over = s2 / chi2_quantile(0.5, np.maximum(rows_judged(model, setup), 1))
     each = [over[setup.kind == k] for k in range(len(model.measurements))]
     found = [float(np.median(own)) if own.size else 1.0 for own in each]
     return _at_least_given(model, found)[setup.kind]
@@ -141,7 +163,7 @@ def limits(linear: Linearisation, good: BoolArray) -> tuple[FloatArray, list[Flo
 
 def by_chance(model: CalibrationModel, setup: Setup) -> FloatArray:
     """Squares ``(N,)`` of residuals over their noise that noise alone does not exceed."""
-    return chi2_quantile(1.0 - OUTLIER_CHANCE, model.rows_read(setup))
+    return chi2_quantile(1.0 - OUTLIER_CHANCE, rows_judged(model, setup))
 
 
 def suspects(linear: Linearisation) -> BoolArray:
@@ -150,7 +172,7 @@ def suspects(linear: Linearisation) -> BoolArray:
     By the noise given, or that of the residuals of the others where this is larger.
     """
     model, setup = linear.model, linear.view.setup
-    s2 = linear.squares
+    s2 = judged_together(model, setup, linear.squares)
     good = s2 <= by_chance(model, setup) * spread(model, setup, s2)
     for _ in range(_SUSPECT_ROUNDS):
         before, good = good, s2 <= limits(linear, good)[0]
@@ -254,13 +276,15 @@ def _nodes(rows: int) -> FloatArray:
     return chi2_quantile((np.arange(_NODES) + 0.5) / _NODES, rows)
 
 
-def log_weights(weights: FloatArray) -> float:
+def log_weights(weights: FloatArray, counts: FloatArray | float = 1.0) -> float:
     """How likely the weights ``(N,)`` of Student's loss are, logarithm but for a constant.
+
+    ``counts`` (N,): the share of each, where several are one weight.
 
     Student's noise is Gaussian with precisions that are drawn, about one: with them the likelihood
     of weighted squares is that of Student's, at its likeliest weights.
     """
-    return float(STUDENT_FREEDOM / 2.0 * np.sum(np.log(weights) - weights))
+    return float(STUDENT_FREEDOM / 2.0 * np.sum(counts * (np.log(weights) - weights)))
 
 
 def gain_of_student(s2: FloatArray, rows: IntArray) -> float:
@@ -336,11 +360,11 @@ def fit_robustly(
     good = np.ones(data.count, dtype=bool)
     if loss == "graduated":
         x, good = choose(model, data, x)
-    rows, weigh = model.rows_read(data.setup), WEIGHTS[loss]
+    rows, weigh = rows_judged(model, data.setup), WEIGHTS[loss]
     weights = good.astype(float)
     linear = model.linearise_at(data, x)
     if near and loss in WEIGHED_DOWN:
-        weights = weigh(linear.squares, rows)
+        weights = weigh(judged_together(model, data.setup, linear.squares), rows)
     estimated = any(kind.estimated for kind in model.measurements)
     total, moved = 0, 0.0
     for _ in range(_ROUNDS):  # fit, weigh and estimate the noise in turns, until nothing moves
@@ -361,7 +385,8 @@ def fit_robustly(
                 [kind.with_noise(scale) if kind.estimated else kind for kind, scale in kinds]
             )
             linear = linear.by(model)
-        new = np.where(weights > 0, weigh(linear.squares, rows), 0.0)
+        squares = judged_together(model, data.setup, linear.squares)
+        new = np.where(weights > 0, weigh(squares, rows), 0.0)
         moved = max(moved, float(np.abs(new - weights).max(initial=0.0)))
         weights = new
         if moved < _SETTLED:
@@ -455,7 +480,8 @@ def _settle(
         x = minimise(model, data.trials(None), x[None], weights=good[None].astype(float)).x[0]
         linear = model.linearise_at(data, x)
         limit, scales = limits(linear, good)
-        before, good = good, linear.squares <= limit
+        squares = judged_together(model, data.setup, linear.squares)
+        before, good = good, squares <= limit
         if (before == good).all():
             break
     _refuse_disagreement(model, scales, good)

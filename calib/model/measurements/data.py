@@ -110,6 +110,10 @@ class Measurements:
         first = self.postures.reshape(-1, self.count, n)[:1].reshape(self.count, n)
         return repeated_together(self.pose, first)
 
+    def at_stops(self) -> Measurements:
+        """Return the same with each group as one stop of the arm, whose deviation it shares."""
+        return replace(self, setup=replace(self.setup, stop=self.groups))
+
     def __getitem__(self, rows: IntArray | slice) -> Measurements:
         """Some of the measurements, with the labels of all."""
         names = tuple(np.array(self.names, dtype=object)[rows])

@@ -90,9 +90,16 @@ class Measurement(ABC):
         return float(np.sqrt(np.mean(lengths**2)))
 
     def with_noise(self, scale: ArrayLike) -> Measurement:
-        """The same kind with its noise times a factor, one for all or one for each row."""
+        """Return the same kind with its noise times a factor, one for all or one for each row.
+
+        The deviation of the arm is a part of the noise, and grows by the mean square of the
+        factors.
+        """
         other = copy(self)
         other.sigma = self.sigma * np.asarray(scale, dtype=float)
+        if self.arm_sigma is not None:
+            shift, turn = np.sqrt(np.mean(np.square(scale))) * np.array(self.arm_sigma)
+            other.arm_sigma = float(shift), float(turn)
         return other
 
     def with_deviation(self, arm_sigma: tuple[float, float] | None) -> Measurement:
@@ -345,9 +352,10 @@ class Point(Measurement):
         # noise that grows has one factor, the mean square
         if not self._growth.any():
             return super().with_noise(scale)
-        factor, other = float(np.sqrt(np.mean(np.square(scale)))), copy(self)
-        other.sigma, other._growth = factor * self.sigma, factor * self._growth
-        return other
+        factor = float(np.sqrt(np.mean(np.square(scale))))
+        grown = copy(self)
+        grown._growth = factor * self._growth
+        return Measurement.with_noise(grown, factor)
 
     def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         return self._scaled(rows, view, inverse=True)

@@ -44,7 +44,8 @@ def model_of(scene: Scene, sigma_px: float = SIGMA_PX, lens: Lens = LENS) -> Cal
 def parts_of(scene: Scene, pixels, sigma_px: float = SIGMA_PX):
     """About the truth: the Gauss-Newton step to the estimate is a part of the restriction."""
     model = model_of(scene, sigma_px)
-    return deviations(model, board_views(posture_of_pose(scene.flange), pixels), model.nominal)
+    data = board_views(posture_of_pose(scene.flange), pixels)
+    return deviations(model.linearise_at(data, model.nominal))
 
 
 @pytest.fixture(scope="module", params=["camera", "board"])
@@ -75,11 +76,13 @@ def test_deviations_by_parameters_are_central_differences(scene):
     """What a picture is off by less the six of its own pose: of the lens, mostly a part."""
     pixels = scene.seen(np.random.default_rng(32), sigma_px=0.0)
     model, data = model_of(scene), board_views(posture_of_pose(scene.flange), pixels)
-    found = deviations(model, data, model.nominal).by_parameters
+    found = deviations(model.linearise_at(data, model.nominal)).by_parameters
     steps = np.array([{"px": 1e-2, "m": 1e-6, "rad": 1e-6, "1": 1e-5}[u] for u in model.units])
     for k, step in enumerate(steps):
         e = step * (np.arange(model.p) == k)
-        ahead, behind = (deviations(model, data, model.nominal + s * e).off for s in (1, -1))
+        ahead, behind = (
+            deviations(model.linearise_at(data, model.nominal + s * e)).off for s in (1, -1)
+        )
         wanted = (ahead - behind) / (2 * step)
         np.testing.assert_allclose(found[..., k], wanted, rtol=0, atol=1e-4 * np.abs(wanted).max())
 
@@ -151,7 +154,7 @@ def test_a_single_view_line_does_not_tell_where_the_arm_stood():
     model = CalibrationModel(flange_robot(), blocks, ViewLine(1e-5))
     data = Measurements(np.zeros((2, 6)), Setup.of(2))
     with pytest.raises(ConvergenceError, match="where the arm stood"):
-        deviations(model, data, model.nominal)
+        deviations(model.linearise_at(data, model.nominal))
 
 
 def test_pictures_are_judged_by_what_the_parameters_leave_of_them(scene):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
+    from calib.hand_eye.arm import ArmErrors as ArmErrors
     from calib.hand_eye.estimate import calibrate as calibrate
     from calib.hand_eye.pictures import Pictures as Pictures
     from calib.hand_eye.pictures import motion_at as motion_at

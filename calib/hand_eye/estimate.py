@@ -9,7 +9,9 @@ contradicts the others, by a wrong row of joints or points in wrong places, take
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -18,13 +20,21 @@ from numpy.typing import NDArray
 from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye import checks
+from calib.hand_eye.arm import ArmErrors, Sizes
 from calib.hand_eye.noise import squares_of_pictures, wrong_points
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
-from calib.hand_eye.problem import Prepared, Problem
+from calib.hand_eye.problem import Noise, Prepared, Problem
 from calib.hand_eye.result import HandEyeResult, PictureStatus
+from calib.hand_eye.views import Views
 from calib.identification import IdentificationResult, identify, minimise
-from calib.identification.deviations import Deviations, arm_deviation, deviations, noise_within
+from calib.identification.deviations import (
+    LEAST_ARM,
+    Deviations,
+    arm_deviation,
+    deviations,
+    noise_within,
+)
 from calib.identification.robust import not_converged
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel, Linearisation, Setup
@@ -56,9 +66,10 @@ _USUAL_ARM = (1e-3, 2e-3)
 """Noise to start from [px, m, rad]."""
 
 _ROUNDS = 30
-_SETTLED = 0.01
-_NOTHING = np.array([1e-6, 1e-6, 1e-3])
-"""Change of the noise that is none, relative and absolute [m, rad, px]."""
+
+ERRORS_OF_ARM = 20.0
+"""Twice the logarithm of how much likelier pictures have to be by an arm with errors than by one
+that only stops off, before its errors are taken into account."""
 
 
 @one_blas_thread
@@ -71,6 +82,7 @@ def calibrate(
     sigma_px: float | None = None,
     arm_sigma: tuple[float, float] | None = None,
     board_errors: Sequence[str] = (),
+    arm: ArmErrors | None = None,
 ) -> HandEyeResult:
     """Estimate where cameras and boards are, the lenses, and parameters of the robot.
 
@@ -92,6 +104,8 @@ def calibrate(
         about each axis [rad]; from what is left between pictures by default.
     board_errors : sequence of str
         Errors of the board's print to estimate: ``scale``, ``bend_x``, ``bend_y``.
+    arm : ArmErrors, optional
+        What may be off on the arm. It is taken into account where the pictures show it.
 
     Raises
     ------
@@ -111,7 +125,40 @@ def calibrate(
         fit = _fitted(problem, good, sigma_px, arm_sigma)
     except (InputError, ConvergenceError) as error:
         raise prepared[0].explained(error) from error
+    if arm is not None:
+        whole = replace(problem, free=(*free, *arm.blocks), arm=arm)
+        if _shows_errors_of_arm(whole, fit):
+            with suppress(InputError, ConvergenceError):  # else the deviation stands for them
+                problem, fit = whole, _fitted(whole, good, sigma_px, arm_sigma, fit)
     return _result(problem, fit)
+
+
+def _shows_errors_of_arm(problem: Problem, fit: _Fit) -> bool:
+    """Return True if pictures are likelier by an arm with errors than by one that stops off.
+
+    By one linearisation at a fit without these errors.
+    """
+    data = fit.data[np.flatnonzero(fit.good)]
+    noise = replace(fit.noise, log_shares=problem.sizes.centre)
+    model = problem.model(noise)
+    linear = model.linearise_at(data, _at(model, fit))
+    parts = deviations(linear, turns=True)
+    known = not fit.noise_found[1]
+    theta = np.append(np.log(np.maximum(noise.arm, LEAST_ARM)), noise.log_shares)
+    x, likeliest = _at(model, fit), partial(problem.sizes.likeliest, arm_known=known)
+    try:
+        _, alone = likeliest(parts, x, theta, alone=True)
+        _, whole = likeliest(parts, x, theta)
+    except ConvergenceError:
+        return False
+    return alone - whole > ERRORS_OF_ARM
+
+
+def _at(model: CalibrationModel, fit: _Fit) -> FloatArray:
+    """Return the parameters ``(p,)`` of a fit, of a model that may have more; these at nominal."""
+    fitted = dict(zip(fit.model.names, fit.x, strict=True))
+    pairs = zip(model.names, model.nominal, strict=True)
+    return np.array([fitted.get(name, nominal) for name, nominal in pairs])
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,27 +172,32 @@ class _Fit:
     data: Measurements
     x: FloatArray
     good: BoolArray
-    sigma_px: dict[str, float]
-    """Of each camera."""
-    arm_sigma: tuple[float, float]
+    noise: Noise
     noise_found: tuple[bool, bool]
     """Of pixels and arm: whether it was found, not given."""
     parts: Deviations
 
 
 def _fitted(
-    problem: Problem, good: BoolArray, sigma_px: float | None, arm_sigma: tuple[float, float] | None
+    problem: Problem,
+    good: BoolArray,
+    sigma_px: float | None,
+    arm_sigma: tuple[float, float] | None,
+    start: _Fit | None = None,
 ) -> _Fit:
     """Fit, find the noise, and who is beyond it, in turns, until nothing moves."""
-    pixel, arm = dict.fromkeys(problem.lenses, sigma_px or _USUAL_PX), arm_sigma or _USUAL_ARM
+    pixel = dict.fromkeys(problem.lenses, sigma_px or _USUAL_PX)
+    noise = Noise(pixel, arm_sigma or _USUAL_ARM, problem.sizes.centre)
+    if start is not None:
+        noise = replace(start.noise, log_shares=problem.sizes.centre)
     cameras = np.array(problem.cameras)
     noise_found = sigma_px is None, arm_sigma is None
-    data, model = problem.data, problem.model(pixel, arm)
+    data, model = problem.data, problem.model(noise)
     stops, rounds = data.setup.stops, 0
-    x, still = model.nominal, False
+    x, still = model.nominal if start is None else _at(model, start), False
     for _ in range(_ROUNDS):
         kept = np.flatnonzero(good)
-        model = problem.model(pixel, arm)
+        model = problem.model(noise)
         x, linear = _minimised(model, data[kept], x, problem.largest_px)
         if still:  # the noise is that of these pictures: who else is within it?
             parts = deviations(linear if good.all() else model.linearise_at(data, x), turns=True)
@@ -158,30 +210,20 @@ def _fitted(
                     continue
             used = np.zeros(len(parts.off), dtype=bool)
             used[stops[good]] = True
-            each = np.array([pixel[camera] for camera in problem.cameras])
-            again = _within_noise(parts, each, arm, used, arm_found=noise_found[1])
+            each = np.array([noise.pixel[camera] for camera in problem.cameras])
+            again = _within_noise(parts, each, noise.arm, used, arm_found=noise_found[1])
             if 2 * again.sum() < len(again):
                 raise _contradiction(int((~again).sum()), len(again))
             if (again == good).all():
-                return _Fit(model, data, x, good, pixel, arm, noise_found, parts)
+                return _Fit(model, data, x, good, noise, noise_found, parts)
             good, still = again, False
             continue
         some = deviations(linear, turns=True)
-        before = np.array([*arm, *pixel.values()])
-        pixel, arm = _noise_of(some, cameras[kept], pixel, arm, noise_found)
-        after = np.array([*arm, *pixel.values()])
-        nothing = np.append(_NOTHING[:2], np.full(len(pixel), _NOTHING[2]))
-        still = bool((np.abs(after - before) <= _SETTLED * after + nothing).all())
-    return _Fit(
-        model,
-        data,
-        x,
-        good,
-        pixel,
-        arm,
-        noise_found,
-        deviations(model.linearise_at(data, x), turns=True),
-    )
+        before = noise
+        noise = _noise_of(problem.sizes, some, cameras[kept], noise, noise_found, x)
+        still = noise.is_near(before)
+    parts = deviations(model.linearise_at(data, x), turns=True)
+    return _Fit(model, data, x, good, noise, noise_found, parts)
 
 
 def _wrong_points(parts: Deviations, data: Measurements) -> BoolArray:
@@ -192,18 +234,32 @@ def _wrong_points(parts: Deviations, data: Measurements) -> BoolArray:
 
 
 def _noise_of(
+    sizes: Sizes,
     parts: Deviations,
     cameras: NDArray[np.str_],
-    pixel: dict[str, float],
-    arm: tuple[float, float],
+    noise: Noise,
     found: tuple[bool, bool],
-) -> tuple[dict[str, float], tuple[float, float]]:
-    """Noise of the pixels of each camera and of the arm, what of it is to be found."""
+    x: FloatArray,
+) -> Noise:
+    """Return the noise of each camera and of the arm, and sizes of its errors, what is unknown."""
     if found[0]:
-        scale = {camera: noise_within(parts, cameras == camera)[0] for camera in pixel}
-        pixel = {camera: scale[camera] * sigma for camera, sigma in pixel.items()}
+        # errors of the arm move whole boards: they are no part of what is left within pictures
+        inside = replace(
+            parts,
+            left_jacobian=parts.left_jacobian[..., sizes.without()],
+            by_parameters=parts.by_parameters[..., sizes.without()],
+        )
+        scale = {camera: noise_within(inside, cameras == camera)[0] for camera in noise.pixel}
+        pixel = {camera: scale[camera] * sigma for camera, sigma in noise.pixel.items()}
+        noise = replace(noise, pixel=pixel)
         parts = parts.of_noise(np.array([scale[camera] for camera in cameras]))
-    return pixel, arm_deviation(parts, arm) if found[1] else arm
+    if len(sizes.sized):
+        theta = np.append(np.log(np.maximum(noise.arm, LEAST_ARM)), noise.log_shares)
+        theta, _ = sizes.likeliest(parts, x, theta, arm_known=not found[1])
+        arm = np.where(theta[:2] > np.log(2.0 * np.array(LEAST_ARM)), np.exp(theta[:2]), 0.0)
+        m, rad = arm.tolist() if found[1] else noise.arm
+        return replace(noise, arm=(m, rad), log_shares=theta[2:])
+    return replace(noise, arm=arm_deviation(parts, noise.arm)) if found[1] else noise
 
 
 def _within_noise(
@@ -262,12 +318,13 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     observed = residuals if data.observed is None else data.observed
     left = np.full(len(data.names), np.nan)
     left[kept] = _rms(estimate.leave_one_out, data.setup[kept])
-    poses = poses_of(fit.model, x)
+    true_poses = poses_of(fit.model, x)
     lenses = _lenses_of(problem, fit.model, x)
     first = problem.prepared[0].pictures
+    poses, errors = _errors_to_expect(problem, fit, estimate, true_poses, lenses)
     X, Z = (poses[label] for label in first.labels)
-    pixel = np.array([fit.sigma_px[camera] for camera in problem.cameras])
-    middles, depths = _middles(problem, poses)
+    pixel = np.array([fit.noise.pixel[camera] for camera in problem.cameras])
+    middles, depths = _middles(problem, true_poses)
     distance = float(np.median(depths[: len(problem.prepared[0].usable)]))
     lens = lenses[first.camera]
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
@@ -290,13 +347,16 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         Z=Z,
         labels=first.labels,
         poses=poses,
+        true_poses=true_poses,
+        error_m=errors[0],
+        corrected_error_m=errors[1],
         lens=lens,
         lenses=lenses,
         lens_estimated=problem.prepared[0].free_lens,
         estimate=estimate,
-        sigma_px=fit.sigma_px[first.camera],
-        sigmas_px=fit.sigma_px,
-        arm_sigma=fit.arm_sigma,
+        sigma_px=fit.noise.pixel[first.camera],
+        sigmas_px=fit.noise.pixel,
+        arm_sigma=fit.noise.arm,
         names=names,
         status=status,
         rms_px=listed(_rms(residuals, data.setup)),
@@ -312,6 +372,45 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         start=problem.prepared[0].start,
         warnings=(*_outliers_in_words(problem, data.names, fit.good), *suspicions),
     )
+
+
+def _errors_to_expect(
+    problem: Problem,
+    fit: _Fit,
+    estimate: IdentificationResult,
+    poses: dict[str, FloatArray],
+    lenses: Mapping[str, Lens],
+) -> tuple[dict[str, FloatArray], tuple[float, float]]:
+    """Poses for the controller, and errors to expect of it and of a corrected arm [m].
+
+    The errors are those of the first camera.
+    """
+    taken, errors, used = dict(poses), list[tuple[float, float]](), 0
+    for one in problem.prepared:
+        pictures, x = one.pictures, estimate.values
+        good = fit.good[used : used + len(one.usable)]
+        used += len(good)
+        lens = lenses[pictures.camera]
+        views = Views.drawn(
+            pictures.robot,
+            pictures.carried,
+            pictures.labels,
+            pictures.board,
+            lens,
+            poses,
+            one.postures[good],
+        )
+        flange = fit.model.tip_poses(views.postures, x)
+        lost = 0.0
+        if problem.arm is not None:
+            taken |= views.best_poses(poses, flange)
+            lost = float(np.mean(np.sum(views.apart(poses, flange, taken)[:, 0] ** 2, axis=1)))
+        L, lever = views.unknown(fit.model, x, pictures.camera, lens)
+        unknown = float(np.mean(np.einsum("vip,pq,viq->v", L, estimate.covariance, L)))
+        m, rad = fit.noise.arm
+        stops = 3.0 * m**2 + 2.0 * rad**2 * float(np.mean(lever**2))
+        errors.append((float(np.sqrt(lost + unknown + stops)), float(np.sqrt(unknown + stops))))
+    return taken, errors[0]
 
 
 def _lenses_of(problem: Problem, model: CalibrationModel, x: FloatArray) -> dict[str, Lens]:
@@ -346,16 +445,14 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
     kept = np.flatnonzero(fit.good)
     data, found = fit.data[kept], list[checks.Suspicion | None]()
     cameras = np.array(problem.cameras)[kept]
-    fitted = dict(zip(fit.model.names, fit.x, strict=True))
 
     def tried(new: Sequence[str], **more: Any) -> checks.Step:
         """With the noise that is left with them: without, it has taken them up."""
-        model = problem.model(fit.sigma_px, fit.arm_sigma, **more)
-        pairs = zip(model.names, model.nominal, strict=True)
-        x = np.array([fitted.get(name, nominal) for name, nominal in pairs])
+        model = problem.model(fit.noise, **more)
+        x = _at(model, fit)
         parts = deviations(model.linearise_at(data, x), turns=True)
-        noise = _noise_of(parts, cameras, fit.sigma_px, fit.arm_sigma, fit.noise_found)
-        return checks.step_with(problem.model(*noise, **more), data, x, new)
+        noise = _noise_of(problem.sizes_with(**more), parts, cameras, fit.noise, fit.noise_found, x)
+        return checks.step_with(problem.model(noise, **more), data, x, new)
 
     frames = {
         label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
@@ -378,9 +475,9 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
             found.append(checks.suspicion_of_lens(step, lens))
     parts = deviations(fit.model.linearise_at(data, fit.x), turns=True)
     found.append(
-        checks.suspicion_of_move(parts, fit.arm_sigma, frames, list(dict.fromkeys(data.names)))
+        checks.suspicion_of_move(parts, fit.noise.arm, frames, list(dict.fromkeys(data.names)))
     )
-    found.append(checks.suspicion_of_arm(fit.arm_sigma))
+    found.append(checks.suspicion_of_arm(fit.noise.arm))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
     return (sizes[0] if sizes else None), [one.text for one in order]
 

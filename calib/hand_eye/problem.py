@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -11,6 +11,7 @@ import numpy as np
 
 from calib import se3
 from calib.errors import ConvergenceError, InputError
+from calib.hand_eye.arm import ArmErrors, Sizes
 from calib.hand_eye.checks import explain_misfit, find_half_turns, unmirrored_poses
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.start import board_poses, start_lens
@@ -30,6 +31,31 @@ USUAL_DELAY_S = 0.2
 """Standard deviation of how much later than the joints were read a picture was taken."""
 
 _LETTERS = "A are the poses of the flange, B those of the board in the pictures"
+
+
+_SETTLED = 0.01
+_NOTHING = np.array([1e-6, 1e-6, 1e-3])
+"""Change of the noise that is none, relative and absolute [m, rad, px]."""
+
+_SAME_SIZE = 0.1
+"""The same of the logarithm of a size of errors: it is known to some .2 and worse."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """How far pixels scatter, how far the arm stops off, and how large its own errors are."""
+
+    pixel: dict[str, float]  # of a coordinate of a point by each camera [px]
+    arm: tuple[float, float]  # deviation along each axis [m], about each axis [rad]
+    log_shares: FloatArray  # (G,): logarithms of the sizes of errors, as shares of their priors
+
+    def is_near(self, other: Noise) -> bool:
+        """Return True if nothing differs by as much as matters."""
+        one, two = (np.array([*each.arm, *each.pixel.values()]) for each in (self, other))
+        nothing = np.append(_NOTHING[:2], np.full(len(self.pixel), _NOTHING[2]))
+        settled = np.abs(two - one) <= _SETTLED * one + nothing
+        same = np.abs(self.log_shares - other.log_shares) <= _SAME_SIZE
+        return bool(settled.all() and same.all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +159,7 @@ class Problem:
     prepared: tuple[Prepared, ...]
     free: tuple[ParameterBlock, ...]
     board_errors: tuple[str, ...]
+    arm: ArmErrors | None = None  # what of ``free`` is an error of the arm, its size to be found
 
     @cached_property
     def starts(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
@@ -213,18 +240,35 @@ class Problem:
         """Points of each board [m]."""
         return {one.pictures.board_name: one.pictures.board for one in self.prepared}
 
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Components of variance: of the deviation of the arm, and of its errors."""
+        return self.sizes_with()
+
+    def sizes_with(
+        self, board_errors: Sequence[str] | None = None, free_lens: bool | None = None
+    ) -> Sizes:
+        """Return :attr:`sizes` of a :meth:`model` with these."""
+        usual = Noise(dict.fromkeys(self.lenses, 1.0), (0.0, 0.0), np.zeros(0))
+        return Sizes.of(self._model_of(usual, board_errors, free_lens), self.arm)
+
     def model(
         self,
-        sigma_px: Mapping[str, float],
-        arm_sigma: tuple[float, float],
+        noise: Noise,
         *,
         board_errors: Sequence[str] | None = None,
         free_lens: bool | None = None,
     ) -> CalibrationModel:
-        """The model about the starts, with what is asked for or these in place of it.
+        """Return the model about the starts, with what is asked for or these in place of it."""
+        model = self._model_of(noise, board_errors, free_lens)
+        return model.with_prior(Sizes.of(model, self.arm).prior(noise.log_shares))
 
-        The noise of the pixels is that of each camera.
-        """
+    def _model_of(
+        self,
+        noise: Noise,
+        board_errors: Sequence[str] | None = None,
+        free_lens: bool | None = None,
+    ) -> CalibrationModel:
         on_flange, around = self.starts
         blocks: list[ParameterBlock] = [
             OnTool(list(on_flange), np.stack(list(on_flange.values())), AXES),
@@ -238,10 +282,10 @@ class Problem:
                 blocks.append(LensParameters.usual(lens, camera))
         errors = self.board_errors if board_errors is None else board_errors
         blocks += [BoardErrors(board, errors) for board in self.boards if errors]
-        arm = arm_sigma if any(arm_sigma) else None
+        arm = noise.arm if any(noise.arm) else None
         looks = {
             one.pictures.labels: BoardView(
-                sigma_px[one.pictures.camera],
+                noise.pixel[one.pictures.camera],
                 BoardShape(one.pictures.board),
                 one.lens,
                 one.pictures.carried,

@@ -12,7 +12,7 @@ from calib.lens import Lens
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
 from calib.robot_world import RobotWorldResult
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, rotation_log
 from calib.shown import Shown
 
 PictureStatus = Literal["used", "contradicts the others", "no board", "no posture"]
@@ -26,7 +26,8 @@ class PlacedFrame:
     label: str  # of the camera or board
     T: FloatArray  # (4, 4) [m]
     covariance: FloatArray
-    """(6, 6): of the place [m] in the axes of its parent, then of the rotation [rad] in its own."""
+    """(6, 6): of the place [m] in the axes of its parent, then of the rotation [rad] in its own.
+    Mean squares about the truth: what errors of the arm shift the pose by counts, too."""
 
     @property
     def parent(self) -> str:
@@ -44,6 +45,12 @@ class PlacedFrame:
         return np.sqrt(np.diag(self.covariance)[3:])
 
 
+def pose_difference(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return shift [m] in the axes of the parent and rotation [rad] in its own, ``(6,)``."""
+    turn = rotation_log(other[:3, :3].T @ one[:3, :3])
+    return np.append(one[:3, 3] - other[:3, 3], turn)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HandEyeResult(Shown):
     """Camera and board, lens and robot, from pictures."""
@@ -55,7 +62,15 @@ class HandEyeResult(Shown):
     ``T_base_camera`` [m]."""
     labels: tuple[str, str]  # what X and Z place
     poses: dict[str, FloatArray]
-    """(4, 4): of all cameras and boards by name [m]: on the flange, or in the base."""
+    """(4, 4): of all cameras and boards by name [m]: on the flange, or in the base. Those for the
+    arm as its controller has it, as X and Z are: with them its errors matter least."""
+    true_poses: dict[str, FloatArray]
+    """The same where errors of the arm were taken into account: for an arm that is corrected. They
+    are those of ``estimate``. Equal to ``poses`` where no errors of the arm were found."""
+    error_m: float
+    """Error to expect, root mean square [m], of the arm as its controller has it where the camera
+    sees a point, at other views of the board: see :mod:`calib.hand_eye.views`."""
+    corrected_error_m: float  # the same of the arm with its errors corrected
     lens: Lens
     lenses: dict[str, Lens]  # of all cameras by name
     lens_estimated: bool
@@ -134,7 +149,8 @@ class HandEyeResult(Shown):
             stem = f"tool.{label}." if on_flange else f"target.{label}."
             own = [k for k, name in enumerate(names) if name.startswith(stem)]
             parent = "flange" if on_flange else "base"
-            covariance = self.estimate.covariance[np.ix_(own, own)]
+            off = pose_difference(T, self.true_poses[label])
+            covariance = self.estimate.covariance[np.ix_(own, own)] + np.outer(off, off)
             found.append(PlacedFrame(f"T_{parent}_{label}", label, T, covariance))
         return tuple(sorted(found, key=lambda frame: frame.label not in self.lenses))
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import FileFormatError, InputError
-from calib.hand_eye import HandEyeResult, Pictures, PlacedFrame, calibrate
+from calib.hand_eye import ArmErrors, HandEyeResult, Pictures, PlacedFrame, calibrate
 from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
@@ -37,7 +37,8 @@ from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wp
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
 from posedesign.cell.data import CameraFound
-from posedesign.cell.models import robot_blocks
+from posedesign.cell.models import everything, robot_blocks
+from posedesign.cell.reference import USUAL_SIZES
 from posedesign.files import Claim, Results, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.pictures import read_grey
@@ -121,6 +122,11 @@ class Calibrated:
     external: ExternalAxes = NO_EXTERNAL_AXES  # what the first joints are
 
 
+def arm_of(cell: Cell) -> ArmErrors:
+    """Return what may be off on the arm of a cell, with the sizes that arms were found to have."""
+    return ArmErrors(robot_blocks(cell, everything(cell)), USUAL_SIZES)
+
+
 def board_of(cell: Cell) -> Board:
     """The calibration board of a cell; InputError where it describes none."""
     if cell.board is None:
@@ -163,6 +169,7 @@ def calibrate_camera(
         sets.append(_seen(cell, shown, board, found.pixels, asked, camera))
         reasons += found.reasons
     advance("camera, board and lens", _DETECTING)
+    with_joints = all(shown.postures is not None for shown in pictures.values())
     result = calibrate(
         sets,
         asked.lens,
@@ -170,6 +177,8 @@ def calibrate_camera(
         sigma_px=asked.pixel_sigma,
         arm_sigma=asked.arm_sigma,
         board_errors=asked.board_errors,
+        # what the pictures are asked to free is all that may be off then
+        arm=None if asked.free or not with_joints else arm_of(cell),
     )
     notes = tuple(dict.fromkeys(note for shown in pictures.values() for note in shown.notes))
     calibrated = Calibrated(
@@ -178,7 +187,7 @@ def calibrate_camera(
         board,
         tuple(reasons),
         np.concatenate([one.postures for one in sets]),
-        all(shown.postures is not None for shown in pictures.values()),
+        with_joints,
         notes,
         cell.robot.external,
     )

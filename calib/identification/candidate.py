@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.chance import chi2_quantile
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.deviations import components
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
@@ -42,6 +43,7 @@ from calib.identification.robust import (
 )
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel, Setup
+from calib.model.deviation import summed
 from calib.model.measurements import Measurement, Measurements
 from calib.se3 import FloatArray
 
@@ -159,7 +161,10 @@ class Workplace:
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """Distance of the tool point from where the arm takes it to be, mean over a workplace."""
+    """Distance of the tool point from where the arm takes it to be, mean over a workplace.
+
+    With the deviation of the arm from pose to pose, where the measurements show one.
+    """
 
     rms_m: float  # root mean square over arms and workplace [m]
     low_m: float
@@ -178,25 +183,65 @@ class Posterior(Carried):
 
 
 class DrawnArms:
-    """Arms drawn from what is known of the true one: what errors models have by it."""
+    """Arms drawn from what is known of the true one: what errors models have by it.
 
-    def __init__(self, kinds: Sequence[Posterior], workplace: Workplace) -> None:
+    ``scatter``: of arm and readings from pose to pose, which no model takes away.
+    """
+
+    def __init__(
+        self, kinds: Sequence[Posterior], workplace: Workplace, scatter: Scatter | None = None
+    ) -> None:
         self.workplace = workplace
+        self._scatter2 = (scatter or Scatter()).squares_over(kinds[0], workplace)
         self._drawn = [
             _drawn(kind, workplace) for kind in kinds if kind.probability >= LEAST_PROBABILITY
         ]
 
-    def error_of(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
-        """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI]."""
+    def error_of(
+        self, model: CalibrationModel, x: FloatArray, *, as_measured: bool = False
+    ) -> ExpectedError:
+        """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI].
+
+        ``as_measured``: as the instrument will read it, its noise included.
+        """
         squares = np.concatenate(
             [
                 3.0 * np.mean((mean.displaced(model, x)[0][:, None] + off) ** 2, axis=0)
                 for mean, off in self._drawn
             ]
         )
+        of_arm, as_read = self._scatter2
+        rng = np.random.default_rng(1)
+        more = as_read if as_measured else of_arm
+        squares = squares + rng.permutation(more)[: len(squares)]
         tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
         low, high = np.sqrt(np.quantile(squares, tails))
         return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Scatter of arm and readings from pose to pose, heavy tails included."""
+
+    deviation: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of where the arm stops, along and about each axis [m, rad]."""
+    reading_m: float = 0.0  # root mean square of the noise of a reading, all its lengths together
+    freedom: float = np.inf  # degrees of freedom by which both are known
+
+    def squares_over(self, kind: Posterior, workplace: Workplace) -> tuple[FloatArray, FloatArray]:
+        """Return mean squares ``(D,)`` [m²] over a workplace: of the arm, and as they are read.
+
+        At D quantiles of how large the scatter may be.
+        """
+        view = kind.model.view(workplace.postures, kind.x, workplace.setup)
+        lever2 = float(np.mean(np.sum((view.point - view.walk.p_base_tip) ** 2, axis=0)))
+        shift, turn = self.deviation
+        of_arm = 3.0 * shift**2 + 2.0 * turn**2 * lever2  # a turn about the lever moves nothing
+        larger = np.ones(2 * DRAWS)
+        if np.isfinite(self.freedom):
+            quantiles = chi2_quantile((np.arange(2 * DRAWS) + 0.5) / (2 * DRAWS), self.freedom)
+            larger = self.freedom / quantiles
+        return of_arm * larger, (of_arm + self.reading_m**2) * larger
 
 
 def _drawn(kind: Posterior, workplace: Workplace) -> tuple[Expectation, FloatArray]:
@@ -288,6 +333,7 @@ def fit_reference(
             for name, one in fits.items()
         ],
         workplace,
+        _scatter_of(fitted, data),
     )
     return Reference(candidate, given, fitted, arms, usual, shares)
 
@@ -354,6 +400,25 @@ def _tails(fitted: Fitted, data: Measurements) -> float:
         first = np.unique(setup.stops, return_index=True)[1]
     seen = first[left[first] > LEAST_LEFT]
     return gain_of_student(squares[seen] / left[seen], rows[seen])
+
+
+def _scatter_of(fitted: Fitted, data: Measurements) -> Scatter:
+    """Return the scatter that the residuals show: larger than that of most where tails are heavy.
+
+    Mean squares of stops scatter about their mean by what tells how well that is known.
+    """
+    model, result, used = fitted.model, fitted.result, fitted.result.used
+    white, free = redundancy(model.linearise_at(data, result.values), np.ones(data.count))
+    stops = data.setup.stops[used]
+    squares, freedom = (summed(np.sum(r[used], axis=1), stops) for r in (white**2, free))
+    heavier = float(squares.sum() / max(freedom.sum(), 1.0))
+    off = squares - heavier * freedom
+    known = 2.0 * squares.sum() ** 2 / max(float(off @ off), np.finfo(float).tiny)
+    kinds = [model.measurements[k] for k in data.setup.kind[used]]
+    lengths = [np.sum(kind.sigma[: kind.rows - kind.turns] ** 2) for kind in kinds]
+    root = float(np.sqrt(max(heavier, 1.0)))
+    shift, turn = (root * sigma for sigma in model.arm_sigma or (0.0, 0.0))
+    return Scatter((shift, turn), root * float(np.sqrt(np.mean(lengths))), max(known, 3.0))
 
 
 def _noise_of(model: CalibrationModel) -> FloatArray:

@@ -63,6 +63,8 @@ class Trial:
     own, and only that target's place from other poses at it; NaN where no target was left out."""
     expected: ExpectedError | None = None
     """Of the tool point where the arm will work, by the reference; None without one."""
+    as_measured: ExpectedError | None = None
+    """The same as the instrument will read it, its noise included."""
 
     @property
     def name(self) -> str:
@@ -85,7 +87,7 @@ class Trial:
 
     @property
     def target_out_rms_m(self) -> float:
-        """Root mean square of :attr:`target_out_m` [m], weighted as in the fit; NaN without."""
+        """Root mean square of :attr:`target_out_m` [m]; NaN without."""
         return float("nan") if self.result is None else self.result.rms_of(self.target_out_m)
 
 
@@ -152,8 +154,11 @@ def compare(
             return Trial(candidate, None, error, np.full((data.count, 1), np.nan))
         model, result = fitted.model, fitted.result
         out = targets_left_out(model, data, result, weighted=weighted)
-        expected = None if reference is None else reference.arms.error_of(model, result.values)
-        return Trial(replace(candidate, model=model), result, None, out, expected)
+        errors: list[ExpectedError | None] = [None, None]
+        if reference is not None:
+            arms = reference.arms
+            errors = [arms.error_of(model, result.values, as_measured=m) for m in (False, True)]
+        return Trial(replace(candidate, model=model), result, None, out, *errors)
 
     every = [*candidates, *([] if reference is None else [reference.candidate])]
     trials = tuple(map(tried, every))
@@ -293,11 +298,11 @@ def _left_out(able: Sequence[Trial], data: Measurements, weighted: bool) -> _Err
             own = data.setup.kind == k
             if (own & common).any():
                 parts = [float(np.sum(squares[own & common])) for squares in white]
-                kinds[kind.name] = parts, [_rms_milli(units.mean(each, own)) for each in plain]
+                kinds[kind.name] = parts, [_rms_milli(each[own & common]) for each in plain]
     return _Errors(
         names=[one.name for one in able],
         squares=[(1.0 if alike is None else (1e3 * alike) ** 2) * units.mean(s) for s in white],
-        rms=[_rms_milli(units.mean(squares)) for squares in plain],
+        rms=[_rms_milli(squares[common]) for squares in plain],
         unit="mm",
         square="noise²" if alike is None else "mm²",
         criterion=criterion,
@@ -357,13 +362,10 @@ class _Units:
             None if target is None else np.unique(found[:, 1], return_inverse=True)[1].ravel(),
         )
 
-    def mean(self, squares: FloatArray, own: BoolArray | None = None) -> FloatArray:
-        """Mean ``(G,)`` of squares ``(N,)`` in each unit, of some of the measurements or all."""
-        counted = squares[self.rows] * self.weights
-        part = np.ones(len(counted), dtype=bool) if own is None else own[self.rows]
-        count = np.bincount(self.index[part])
-        total = np.bincount(self.index[part], counted[part])
-        return np.asarray(total[count > 0] / count[count > 0])
+    def mean(self, squares: FloatArray) -> FloatArray:
+        """Mean ``(G,)`` of squares ``(N,)`` in each unit, weighed."""
+        total = np.bincount(self.index, squares[self.rows] * self.weights)
+        return np.asarray(total / np.bincount(self.index))
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,8 +460,9 @@ def _turns_left_out(able: Sequence[Trial], data: Measurements) -> _Errors | None
     if not common.any():
         return None
     units = _Units.of(data, common, None, largest.weights)
-    squares = [units.mean(np.nan_to_num(1e3 * turn) ** 2) for turn in turns]
-    rms = [float(np.sqrt(each.mean())) for each in squares]
+    plain = [np.nan_to_num(1e3 * turn) ** 2 for turn in turns]
+    squares = [units.mean(each) for each in plain]
+    rms = [float(np.sqrt(each[common].mean())) for each in plain]
     return _Errors([one.name for one in able], squares, rms, "mrad", "mrad²", "leave-one-out")
 
 

@@ -110,7 +110,9 @@ def with_noise_of(model: CalibrationModel, result: IdentificationResult) -> Cali
     """The model with the noise that a fit to the same kinds of measurement used."""
     return model.with_measurements(
         [
-            kind.with_noise(noise.sigma / kind.sigma)
+            kind.with_deviation(None)
+            .with_noise(noise.sigma / kind.sigma)
+            .with_deviation(noise.arm_sigma)
             for kind, noise in zip(model.measurements, result.noise, strict=True)
         ]
     )

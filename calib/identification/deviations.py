@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.chance import chi2_quantile
+from calib.chance import f_tail
 from calib.errors import ConvergenceError
 from calib.identification.robust import LEAST_NOISE
 from calib.model import CalibrationModel, Linearisation
@@ -301,11 +301,30 @@ def arm_deviation(parts: Deviations, now: tuple[float, float] | None = None) -> 
     return m, rad
 
 
-def gain_of(parts: Deviations, arm_sigma: tuple[float, float]) -> float:
-    """Return twice the logarithm of how much likelier a deviation makes the rows than none does."""
-    some = np.log(np.maximum(np.stack([LEAST_ARM, arm_sigma]), LEAST_ARM))
-    none, here = restricted(parts)(some)[0]
-    return float(none - here)
+def chance_of(parts: Deviations) -> float:
+    """Return the probability of stops that differ as much by the noise within them alone.
+
+    By the F test of the squares between the stops, the parameters fitted, over those within them:
+    exact for one noise, known or not.
+    """
+    L = np.linalg.cholesky(parts.covariance)
+    y = np.linalg.solve(L, parts.off[..., None]).ravel()
+    H = np.linalg.solve(L, parts.by_parameters)
+    p = H.shape[-1]
+    A = np.einsum("mkp,mkq->pq", H, H, optimize=True) + parts.known_block
+    A = A + parts.within_blocks.sum(axis=0)
+    b = H.reshape(-1, p).T @ y + parts.known_right + parts.within_right.sum(axis=0)
+    unit = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / np.outer(unit, unit))
+    told = values > 1e-12 * values[-1]
+    along = vectors[:, told].T @ (b / unit) / np.sqrt(values[told])
+    known = np.linalg.matrix_rank(parts.known_block)
+    inside, freedom = noise_within(parts)
+    between = float(y @ y + np.sum(parts.left**2) - along @ along) - inside**2 * freedom
+    more = float(y.size + parts.free.sum() + known - told.sum()) - freedom
+    if more < 1.0 or freedom < 1.0 or not inside > 0.0:
+        return 1.0
+    return float(f_tail(between / more / inside**2, more, freedom))
 
 
 SURELY = 1e-3
@@ -347,7 +366,7 @@ def components(linear: Linearisation, shares: FloatArray) -> CalibrationModel | 
     if not told:
         return None
     parts = parts.of_noise(scale)
-    sigma = arm_deviation(parts, model.arm_sigma)
-    if gain_of(parts, sigma) < float(chi2_quantile(1.0 - SURELY, parts.off.shape[1] // 3)):
+    if chance_of(parts) > SURELY:
         return None
+    sigma = arm_deviation(parts, model.arm_sigma)
     return model.with_measurements(kinds).with_deviation(sigma)

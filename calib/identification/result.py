@@ -83,6 +83,9 @@ class KindNoise:
     """Whether the noise does not explain them: the covariance then takes it ``scale`` times as
     large."""
     unit: Literal["m", "px"] = "m"  # of the rows that are no angles
+    arm_sigma: tuple[float, float] | None = None
+    """Standard deviations of where the arm stops, along and about each axis [m, rad], beside
+    ``sigma``: shared by all that is measured at a pose. None: not told apart from ``sigma``."""
 
 
 class Displayed(NamedTuple):
@@ -237,11 +240,16 @@ class IdentificationResult(Shown):
 
     @property
     def rms_m(self) -> float:
-        """Root mean square of the distance left over at a measurement [m]; outliers apart.
-
-        See :meth:`rms_of` for what a robust loss weighs down.
-        """
+        """Root mean square of the distance left over at a measurement [m]; outliers apart."""
         return self.rms_of(self.lengths_m(self.residuals))
+
+    @property
+    def weighed_rms_m(self) -> float:
+        """Root mean square of the same [m], each weighed as the loss weighs it.
+
+        Gross errors count little in it.
+        """
+        return self.rms_of(self.lengths_m(self.residuals), weighed=True)
 
     @property
     def max_m(self) -> float:
@@ -265,6 +273,16 @@ class IdentificationResult(Shown):
         Over the poses that can be left out: see :attr:`indispensable`. NaN where there are none.
         """
         return self.rms_of(self.leave_one_out_m)
+
+    @property
+    def weighed_leave_one_out_rms_m(self) -> float:
+        """The same as :attr:`weighed_rms_m` for poses that took no part in the fit [m]."""
+        return self.rms_of(self.leave_one_out_m, weighed=True)
+
+    @property
+    def is_weighed(self) -> bool:
+        """Return True if a robust loss weighed some of the measurements used down."""
+        return bool((self.weights[self.used] != 1.0).any())
 
     @property
     def leave_one_out_rad(self) -> FloatArray:
@@ -336,14 +354,15 @@ class IdentificationResult(Shown):
         """Distance ``(N,)`` [m] of rows ``(N, m)``: angles apart."""
         return np.asarray(np.linalg.norm(np.where(self.angles, 0.0, rows), axis=1))
 
-    def rms_of(self, errors: FloatArray) -> float:
+    def rms_of(self, errors: FloatArray, *, weighed: bool = False) -> float:
         """Root mean square of errors ``(N,)`` that are known; outliers apart, NaN without any.
 
-        Those that a robust loss weighs down count by their weight in the fit: gross errors would
-        otherwise be all that is seen. None counts by more than one.
+        ``weighed``: each counts by its weight in the fit, by one at most.
         """
         known = np.isfinite(errors) & self.used
-        weights = np.minimum(self.weights[known], 1.0)
+        weights = np.ones(int(known.sum()))
+        if weighed:
+            weights = np.minimum(self.weights[known], 1.0)
         total = float(weights.sum())
         return float(np.sqrt(weights @ errors[known] ** 2 / total)) if total > 0 else float("nan")
 

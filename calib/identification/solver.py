@@ -281,6 +281,7 @@ def make_result(
                 float(scale),
                 k in test.doubted,
                 kind.unit,
+                kind.arm_sigma,
             )
             for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
         ),

@@ -164,6 +164,7 @@ def _kind(cell: Cell, name: str, noise: Mapping[str, Noise]) -> Measurement:
     found = noise[name]
     sigma = np.array(found.sigma_si)
     kind = KINDS[name](sigma) if found.estimated else noise_of_kind(cell, name)
+    kind = kind.with_deviation(found.arm_sigma_si)
     more = found.residuals_over_noise
     return kind.with_noise(more) if found.doubted and more is not None else kind
 

@@ -153,7 +153,7 @@ class Identified:
         Zeros may be off by anything.
         """
         beyond = any(each.kind == "arm" for each in self.contradictions)
-        return beyond and self.best.rms_m > LEFT_OVER_M
+        return beyond and self.best.weighed_rms_m > LEFT_OVER_M
 
     @property
     def recommended(self) -> str | None:
@@ -168,7 +168,7 @@ class Identified:
 
 def is_believable(result: IdentificationResult) -> bool:
     """Whether an arm that is switched on can be off by what was found, and by what is left over."""
-    return result.rms_m <= ANOTHER_ROBOT_M and beyond_belief(result) is None
+    return result.weighed_rms_m <= ANOTHER_ROBOT_M and beyond_belief(result) is None
 
 
 def beyond_belief(result: IdentificationResult) -> str | None:
@@ -191,6 +191,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     baseline or where all else is refused; measurements that contradict each other, with no mistake
     that explains it.
     """
+    table = replace(table, data=table.data.at_stops())
     models, section = Models(cell, table), cell.config.parameters
     weighted = cell.config.measurement.weighted
     # otherwise the fit is to be the paper's
@@ -261,6 +262,15 @@ def noise_found(judge: Reference) -> list[str]:
         why = "it is larger, or the arm has errors that no model here describes"
         if now < was:  # such as with few gross errors, which weigh little
             why = "most of them agree better than that"
+        if found.arm_sigma is not None:
+            shift, turn = found.arm_sigma
+            turned = f" and {np.rad2deg(turn):.2g} deg about" if turn else ""
+            said.append(
+                f"the arm stops off by {1e3 * shift:.3g} mm along{turned} each axis from pose to "
+                f"pose, by what no model here describes; {found.name} itself scatters by "
+                f"{now:.3g} mm where {was:.3g} mm was given"
+            )
+            continue
         said.append(
             f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where {was:.3g} "
             f"mm was given: {why}; models and priors are weighed against the noise found"
@@ -375,8 +385,11 @@ def _contradictions(
 def _refuse_unexplained(judge: Reference, identified: Identified) -> None:
     """Raise where an arm with everything that may be off leaves what no arm leaves, unnamed."""
     result = judge.fitted.result
-    larger = [found.mean_sigma_m / given.mean_sigma_m for given, found in judge.noise_found]
-    nothing = result.rms_m > FAR_FITTED_M and max(larger, default=1.0) > FAR_FROM_NOISE
+    larger = [
+        np.hypot(found.mean_sigma_m, (found.arm_sigma or (0.0,))[0]) / given.mean_sigma_m
+        for given, found in judge.noise_found
+    ]
+    nothing = result.weighed_rms_m > FAR_FITTED_M and max(larger, default=1.0) > FAR_FROM_NOISE
     if nothing and identified.is_of_this_robot and not identified.findings:
         raise InputError(
             "the measurements contradict each other: an arm with everything that may be off leaves "

@@ -74,6 +74,9 @@ class Noise(ReadFromFile):
     estimated: bool = False
     doubted: bool = False
     residuals_over_noise: Annotated[Number, Field(gt=0.0)] | None = None
+    arm_sigma_si: (
+        tuple[Annotated[Number, Field(ge=0.0)], Annotated[Number, Field(ge=0.0)]] | None
+    ) = None
 
 
 class FittedModel(ReadFromFile):
@@ -356,6 +359,16 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
         "expected_box_interval_mm": None
         if expected is None
         else [1e3 * expected.low_m, 1e3 * expected.high_m],
+        "as_measured_again_mm": None
+        if trial.as_measured is None
+        else [
+            1e3 * length
+            for length in (
+                trial.as_measured.rms_m,
+                trial.as_measured.low_m,
+                trial.as_measured.high_m,
+            )
+        ],
         "not_left_out": result.indispensable,
         "chi2": result.chi2,
         "degrees_of_freedom": result.degrees_of_freedom,
@@ -364,6 +377,7 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
             {
                 "kind": noise.kind,
                 "sigma_si": noise.sigma,
+                "arm_sigma_si": noise.arm_sigma,
                 "estimated": noise.estimated,
                 "doubted": noise.doubted,
                 "residuals_over_noise": noise.scale,

@@ -78,6 +78,7 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
         {
             "expected error": comparison.reason,
             "expected over": over,
+            "as measured again": _as_measured(trial),
             "noise": result.message,
             **identified.table.facts,
             "largest residuals": _residuals(result),
@@ -88,6 +89,17 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
         details=[*details, *_merged(trial)],
         tables=[models, Table(f"Identified: {result.model}", parameter_rows(result))],
         files=files,
+    )
+
+
+def _as_measured(trial: Trial) -> str:
+    """Return what further poses will show: the expected error with the noise of the readings."""
+    if trial.as_measured is None:
+        return ""
+    error = trial.as_measured
+    return (
+        f"{1e3 * error.rms_m:.3f} mm rms ({1e3 * error.low_m:.3f} to {1e3 * error.high_m:.3f}) at "
+        "poses that took no part, the noise of the readings included"
     )
 
 
@@ -135,10 +147,17 @@ def _of_the_fit(result: IdentificationResult) -> dict[str, str]:
         for noise in result.noise
         if noise.estimated
     }
+    weighed = ""
+    if result.is_weighed:
+        weighed = (
+            f"rms {1e3 * result.weighed_rms_m:.3f} mm, leave-one-out "
+            f"{1e3 * result.weighed_leave_one_out_rms_m:.3f} mm"
+        )
     pairs, held = result.strong_correlations, result.held_by_prior
     shown = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_LISTED])
     return {
         **estimated,
+        "with the weights of the loss": weighed,
         "correlated beyond 0.9": shown and shown + _more(len(pairs)),
         "held by their priors alone": ", ".join(held[:_MOST_LISTED]) + _more(len(held)),
     }
@@ -183,6 +202,9 @@ def _noise_in_words(noise: KindNoise) -> str:
     said = [", ".join(f"{s * 1e3:.3g}" for s in noise.sigma[:lengths]) + " mm"]
     if lengths < len(noise.sigma):
         said.append(", ".join(f"{s * 1e3:.3g}" for s in noise.sigma[lengths:]) + " mrad")
+    if noise.arm_sigma is not None:
+        shift, turn = (1e3 * sigma for sigma in noise.arm_sigma)
+        said.append(f"from pose to pose {shift:.3g} mm and {turn:.3g} mrad more, an axis")
     return "; ".join(said)
 
 

@@ -309,9 +309,11 @@ def test_gross_errors_do_not_choose(loss):
     result = found.best
     weights = np.minimum(result.weights, 1.0) * result.used
     mean = weights @ result.leave_one_out_m**2 / weights.sum()
-    assert result.leave_one_out_rms_m == pytest.approx(np.sqrt(mean))
-    assert result.leave_one_out_rms_m < 0.1 * np.sqrt(np.mean(result.leave_one_out_m**2))
-    assert result.rms_m < result.leave_one_out_rms_m
+    assert result.weighed_leave_one_out_rms_m == pytest.approx(np.sqrt(mean))
+    plain = np.sqrt(np.mean(result.leave_one_out_m[result.used] ** 2))
+    assert result.leave_one_out_rms_m == pytest.approx(plain)
+    assert np.sqrt(mean) < 0.1 * np.sqrt(np.mean(result.leave_one_out_m**2))
+    assert result.weighed_rms_m < result.weighed_leave_one_out_rms_m
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -149,6 +149,9 @@ LEAST_PROBABILITY = 0.01
 
 INTERVAL = 0.95
 
+FURTHER_POSES = 10
+"""Poses of the check that people make: their root mean square scatters, too."""
+
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
@@ -192,7 +195,7 @@ class DrawnArms:
         self, kinds: Sequence[Posterior], workplace: Workplace, scatter: Scatter | None = None
     ) -> None:
         self.workplace = workplace
-        self._scatter2 = (scatter or Scatter()).squares_over(kinds[0], workplace)
+        self._scatter = (scatter or Scatter()).over(kinds[0], workplace)
         self._drawn = [
             _drawn(kind, workplace) for kind in kinds if kind.probability >= LEAST_PROBABILITY
         ]
@@ -202,46 +205,68 @@ class DrawnArms:
     ) -> ExpectedError:
         """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI].
 
-        ``as_measured``: as the instrument will read it, its noise included.
+        ``as_measured``: as the instrument will read it at :data:`FURTHER_POSES` poses that took no
+        part, its noise included.
         """
+        if as_measured:
+            return self._as_measured(model, x)
         squares = np.concatenate(
             [
                 3.0 * np.mean((mean.displaced(model, x)[0][:, None] + off) ** 2, axis=0)
                 for mean, off in self._drawn
             ]
         )
-        of_arm, as_read = self._scatter2
-        rng = np.random.default_rng(1)
-        more = as_read if as_measured else of_arm
-        squares = squares + rng.permutation(more)[: len(squares)]
-        tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
-        low, high = np.sqrt(np.quantile(squares, tails))
-        return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
+        return _of_squares(squares + self._scatter.of_arm_m2 * self._scatter.larger(len(squares)))
+
+    def _as_measured(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
+        rng, scatter = np.random.default_rng(1), self._scatter
+        every = []
+        for mean, off in self._drawn:
+            each = (mean.displaced(model, x)[0][:, None] + off) ** 2
+            each = each.reshape(-1, 3, each.shape[1]).sum(axis=1)  # (K, draws)
+            some = rng.integers(len(each), size=(FURTHER_POSES, each.shape[1]))
+            every.append(np.take_along_axis(each, some, axis=0))
+        squares = np.concatenate(every, axis=1)
+        tails = scatter.tails[rng.integers(len(scatter.tails), size=squares.shape)]
+        more = (scatter.of_arm_m2 + scatter.of_reading_m2) * scatter.larger(squares.shape[1])
+        return _of_squares(np.mean(squares + more * tails, axis=0))
 
 
-@dataclass(frozen=True)
+def _of_squares(squares: FloatArray) -> ExpectedError:
+    """Return the error of mean squares ``(D,)`` [m²] of drawn arms."""
+    tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
+    low, high = np.sqrt(np.quantile(squares, tails))
+    return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
+
+
+@dataclass(frozen=True, eq=False)
 class Scatter:
     """Scatter of arm and readings from pose to pose, heavy tails included."""
 
     deviation: tuple[float, float] = (0.0, 0.0)
     """Standard deviations of where the arm stops, along and about each axis [m, rad]."""
-    reading_m: float = 0.0  # root mean square of the noise of a reading, all its lengths together
+    of_reading_m2: float = 0.0  # mean square of the noise of a reading, all its lengths together
     freedom: float = np.inf  # degrees of freedom by which both are known
+    tails: FloatArray = field(default_factory=lambda: np.ones(1))
+    """(M,): square of each pose over their mean."""
+    of_arm_m2: float = 0.0  # mean square of the tool point by the deviation
 
-    def squares_over(self, kind: Posterior, workplace: Workplace) -> tuple[FloatArray, FloatArray]:
-        """Return mean squares ``(D,)`` [m²] over a workplace: of the arm, and as they are read.
-
-        At D quantiles of how large the scatter may be.
-        """
+    def over(self, kind: Posterior, workplace: Workplace) -> Scatter:
+        """Return the same with what the deviation does to the tool point over a workplace."""
+        if not any(self.deviation):
+            return self
         view = kind.model.view(workplace.postures, kind.x, workplace.setup)
         lever2 = float(np.mean(np.sum((view.point - view.walk.p_base_tip) ** 2, axis=0)))
         shift, turn = self.deviation
-        of_arm = 3.0 * shift**2 + 2.0 * turn**2 * lever2  # a turn about the lever moves nothing
-        larger = np.ones(2 * DRAWS)
-        if np.isfinite(self.freedom):
-            quantiles = chi2_quantile((np.arange(2 * DRAWS) + 0.5) / (2 * DRAWS), self.freedom)
-            larger = self.freedom / quantiles
-        return of_arm * larger, (of_arm + self.reading_m**2) * larger
+        # a turn about the lever moves nothing
+        return replace(self, of_arm_m2=3.0 * shift**2 + 2.0 * turn**2 * lever2)
+
+    def larger(self, count: int) -> FloatArray:
+        """Return so many draws of the true mean square over the one that was found."""
+        if not np.isfinite(self.freedom):
+            return np.ones(count)
+        quantiles = chi2_quantile((np.arange(count) + 0.5) / count, self.freedom)
+        return np.random.default_rng(2).permutation(self.freedom / quantiles)
 
 
 def _drawn(kind: Posterior, workplace: Workplace) -> tuple[Expectation, FloatArray]:
@@ -418,7 +443,10 @@ def _scatter_of(fitted: Fitted, data: Measurements) -> Scatter:
     lengths = [np.sum(kind.sigma[: kind.rows - kind.turns] ** 2) for kind in kinds]
     root = float(np.sqrt(max(heavier, 1.0)))
     shift, turn = (root * sigma for sigma in model.arm_sigma or (0.0, 0.0))
-    return Scatter((shift, turn), root * float(np.sqrt(np.mean(lengths))), max(known, 3.0))
+    told = freedom > LEAST_LEFT
+    tails = squares[told] / freedom[told] if told.any() else np.ones(1)
+    tails = tails / tails.mean() if tails.any() else np.ones(1)
+    return Scatter((shift, turn), root**2 * float(np.mean(lengths)), max(known, 3.0), tails)
 
 
 def _noise_of(model: CalibrationModel) -> FloatArray:

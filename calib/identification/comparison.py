@@ -64,7 +64,7 @@ class Trial:
     expected: ExpectedError | None = None
     """Of the tool point where the arm will work, by the reference; None without one."""
     as_measured: ExpectedError | None = None
-    """The same as the instrument will read it, its noise included."""
+    """The same as the instrument will read it at ten poses that took no part."""
 
     @property
     def name(self) -> str:

@@ -94,12 +94,14 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
 
 def _as_measured(trial: Trial) -> str:
     """Return what further poses will show: the expected error with the noise of the readings."""
+    from calib.identification.candidate import FURTHER_POSES
+
     if trial.as_measured is None:
         return ""
     error = trial.as_measured
     return (
         f"{1e3 * error.rms_m:.3f} mm rms ({1e3 * error.low_m:.3f} to {1e3 * error.high_m:.3f}) at "
-        "poses that took no part, the noise of the readings included"
+        f"{FURTHER_POSES} poses that took no part, the noise of the readings included"
     )
 
 

@@ -13,6 +13,7 @@ answer.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 FALSE_ALARMS = 1 / 200
@@ -37,6 +38,20 @@ def grade_of(sigmas: float) -> Grade:
     if sigmas < WARNING_SIGMAS:
         return "note"
     return "warning" if sigmas < DISTRUST_SIGMAS else "not to be trusted"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A cause that a detector names, and its effect on the answer."""
+
+    text: str
+    sigmas: float
+    """Change of the answer when the cause is taken into account, in its standard deviations."""
+
+    @property
+    def grade(self) -> Grade:
+        """Loudness of the finding."""
+        return grade_of(self.sigmas)
 
 
 def level_of_each(detectors: int) -> float:

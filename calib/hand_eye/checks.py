@@ -1,24 +1,32 @@
-"""What looks wrong with pictures and their postures, in words.
+"""Causes that explain what pictures and their postures leave over, in words.
 
-After the fit each mistake that is known is tried as further parameters: a board of another size, a
-bent one, a lens that is not that of these pictures, a board or camera that was moved between two
-pictures. One step of least squares says how large it would be and how much it explains, in chi
-squares of the noise. Where there is no fit, the same is asked of A X = Z B.
+Null hypotheses: the board is as described; the lens that was given is that of the pictures; camera
+and board stood still; the arm stops where it says but for a deviation that is new at each stop, and
+for errors of its own. After the fit each mistake that is known is tried as further parameters,
+under the noise that is left with them. One step of least squares says how large it would be, and
+how much it explains, in chi squares of the noise. Errors of the arm are parameters with priors all
+the while, where they were found: a size of the board or a move is not named for what they explain.
+Where there is no fit, the same is asked of A X = Z B.
+
+All checks together name a cause in at most one of two hundred sets without any. A cause is graded
+by its effect on camera and board, see :mod:`calib.judgement`.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from calib import se3
 from calib.chance import chi2_quantile
 from calib.errors import CalibError
 from calib.hand_eye.start import board_poses, start_lens
 from calib.identification.deviations import Deviations
+from calib.judgement import DISTRUST_SIGMAS, Finding, level_of_each
 from calib.lens import Lens
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
@@ -27,18 +35,19 @@ from calib.robot_world import PairSets, residuals, solve_batch
 from calib.robot_world.scale import by_rotations_first
 from calib.se3 import BoolArray, FloatArray, IntArray
 
-CHANCE = 1e-4
+DETECTORS = 5
+"""Checks of one set: size and bend of the board, doubt of the size, lens, move, arm."""
+
+CHANCE = level_of_each(DETECTORS)
 """Probability that noise alone makes one of the checks say something."""
 
 LEAST_SCALE = 1e-3
-LEAST_BEND_M = 5e-5
-LEAST_STEP_M, LEAST_STEP_RAD = 2e-4, 5e-4
-"""What is too small to matter, however surely it is there."""
+"""Share by which the size of a print is off anyway."""
 
-DOUBTED, DOUBTED_SHIFT = 2.5, 3.0
-"""Standard deviations by which a size of the board is off, and by which X or Z would move with it,
-from which on a result is in doubt: the pictures do not tell the size well enough to say that it is
-wrong, and not well enough to say that it is right. Prints are off by `LEAST_SCALE` anyway."""
+DOUBTED = 2.5
+"""Standard deviations by which a size of the board is off from which on a result is in doubt, where
+X or Z would move with it by more than they are known: the pictures do not tell the size well enough
+to say that it is wrong, and not well enough to say that it is right."""
 
 FAR_OFF_M, FAR_OFF_RAD = 2e-3, 5e-3
 """Deviation of an arm that is no longer scatter: its zeros, or the model of it, are wrong."""
@@ -48,11 +57,10 @@ FAR_BETTER = 0.3
 
 
 @dataclass(frozen=True)
-class Suspicion:
-    """Something that would explain a part of the residuals."""
+class Suspicion(Finding):
+    """A cause that would explain a part of the residuals."""
 
-    text: str  # what it is, and what to do
-    gain: float  # by how much it lowers chi², over what noise alone is taken for
+    gain: float  # reduction of chi² over that which noise alone reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +83,19 @@ class Step:
     def over(self) -> float:
         """Gain over what noise alone gains."""
         return self.gain - float(chi2_quantile(1.0 - CHANCE, len(self.values)))
+
+
+def effect_of(step: Step, frames: Iterable[IntArray]) -> float:
+    """Return the change of the answer, in its standard deviations, when a cause is accounted for.
+
+    Parameters
+    ----------
+    frames : iterable of array (6,)
+        Columns of the position and the rotation of each camera and board.
+    """
+    parts = [half for own in frames for half in (own[:3], own[3:])]
+    lengths = np.linalg.norm([[step.moved[own], step.moved_sigma[own]] for own in parts], axis=2)
+    return float(np.max(lengths[:, 0] / np.maximum(lengths[:, 1], np.finfo(float).tiny)))
 
 
 def step_with(
@@ -110,48 +131,43 @@ def _stepped(H: FloatArray, g: FloatArray, new: np.ndarray) -> Step:
     )
 
 
-def suspicion_of_board(step: Step) -> Suspicion | None:
-    """Of errors scale, bend_x, bend_y: the board is larger than described, or bent."""
+def suspicion_of_board(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
+    """Of errors scale, bend_x, bend_y: the board is larger than described, or bent.
+
+    ``frames``: as of :func:`effect_of`.
+    """
     scale, sigma = float(step.values[0]), float(step.sigma[0])
     bend = step.values[1:]
     k = int(np.argmax(np.abs(bend) / np.maximum(step.sigma[1:], np.finfo(float).tiny)))
     if not step.is_sure:
         return None
-    as_bend, as_scale = abs(bend[k]) / step.sigma[1 + k], abs(scale) / max(sigma, 1e-300)
-    if as_bend > as_scale and abs(bend[k]) > LEAST_BEND_M:
+    if abs(bend[k]) / step.sigma[1 + k] > abs(scale) / max(sigma, 1e-300):
         edges = ("left and right", "upper and lower")[k]
-        return Suspicion(
+        text = (
             f"the board seems to be bent: its {edges} edges lie {1e3 * bend[k]:+.2g} mm behind its "
-            "middle; mount it on something flat, or estimate it (bend)",
-            step.over,
+            "middle; mount it on something flat, or estimate it (bend)"
         )
-    if abs(scale) > LEAST_SCALE and as_scale >= as_bend:
-        return Suspicion(
+    else:
+        text = (
             f"the board seems to be {_off_size(scale, sigma)}, measured by the arm: check the size "
-            "of its squares, the printer's scaling, and the unit; or estimate it (scale)",
-            step.over,
+            "of its squares, the printer's scaling, and the unit; or estimate it (scale)"
         )
-    return None
+    return Suspicion(text, effect_of(step, frames), step.over)
 
 
 def doubt_of_size(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
     """Of error scale alone: the result rests on the stated size of the board, and it may be wrong.
 
-    Parameters
-    ----------
-    frames : sequence of array (6,)
-        Columns of the place and the rotation of each camera and board.
+    ``frames``: as of :func:`effect_of`.
     """
     scale, sigma = float(step.values[0]), float(step.sigma[0])
-    if abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE):
-        return None
-    parts = [half for own in frames for half in (own[:3], own[3:])]
-    lengths = np.linalg.norm([[step.moved[own], step.moved_sigma[own]] for own in parts], axis=2)
-    if not (lengths[:, 0] > DOUBTED_SHIFT * lengths[:, 1]).any():
+    effect = effect_of(step, frames)
+    if abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE) or effect < DISTRUST_SIGMAS:
         return None
     return Suspicion(
         "the result rests on the stated size of the board, which is in doubt: measured by the arm "
         f"it is {_off_size(scale, sigma)}; measure its squares, or estimate it (scale)",
+        effect,
         0.0,
     )
 
@@ -161,7 +177,7 @@ def _off_size(scale: float, sigma: float) -> str:
     return f"{100 * abs(scale):.2g} +- {100 * sigma:.1g} % {way} than described"
 
 
-def suspicion_of_lens(step: Step, lens: Lens) -> Suspicion | None:
+def suspicion_of_lens(step: Step, lens: Lens, frames: Sequence[IntArray]) -> Suspicion | None:
     """Of a lens that was given: it is not that of these pictures."""
     if not step.is_sure:
         return None
@@ -170,57 +186,108 @@ def suspicion_of_lens(step: Step, lens: Lens) -> Suspicion | None:
         f"the lens given is not that of these pictures: with a focal length of "
         f"{focal + step.values[0]:.0f} in place of {focal:.0f} px and another distortion they fit "
         "better; estimate it with them",
+        effect_of(step, frames),
         step.over,
     )
 
 
-def suspicion_of_move(
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A camera or a board that seems to have been moved between two pictures."""
+
+    which: str  # what was moved
+    columns: IntArray  # (6,): of its place among the parameters
+    behind: BoolArray  # (M,): stops after the move
+    name: str  # of the first picture after it
+    step: Step
+    over: float  # gain over that which noise alone reaches
+
+    @property
+    def words(self) -> str:
+        """What happened."""
+        far, turn = (float(np.linalg.norm(part)) for part in np.split(self.step.values, 2))
+        return (
+            f"the {self.which} seems to have been moved before {self.name}, by {1e3 * far:.2g} mm "
+            f"and {np.degrees(turn):.2g} deg"
+        )
+
+    def suspicion(self, frames: Mapping[str, IntArray], or_else: str = "") -> Suspicion:
+        """Return it as a finding; ``or_else``: another cause that is as likely."""
+        own = frames[self.which]
+        moved = np.linalg.norm(self.step.values.reshape(2, 3), axis=1)
+        known = np.linalg.norm(self.step.moved_sigma[own].reshape(2, 3), axis=1)
+        effect = max(effect_of(self.step, frames.values()), float(np.max(moved / known)))
+        what = "calibrate with the pictures before or after it alone"
+        if or_else:
+            return Suspicion(f"{self.words}, or {or_else}: {_NOT_TOLD}; {what}", effect, self.over)
+        return Suspicion(f"{self.words}: {what}", effect, self.over)
+
+
+_NOT_TOLD = "these pictures do not tell which"
+
+
+def likeliest_move(
     parts: Deviations,
+    groups: IntArray,
     arm_sigma: tuple[float, float],
     frames: Mapping[str, IntArray],
     names: Sequence[str],
-) -> Suspicion | None:
-    """A board, or a camera, that was moved between two pictures.
+) -> Move | None:
+    """Return the move between two pictures that explains most, if noise does not explain it.
 
     Parameters
     ----------
     parts : Deviations
-        Of the pictures that were used, in their order.
+        Of the pictures that were used, each moment a stop of its own, in their order.
+    groups : array (M,)
+        Posture of each stop: those of one posture share the deviation of the arm.
     frames : mapping of str to array (6,)
         What may have been moved, and the columns of its place among the parameters.
+    names : sequence of str
+        Of the stops.
     """
-    N, _, p = parts.by_parameters.shape
-    if N < 8:
+    M, k = parts.off.shape
+    if M < 8:
         return None
-    V = parts.covariance + np.diag(np.repeat(np.array(arm_sigma) ** 2, 3))
-    L = np.linalg.cholesky(V)
-    y = np.linalg.solve(L, parts.off[..., None])[..., 0]
-    H = np.linalg.solve(L, parts.by_parameters)
-    blocks, rights = np.einsum("nip,niq->npq", H, H), np.einsum("nip,ni->np", H, y)
-    base = blocks.sum(axis=0) + parts.within_blocks.sum(axis=0) + parts.known_block
-    right = rights.sum(axis=0) + parts.within_right.sum(axis=0) + parts.known_right
-    best: tuple[float, int, str, Step] | None = None
-    for split in range(3, N - 2):
-        behind, behind_right = blocks[split:].sum(axis=0), rights[split:].sum(axis=0)
+    shared = np.kron(groups[:, None] == groups, np.diag(np.repeat(np.array(arm_sigma) ** 2, 3)))
+    alone = len(np.unique(groups)) == M
+    if alone:
+        root = np.linalg.cholesky(parts.covariance + shared[:k, :k])
+    else:
+        root = np.linalg.cholesky(block_diag(*parts.covariance) + shared)
+
+    def white(rows: FloatArray) -> FloatArray:
+        """Rows ``(M, 6, n)`` over the noise, ``(6 M, n)``."""
+        if alone:
+            return np.linalg.solve(root, rows).reshape(M * k, -1)
+        return np.linalg.solve(root, rows.reshape(M * k, -1))
+
+    H, y = white(parts.by_parameters), white(parts.off[..., None])[:, 0]
+    A = H.T @ H + parts.within_blocks.sum(axis=0) + parts.known_block
+    right = H.T @ y + parts.within_right.sum(axis=0) + parts.known_right
+    unit = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    C = np.linalg.pinv(A / np.outer(unit, unit), rcond=1e-13, hermitian=True) / np.outer(unit, unit)
+    known = np.sqrt(np.maximum(np.diag(C), 0.0))
+    best: Move | None = None
+    for split in range(3, M - 2):
+        behind = np.arange(M) >= split
         for which, own in frames.items():
-            G = np.zeros((p + 6, p + 6))
-            G[:p, :p], G[:p, p:] = base, behind[:, own]
-            G[p:, :p], G[p:, p:] = behind[own], behind[np.ix_(own, own)]
-            step = _stepped(G, np.append(right, behind_right[own]), np.arange(p + 6) >= p)
-            if best is None or step.gain > best[0]:
-                best = step.gain, split, which, step
+            if alone:
+                J = np.where(np.repeat(behind, k)[:, None], H[:, own], 0.0)
+            else:
+                J = white(np.where(behind[:, None, None], parts.by_parameters[..., own], 0.0))
+            B = C @ (H.T @ J)  # the others move with it by minus this
+            S, b = J.T @ (J - H @ B), J.T @ y - B.T @ right
+            values = -np.linalg.lstsq(S, b, rcond=1e-12)[0]
+            gain = float(-values @ b)
+            if best is None or gain > best.step.gain:
+                sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(S, rcond=1e-12)), 0.0))
+                step = Step(values, sigma, gain, -B @ values, known)
+                best = Move(which, own, behind, names[split], step, 0.0)
     if best is None:
         return None
-    gain, split, which, step = best
-    over = gain - float(chi2_quantile(1.0 - CHANCE / (2 * N), 6))
-    far, turn = (float(np.linalg.norm(part)) for part in (step.values[:3], step.values[3:]))
-    if over <= 0 or (far < LEAST_STEP_M and turn < LEAST_STEP_RAD):
-        return None
-    return Suspicion(
-        f"the {which} seems to have been moved before {names[split]}, by {1e3 * far:.2g} mm and "
-        f"{np.degrees(turn):.2g} deg: calibrate with the pictures before or after it alone",
-        over,
-    )
+    over = best.step.gain - float(chi2_quantile(1.0 - CHANCE / (len(frames) * M), 6))
+    return replace(best, over=over) if over > 0.0 else None
 
 
 def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:
@@ -231,6 +298,7 @@ def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:
         f"the arm seems to be off by {1e3 * arm_sigma[0]:.2g} mm and "
         f"{np.degrees(arm_sigma[1]):.2g} deg from picture to picture: are joints and pictures of "
         "the same moment, and of this arm? If so, its zero offsets are to be identified, too",
+        np.nan,
         0.0,
     )
 

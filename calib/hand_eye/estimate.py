@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 from calib.chance import chi2_quantile, f_bound
 from calib.errors import ConvergenceError, InputError
 from calib.hand_eye import checks
-from calib.hand_eye.arm import ArmErrors, Sizes
+from calib.hand_eye.arm import (
+    NO_KINDS,
+    ArmErrors,
+    Sizes,
+    likeliest,
+    some_columns,
+    with_move,
+    with_pattern,
+)
 from calib.hand_eye.noise import squares_of_pictures, wrong_points
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
@@ -36,6 +44,7 @@ from calib.identification.deviations import (
     noise_within,
 )
 from calib.identification.robust import not_converged
+from calib.judgement import Finding
 from calib.lens import Lens, LensName
 from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.measurements import Measurements
@@ -66,6 +75,12 @@ _USUAL_ARM = (1e-3, 2e-3)
 """Noise to start from [px, m, rad]."""
 
 _ROUNDS = 30
+
+_LESS_AT_ONCE = 10.0
+"""Factor by which the deviation of the arm falls from one fit to the next at most."""
+
+TOLD_APART = 10.0
+"""Twice the logarithm of how much likelier one cause has to be than another to be named alone."""
 
 ERRORS_OF_ARM = 20.0
 """Twice the logarithm of how much likelier pictures have to be by an arm with errors than by one
@@ -120,38 +135,86 @@ def calibrate(
         for one in sets
     ]
     problem = Problem(tuple(prepared), tuple(free), tuple(board_errors))
+    whole = problem if arm is None else replace(problem, free=(*free, *arm.blocks), arm=arm)
     good = np.concatenate([one.good for one in prepared])
+    noise = sigma_px, arm_sigma
     try:
-        fit = _fitted(problem, good, sigma_px, arm_sigma)
+        try:
+            fit = _fitted(problem, good, *noise)
+        except ConvergenceError:
+            if arm is None:
+                raise
+            problem, fit = whole, _fitted(whole, good, *noise)  # errors too large to go without
     except (InputError, ConvergenceError) as error:
         raise prepared[0].explained(error) from error
-    if arm is not None:
-        whole = replace(problem, free=(*free, *arm.blocks), arm=arm)
-        if _shows_errors_of_arm(whole, fit):
+    moved, or_else = _likeliest_move(problem, fit), ""
+    if problem.arm is None and (moved or arm is not None):
+        cause = _cause(whole, fit, moved)
+        if cause == "arm" and arm is not None:
             with suppress(InputError, ConvergenceError):  # else the deviation stands for them
-                problem, fit = whole, _fitted(whole, good, sigma_px, arm_sigma, fit)
-    return _result(problem, fit)
+                problem, fit = whole, _fitted(whole, good, *noise, fit)
+                moved = _likeliest_move(problem, fit)
+        elif cause != "move":
+            or_else = "the arm has errors of its own"
+    return _result(problem, fit, moved.suspicion(_frames(fit.model), or_else) if moved else None)
 
 
-def _shows_errors_of_arm(problem: Problem, fit: _Fit) -> bool:
-    """Return True if pictures are likelier by an arm with errors than by one that stops off.
+def _likeliest_move(problem: Problem, fit: _Fit) -> checks.Move | None:
+    """Return the move of a camera or a board that the pictures show, if they show one."""
+    data = fit.data[np.flatnonzero(fit.good)]
+    names = list(dict.fromkeys(data.names))
+    moment = np.array([names.index(name) for name in data.names])
+    each = replace(data, setup=replace(data.setup, stop=moment))
+    parts = deviations(fit.model.linearise_at(each, fit.x), turns=True)
+    groups = np.zeros(len(names), dtype=np.intp)
+    groups[moment] = data.setup.stops
+    return checks.likeliest_move(parts, groups, fit.noise.arm, _frames(fit.model), names)
 
-    By one linearisation at a fit without these errors.
+
+def _frames(model: CalibrationModel) -> dict[str, IntArray]:
+    """Return the columns of the position and rotation of each camera and board."""
+    return {
+        label: np.array([model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
+        for stem, labels in (("tool", model.tools), ("target", model.targets))
+        for label in labels
+    }
+
+
+def _cause(
+    whole: Problem, fit: _Fit, moved: checks.Move | None
+) -> Literal["none", "arm", "move", "either"]:
+    """Return the cause that makes the pictures likeliest: errors of the arm, a move, or neither.
+
+    By one linearisation at a fit without either, and restricted likelihoods. Without joints, errors
+    of the arm are those of a deviation that changes with the pose of the flange.
     """
     data = fit.data[np.flatnonzero(fit.good)]
-    noise = replace(fit.noise, log_shares=problem.sizes.centre)
-    model = problem.model(noise)
+    noise = replace(fit.noise, log_shares=whole.sizes.centre)
+    model = whole.model(noise)
     linear = model.linearise_at(data, _at(model, fit))
-    parts = deviations(linear, turns=True)
-    known = not fit.noise_found[1]
-    theta = np.append(np.log(np.maximum(noise.arm, LEAST_ARM)), noise.log_shares)
-    x, likeliest = _at(model, fit), partial(problem.sizes.likeliest, arm_known=known)
+    parts, sizes = deviations(linear, turns=True), whole.sizes
+    simple = some_columns(parts, sizes.without)
+    kinds = sizes.kinds(linear.values[:, 0])
+    if whole.arm is None:
+        flange = model.robot.fk(data.postures)
+        parts, kinds = with_pattern(parts, flange)
+    find = partial(likeliest, arm_known=not fit.noise_found[1])
+    theta = np.log(np.maximum(noise.arm, LEAST_ARM))
     try:
-        _, alone = likeliest(parts, x, theta, alone=True)
-        _, whole = likeliest(parts, x, theta)
+        _, alone = find(simple, NO_KINDS, theta)
+        _, arm = find(parts, kinds, np.append(theta, kinds.centre))
+        move = np.inf
+        if moved:
+            move = alone - moved.step.gain
+            if len(moved.behind) == len(parts.off):
+                _, move = find(with_move(simple, moved.columns, moved.behind), NO_KINDS, theta)
     except ConvergenceError:
-        return False
-    return alone - whole > ERRORS_OF_ARM
+        return "none"
+    if alone - min(arm, move) < ERRORS_OF_ARM:
+        return "move" if moved else "none"
+    if abs(arm - move) < TOLD_APART:
+        return "either"
+    return "arm" if arm < move else "move"
 
 
 def _at(model: CalibrationModel, fit: _Fit) -> FloatArray:
@@ -244,19 +307,17 @@ def _noise_of(
     """Return the noise of each camera and of the arm, and sizes of its errors, what is unknown."""
     if found[0]:
         # errors of the arm move whole boards: they are no part of what is left within pictures
-        inside = replace(
-            parts,
-            left_jacobian=parts.left_jacobian[..., sizes.without()],
-            by_parameters=parts.by_parameters[..., sizes.without()],
-        )
+        inside = some_columns(parts, sizes.without)
         scale = {camera: noise_within(inside, cameras == camera)[0] for camera in noise.pixel}
         pixel = {camera: scale[camera] * sigma for camera, sigma in noise.pixel.items()}
         noise = replace(noise, pixel=pixel)
         parts = parts.of_noise(np.array([scale[camera] for camera in cameras]))
     if len(sizes.sized):
         theta = np.append(np.log(np.maximum(noise.arm, LEAST_ARM)), noise.log_shares)
-        theta, _ = sizes.likeliest(parts, x, theta, arm_known=not found[1])
-        arm = np.where(theta[:2] > np.log(2.0 * np.array(LEAST_ARM)), np.exp(theta[:2]), 0.0)
+        theta, _ = likeliest(parts, sizes.kinds(x), theta, arm_known=not found[1])
+        # not all at once: far from a solution a fit cannot follow too narrow a valley
+        arm = np.maximum(np.exp(theta[:2]), np.array(noise.arm) / _LESS_AT_ONCE)
+        arm = np.where(arm > 2.0 * np.array(LEAST_ARM), arm, 0.0)
         m, rad = arm.tolist() if found[1] else noise.arm
         return replace(noise, arm=(m, rad), log_shares=theta[2:])
     return replace(noise, arm=arm_deviation(parts, noise.arm)) if found[1] else noise
@@ -309,7 +370,7 @@ def _contradiction(bad: int, count: int) -> InputError:
     )
 
 
-def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
+def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> HandEyeResult:
     data, stops = fit.data, fit.data.setup.stops
     kept = np.flatnonzero(fit.good)
     estimate = identify(fit.model, data[kept], start=fit.x, name="hand-eye calibration")
@@ -330,7 +391,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
     point = distance * np.append(lens.rays(middle), 1.0)
     (gain,) = seen_point_motion(fit.model, x, first.camera, lens, point[None], first.camera)
-    board, suspicions = _suspicions(problem, fit)
+    board, suspicions = _suspicions(problem, fit, moved)
     names, status, at = _listed(problem, fit.good)
     off = fit.parts.off[stops]
     off[:, :3] += np.cross(off[:, 3:], middles)
@@ -370,7 +431,7 @@ def _result(problem: Problem, fit: _Fit) -> HandEyeResult:
         point_sigma_m=float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T))),
         scale=_scale(estimate, board),
         start=problem.prepared[0].start,
-        warnings=(*_outliers_in_words(problem, data.names, fit.good), *suspicions),
+        findings=(*_outliers(problem, data.names, fit.good), *suspicions),
     )
 
 
@@ -440,10 +501,12 @@ def _listed(
     return tuple(names), tuple(status), np.array(at)
 
 
-def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[str]]:
+def _suspicions(
+    problem: Problem, fit: _Fit, moved: checks.Suspicion | None
+) -> tuple[checks.Step | None, list[Finding]]:
     """What another size of the first board would be, and what looks wrong, the worst first."""
     kept = np.flatnonzero(fit.good)
-    data, found = fit.data[kept], list[checks.Suspicion | None]()
+    data, found = fit.data[kept], [moved, checks.suspicion_of_arm(fit.noise.arm)]
     cameras = np.array(problem.cameras)[kept]
 
     def tried(new: Sequence[str], **more: Any) -> checks.Step:
@@ -454,11 +517,7 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
         noise = _noise_of(problem.sizes_with(**more), parts, cameras, fit.noise, fit.noise_found, x)
         return checks.step_with(problem.model(noise, **more), data, x, new)
 
-    frames = {
-        label: np.array([fit.model.names.index(f"{stem}.{label}.{axis}") for axis in AXES])
-        for stem, labels in (("tool", fit.model.tools), ("target", fit.model.targets))
-        for label in labels
-    }
+    frames = list(_frames(fit.model).values())
     sizes = []
     for board in () if problem.board_errors else problem.boards:
         size, every = (
@@ -466,20 +525,13 @@ def _suspicions(problem: Problem, fit: _Fit) -> tuple[checks.Step | None, list[s
             for errors in (("scale",), ("scale", "bend_x", "bend_y"))
         )
         sizes.append(size)
-        found.append(
-            checks.suspicion_of_board(every) or checks.doubt_of_size(size, list(frames.values()))
-        )
+        found.append(checks.suspicion_of_board(every, frames) or checks.doubt_of_size(size, frames))
     for camera, (lens, is_free) in problem.lenses.items():
         if not is_free:
             step = tried(LensParameters(lens, camera).names, free_lens=True)
-            found.append(checks.suspicion_of_lens(step, lens))
-    parts = deviations(fit.model.linearise_at(data, fit.x), turns=True)
-    found.append(
-        checks.suspicion_of_move(parts, fit.noise.arm, frames, list(dict.fromkeys(data.names)))
-    )
-    found.append(checks.suspicion_of_arm(fit.noise.arm))
+            found.append(checks.suspicion_of_lens(step, lens, frames))
     order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
-    return (sizes[0] if sizes else None), [one.text for one in order]
+    return (sizes[0] if sizes else None), list(order)
 
 
 def _scale(estimate: IdentificationResult, board: checks.Step | None) -> tuple[float, float]:
@@ -490,7 +542,7 @@ def _scale(estimate: IdentificationResult, board: checks.Step | None) -> tuple[f
     return (0.0, np.inf) if board is None else (float(board.values[0]), float(board.sigma[0]))
 
 
-def _outliers_in_words(problem: Problem, names: Sequence[str], good: BoolArray) -> list[str]:
+def _outliers(problem: Problem, names: Sequence[str], good: BoolArray) -> list[Finding]:
     """Pictures that contradict the others, and whether all of them are at one end."""
     out = np.flatnonzero(~good)
     if not len(out):
@@ -499,15 +551,18 @@ def _outliers_in_words(problem: Problem, names: Sequence[str], good: BoolArray) 
     if len(problem.prepared) == 1 and len(out) > 2 and last - first + 1 == len(out):
         moved = "the board or the camera was moved; they take no part"
         if last == len(good) - 1:
-            return [f"all pictures from {names[first]} on contradict those before: {moved}"]
+            text = f"all pictures from {names[first]} on contradict those before: {moved}"
+            return [Finding(text, np.nan)]
         if first == 0:
-            return [f"all pictures before {names[last + 1]} contradict those from it on: {moved}"]
+            text = f"all pictures before {names[last + 1]} contradict those from it on: {moved}"
+            return [Finding(text, np.nan)]
     shown = ", ".join(names[i] for i in out[:_MOST_NAMED].tolist())
     more = f" and {len(out) - _MOST_NAMED} more" if len(out) > _MOST_NAMED else ""
-    return [
+    text = (
         f"left out, as they contradict the others: {shown}{more} (wrong joints, or points in wrong "
         "places?)"
-    ]
+    )
+    return [Finding(text, 0.0)]
 
 
 def _rms(rows: FloatArray, setup: Setup) -> FloatArray:

@@ -197,7 +197,7 @@ class Problem:
             motions.append(np.zeros((n, 2, one.pictures.robot.n)))
             if one.pictures.motion is not None:
                 motions[-1] = one.pictures.motion[one.usable]
-        return board_views(
+        data = board_views(
             np.concatenate([one.postures for one in self.prepared]),
             np.concatenate(pixels),
             names,
@@ -207,6 +207,8 @@ class Problem:
             target=np.array(target),
             motion=np.concatenate(motions) if self.moving else None,
         )
+        # pictures at one posture share what the arm stops off, whenever they were taken
+        return data.at_stops() if len(np.unique(data.groups)) < data.count else data
 
     @property
     def moving(self) -> dict[str, tuple[Literal["tool", "target"], int]]:

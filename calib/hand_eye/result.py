@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calib.identification import IdentificationResult
+from calib.judgement import Finding
 from calib.lens import Lens
 from calib.model.context import reading_label
 from calib.model.measurements.board_view import Carried
@@ -107,7 +108,7 @@ class HandEyeResult(Shown):
     """By how much larger the board seems to be than described, as a share, and its standard
     deviation."""
     start: RobotWorldResult  # the solution of A X = Z B that it started from
-    warnings: tuple[str, ...]  # what looks wrong, the worst first
+    findings: tuple[Finding, ...]  # what looks wrong, the worst first
 
     @property
     def used(self) -> BoolArray:
@@ -129,9 +130,20 @@ class HandEyeResult(Shown):
         return found
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks wrong, in words, the worst first; notes are said as such."""
+        note = "note", "left out"
+        return tuple(
+            f"{one.text} (note: it changes the answer by less than its standard deviation)"
+            if one.grade == note[0] and not one.text.startswith(note[1])
+            else one.text
+            for one in self.findings
+        )
+
+    @property
     def is_ok(self) -> bool:
-        """Whether nothing looks wrong but single pictures, which take no part."""
-        return all(text.startswith("left out") for text in self.warnings)
+        """Return True if no finding changes camera and board by more than they are known."""
+        return all(one.grade != "not to be trusted" for one in self.findings)
 
     @property
     def outliers(self) -> tuple[str, ...]:

@@ -14,18 +14,18 @@ included. The larger of this and of the covariance by the noise is what is said.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.batch_last import columns_of, turn
 from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
-from calib.robot_world.algebra import unit_diagonal
-from calib.robot_world.errors_of_pairs import derivatives
+from calib.robot_world.algebra import inverse_information, unit_diagonal
+from calib.robot_world.errors_of_pairs import ErrorModel, derivatives
 from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.identifiability import examine
-from calib.robot_world.methods import Method, maximum_likelihood
+from calib.robot_world.methods import Method
 from calib.robot_world.noise import (
     LEAST_NOISE,
     Noise,
@@ -35,6 +35,7 @@ from calib.robot_world.noise import (
     perturb,
 )
 from calib.robot_world.pairs import PairSets, own_order
+from calib.robot_world.poses import Poses
 from calib.se3 import BoolArray, FloatArray
 
 NOISE_DOUBT = 1e-4
@@ -87,31 +88,49 @@ def covariance_of(
     found: Estimate,
     used: BoolArray,
     excess: float,
+    noise: Noise,
+    likeliest: Likeliest,
+    *,
     given: bool,
-    noise: Noise | None,
-) -> FloatArray | None:
+) -> FloatArray:
     """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise.
 
-    By the noise, given or not, and by runs of pairs whose errors follow each other: see
-    :func:`widening`. Those widen what any method says by as much as maximum likelihood.
+    By the noise, given or not, by the deviations that pairs of one pose share, and by runs of pairs
+    whose errors follow each other: see :func:`widening`. The last two widen what any method says by
+    as much as maximum likelihood.
     """
-    if noise is None:
-        return None
+    fit = likeliest.fit
     if found.fit is not None:
-        factor = widening(found.fit, used[None], np.array([excess]), noise_known=given)[0]
-        return np.asarray(found.fit.covariance[0] * excess**2 * np.outer(factor, factor))
-    A, B = pairs.A[0, used], pairs.B[0, used]
-    factor = np.ones(12)
-    likeliest = _likeliest(pairs if used.all() else PairSets(A[None], B[None]))
-    if likeliest is not None:
-        factor = widening(likeliest, np.ones((1, len(A)), dtype=bool))[0]
-    return propagate(chosen.estimate, A, B, noise, excess) * np.outer(factor, factor)
+        factor = widening(fit, used[None], np.array([excess]), noise_known=given)[0]
+        return np.asarray(fit.covariance[0] * excess**2 * np.outer(factor, factor))
+    factor = widening(fit, used[None])[0] * likeliest.by_poses(given=given)
+    C = propagate(chosen.estimate, pairs.A[0, used], pairs.B[0, used], noise, excess)
+    return C * np.outer(factor, factor)
 
 
-@lru_cache(maxsize=1)  # of the same pairs by one method after the other
-def _likeliest(pairs: PairSets) -> Fit | None:
-    """The likeliest X and Z of one set, and the noise of B."""
-    return maximum_likelihood.estimate(pairs).fit
+@dataclass(frozen=True, eq=False)
+class Likeliest:
+    """The likeliest X and Z of one set, by which the answers of all methods are judged."""
+
+    fit: Fit  # of all pairs, those that do not count with the weight 0
+    errors: ErrorModel
+    poses: Poses | None
+
+    def by_poses(self, *, given: bool) -> FloatArray:
+        """Factors ``(12,)`` of standard deviations by what pairs of one pose have in common.
+
+        The same for the three numbers of a rotation or translation. A noise that is not ``given``
+        is that of the residuals, which has the deviation of the poses in it.
+        """
+        if self.poses is None:
+            return np.ones(12)
+        rows = self.poses.correlated(self.fit.jacobian[:, :, 0])
+        if not given:
+            rows = rows / np.sqrt(1.0 + np.repeat(self.poses.share, 3))[:, None]
+        rows = rows.reshape(12, -1)
+        alone = inverse_information((rows @ rows.T)[None])[0]
+        ratio = np.diag(self.fit.covariance[0]) / np.diag(alone)
+        return np.asarray(np.sqrt(np.repeat(ratio.reshape(4, 3).mean(axis=1), 3)))
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:
@@ -406,13 +425,19 @@ _ALL_OF_IT = 1e-9
 
 
 def left_out_residuals(
-    chosen: Method, pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise | None
+    chosen: Method,
+    pairs: PairSets,
+    found: Estimate,
+    used: BoolArray,
+    noise: Noise | None,
+    poses: Poses | None = None,
 ) -> FloatArray:
     """Residuals ``(N, 6)`` of one set, pair by pair, with X and Z from the others.
 
     NaN where the others do not identify X and Z. A pair that was left out already has its own.
-    Without a likelihood, of more than a hundred pairs a hundred groups are left out one by one, and
-    of thousands fewer, ten at least.
+    Pairs that share a deviation of their pose are left out together. Without a likelihood, of more
+    than a hundred pairs a hundred groups are left out one by one, and of thousands fewer, ten at
+    least.
     """
     residual: FloatArray = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
     if int(used.sum()) < _FEWEST:
@@ -420,7 +445,7 @@ def left_out_residuals(
         return residual
     each = isinstance(noise, PairCovariances)
     if found.fit is not None and (each or int(used.sum()) > _FEW):
-        X, Z = _by_one_step(found.fit)
+        X, Z = _by_one_step(found.fit, None if poses is None else poses.member)
         error = residuals(pairs.A[0][:, None], pairs.B[0][:, None], X, Z)[:, 0]
         error[np.isnan(error).any(axis=-1)] = np.nan
         residual[used] = error[used]
@@ -429,8 +454,8 @@ def left_out_residuals(
     return residual
 
 
-def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """X and Z ``(N, 4, 4)`` without each pair of the first set.
+def _by_one_step(fit: Fit, member: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """X and Z ``(N, 4, 4)`` without each pair of the first set, or without the pairs of its pose.
 
     At the least sum of squares the gradient of all rows is zero, so that without a pair it is the
     opposite of that pair's own. One step from there is enough: the next one is smaller by the size
@@ -439,9 +464,12 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
     white, J = fit.rows(0, np.ones(fit.white.shape[-1], dtype=bool))
     scaled, size = unit_diagonal(fit.information[0])
     J = J / size
-    rest = scaled - np.swapaxes(J, -1, -2) @ J
+    own = np.swapaxes(J, -1, -2) @ J
     gradient = np.swapaxes(J, -1, -2) @ white[..., None]
-    values, vectors = np.linalg.eigh(rest)
+    if member is not None:
+        together = member.T @ member
+        own, gradient = (np.tensordot(together, part, axes=1) for part in (own, gradient))
+    values, vectors = np.linalg.eigh(scaled - own)
     seen = values[:, 0] > _ALL_OF_IT
     inverse = 1.0 / np.where(values > _ALL_OF_IT, values, 1.0)
     step = (vectors @ (inverse[..., None] * (np.swapaxes(vectors, -1, -2) @ gradient)))[..., 0]

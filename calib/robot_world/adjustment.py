@@ -36,6 +36,8 @@ from calib.robot_world.errors_of_pairs import (
 from calib.robot_world.estimate import Fit
 from calib.robot_world.noise import perturb
 from calib.robot_world.pairs import PairSets
+from calib.robot_world.poses import Poses
+from calib.robot_world.sizes import Sizes
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 ITERATION_LIMIT = 100
@@ -84,6 +86,13 @@ class _Linear:
     errors: Errors
     cost: FloatArray
 
+    def times(self, pairs: PairSets, ratio: FloatArray) -> _Linear:
+        """Return the rows by noise of B whose sizes ``(2, T)`` are smaller by a ratio."""
+        each = np.repeat(pairs.spread(ratio), 3, axis=0)
+        white = self.white * each
+        cost = (white * white).sum(axis=0).reshape(pairs.T, pairs.N).sum(axis=-1)
+        return _Linear(white, self.jacobian * each, self.errors, cost)
+
 
 def adjust(
     pairs: PairSets,
@@ -92,7 +101,8 @@ def adjust(
     Z: FloatArray,
     *,
     weights: FloatArray | None = None,
-    iterations: int = ITERATION_LIMIT,
+    sizes: Sizes | None = None,
+    poses: Poses | None = None,
 ) -> Fit:
     """Find the likeliest X and Z of T sets from a start ``(T, 4, 4)``.
 
@@ -102,36 +112,45 @@ def adjust(
         Errors of A and B; of the two rotations one at least has some, of the translations, too.
     weights : ndarray (T, N), optional
         How much each pair counts in the sum of squares.
-    iterations : int
-        Steps at most.
+    sizes : Sizes, optional
+        Sizes of the noise where these are estimated, too. Their model takes the place of the one
+        given.
+    poses : Poses, optional
+        Pairs of one set that share a deviation of their pose.
     """
     T, N = pairs.T, pairs.N
     root = None if weights is None else np.sqrt(weights).reshape(-1)
+    model = model if sizes is None else sizes.model
     # origins of base and target in the middle of what is measured: far away they cost digits
     base, target = pairs.mean(pairs.p_A).T, pairs.mean(pairs.p_B).T
     pairs = PairSets(_shifted(pairs.A, -base[:, None]), _shifted(pairs.B, -target[:, None]))
     lever = apply_matrix(Z[:, :3, :3], target)
     state = _State(X, _shifted(Z, lever - base), pairs.R_A, pairs.p_A)
-    linear = _linearise(pairs, model, state, root)
+    linear = _linearise(pairs, model, state, root, poses)
     damping, count = np.zeros(T), np.zeros(T, dtype=np.intp)
     moving, stuck = np.ones(T, dtype=bool), np.zeros(T, dtype=bool)
     unit = np.ones((T, 12))
     unit[:, 3:6] = unit[:, 9:] = pairs.size[:, None]
-    for _ in range(iterations):
+    settled = np.ones(T, dtype=bool)
+    for _ in range(ITERATION_LIMIT):
+        if sizes is not None:
+            ratio, settled = sizes.renew(linear.white, linear.jacobian, moving)
+            linear, model = linear.times(pairs, ratio), sizes.model
         step, length = _step(linear, damping, T, N)
         step[~moving] = 0.0
         count += moving
-        tried = _moved(pairs, model, state, linear, step, root)
-        moving &= (length > STEP_TOLERANCE) & (np.abs(step / unit).max(axis=-1) > ROUNDING)
+        tried = _moved(pairs, model, state, linear, step, root, poses)
+        arrived = (length <= STEP_TOLERANCE) | (np.abs(step / unit).max(axis=-1) <= ROUNDING)
+        moving &= ~(arrived & settled)
         if not moving.any():
             state = tried
             break
-        new = _linearise(pairs, model, tried, root)
+        new = _linearise(pairs, model, tried, root, poses)
         worse = moving & ~(new.cost <= linear.cost * (1.0 + _STALLED))
         moving &= ~(worse & (length**2 <= _STALLED * linear.cost))
         if worse.any():
             state = tried.where(~worse, state, N)
-            linear = _linearise(pairs, model, state, root)
+            linear = _linearise(pairs, model, state, root, poses)
         else:
             state, linear = tried, new
         grown = np.maximum(damping * _DAMPING_FACTOR, _DAMPING)
@@ -185,7 +204,11 @@ def linear_rows(
 
 
 def _linearise(
-    pairs: PairSets, model: ErrorModel, state: _State, root: FloatArray | None
+    pairs: PairSets,
+    model: ErrorModel,
+    state: _State,
+    root: FloatArray | None,
+    poses: Poses | None = None,
 ) -> _Linear:
     """Rows at the true poses that a state implies."""
     R_X, p_X, R_Z, p_Z = _frames(pairs, state)
@@ -212,6 +235,8 @@ def _linearise(
     white, jacobian = errors.whiten(e), errors.whiten(J)
     if root is not None:
         white, jacobian = root * white, root * jacobian
+    if poses is not None:
+        white, jacobian = poses.decorrelated(white), poses.decorrelated(jacobian)
     cost = (white * white).sum(axis=0).reshape(pairs.T, pairs.N).sum(axis=-1)
     return _Linear(white, jacobian, errors, cost)
 
@@ -283,12 +308,15 @@ def _moved(
     linear: _Linear,
     step: FloatArray,
     root: FloatArray | None,
+    poses: Poses | None,
 ) -> _State:
     """State after a step: X and Z, and the true A that are the likeliest with them."""
     X, Z = perturb(np.stack([state.X, state.Z]), step.reshape(-1, 2, 6).swapaxes(0, 1))
     if not (model.on_A and model.on_B):
         return _State(X, Z, state.R_A, state.p_A)
     white = linear.white + (linear.jacobian * pairs.spread(step.T)[:, None]).sum(axis=0)
+    if poses is not None:
+        white = poses.correlated(white)
     if root is not None:
         white = white / np.where(root > 0.0, root, np.inf)
     a = linear.errors.errors_of_A(white)

@@ -81,6 +81,26 @@ def unit_diagonal(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(matrix / (size[..., :, None] * size[..., None, :])), size
 
 
+_LARGEST_INVERSE = 1e14
+"""Element of the inverse of an information of unit diagonal beyond which that is singular."""
+
+
+def inverse_information(information: FloatArray) -> FloatArray:
+    """Covariances ``(T, n, n)``; of a singular information by its pseudo-inverse."""
+    scaled, size = unit_diagonal(information)
+    seen = np.asarray(np.isfinite(scaled).all(axis=(1, 2)))
+    if not seen.all():
+        scaled = np.where(seen[:, None, None], scaled, 0.0)
+    try:
+        inverse = np.linalg.inv(scaled)
+        poor = ~(np.abs(inverse).max(axis=(1, 2)) < _LARGEST_INVERSE)
+    except np.linalg.LinAlgError:
+        inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
+    if poor.any():
+        inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
+    return np.asarray(inverse / (size[:, :, None] * size[:, None, :]))
+
+
 def kronecker(A: FloatArray, B: FloatArray) -> FloatArray:
     """``R_A ⊗ R_B`` of each pair: ``(..., 4, 4)`` to ``(..., 9, 9)``."""
     R_A, R_B = A[..., :3, :3], B[..., :3, :3]

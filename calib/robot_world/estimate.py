@@ -9,13 +9,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from calib.robot_world.algebra import unit_diagonal
+from calib.robot_world.algebra import inverse_information
 from calib.robot_world.closed_form import residual_rows
 from calib.robot_world.pair_arrays import PairArrays
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-_LARGEST_INVERSE = 1e14
-"""Element of the inverse of an information of unit diagonal beyond which that is singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +72,7 @@ class Fit(_OfSets):
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
-        scaled, size = unit_diagonal(self.information)
-        seen = np.asarray(np.isfinite(scaled).all(axis=(1, 2)))
-        scaled = np.where(seen[:, None, None], scaled, 0.0)
-        try:
-            inverse = np.linalg.inv(scaled)
-            poor = ~(np.abs(inverse).max(axis=(1, 2)) < _LARGEST_INVERSE)
-        except np.linalg.LinAlgError:
-            inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
-        if poor.any():
-            inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
-        return np.asarray(inverse / (size[:, :, None] * size[:, None, :]))
+        return inverse_information(self.information)
 
     def rows(self, trial: int, used: BoolArray) -> tuple[FloatArray, FloatArray]:
         """White rows ``(n, 6)`` of the pairs used ``(N,)`` of one set, derivatives ``(n, 6, 12)``.

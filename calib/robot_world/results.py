@@ -17,7 +17,6 @@ from calib.robot_world.identifiability import direction
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.scale import (
-    WRONG,
     Scale,
     by_rotations_first,
     likeliest,
@@ -54,6 +53,9 @@ HARDLY = "but the pairs hardly belong together, as the warnings say"
 
 _FEWEST_FOR_SIGMA = 6
 """Pairs up to which the noise that they show is a rough guess."""
+
+_FAR_SCALE = 0.3
+"""Logarithm of the scale of B from which on X and Z without it say nothing of it."""
 
 _AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 _SIGMA_AXES = (
@@ -137,8 +139,9 @@ class RobotWorldResult(Shown):
             )
         if noise_made:
             message += f"; noise as the residuals show it: {noise_made}"
-        if not used.all():
-            rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
+        wrong = ~used if solution.copies is None else ~used & ~solution.copies
+        if wrong.any():
+            rows = ", ".join(str(i + 1) for i in np.flatnonzero(wrong))
             message += f"; left out as contradicting the others: {rows} (counted from 1)"
         if status == "ok":
             if others:
@@ -194,19 +197,19 @@ class RobotWorldResult(Shown):
         status, message = self._first
         if status != "ok":
             return status, message
-        if self.drift:
-            return "doubtful", f"{message}; {HARDLY}"
+        one = self._solution
         reasons = self._uncertain()
         if int(self.used.sum()) > _FEW:
             reasons += self._not_predicted()
-        scale = self.scale
-        if scale is not None and self.scale_estimated:
+        if self.scale_estimated and (scale := self.scale) is not None:
             message += (
                 f"; translations of B are multiplied by {scale.value:.6g} ± {scale.sigma:.2g}, "
                 "estimated with X and Z"
             )
-        elif scale is not None and scale.is_named and abs(scale.value - 1.0) > WRONG:
-            reasons += (scale.in_words,)
+        if self._is_scale_named and (one.is_grave or not one.causes) and self.scale is not None:
+            reasons += (self.scale.in_words,)
+        elif one.is_grave:
+            return "doubtful", f"{message}; {HARDLY}"
         return (
             ("doubtful", f"{message}; but {'; '.join(reasons)}") if reasons else (status, message)
         )
@@ -234,24 +237,36 @@ class RobotWorldResult(Shown):
             return one.noise
         return accuracy.noise_shown(one.found, self.residuals, self.used)
 
-    @cached_property
+    @property
     def drift(self) -> tuple[str, ...]:
         """What changes along the sequence of pairs, in sentences."""
+        said = [one.finding.text for one in self._solution.causes if one.kind != "scale"]
+        if len(said) > 1 or (said and self._is_scale_named):
+            said[0] += " (these pairs do not tell this apart from the next)"
+        return tuple(said)
+
+    @cached_property
+    def _is_scale_named(self) -> bool:
         one = self._solution
-        if one.doubts or one.others:
-            return ()
-        return diagnosis.drifting(one.pairs, one.found, one.used, one.noise)
+        if self.scale_estimated or one.doubts or one.others:
+            return False
+        if any(change.kind == "scale" for change in one.causes):
+            return True
+        # X and Z by a scale that is far from the true one say nothing of it
+        far = abs(float(np.log(by_rotations_first(one.motion.pairs)[0]))) > _FAR_SCALE
+        return far and self.scale is not None and self.scale.is_named
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What seems to be wrong with the pairs, each in a sentence."""
         one, N = self._solution, int(self.used.sum())
         doubts = one.doubts or self.drift
-        if not doubts:
-            doubts = self._scale_doubts() + self._alone()
+        if not doubts or (self._is_scale_named and not one.doubts):
+            doubts += self._scale_doubts() + self._alone()
             if not one.method.robust:
                 doubts += diagnosis.outstanding(one.sizes(one.noise), one.used)
-        doubts += diagnosis.copies(one.pairs, one.used)
+        if one.copies is not None:
+            doubts += diagnosis.copies(one.copies)
         if self.noise_estimated and N < _FEWEST_FOR_SIGMA:
             part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
             doubts += (
@@ -311,16 +326,28 @@ class RobotWorldResult(Shown):
             joint = self.scale.covariance
             return None if joint is None else joint[:12, :12]
         one = self._solution
+        if self.noise is None:
+            return None
         known = not self.noise_estimated
         return accuracy.covariance_of(
-            one.method, one.pairs, one.found, self.used, self._excess, known, self.noise
+            one.method,
+            one.pairs,
+            one.found,
+            one.used,
+            self._excess,
+            self.noise,
+            one.likeliest,
+            given=known,
         )
 
     @cached_property
     def left_out_residuals(self) -> FloatArray:
         """Residuals ``(N, 6)`` of each pair with X and Z from all others: how well they predict."""
         one = self._solution
-        return accuracy.left_out_residuals(one.method, one.pairs, one.found, one.used, one.noise)
+        poses = one.likeliest.poses if one.found.fit is not None else None
+        return accuracy.left_out_residuals(
+            one.method, one.pairs, one.found, one.used, one.noise, poses
+        )
 
     @property
     def residual_rotation_rad(self) -> FloatArray:
@@ -438,7 +465,7 @@ class RobotWorldResult(Shown):
                 f"the pairs tell the scale of B's translations {how}: a wrong size of the target, "
                 "unit or focal length would go unnoticed; measure from other distances and sides",
             )
-        if self.scale_estimated or not scale.is_named:
+        if not self._is_scale_named:
             return ()
         turned_rad, moved_m = moved(scale, self.X, self.Z)
         return (
@@ -460,8 +487,7 @@ class RobotWorldResult(Shown):
                 f"{np.degrees(LARGEST_SIGMA_RAD):.0f} deg and a tenth of how far the poses move "
                 f"({1e3 * LARGEST_SIGMA * size:.3g} mm) are the most for a calibration",
             )
-        scale = self.scale
-        if self.scale_estimated and scale is not None and not scale.is_told:
+        if self.scale_estimated and (scale := self.scale) is not None and not scale.is_told:
             said += (
                 f"the pairs tell the scale of B to {100.0 * scale.sigma / scale.value:.2g} % only",
             )

@@ -19,23 +19,26 @@ import numpy as np
 from calib import se3
 from calib.batch_last import columns_of, turn
 from calib.chance import student_tail
-from calib.robot_world.accuracy import NOISE_DOUBT, judged, widening
+from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.algebra import apply_matrix, least_squares
 from calib.robot_world.closed_form import assemble
+from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.estimate import Fit
-from calib.robot_world.methods.maximum_likelihood import estimated_model, with_estimated_noise
+from calib.robot_world.methods.maximum_likelihood import with_estimated_noise
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
+from calib.robot_world.sequence import LEVEL
+from calib.robot_world.sizes import estimated_model
 from calib.se3 import BoolArray, FloatArray
 
 UNKNOWN = 0.1
 """Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
 the size of a tag would be within a few of them."""
 
-_NAMED, WRONG = 1e-3, 1e-2
-"""Distance of the scale from 1 from which on it is named, and from which on X and Z without it are
-doubted: a printed target is as long as it should be to some thousandths."""
+WRONG = 1e-2
+"""Distance of the scale from 1 that matters: a printed target is as long as it should be to some
+thousandths."""
 
 _ROUNDS = 12
 """Steps of the scale; three or four are usual."""
@@ -93,8 +96,7 @@ class Scale:
     @property
     def is_named(self) -> bool:
         """Whether it is told to be another than 1."""
-        far = abs(self.value - 1.0) > _NAMED
-        return far and self.is_told and self.probability < NOISE_DOUBT
+        return self.is_told and self.probability < LEVEL
 
     @property
     def is_one(self) -> bool:
@@ -227,24 +229,29 @@ def _not_taken_up(J: FloatArray) -> tuple[FloatArray, float]:
 def _with_column(
     pairs: PairSets, X: FloatArray, Z: FloatArray, weights: FloatArray, noise: Noise | None
 ) -> Fit:
-    """The likeliest X and Z of one set at its scale, with the logarithm of that as 13th column.
-
-    Its rows are what the true translations of B are turned to: by A, X and Z where B has noise.
-    """
+    """The likeliest X and Z of one set at its scale, with the logarithm of that as 13th column."""
     if noise is None:
         fit, sigma = with_estimated_noise(pairs, X, Z, weights)
         model = estimated_model(pairs, sigma)
     else:
         model = noise.model(pairs)
         fit = adjust(pairs, model, X, Z, weights=weights)
-    R_Z, p_X, p_Z = columns_of(fit.Z[:, :3, :3]), fit.X[:, :3, 3].T, fit.Z[:, :3, 3].T
-    m = turn(pairs.R_A, p_X)
-    q = m + pairs.p_A - p_Z if model.on_B else turn(R_Z, pairs.p_B)
-    column = np.concatenate([np.zeros_like(q), -q])
-    white = model.at(m, R_Z).whiten(column).reshape(1, 6, 1, -1) * np.sqrt(weights)
+    white = scale_column(pairs, model, fit.X, fit.Z)[None] * np.sqrt(weights)
     jacobian = np.concatenate([fit.jacobian, white])
     rows = jacobian[:, :, 0].reshape(13, -1)
     return replace(fit, jacobian=jacobian, information=(rows @ rows.T)[None])
+
+
+def scale_column(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> FloatArray:
+    """Derivatives ``(6, 1, N)`` of the white rows of one set by the logarithm of B's scale.
+
+    They are what the true translations of B are turned to: by A, X and Z where B has noise.
+    """
+    R_Z, p_X, p_Z = columns_of(Z[:, :3, :3]), X[:, :3, 3].T, Z[:, :3, 3].T
+    m = turn(pairs.R_A, p_X)
+    q = m + pairs.p_A - p_Z if model.on_B else turn(R_Z, pairs.p_B)
+    column = np.concatenate([np.zeros_like(q), -q])
+    return model.at(m, R_Z).whiten(column).reshape(6, 1, -1)
 
 
 def moved(scale: Scale, X: FloatArray, Z: FloatArray) -> tuple[float, float]:

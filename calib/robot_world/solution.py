@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world import identifiability
-from calib.robot_world.adjustment import linear_rows
+from calib.robot_world.accuracy import Likeliest
+from calib.robot_world.adjustment import adjust, linear_rows
 from calib.robot_world.closed_form import residual_rows
 from calib.robot_world.components import Component, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
-from calib.robot_world.methods import Method
+from calib.robot_world.methods import Method, find_method
+from calib.robot_world.methods.maximum_likelihood import as_estimate, with_estimated_noise
 from calib.robot_world.methods.robust import widening
 from calib.robot_world.noise import Noise, PairNoise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets
-from calib.robot_world.scale import by_rotations_first, likeliest, scaled
-from calib.se3 import BoolArray, FloatArray
+from calib.robot_world.poses import Poses, is_first, near_pairs, poses_of, restricted
+from calib.robot_world.scale import by_rotations_first, likeliest, scale_column, scaled
+from calib.robot_world.sequence import Change, Sequence
+from calib.robot_world.sizes import estimated_model
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+_POSE_ROUNDS, _POSE_SETTLED = 20, 1e-5
+"""Rounds of X and Z and of the variances of pairs and poses at most, and the relative change of the
+variances that counts as none."""
 
 _SCALE_ROUNDS = 4
 """Times that a robust method leaves pairs out and the scale is estimated from the others."""
@@ -38,6 +47,8 @@ class Solution:
     doubts: tuple[str, ...] = ()  # what is wrong with the pairs whatever X and Z are
     others: tuple[identifiability.Other, ...] = ()  # solutions that fit as well
     factor: float | None = None  # the scale of B's translations where it was estimated
+    poses: Poses | None = None  # where pairs of the same pose share a deviation
+    copies: BoolArray | None = None  # (N,): pairs that repeat others number by number
 
     @property
     def is_sound(self) -> bool:
@@ -65,6 +76,53 @@ class Solution:
         return "ok", f"solved from {motion.pairs.N} pairs"
 
     @cached_property
+    def likeliest(self) -> Likeliest:
+        """The likeliest X and Z of the pairs used, whatever the method found."""
+        found, poses = self.found, self.poses
+        if found.fit is None:
+            found, poses = _likeliest(self.pairs, self.used.tobytes())
+        fit = found.fit
+        if fit is None:
+            raise ValueError("maximum likelihood has no fit")
+        if found.sigma is not None:
+            return Likeliest(fit, estimated_model(self.pairs, found.sigma), poses)
+        if self.noise is None:
+            raise ValueError("neither noise nor its size is known")
+        return Likeliest(fit, self.noise.model(self.pairs), poses)
+
+    @cached_property
+    def sequence(self) -> Sequence:
+        """The pairs used in the order in which they were measured."""
+        best = self.likeliest
+        return Sequence.of(best.fit, 0, self.used, self.pairs, best.errors, best.poses)
+
+    @cached_property
+    def scale_change(self) -> Change | None:
+        """The scale of B's translations as a change of the pairs; None where it cannot be told."""
+        best, one = self.likeliest, self.sequence
+        column = scale_column(self.pairs, best.errors, best.fit.X, best.fit.Z)[:, 0, self.used]
+        if one.is_rounding:
+            return None
+        change = Change(one, "B", "scale", column.T[..., None])
+        return change if change.is_seen else None
+
+    @cached_property
+    def causes(self) -> tuple[Change, ...]:
+        """What the pairs show to have changed, or to be of another scale.
+
+        None where something is wrong with them anyway; several where these pairs do not tell them
+        apart.
+        """
+        if self.doubts or self.others or self.sequence.is_rounding:
+            return ()
+        return self.sequence.told(None if self.factor is not None else self.scale_change)
+
+    @property
+    def is_grave(self) -> bool:
+        """Return True if a cause moves X or Z so far that they are not to be trusted."""
+        return any(one.finding.grade == "not to be trusted" for one in self.causes)
+
+    @cached_property
     def residuals(self) -> FloatArray:
         """Rotation vector [rad] and translation [m] ``(N, 6)`` by which A X differs from Z B."""
         return np.ascontiguousarray(residual_rows(self.pairs, self.found.X, self.found.Z).T)
@@ -81,24 +139,47 @@ class Solution:
     def other_noise(self) -> Component | None:
         """Noise that the residuals show, where it is not that of B alike in all directions.
 
-        None where the pairs do not belong together, where a few of them that are far off show it
-        alone, and where the translations of B may have another scale: what that leaves is no noise,
-        though it grows with the distance.
+        None where the pairs do not belong together, where they tell a cause of what noise of B
+        leaves, where a few of them that are far off show it alone, and where the translations of B
+        may have another scale: what that leaves is no noise, though it grows with the distance.
         """
         X, Z, used = self.found.X, self.found.Z, self.used
-        if not self.is_sound:
+        if not self.is_sound or self._explained() is None or self.causes:
             return None
         shown = settled(self.pairs, X, Z, used, widening() if self.method.robust else 1.0)
         if shown is None:
             return None
         far = standing_out(self.sizes(None), used)
         if far.any():
-            others = explain(self.pairs.A[0], self.pairs.B[0], X[0], Z[0], used & ~far)
+            others = self._explained(~far)
             if others is None or others.by_distance != shown.by_distance:
                 return None
         scale = likeliest(self.pairs, self.motion.pairs, used, shown.noise)
         wrong = not scale.is_one if shown.by_distance else scale.is_named
         return None if wrong else shown
+
+    def _explained(self, some: BoolArray | None = None) -> Component | None:
+        """Return the noise that residuals show, of one pair of each pose."""
+        used = self.used if some is None else self.used & some
+        if self.poses is not None:
+            each = np.zeros_like(used)
+            each[self.poses.member.argmax(axis=1)] = True
+            used = used & each
+        X, Z = self.found.X[0], self.found.Z[0]
+        return explain(self.pairs.A[0], self.pairs.B[0], X, Z, used)
+
+
+@lru_cache(maxsize=2)  # of the same pairs by one method after the other
+def _likeliest(pairs: PairSets, used: bytes) -> tuple[Estimate, Poses | None]:
+    """The likeliest X and Z of the pairs used of one set, and the noise of B."""
+    kept = np.frombuffer(used, dtype=bool)
+    method = find_method("ml")
+    (near,) = near_pairs(pairs.A)
+    if kept.all():
+        found = method.run(pairs, None)
+        return (found, None) if not near.size else by_pose(method, pairs, None, found, kept, near)
+    found = method.run(PairSets(pairs.A[:, kept], pairs.B[:, kept]), None)
+    return by_pose(method, pairs, None, found, kept, near)
 
 
 def find_solution(
@@ -109,11 +190,14 @@ def find_solution(
     if estimate_scale:
         factor = _factor(method, pairs, noise)
         pairs = scaled(pairs, factor)
+    (near,) = near_pairs(pairs.A)
+    used = first = is_first(pairs.A[0], pairs.B[0], near)
     if method.robust:
         found, used = _robust(method, pairs, noise)
-        kept = pairs if used.all() else PairSets(pairs.A[:, used], pairs.B[:, used])
+        used = used & first if (used & first).sum() >= FEWEST_PAIRS else used
     else:
-        found, used, kept = None, np.ones(pairs.N, dtype=bool), pairs
+        found, used = None, first if first.sum() >= FEWEST_PAIRS else np.ones_like(first)
+    kept = pairs if used.all() else PairSets(pairs.A[:, used], pairs.B[:, used])
     motion = identifiability.examine(kept)
     doubts = suspicions(pairs, used, motion)
     others: tuple[identifiability.Other, ...] = ()
@@ -133,7 +217,60 @@ def find_solution(
             for text, X, Z in identifiability.half_turns(kept, motion, found.X[0, :3, :3])
             if not motion.is_misfit(*kept.residual_rms(X[None], Z[None]))[0]
         )
-    return Solution(method, pairs, noise, found, used, motion, doubts, others, factor)
+    poses = None
+    if method.likelihood and (near.size or not first.all()):
+        found, poses = by_pose(method, pairs, noise, found, used, near)
+    return Solution(
+        method, pairs, noise, found, used, motion, doubts, others, factor, poses, ~first
+    )
+
+
+def by_pose(
+    method: Method,
+    pairs: PairSets,
+    noise: Noise | None,
+    found: Estimate,
+    used: BoolArray,
+    near: IntArray,
+) -> tuple[Estimate, Poses | None]:
+    """Adjust one set again with a deviation of each pose, where poses come back.
+
+    Parameters
+    ----------
+    found : Estimate
+        The likeliest X and Z by independent errors.
+    used : ndarray of bool (N,)
+        Pairs that count.
+    near : ndarray (k, 2)
+        See :func:`~calib.robot_world.poses.near_pairs`.
+    """
+    poses = poses_of(near, used)
+    weights = used[None].astype(float)
+    larger = widening() if method.robust else 1.0
+    X, Z, sigma = found.X, found.Z, None
+    if noise is None:
+        fit, sigma = with_estimated_noise(pairs, X, Z, weights, larger)
+    else:
+        fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
+    if poses is not None:
+        first = fit, sigma
+        for _ in range(_POSE_ROUNDS):
+            rows = (poses.correlated(part[..., 0, :]) for part in (fit.white, fit.jacobian))
+            scale, again = restricted(*rows, poses=poses, own=sigma is not None)
+            change = np.abs((1.0 + again.share) / (1.0 + poses.share) - 1.0).max()
+            poses = again
+            if noise is None and sigma is not None:
+                sigma = sigma * (scale * larger)[:, None]
+                model = estimated_model(pairs, sigma)
+            elif noise is not None:
+                model = noise.model(pairs)
+            fit = adjust(pairs, model, fit.X, fit.Z, weights=weights, poses=poses)
+            if change < _POSE_SETTLED or not poses.is_needed:
+                break
+        if not poses.is_needed:
+            poses, (fit, sigma) = None, first
+    kept = None if used.all() and found.weights is None else weights
+    return as_estimate(fit, sigma, kept), poses
 
 
 def enough_agree(used: BoolArray) -> BoolArray:

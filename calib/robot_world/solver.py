@@ -13,14 +13,16 @@ from calib.errors import check_type
 from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.components import FEWEST_PAIRS as FEWEST_FOR_NOISE
 from calib.robot_world.components import explain, shown_noise
-from calib.robot_world.diagnosis import ALIEN, drifting, suspicions
+from calib.robot_world.diagnosis import ALIEN, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.identifiability import Motion, examine
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise, NoiseShown, check_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
+from calib.robot_world.poses import Poses, is_first, near_pairs
 from calib.robot_world.results import RobotWorldResult, too_uncertain
-from calib.robot_world.solution import Solution, enough_agree, find_solution
+from calib.robot_world.sequence import FEWEST_FOR_STEPS, may_drift
+from calib.robot_world.solution import Solution, by_pose, enough_agree, find_solution
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _PAIRS_AT_ONCE = 20_000
@@ -220,8 +222,12 @@ def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> 
         kept = pairs if usable.size == pairs.T else PairSets(pairs.A[usable], pairs.B[usable])
         found = chosen.run(kept, noise)
         noises: list[Noise | None] = [noise] * kept.T
+        poses: dict[int, Poses] = {}
+        used = found.used(pairs.N)
+        if chosen.likelihood:
+            found, used, poses = _by_poses(chosen, kept, noise, found, used)
         if chosen.likelihood and asked in (None, "shown"):
-            found, noises = _with_other_noise(chosen, kept, found)
+            found, noises = _with_other_noise(chosen, kept, found, used, poses)
         X[usable], Z[usable] = found.X, found.Z
         if iterations is not None and found.iterations is not None:
             iterations[usable] = found.iterations
@@ -229,7 +235,6 @@ def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> 
             converged[usable] = found.converged
         if covariance is not None and found.fit is not None:
             covariance[usable] = found.fit.covariance
-            used = found.used(pairs.N)
             excess = np.ones(usable.size)
             if chi2 is not None:
                 chi2[usable] = found.fit.cost
@@ -237,10 +242,17 @@ def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> 
             factor = widening(found.fit, used, excess, noise_known=noise is not None)
             factor *= excess[:, None]
             covariance[usable] *= factor[:, :, None] * factor[:, None]
-            uncertain[usable] = too_uncertain(covariance[usable], kept.size) | [
-                bool(drifting(kept, found, own, noises[trial], trial))
-                for trial, own in enumerate(used)
-            ]
+            uncertain[usable] = too_uncertain(covariance[usable], kept.size)
+            asked_of = (
+                np.arange(kept.T)
+                if pairs.N >= FEWEST_FOR_STEPS
+                else np.flatnonzero(may_drift(found.fit, used))
+            )
+            for trial in asked_of.tolist():
+                one = _one(chosen, kept, found, used, noises, poses, trial)
+                uncertain[usable[trial]] |= any(
+                    change.finding.grade == "not to be trusted" for change in one.sequence.told()
+                )
         if found.weights is not None:
             rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.used(pairs.N))
             X[rank_deficient] = Z[rank_deficient] = np.nan
@@ -252,12 +264,56 @@ def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> 
     return RobotWorldBatch(X, Z, chosen.name, iterations, *masks, covariance, chi2)
 
 
+def _by_poses(
+    chosen: Method, pairs: PairSets, noise: Noise | None, found: Estimate, used: BoolArray
+) -> tuple[Estimate, BoolArray, dict[int, Poses]]:
+    """Estimates with those in place whose poses come back, pairs used, and these poses by trial."""
+    poses: dict[int, Poses] = {}
+    for trial, near in enumerate(near_pairs(pairs.A)):
+        if not near.size:
+            continue
+        first = is_first(pairs.A[trial], pairs.B[trial], near)
+        if (used[trial] & first).sum() >= FEWEST_PAIRS:
+            used[trial] &= first
+        own = np.array([trial])
+        sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
+        again, shared = by_pose(chosen, sets, noise, found.of(own), used[trial], near)
+        found = found.with_others(own, again)
+        if shared is not None:
+            poses[trial] = shared
+    return found, used, poses
+
+
+def _one(
+    chosen: Method,
+    pairs: PairSets,
+    found: Estimate,
+    used: BoolArray,
+    noises: list[Noise | None],
+    poses: dict[int, Poses],
+    trial: int,
+    motion: Motion | None = None,
+    doubts: tuple[str, ...] = (),
+) -> Solution:
+    """One trial as a solution."""
+    sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
+    own, kept = found.of(np.array([trial])), used[trial]
+    if motion is None:
+        motion = examine(PairSets(sets.A[:, kept], sets.B[:, kept]))
+    shared = poses.get(trial)
+    return Solution(chosen, sets, noises[trial], own, kept, motion, doubts, poses=shared)
+
+
 def _with_other_noise(
-    chosen: Method, pairs: PairSets, found: Estimate
+    chosen: Method,
+    pairs: PairSets,
+    found: Estimate,
+    used: BoolArray,
+    poses: dict[int, Poses],
 ) -> tuple[Estimate, list[Noise | None]]:
     """Estimates with those in place whose residuals show other noise, and that noise of each."""
     noises: list[Noise | None] = [None] * pairs.T
-    used, others = found.used(pairs.N), found
+    others = found
     for trial in np.flatnonzero(used.sum(axis=1) >= FEWEST_FOR_NOISE).tolist():
         own, kept = np.array([trial]), used[trial]
         if explain(pairs.A[trial], pairs.B[trial], found.X[trial], found.Z[trial], kept) is None:
@@ -267,10 +323,15 @@ def _with_other_noise(
         if motion.degenerate[0] or not enough_agree(kept):
             continue
         doubts = suspicions(sets, kept, motion)
-        shown = Solution(chosen, sets, None, found.of(own), kept, motion, doubts).other_noise()
+        one = _one(chosen, pairs, found, used, noises, poses, trial, motion, doubts)
+        shown = one.other_noise()
         if shown is not None:
+            again = find_solution(chosen, sets, shown.noise, estimate_scale=False)
             noises[trial] = shown.noise
-            others = others.with_others(own, chosen.run(sets, shown.noise))
+            others = others.with_others(own, again.found)
+            poses.pop(trial, None)
+            if again.poses is not None:
+                poses[trial] = again.poses
     return others, noises
 
 

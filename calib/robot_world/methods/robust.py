@@ -19,11 +19,11 @@ from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.estimate import Estimate, Fit, residuals
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
-    estimated_model,
     with_estimated_noise,
 )
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets, own_order
+from calib.robot_world.sizes import estimated_model
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 CHANCE = 1e-3

@@ -30,7 +30,13 @@ import numpy as np
 from calib.chance import chi2_quantile
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.deviations import components
-from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
+from calib.identification.evidence import (
+    LOSSES,
+    PriorGroup,
+    Similar,
+    TunedPriors,
+    tune_priors,
+)
 from calib.identification.prediction import Carried, Expectation
 from calib.identification.result import IdentificationResult, Loss
 from calib.identification.robust import (
@@ -71,9 +77,12 @@ class Fitted:
 
     model: CalibrationModel  # with the sizes of its priors and the noise that were found
     result: IdentificationResult
-    log_marginal: float = float("nan")
-    """How likely the measurements are under the model, see
-    :class:`~calib.identification.TunedPriors`; NaN of a model whose priors were not tuned."""
+    tuned: TunedPriors | None = None  # None of a model whose priors were not tuned
+
+    @property
+    def log_marginal(self) -> float:
+        """Logarithm of how likely the measurements are under the model; NaN of one not tuned."""
+        return float("nan") if self.tuned is None else self.tuned.log_marginal
 
 
 def fit(
@@ -92,11 +101,9 @@ def fit(
     """
     model, start, known = candidate.model, None, None
     of_sizes: FloatArray | float = 0.0
-    log_marginal = float("nan")
     if candidate.groups:
         tuned = tuned or _tune(candidate, data, loss)
         model, start, of_sizes = tuned.model, tuned.x, tuned.covariance
-        log_marginal = tuned.log_marginal
         kinds = [kind.of_found_noise() if kind.estimated else kind for kind in model.measurements]
         model = model.with_measurements(kinds)
     usual = model.prior
@@ -120,22 +127,37 @@ def fit(
         free &= ~below
         model = model.with_prior(np.where(below, HELD * usual, model.prior))
         start = None if start is None else np.where(below, model.nominal, result.values)
-    return Fitted(model, result, log_marginal)
+    return Fitted(model, result, tuned)
 
 
 def _tune(
-    candidate: Candidate, data: Measurements, loss: Loss, like: IdentificationResult | None = None
+    candidate: Candidate,
+    data: Measurements,
+    loss: Loss,
+    like: Fitted | None = None,
+    *,
+    identifiable: bool = False,
 ) -> TunedPriors:
-    """Find sizes and noise, from the weights of a model that has the same parameters and more."""
+    """Find sizes and noise, from those of a model that has as many parameters or more."""
     known = loss in LOSSES  # others may have weights of zero, which have no evidence
     return tune_priors(
         candidate.model,
         data,
         candidate.groups,
         loss=loss if known else "student-t",
-        weights=like.weights if like is not None and known else None,
-        identifiable=like is not None,
+        like=None if like is None else _similar(like, known),
+        identifiable=identifiable,
     )
+
+
+def _similar(fitted: Fitted, weighed: bool) -> Similar | None:
+    """Return what was found, for another model to start from."""
+    tuned = fitted.tuned
+    if tuned is None:
+        return None
+    sizes = {g.name: float(size) for g, size in zip(tuned.groups, tuned.sigma, strict=True)}
+    weights = fitted.result.weights if weighed else None
+    return Similar(fitted.model.names, tuned.x, weights, sizes)
 
 
 DRAWS = 1000
@@ -335,10 +357,15 @@ def fit_reference(
     """
     usual: Loss = "least-squares" if loss is None else loss
     given, data = candidate.model, data.at_stops()
-    candidate, fitted = _by_components(*_fit(candidate, data, usual), data, usual)
-    if loss is None and _tails(fitted, data) > HEAVY_TAILS:
+    candidate, fitted = _fit(candidate, data, usual)
+    shown = _components_of(fitted, data, usual)
+    heavy = loss is None and _tails(shown or fitted.model, fitted.result, data) > HEAVY_TAILS
+    if heavy:
         usual = "student-t"
-        candidate, fitted = _by_components(*_fit(candidate, data, usual), data, usual)
+    if shown is not None:
+        candidate, fitted = _by_components(candidate, fitted, data, usual, shown)
+    elif heavy:
+        candidate, fitted = _fit(candidate, data, usual)
     fits = {candidate.name: fitted}
     logs = {candidate.name: fitted.log_marginal}
     for one in alternatives:
@@ -346,7 +373,7 @@ def fit_reference(
         kinds = candidate.model.measurements
         one = replace(one, model=one.model.with_measurements(kinds))
         with suppress(CalibError):
-            tuned = _tune(one, data, usual, fitted.result)
+            tuned = _tune(one, data, usual, fitted, identifiable=True)
             if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
                 fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
             logs[one.name] = tuned.log_marginal
@@ -384,39 +411,41 @@ def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidat
         return candidate, fitted
 
 
-def _by_components(
-    candidate: Candidate, fitted: Fitted, data: Measurements, loss: Loss
-) -> tuple[Candidate, Fitted]:
-    """Fit again with the deviation of the arm from stop to stop, where the residuals show one.
+def _components_of(fitted: Fitted, data: Measurements, loss: Loss) -> CalibrationModel | None:
+    """Return the model with the components of variance that a fit shows, see :func:`components`."""
+    used = np.flatnonzero(fitted.result.used)
+    weights = fitted.result.weights[used]
+    linear = fitted.model.linearise_at(data[used], fitted.result.values)
+    return components(linear, weights / costs_of(linear, weights, loss)[0])
 
-    Noise within stops and the deviation are found at a solution, sizes of priors and the solution
-    with these, in turns.
+
+def _by_components(
+    candidate: Candidate, fitted: Fitted, data: Measurements, loss: Loss, shown: CalibrationModel
+) -> tuple[Candidate, Fitted]:
+    """Fit again with the noise within stops and the deviation of the arm that a fit showed.
+
+    Both are found at a solution, sizes of priors and the solution with these, in turns.
     """
     for _ in range(_COMPONENT_ROUNDS):
-        result = fitted.result
-        used = np.flatnonzero(result.used)
-        linear = fitted.model.linearise_at(data[used], result.values)
-        shares = result.weights[used] / costs_of(linear, result.weights[used], loss)[0]
-        model = components(linear, shares)
-        if model is None:
-            return candidate, fitted
-        before = _noise_of(model)
-        again = replace(candidate, model=candidate.model.with_measurements(model.measurements))
+        again = replace(candidate, model=candidate.model.with_measurements(shown.measurements))
         try:
-            candidate, fitted = again, fit(again, data, loss=loss)
+            tuned = _tune(again, data, loss, fitted) if again.groups else None
+            candidate, fitted = again, fit(again, data, loss=loss, tuned=tuned)
         except CalibError:  # so few equations that they do not show it
             return candidate, fitted
-        if (np.abs(_noise_of(fitted.model) - before) <= _COMPONENTS_SETTLED * before).all():
+        before, found = _noise_of(shown), _components_of(fitted, data, loss)
+        if found is None or np.allclose(_noise_of(found), before, _COMPONENTS_SETTLED, 0.0):
             break
+        shown = found
     return candidate, fitted
 
 
-def _tails(fitted: Fitted, data: Measurements) -> float:
+def _tails(model: CalibrationModel, result: IdentificationResult, data: Measurements) -> float:
     """How much likelier heavy tails make the residuals, see :func:`gain_of_student`."""
-    if not fitted.result.noise_scale > LEAST_NOISE_SCALE:
+    if not result.noise_scale > LEAST_NOISE_SCALE:
         return 0.0
-    model, x, setup = fitted.model, fitted.result.values, data.setup
-    white, free = redundancy(model.linearise_at(data, x), np.ones(data.count))
+    setup = data.setup
+    white, free = redundancy(model.linearise_at(data, result.values), np.ones(data.count))
     rows = rows_judged(model, setup)
     left = judged_together(model, setup, free.sum(axis=1)) / rows
     squares = judged_together(model, setup, np.sum(white**2, axis=1))

@@ -14,7 +14,7 @@ parameter that fits noise makes it no smaller.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +145,22 @@ class TunedPriors:
     notes: tuple[str, ...]  # groups whose standard deviation stands at a bound
 
 
+@dataclass(frozen=True, eq=False)
+class Similar:
+    """What was found of a model, for one that has much in common with it to start from."""
+
+    names: tuple[str, ...]  # of its parameters
+    x: FloatArray  # (p,) [SI]
+    weights: FloatArray | None  # (N,): of the squares of the measurements, where they are known
+    sizes: Mapping[str, float]  # standard deviations of groups, by their names [SI]
+
+    def start_of(self, model: CalibrationModel) -> FloatArray:
+        """Return parameters ``(p,)`` of another model: those in common as found."""
+        values = dict(zip(self.names, self.x.tolist(), strict=True))
+        pairs = zip(model.names, model.nominal.tolist(), strict=True)
+        return np.array([values.get(name, nominal) for name, nominal in pairs])
+
+
 @one_blas_thread
 def tune_priors(
     model: CalibrationModel,
@@ -153,7 +169,7 @@ def tune_priors(
     *,
     loss: Loss = "least-squares",
     noise_bounds: tuple[float, float] = NOISE_BOUNDS,
-    weights: FloatArray | None = None,
+    like: Similar | None = None,
     identifiable: bool = False,
 ) -> TunedPriors:
     """Find the standard deviations of groups of parameters, and noise that is not known.
@@ -168,8 +184,8 @@ def tune_priors(
         As in the identification that is to follow.
     noise_bounds : tuple of float
         Of noise that is to be estimated, over what it starts with.
-    weights : array (N,), optional
-        Of the squares of the measurements, to start from: those of a similar model are near.
+    like : Similar, optional
+        What was found of a similar model with the same measurements, to start from.
     identifiable : bool
         That a model was checked which has these parameters, and more: this one needs no check.
 
@@ -193,12 +209,17 @@ def tune_priors(
     known = _Known.of(groups, len(noise_classes(model, data.setup)), noise_bounds)
     theta = known.bounds.mean(axis=0)  # the middle of what is possible
     theta[len(groups) :] = np.clip(0.0, *known.bounds[:, len(groups) :])  # what noise starts with
+    if like is not None:
+        sizes = [np.log(like.sizes.get(group.name, np.exp(theta[g]))) for g, group in
+                 enumerate(groups)]  # fmt: skip
+        theta[: len(groups)] = np.clip(sizes, *known.bounds[:, : len(groups)])
     tuned = _applied(model, data, members, theta)
     check_enough(tuned, data)
-    x = first_guess(tuned, data)
+    x = first_guess(tuned, data) if like is None else like.start_of(model)
     if not identifiable:
         check_identifiable_at(tuned, data, x)
-    rows, w = rows_judged(model, data.setup), np.ones(data.count) if weights is None else weights
+    rows = rows_judged(model, data.setup)
+    w = np.ones(data.count) if like is None or like.weights is None else like.weights
 
     def linearised() -> LinearEvidence:
         linear = model.linearise_at(data, x)
@@ -207,7 +228,9 @@ def tune_priors(
 
     for passes in range(_PASSES):  # linearise, maximise, solve and weigh
         problem, before = linearised(), theta
-        if passes:  # at first the arm is linearised as described, too far off to tell sizes by
+        if (
+            passes or like is not None
+        ):  # at first the arm is linearised as described, too far off to tell sizes by
             theta = known.likeliest(problem, theta)
         x = problem.parameters(theta)
         tuned = _applied(model, data, members, theta)

@@ -13,6 +13,7 @@ for each stop, however many rows were measured there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -43,20 +44,28 @@ class SharedDeviation:
 
     def whiten(self, white: FloatArray) -> FloatArray:
         """Return rows ``(..., m, S)`` over their own noise without what stops have in common."""
-        root = np.sqrt(1.0 + self.values)
-        return self._times(white, 1.0 / (root * (1.0 + root)))  # (1 - 1/root)/λ, without 0/0
+        return self._times(white, self._whitening)
 
     def colour(self, white: FloatArray) -> FloatArray:
         """Return the inverse of :meth:`whiten`: draws with what stops have in common."""
-        return self._times(white, -1.0 / (1.0 + np.sqrt(1.0 + self.values)))
+        return self._times(white, self._weight(-1.0 / (1.0 + np.sqrt(1.0 + self.values))))
+
+    @cached_property
+    def _whitening(self) -> FloatArray:
+        root = np.sqrt(1.0 + self.values)
+        return self._weight(1.0 / (root * (1.0 + root)))  # (1 - 1/root)/λ, without 0/0
+
+    def _weight(self, factor: FloatArray) -> FloatArray:
+        """Return ``V f Vᵀ`` of each stop, ``(6, 6, G)``."""
+        weight = (self.vectors * factor[:, None]) @ np.swapaxes(self.vectors, 1, 2)
+        return np.ascontiguousarray(weight.transpose(1, 2, 0))
 
     @property
     def log_det(self) -> float:
         """Logarithm of the determinant of the covariance over the own noise."""
         return float(np.log1p(self.values).sum())
 
-    def _times(self, white: FloatArray, factor: FloatArray) -> FloatArray:
-        weight = np.einsum("sik,sk,sjk->ijs", self.vectors, factor, self.vectors)
+    def _times(self, white: FloatArray, weight: FloatArray) -> FloatArray:
         inner = np.einsum("rts,...rs->...ts", self.A, white, optimize=True)
         if self.stop is not None:
             together = np.zeros((*inner.shape[:-1], weight.shape[-1]))

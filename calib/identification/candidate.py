@@ -32,6 +32,7 @@ from calib.errors import CalibError, ConvergenceError
 from calib.identification.deviations import components
 from calib.identification.evidence import (
     LOSSES,
+    SETTLED,
     PriorGroup,
     Similar,
     TunedPriors,
@@ -138,7 +139,11 @@ def _tune(
     *,
     identifiable: bool = False,
 ) -> TunedPriors:
-    """Find sizes and noise, from those of a model that has as many parameters or more."""
+    """Find sizes and noise, from those of a model that has as many parameters or more.
+
+    ``identifiable``: the other has more, so that this one needs no check; it is one of several
+    alternatives, whose probabilities need fewer digits.
+    """
     known = loss in LOSSES  # others may have weights of zero, which have no evidence
     return tune_priors(
         candidate.model,
@@ -147,6 +152,7 @@ def _tune(
         loss=loss if known else "student-t",
         like=None if like is None else _similar(like, known),
         identifiable=identifiable,
+        settled=10.0 * SETTLED if identifiable else SETTLED,
     )
 
 

@@ -47,7 +47,7 @@ USUAL_WITHIN = np.log(3.0)
 """Standard deviation of the logarithm of a size about the usual one."""
 
 _PASSES = 100
-_SETTLED = 1e-3
+SETTLED = 1e-3
 """Change of weights and of the logarithms of standard deviations below which they have settled:
 a hundredth of how well the best of them can be known."""
 
@@ -171,6 +171,7 @@ def tune_priors(
     noise_bounds: tuple[float, float] = NOISE_BOUNDS,
     like: Similar | None = None,
     identifiable: bool = False,
+    settled: float = SETTLED,
 ) -> TunedPriors:
     """Find the standard deviations of groups of parameters, and noise that is not known.
 
@@ -188,6 +189,8 @@ def tune_priors(
         What was found of a similar model with the same measurements, to start from.
     identifiable : bool
         That a model was checked which has these parameters, and more: this one needs no check.
+    settled : float
+        Change of weights and of logarithms of sizes below which they have settled.
 
     Raises
     ------
@@ -236,7 +239,7 @@ def tune_priors(
         tuned = _applied(model, data, members, theta)
         lighter, w = w, WEIGHTS[loss](distances2(tuned, data, x), rows)
         moved = max(np.abs(theta - before).max(initial=0.0), np.abs(w - lighter).max())
-        if moved < _SETTLED and passes > 1:
+        if moved < settled and passes > 1:
             break
     else:
         raise ConvergenceError(

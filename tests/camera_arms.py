@@ -76,7 +76,7 @@ class DrawnArm:
         return self.model.tip_poses(q, self.values)
 
     def views(
-        self, count: int, rng: np.random.Generator, tilt: float = 0.5, spread: float = 0.15
+        self, count: int, rng: np.random.Generator, tilt: float = 0.6, spread: float = 0.15
     ) -> FloatArray:
         """Return postures (count, n) [rad] from which the board is seen, drawn at random."""
         there = self.cell.board_set_up

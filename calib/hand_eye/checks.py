@@ -38,8 +38,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 DETECTORS = 5
 """Checks of one set: size and bend of the board, doubt of the size, lens, move, arm."""
 
-CHANCE = level_of_each(DETECTORS)
-"""Probability that noise alone makes one of the checks say something."""
+CHANCE = level_of_each(DETECTORS) / 10.0
+"""Probability that normal noise makes one of the checks say something. Real pictures scatter with
+heavier tails: at a tenth of the level they keep it."""
 
 LEAST_SCALE = 1e-3
 """Share by which the size of a print is off anyway."""

@@ -33,7 +33,7 @@ from calib.hand_eye.noise import squares_of_pictures, wrong_points
 from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
 from calib.hand_eye.problem import Noise, Prepared, Problem
-from calib.hand_eye.result import HandEyeResult, PictureStatus
+from calib.hand_eye.result import ArmError, HandEyeResult, PictureStatus
 from calib.hand_eye.views import Views
 from calib.identification import IdentificationResult, identify, minimise
 from calib.identification.deviations import (
@@ -382,7 +382,8 @@ def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> Hand
     true_poses = poses_of(fit.model, x)
     lenses = _lenses_of(problem, fit.model, x)
     first = problem.prepared[0].pictures
-    poses, errors = _errors_to_expect(problem, fit, estimate, true_poses, lenses)
+    at_work = _at_work(problem, fit, estimate, true_poses, lenses)
+    poses = at_work.poses
     X, Z = (poses[label] for label in first.labels)
     pixel = np.array([fit.noise.pixel[camera] for camera in problem.cameras])
     middles, depths = _middles(problem, true_poses)
@@ -409,8 +410,7 @@ def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> Hand
         labels=first.labels,
         poses=poses,
         true_poses=true_poses,
-        error_m=errors[0],
-        corrected_error_m=errors[1],
+        arm_errors=at_work.arm_errors,
         lens=lens,
         lenses=lenses,
         lens_estimated=problem.prepared[0].free_lens,
@@ -428,50 +428,62 @@ def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> Hand
         off=listed(off),
         left_out_px=listed(left),
         distance_m=distance,
-        point_sigma_m=float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T))),
+        point_sigma_m=at_work.error_m,
+        corrected_point_sigma_m=at_work.corrected_error_m,
+        seen_sigma_m=float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T))),
         scale=_scale(estimate, board),
         start=problem.prepared[0].start,
         findings=(*_outliers(problem, data.names, fit.good), *suspicions),
     )
 
 
-def _errors_to_expect(
+@dataclass(frozen=True, eq=False)
+class _AtWork:
+    """Camera and board for the controller, and the errors to expect of the first camera."""
+
+    poses: dict[str, FloatArray]
+    error_m: float
+    corrected_error_m: float
+    arm_errors: tuple[ArmError, ...]
+
+
+def _at_work(
     problem: Problem,
     fit: _Fit,
     estimate: IdentificationResult,
     poses: dict[str, FloatArray],
     lenses: Mapping[str, Lens],
-) -> tuple[dict[str, FloatArray], tuple[float, float]]:
-    """Poses for the controller, and errors to expect of it and of a corrected arm [m].
-
-    The errors are those of the first camera.
-    """
-    taken, errors, used = dict(poses), list[tuple[float, float]](), 0
+) -> _AtWork:
+    """Return what an arm does at other views of the board, see :mod:`calib.hand_eye.views`."""
+    taken, x, used = dict(poses), estimate.values, 0
+    found: _AtWork | None = None
     for one in problem.prepared:
-        pictures, x = one.pictures, estimate.values
-        good = fit.good[used : used + len(one.usable)]
+        pictures, good = one.pictures, fit.good[used : used + len(one.usable)]
         used += len(good)
         lens = lenses[pictures.camera]
-        views = Views.drawn(
-            pictures.robot,
-            pictures.carried,
-            pictures.labels,
-            pictures.board,
-            lens,
-            poses,
-            one.postures[good],
-        )
+        views = Views.drawn(pictures, lens, poses, one.postures[good])
         flange = fit.model.tip_poses(views.postures, x)
         lost = 0.0
         if problem.arm is not None:
             taken |= views.best_poses(poses, flange)
             lost = float(np.mean(np.sum(views.apart(poses, flange, taken)[:, 0] ** 2, axis=1)))
+        if found is not None:
+            continue
         L, lever = views.unknown(fit.model, x, pictures.camera, lens)
         unknown = float(np.mean(np.einsum("vip,pq,viq->v", L, estimate.covariance, L)))
         m, rad = fit.noise.arm
-        stops = 3.0 * m**2 + 2.0 * rad**2 * float(np.mean(lever**2))
-        errors.append((float(np.sqrt(lost + unknown + stops)), float(np.sqrt(unknown + stops))))
-    return taken, errors[0]
+        unknown += 3.0 * m**2 + 2.0 * rad**2 * float(np.mean(lever**2))
+        J = L.reshape(-1, fit.model.p)
+        frames = J[:, np.concatenate(list(_frames(fit.model).values()))]
+        errors = []
+        for name, own in zip(problem.sizes.names, problem.sizes.members, strict=True):
+            shift = J[:, own] @ (x - fit.model.nominal)[own]
+            shift = shift - frames @ np.linalg.lstsq(frames, shift, rcond=1e-9)[0]
+            errors.append(ArmError(name, float(np.sqrt(3.0 * np.mean(shift**2)))))
+        errors.sort(key=lambda error: -error.rms_m)
+        both = float(np.sqrt(lost + unknown)), float(np.sqrt(unknown))
+        found = _AtWork(taken, *both, tuple(errors))
+    return cast(_AtWork, found)
 
 
 def _lenses_of(problem: Problem, model: CalibrationModel, x: FloatArray) -> dict[str, Lens]:

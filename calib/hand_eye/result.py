@@ -46,6 +46,14 @@ class PlacedFrame:
         return np.sqrt(np.diag(self.covariance)[3:])
 
 
+@dataclass(frozen=True)
+class ArmError:
+    """Errors of one kind that an arm was found to have."""
+
+    kind: str  # by the names of :func:`calib.identification.evidence.groups_of`
+    rms_m: float  # shift of a point at other views, camera and board placed anew
+
+
 def pose_difference(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return shift [m] in the axes of the parent and rotation [rad] in its own, ``(6,)``."""
     turn = rotation_log(other[:3, :3].T @ one[:3, :3])
@@ -68,10 +76,7 @@ class HandEyeResult(Shown):
     true_poses: dict[str, FloatArray]
     """The same where errors of the arm were taken into account: for an arm that is corrected. They
     are those of ``estimate``. Equal to ``poses`` where no errors of the arm were found."""
-    error_m: float
-    """Error to expect, root mean square [m], of the arm as its controller has it where the camera
-    sees a point, at other views of the board: see :mod:`calib.hand_eye.views`."""
-    corrected_error_m: float  # the same of the arm with its errors corrected
+    arm_errors: tuple[ArmError, ...]  # kinds of error of the arm that were found, the largest first
     lens: Lens
     lenses: dict[str, Lens]  # of all cameras by name
     lens_estimated: bool
@@ -101,6 +106,10 @@ class HandEyeResult(Shown):
     left_out_px: FloatArray  # (N,): as ``rms_px``, with the picture left out of the estimate
     distance_m: float  # of the board from the camera, median
     point_sigma_m: float
+    """Error to expect, root mean square [m], of the arm as its controller has it where the camera
+    sees a point, at other views of the board: see :mod:`calib.hand_eye.views`."""
+    corrected_point_sigma_m: float  # the same of the arm with its errors corrected
+    seen_sigma_m: float
     """Standard deviation, root of the sum over three axes, of where the camera says that a point in
     the middle of its picture at this distance is, seen from the flange (eye-in-hand) or from the
     base: what X, or Z, and the lens leave unknown."""
@@ -153,10 +162,18 @@ class HandEyeResult(Shown):
 
     @property
     def frames(self) -> tuple[PlacedFrame, ...]:
-        """Cameras first, then boards, with their covariances."""
+        """Cameras first, then boards, with their covariances, as ``poses`` has them."""
+        return self._placed(self.poses)
+
+    @property
+    def true_frames(self) -> tuple[PlacedFrame, ...]:
+        """The same as ``true_poses`` has them."""
+        return self._placed(self.true_poses)
+
+    def _placed(self, poses: dict[str, FloatArray]) -> tuple[PlacedFrame, ...]:
         found = []
         names = self.estimate.names
-        for label, T in self.poses.items():
+        for label, T in poses.items():
             on_flange = any(name.startswith(f"tool.{label}.") for name in names)
             stem = f"tool.{label}." if on_flange else f"target.{label}."
             own = [k for k, name in enumerate(names) if name.startswith(stem)]

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from calib import se3
 from calib.batch_last import cross, turn
+from calib.hand_eye.pictures import Pictures
 from calib.hand_eye.points import poses_of, seen_point_motion
 from calib.lens import Lens
 from calib.model import CalibrationModel, Setup
@@ -47,11 +48,12 @@ _FEWEST = 10
 _ACROSS = 0.6
 """Part of the width and height of the picture that the middle of the board is drawn in."""
 
-_FARTHER = 1.25
-"""Factor on the distances of the pictures within which views are drawn."""
+_NEAR, _FAR = 0.6, 2.0
+"""Distances of views over that of the pictures, where these were not nearer or farther."""
 
-_TURNED_RAD = 0.25
-"""Rotation about each axis by which views differ from pictures at most."""
+_TILTED_RAD, _TURNED_RAD = 0.6, 1.0
+"""Tilt of the board about two axes, and its rotation about the line of sight against that in a
+picture, at most."""
 
 _STEPS = 3
 _SHIFT = 1e-6
@@ -71,51 +73,56 @@ class Views:
     @classmethod
     def drawn(
         cls,
-        robot: Robot,
-        carried: Carried,
-        labels: tuple[str, str],
-        board: FloatArray,
+        pictures: Pictures,
         lens: Lens,
         poses: Mapping[str, FloatArray],
-        pictures: FloatArray,
+        postures: FloatArray,
     ) -> Views:
-        """Draw views all over the picture, about as the board stood in the pictures.
+        """Draw views of the board as a camera may have them, all over its picture.
+
+        Nearer and farther than in the pictures, tilted, and turned about the line of sight: an arm
+        is sent where no picture was taken from, too.
 
         Parameters
         ----------
-        board : array (K, 3)
-            Its points [m].
         poses : mapping of str to array (4, 4)
             Where the camera and the board are [m].
-        pictures : array (N, n)
-            Postures of the pictures [rad].
+        postures : array (N, n)
+            Of the pictures that were used [rad].
         """
+        robot, carried, labels = pictures.robot, pictures.carried, pictures.labels
+        board = pictures.board
         X, Z = (poses[label] for label in labels)
         low, high = board.min(axis=0), board.max(axis=0)
         corners = [np.where(which, high, low) for which in np.ndindex(2, 2, 1)]
         points = np.array([(low + high) / 2.0, *corners])
-        flange = robot.fk(pictures)
+        flange = robot.fk(postures)
         in_hand = carried == "camera"
         T = se3.inverse(flange @ X) @ Z if in_hand else se3.inverse(Z) @ flange @ X
         far = np.linalg.norm(_points(T, points[:1])[:, 0], axis=1)
         rng = np.random.default_rng(0)  # the same for all: results can be had again
         count = _DRAWN * VIEWS
-        R = T[rng.integers(len(T), size=count), :3, :3] @ se3.rotation_exp(
-            rng.uniform(-_TURNED_RAD, _TURNED_RAD, (count, 3))
-        )
+        as_seen = T[rng.integers(len(T), size=count), :3, :3]
+        about = np.zeros((2, count, 3))
+        about[0, :, 2] = np.arctan2(as_seen[:, 1, 0], as_seen[:, 0, 0])
+        about[0, :, 2] += rng.uniform(-_TURNED_RAD, _TURNED_RAD, count)
+        about[1, :, :2] = rng.uniform(-_TILTED_RAD, _TILTED_RAD, (count, 2))
+        R = se3.rotation_exp(about[1]) @ se3.rotation_exp(about[0])
         size = np.array([lens.width_px, lens.height_px])
         pixels = size * (0.5 + _ACROSS * rng.uniform(-0.5, 0.5, (count, 2)))
         rays = np.append(lens.rays(pixels), np.ones((count, 1)), axis=1)
-        away = rng.uniform(far.min() / _FARTHER, far.max() * _FARTHER, (count, 1))
+        middle = float(np.median(far))
+        nearest, farthest = min(far.min(), _NEAR * middle), max(far.max(), _FAR * middle)
+        away = rng.uniform(nearest, farthest, (count, 1))
         place = away * rays / np.linalg.norm(rays, axis=1, keepdims=True) - R @ points[0]
         there = se3.transform(R, place)
         wanted = Z @ se3.inverse(X @ there) if in_hand else Z @ there @ se3.inverse(X)
-        middle = pictures[np.argmin(np.linalg.norm(pictures - pictures.mean(axis=0), axis=1))]
+        usual = postures[np.argmin(np.linalg.norm(postures - postures.mean(axis=0), axis=1))]
         if robot.joint_names == FLANGE_POSE:
             return cls(robot, carried, labels, points, posture_of_pose(wanted[:VIEWS]))
-        q, found = robot.inverse(wanted, near=middle).nearest()
+        q, found = robot.inverse(wanted, near=usual).nearest()
         q = q[found][:VIEWS]
-        return cls(robot, carried, labels, points, q if len(q) >= _FEWEST else pictures)
+        return cls(robot, carried, labels, points, q if len(q) >= _FEWEST else postures)
 
     def apart(
         self, true: Mapping[str, FloatArray], flange: FloatArray, taken: Mapping[str, FloatArray]
@@ -154,9 +161,9 @@ class Views:
     def unknown(
         self, model: CalibrationModel, x: FloatArray, camera: str, lens: Lens
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the derivative ``L (V, 3, p)`` of e at the middle of the board, and its lever.
+        """Return the derivative of e by the parameters at the middle of the board, and its lever.
 
-        The lever ``(V,)`` is the distance of that point from the flange [m].
+        ``L (V, 3, p)`` [m per unit], and the distance ``(V,)`` of that point from the flange [m].
         """
         tool, target = self.labels
         setup = Setup.of(

@@ -354,8 +354,10 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         },
         **({"time_offset_ms": offsets} if offsets else {}),
         "point_sigma_mm": 1e3 * result.point_sigma_m,
+        "seen_sigma_mm": 1e3 * result.seen_sigma_m,
         "distance_mm": 1e3 * result.distance_m,
         "board_scale": {"value": result.scale[0], "sigma": result.scale[1]},
+        **({"arm_errors": _arm_errors_as_dict(result)} if result.arm_errors else {}),
         "parameters": parameter_rows(result),
         "covariance": {
             "names": list(result.estimate.names),
@@ -365,6 +367,17 @@ def result_as_dict(calibrated: Calibrated) -> dict[str, Any]:
         "pictures": result.rows(),
         **({"joints_deg": joints} if joints else {}),
         **(external_as_dict(calibrated.external) if joints else {}),
+    }
+
+
+def _arm_errors_as_dict(result: HandEyeResult) -> dict[str, Any]:
+    """Errors of the arm that were found, and what holds for an arm that is corrected by them."""
+    return {
+        "rms_mm": {error.kind: 1e3 * error.rms_m for error in result.arm_errors},
+        "corrected": {
+            **{frame.name: frame_as_dict(frame) for frame in result.true_frames},
+            "point_sigma_mm": 1e3 * result.corrected_point_sigma_m,
+        },
     }
 
 

@@ -38,8 +38,9 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
         place, turn = 1e3 * frame.sigma_m.max(), np.degrees(frame.sigma_rad).max()
         shown[frame.name] = f"{_six(frame.T)}, sigma {place:.2g} mm and {turn:.2g} deg"
     shown["a point that the camera sees"] = (
-        f"{1e3 * result.point_sigma_m:.2g} mm (sigma) seen from the {result.frames[0].parent}, at "
-        f"{1e3 * result.distance_m:.0f} mm"
+        f"the arm is {1e3 * result.point_sigma_m:.2g} mm off it at other views (rms to expect), "
+        f"the camera alone {1e3 * result.seen_sigma_m:.2g} mm seen from the "
+        f"{result.frames[0].parent}, at {1e3 * result.distance_m:.0f} mm"
     )
     for camera in result.lenses:
         name = "lens" if len(result.lenses) == 1 else f"lens of {camera}"
@@ -60,8 +61,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             if abs(value) > SIGNIFICANT * sigma
             else f"pictures and joints are of the same moment, to {1e3 * sigma:.2g} ms"
         )
-    robot = sum(not name.startswith(_OF_SET_UP) for name in result.estimate.names)
-    shown["robot"] = f"{robot} parameters identified, in the tables" if robot else ""
+    shown["robot"] = _robot(result)
     unseen = [
         f"{name}: {reason}"
         for name, reason in zip(result.names, calibrated.reasons, strict=True)
@@ -82,6 +82,49 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
         files=files,
     )
 
+
+def _robot(result: HandEyeResult) -> str:
+    """Errors of the arm that were found; empty where there are none."""
+    if not result.arm_errors:
+        count = sum(not name.startswith(_OF_SET_UP) for name in result.estimate.names)
+        return f"{count} parameters identified, in the tables" if count else ""
+    least = _LEAST_PART * result.arm_errors[0].rms_m
+    kinds = ", ".join(
+        f"{_KINDS.get(error.kind, error.kind)} {1e3 * error.rms_m:.2g} mm"
+        for error in result.arm_errors
+        if error.rms_m >= least
+    )
+    offsets = ", ".join(
+        f"{row.name.removeprefix(_OFFSET)} {row.value:+.2g} deg"
+        for row in result.estimate.displayed()
+        if row.name.startswith(_OFFSET) and abs(row.value) > _SURELY * row.sigma
+    )
+    return (
+        f"the pictures show errors of the arm, which are taken into account: {kinds} (rms at other "
+        "views, camera and board placed anew)"
+        + (f"; zero offsets {offsets}" if offsets else "")
+        + ". Camera and board are those for the arm as its controller has it. With these errors "
+        f"corrected, it is {1e3 * result.corrected_point_sigma_m:.2g} mm off, and camera and board "
+        "are where camera.json says under arm_errors"
+    )
+
+
+_KINDS = {
+    "offsets": "zero offsets",
+    "lengths": "lengths of links",
+    "angles": "angles of links",
+    "compliance": "joints that give way",
+    "bearing": "bearings that give way",
+    "harmonic": "reducers that run unevenly",
+}
+"""Names of kinds of error where they are not that of their parameters."""
+
+_OFFSET = "zero_offset."
+_SURELY = 3.0
+"""Standard deviations from which on a zero offset is listed."""
+
+_LEAST_PART = 0.1
+"""Part of the largest error from which on others are listed."""
 
 _OF_SET_UP = ("tool", "target", "lens", "board", "time")
 
@@ -164,8 +207,9 @@ def lines_of_camera(file: CameraFile) -> list[str]:
         for name, frame in file.frames.items()
     ]
     lines.append(
-        f"a point that the camera sees at {file.distance_mm:.0f} mm: {file.point_sigma_mm:.2g} mm "
-        f"(sigma); points scatter by {file.noise.pixel_sigma:.2g} px, the arm by "
+        f"a point that the camera sees at {file.distance_mm:.0f} mm: the arm is "
+        f"{file.point_sigma_mm:.2g} mm off it (rms to expect); points scatter by "
+        f"{file.noise.pixel_sigma:.2g} px, the arm by "
         f"{file.noise.arm_sigma_mm:.2g} mm and {file.noise.arm_sigma_deg:.2g} deg"
     )
     return lines + [f"warning: {text}" for text in file.warnings] + [file.board]

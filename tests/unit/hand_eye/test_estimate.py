@@ -343,7 +343,7 @@ def test_the_middle_of_the_picture_is_as_uncertain_as_draws_from_the_covariance(
         ray = np.append(result.lens.with_values(draw[12:]).rays(middle), 1.0)
         points.append(turned @ (result.distance_m * ray) + place)
     found = np.sqrt(np.trace(np.cov(np.array(points).T)))
-    assert result.point_sigma_m == pytest.approx(found, rel=0.08)  # 1000 draws: 2.2 %
+    assert result.seen_sigma_m == pytest.approx(found, rel=0.08)  # 1000 draws: 2.2 %
 
 
 def test_half_turned_views_of_a_board_that_looks_alike_are_turned_back(seen):

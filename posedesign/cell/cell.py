@@ -24,10 +24,12 @@ from posedesign.cell.board_set_up import BoardSetUp, board_set_up
 from posedesign.cell.data import CellData
 from posedesign.cell.file import parse_text, read_config
 from posedesign.cell.models import (
+    WEIGH,
     board_view,
     camera_pose,
     free_tool_axes,
     hand_eye_model,
+    has_weight,
     measuring_model,
     noise_of_kind,
     touching_model,
@@ -163,6 +165,7 @@ class Cell(CellData):
         )
         with naming(path, "parameters.zero_offsets"):
             ZeroOffsets(robot, cell.offset_joints)
+        _check_planned(cell, path)
         if config.measurement.kind == "view-line" and "z" in cell.tool_axes:
             raise FileFormatError(
                 "a view line does not show where the tool point is along z",
@@ -521,6 +524,24 @@ def _with_slide_margin(robot: Robot, margin_mm: float, path: Path) -> Robot:
             hint="give less, or hold it where it is: robot.held_mm",
         )
     return replace(robot, lower=robot.lower + kept, upper=robot.upper - kept)
+
+
+def _check_planned(cell: Cell, path: Path) -> None:
+    """Refuse to plan for what gives way under gravity on an arm that weighs nothing.
+
+    Payloads that are measured with and without tell it, too.
+    """
+    words = [word for word in cell.config.parameters.planned or () if word in WEIGH]
+    if words and not has_weight(cell) and not cell.config.payload:
+        raise FileFormatError(
+            f"plans for {', '.join(words)} need the masses of the links, and the description of "
+            f"{cell.robot.name} has none",
+            path=path,
+            key="parameters.planned",
+            hint=f"leave {', '.join(words)} out, take a URDF with <inertial> of every link, or "
+            "measure with a [[payload]] and without",
+            value=words[0],
+        )
 
 
 def usual_offset_joints(robot: Robot) -> tuple[str, ...]:

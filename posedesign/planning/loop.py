@@ -27,6 +27,7 @@ from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
+from posedesign.planning.tellable import check_tellable
 from posedesign.selection import condition_inf, evaluate
 from posedesign.selection.indices import (
     SCALING,
@@ -252,6 +253,7 @@ class _Loop:
         self._cut_off = 0  # poses and replacements that no clear way leads to
         self._router = Router.of_cell(cell)
         check_base_pose(cell)
+        check_tellable(cell, _stations(cell))
 
     def run(self) -> PosePlan:
         section = self.cell.config.variations

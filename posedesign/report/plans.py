@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from calib.model import CalibrationModel
 from calib.model.measurements import BoardView
 from posedesign.planning.pose_plan import displayed
+from posedesign.planning.tellable import untold_of
 from posedesign.report.answer import Answer, Table, expected_words
 
 if TYPE_CHECKING:
@@ -153,6 +154,12 @@ def _alone_words(result: OptimalPlan) -> str:
     )
 
 
+def _untold_words(cell: Cell) -> list[str]:
+    """Zero offsets of the cell that no pose can tell, with the remedy."""
+    found = untold_of(cell)
+    return [] if found is None else [f"{found.words} ({found.remedy})"]
+
+
 def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ()) -> Answer:
     """The answer of chosen poses: what accuracy to expect, and what is proven of the choice."""
     found = result.accuracy
@@ -169,7 +176,7 @@ def answer_of_choice(cell: Cell, result: OptimalPlan, files: Sequence[str] = ())
             "pool": result.pool_words,
             "target": cell.whereabouts.words,
         },
-        warnings=cell.doubts,
+        warnings=[*cell.doubts, *_untold_words(cell)],
         not_checked=result.not_checked,
         notes=[*result.remarks, *cell.remarks],
         details=frame_notes(result.model),

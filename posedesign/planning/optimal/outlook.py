@@ -19,7 +19,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import functions_over_work, workplace_of
 from posedesign.candidates.workplaces import small_pool_of
 from posedesign.cell import Cell
-from posedesign.cell.reference import reference_of
+from posedesign.planning.loop import arms_told_by
 from posedesign.planning.optimal.request import IN_MM, Request, accuracy_of, objective_of
 from posedesign.selection import select
 
@@ -69,7 +69,7 @@ def outlook_of(cell: Cell, postures: FloatArray) -> Outlook:
     All are of the first observation of the cell, as those of the loop.
     """
     cell = cell if cell.is_hand_eye else cell.parts[0]
-    arms = reference_of(cell)
+    arms = arms_told_by(cell, postures, np.zeros(len(postures), dtype=np.intp))
     functions, words = functions_over_work(cell, arms.model)
     count = len(postures)
     objective = objective_of(Request(count=count), arms, functions)
@@ -169,10 +169,11 @@ def _chosen_tcp_m(cell: Cell, count: int, at: Workplace | None = None) -> float 
     ``at``: where the arm will work, if that is not found from the cell.
     """
     try:
-        arms = reference_of(cell)
+        pool = small_pool_of(cell)
+        arms = arms_told_by(cell, pool.postures, pool.of)
         functions, _ = functions_over_work(cell, arms.model, at)
         objective = objective_of(Request(count=count), arms, functions)
-        blocks = objective.of_pool(arms.model, small_pool_of(cell))
+        blocks = objective.of_pool(arms.model, pool)
         found = select(
             blocks, count, objective.criterion, known=objective.known, starts=1, bound=False
         )

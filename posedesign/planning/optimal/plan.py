@@ -12,8 +12,9 @@ from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.planning.optimal.choose import BESIDE_S, Advance, Planning, silent
-from posedesign.planning.optimal.request import MOST_POSES, Request
+from posedesign.planning.optimal.request import BY_REGRESSOR, MOST_POSES, Request
 from posedesign.planning.optimal.result import OptimalPlan
+from posedesign.planning.tellable import check_tellable
 
 MOVING_S = 3.0
 """First guess of what a move takes, where the number of poses is decided by the time."""
@@ -51,6 +52,9 @@ def plan_optimal(
     NotIdentifiableError
         The whole pool cannot identify some of the parameters, which are named.
     """
+    of_paper = request.criterion.strip().lower() in {name.lower() for name in BY_REGRESSOR}
+    if cell.config.parameters.planned is not None or of_paper or request.wants_sigma:
+        check_tellable(cell)  # elsewhere priors hold what no pose tells
     kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
     of = np.zeros(len(kept), dtype=np.intp) if keep_of is None else keep_of
 

@@ -285,6 +285,12 @@ class IdentificationResult(Shown):
         return bool((self.weights[self.used] != 1.0).any())
 
     @property
+    def tails(self) -> float:
+        """Residuals of all measurements used over those weighed by the loss; one without a loss."""
+        weighed = self.weighed_rms_m
+        return self.rms_m / weighed if self.is_weighed and weighed > 0.0 else 1.0
+
+    @property
     def leave_one_out_rad(self) -> FloatArray:
         """Turn at each measurement predicted from the other poses, ``(N,)`` [rad], or NaN."""
         return self._turns(self.leave_one_out)

@@ -84,7 +84,12 @@ class Setup:
     @property
     def stops(self) -> IntArray:
         """Stop of the arm ``(N,)`` that each was taken at."""
-        return np.arange(self.count) if self.stop is None else self.stop
+        return np.arange(self.count) // self.together if self.stop is None else self.stop
+
+    @property
+    def shares_stops(self) -> bool:
+        """Return True if several measurements may be of one stop."""
+        return self.stop is not None or self.together > 1
 
     def __getitem__(self, rows: IntArray | BoolArray | slice) -> Setup:
         """Set-up of some of the measurements."""

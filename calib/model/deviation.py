@@ -34,7 +34,7 @@ class SharedDeviation:
     def of(cls, A: FloatArray, view: MeasurementContext) -> SharedDeviation:
         """Take the squares of ``A`` (m, 6, S) together at the stops of a view."""
         squares, stop = np.einsum("ris,rjs->sij", A, A, optimize=True), None
-        if view.setup.stop is not None:
+        if view.setup.shares_stops:
             stop = stops_of(view)
             squares = summed(squares, stop)
         there = np.isfinite(squares).all(axis=(1, 2))  # a fit that runs away has none

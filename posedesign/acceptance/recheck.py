@@ -140,7 +140,7 @@ class Watch:
         names = [kind.name for kind in self.model.measurements]
         place = np.array([names.index(kind) for kind in table.kinds], dtype=np.intp)
         data = table.data.with_labels(self.model.targets, self.model.tools)
-        return replace(data, setup=replace(data.setup, kind=place[data.setup.kind]))
+        return replace(data, setup=replace(data.setup, kind=place[data.setup.kind])).at_stops()
 
 
 def _tool(label: str) -> str:
@@ -166,7 +166,9 @@ def _kind(cell: Cell, name: str, noise: Mapping[str, Noise]) -> Measurement:
     kind = KINDS[name](sigma) if found.estimated else noise_of_kind(cell, name)
     kind = kind.with_deviation(found.arm_sigma_si)
     more = found.residuals_over_noise
-    return kind.with_noise(more) if found.doubted and more is not None else kind
+    if found.doubted and more is not None:
+        return kind.with_noise(more)
+    return kind.with_noise(found.tails) if found.tails != 1.0 else kind
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,6 +74,8 @@ class Noise(ReadFromFile):
     estimated: bool = False
     doubted: bool = False
     residuals_over_noise: Annotated[Number, Field(gt=0.0)] | None = None
+    tails: Annotated[Number, Field(gt=0.0)] = 1.0
+    """Standard deviation of all residuals over that of most, where a loss weighs some down."""
     arm_sigma_si: (
         tuple[Annotated[Number, Field(ge=0.0)], Annotated[Number, Field(ge=0.0)]] | None
     ) = None
@@ -378,6 +380,7 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
                 "kind": noise.kind,
                 "sigma_si": noise.sigma,
                 "arm_sigma_si": noise.arm_sigma,
+                "tails": result.tails,
                 "estimated": noise.estimated,
                 "doubted": noise.doubted,
                 "residuals_over_noise": noise.scale,

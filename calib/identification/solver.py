@@ -346,7 +346,7 @@ def _contradicting(
     """What was left out, or what should perhaps be where the noise does not explain the rest."""
     for those, words in ((solved.outliers, "left out"), (solved.suspects, "weighed down")):
         if those.any():
-            listed = ", ".join(poses[i] for i in np.flatnonzero(those).tolist())
+            listed = ", ".join(dict.fromkeys(poses[i] for i in np.flatnonzero(those).tolist()))
             return [f"{words} because they contradict the others: {listed}"]
     untested = any(kind.estimated or kind.found for kind in solved.model.measurements)
     if (solved.weights != 1.0).any() or not (doubted or untested):
@@ -354,8 +354,9 @@ def _contradicting(
     found = stand_out(linear, left)
     if not found.size:
         return []
-    names = [poses[i] for i in found[:_MOST_NAMED].tolist()]
-    more = f" and {found.size - _MOST_NAMED} more" if found.size > _MOST_NAMED else ""
+    every = list(dict.fromkeys(poses[i] for i in found.tolist()))
+    names = every[:_MOST_NAMED]
+    more = f" and {len(every) - _MOST_NAMED} more" if len(every) > _MOST_NAMED else ""
     return [
         f"far beyond the others, when predicted from them: {', '.join(names)}{more}; if these are "
         'gross errors, parameters.loss = "graduated" leaves them out'

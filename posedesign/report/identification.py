@@ -189,7 +189,8 @@ def _residuals(result: IdentificationResult) -> str:
     """The largest residuals of what took part, as they are and as predicted from the others."""
     distances, out = result.distances_m, result.leave_one_out_m
     used = [i for i in range(len(distances)) if result.used[i]]
-    worst = sorted(used, key=lambda i: -distances[i])[:3]
+    order = sorted(used, key=lambda i: -distances[i])
+    worst = list({result.poses[i]: i for i in reversed(order)}.values())[::-1][:3]  # one a pose
     return ", ".join(
         f"{result.poses[i]} {distances[i] * 1e3:.3f} mm"
         + (f" ({out[i] * 1e3:.3f} when left out)" if math.isfinite(out[i]) else "")

@@ -16,9 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.identification.effects import changes, incomplete, scales
+from calib.identification.effects import Tried, changes, incomplete, scales
 from calib.identification.held import Cause, Effect, Finding, Held, Tuned, held_at, log_odds, tuned
 from calib.identification.least_squares import column_lengths, first_guess, minimise
+from calib.identification.placebo import chance_of
+from calib.judgement import level_of_each
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.model.parameters import ZeroOffsets
@@ -295,8 +297,9 @@ def _without_row(held: Held, i: int) -> FloatArray:
     return np.asarray(held.x + step)
 
 
-CHANCE = 2e-3
-"""Probability that something is named that is not there, where the model is complete."""
+CHANCE = level_of_each(4)
+"""Largest probability that a family of causes is named where nothing is wrong: mistakes of rows,
+changes in the course of measuring, scales, gaps of the model."""
 
 ROUGH_M, ROUGH_RAD = 1e-3, 3e-3
 """What an arm as described is off once tool, targets and zeros are placed [m, rad]."""
@@ -354,10 +357,11 @@ def diagnose(model: CalibrationModel, data: Measurements) -> tuple[Finding, ...]
     if usual is None:
         return ()
     held = usual.held
-    effects = _retuned(usual, [*changes(held), *scales(held)])
-    every = [*_rows(model, usual), *effects]
+    every = _rows(model, usual)
+    every += _retuned(usual, changes(held), course=True)
+    every += _retuned(usual, scales(held))
     if not is_far:
-        return likeliest(every) or likeliest(incomplete(held))
+        return likeliest(every) or likeliest(_gaps(held))
     # of another arm anything makes a little more: with what is named it has to be this one
     return likeliest(found for found in every if found.after_m < ALMOST * ROUGH_M)
 
@@ -424,14 +428,33 @@ def _finding(mistake: Mistake, held: Held | None, right: Held, tried: int) -> Fi
     )
 
 
-def _retuned(found: Tuned, effects: Iterable[Effect]) -> list[Finding]:
-    """The likeliest effects with noise and priors as they are with them."""
-    order = sorted(effects, key=lambda effect: -effect.finding.log_odds)[:MOST_RETUNED]
-    return [
-        replace(effect.finding, log_odds=log_odds(found, effect))
-        for effect in order
-        if effect.finding.log_odds > 0.0
-    ]
+def _beyond_chance(every: Sequence[Tried], *, course: bool = False) -> tuple[list[Effect], float]:
+    """The likeliest effects of a family; none where placebos have as likely ones.
+
+    And the log odds that are worth a unit of log odds.
+    """
+    odds = np.array([each.log_odds for each in every])
+    together = np.logaddexp.reduce(odds, initial=-np.inf)
+    if not together > -np.log(CHANCE):
+        return [], 1.0
+    tried = [(each.tests, each.tried) for each in every]
+    chance = chance_of(every[0].tests.held, tried, CHANCE, course=course)
+    if chance.probability > CHANCE:
+        return [], 1.0
+    order = np.argsort(-odds)[:MOST_RETUNED].tolist()
+    return [every[k].effect() for k in order if odds[k] > 0.0], chance.scale
+
+
+def _retuned(found: Tuned, every: Sequence[Tried], *, course: bool = False) -> list[Finding]:
+    """The same, noise and priors found again with each effect."""
+    effects, scale = _beyond_chance(every, course=course)
+    return [replace(effect.finding, log_odds=log_odds(found, effect) / scale) for effect in effects]
+
+
+def _gaps(held: Held) -> list[Finding]:
+    """What the model leaves out of the arm."""
+    effects, scale = _beyond_chance(incomplete(held))
+    return [replace(effect.finding, log_odds=effect.finding.log_odds / scale) for effect in effects]
 
 
 def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
@@ -446,7 +469,9 @@ def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
         right = tuned(model, mistake.data)
         if right is not None:
             odds = right.priors.log_evidence - found.priors.log_evidence - float(np.log(count))
-            named.append(replace(_finding(mistake, held, right.held, 1), log_odds=odds))
+            said = _finding(mistake, held, right.held, 1)
+            change_m, sigmas = right.held.answer(right.held.x - held.x)
+            named.append(replace(said, log_odds=odds, change_m=change_m, sigmas=sigmas))
     return named
 
 

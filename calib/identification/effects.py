@@ -12,18 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.batch_last import along
+from calib.batch_last import along, cross
 from calib.batch_last import turn as rotate
 from calib.identification.held import (
+    FEWEST_ASIDE,
     Cause,
     Effect,
     Finding,
     Held,
-    Scores,
+    ScoreTests,
     held_at,
-    log_mean,
-    score_of,
-    scores,
 )
 from calib.model.parameters import JointHarmonics
 from calib.se3 import FloatArray, IntArray
@@ -31,16 +29,14 @@ from calib.se3 import FloatArray, IntArray
 SHIFT_M, TURN_RAD, ZERO_RAD = 1e-3, 1e-3, 3e-3
 """Usual sizes: how far things are moved, and how far a joint loses its zero."""
 
-FEWEST_ASIDE = 3
-"""Measurements before and after a step: of two, one that is wrong is no step."""
+CARRIED = 0.1
+"""Usual load that nobody described, over the mass of the arm."""
+
+GIVES = 1e-4
+"""Compliance of a joint of which nothing is known beforehand [rad/Nm]."""
 
 APPROACHES = (0.1, 0.25)
 """Time constants of warming up, in parts of the whole."""
-
-_MOST_ALIKE = 0.9
-
-_What = tuple[Cause, tuple[str, ...], str, tuple[int, ...], float, str]
-"""Of a finding, what it is of: cause, things, part, rows, size and unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +48,14 @@ class Thing:
     columns: FloatArray
     """(N, m, k): change of the rows over the noise by its parameters, each in units of its usual
     change."""
+    usual: float = np.nan  # usual change, where the size of a change is told in its unit
+    unit: str = "m"
 
     def size(self, held: Held, changed: FloatArray, by: FloatArray) -> tuple[float, str]:
         """Size of a change of the rows ``(N, m)`` by so many usual changes, and its unit."""
-        if self.part == "joint":
-            return float(np.abs(by[0])) * ZERO_RAD, "rad"
+        if np.isfinite(self.usual):
+            far = float(by[0]) if len(by) == 1 else float(np.linalg.norm(by))
+            return far * self.usual, self.unit
         # where it is measured: the origin of an instrument's frame may be metres off
         return float(held.lengths_m(changed).max(initial=0.0)), "m"
 
@@ -93,7 +92,8 @@ def things_of(held: Held) -> list[Thing]:
     for k, name in enumerate(model.names):
         if name.startswith("zero_offset."):
             joint = name.removeprefix("zero_offset.")
-            found.append(Thing("joint", (joint,), held.J[..., [k]] * ZERO_RAD))
+            zero = held.J[..., [k]] * ZERO_RAD
+            found.append(Thing("joint", (joint,), zero, ZERO_RAD, "rad"))
     return found
 
 
@@ -119,41 +119,56 @@ def _together(held: Held, frames: dict[str, list[int]]) -> Thing | None:
     return Thing("targets", tuple(points), columns)
 
 
-def alike(rows: FloatArray) -> float:
-    """Correlation from one measurement to the next of rows ``(N, m)``."""
-    if len(rows) < 2 * FEWEST_ASIDE:
-        return 0.0
-    square = float(np.sum(rows**2))
-    if square <= 0.0:
-        return 0.0
-    found = float(np.sum(rows[1:] * rows[:-1])) / square + 1.0 / len(rows)
-    return float(np.clip(found, 0.0, _MOST_ALIKE))
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """Effects that are tried: their tests, and what a finding says of them."""
+
+    tests: ScoreTests
+    cause: Cause
+    thing: Thing
+    tried: float  # logarithm of how many others are tried beside them
+
+    @property
+    def log_odds(self) -> float:
+        """Logarithm of the odds of all of them together."""
+        return float(self.tests.odds_of_all(self.tests.held.rows[..., None])[0]) - self.tried
+
+    def effect(self) -> Effect:
+        """Return the likeliest of them, which stands for all."""
+        held, log_odds = self.tests.held, self.log_odds
+        start, usual, by = self.tests.likeliest()
+        Z = self.tests.columns_of(start)
+        rows = (int(self.tests.starts[start]),) if self.cause == "step" else ()
+        size = self.thing.size(held, Z @ by, by)
+        left = held.after(Z, by)
+        change_m, sigmas = held.answer(held.moved_by(Z, by))
+        # the noise that the residuals show is smaller with the effect
+        smaller = float(np.linalg.norm(left) / max(float(np.linalg.norm(held.rows)), 1e-300))
+        what = (self.cause, self.thing.names, self.thing.part, rows, *size)
+        finding = Finding(
+            *what,
+            *(held.rms_m(), held.rms_m(left), log_odds),
+            change_m=change_m,
+            sigmas=sigmas / max(smaller, 1e-300),
+        )
+        own = float(self.tests.log_odds(held.rows[..., None]).max())
+        return Effect(finding, Z, usual, by, own - log_odds)
 
 
-def changes(held: Held) -> Iterator[Effect]:
-    """The likeliest change of each thing: its step, its drift, and its warming up."""
-    count, starts, things = len(held.rows), _starts(held), things_of(held)
-    tried = np.log(2 * len(things))
+def changes(held: Held) -> list[Tried]:
+    """Changes of each thing in the course of the measurements: step, drift, warming up."""
+    starts, things = _starts(held), [*things_of(held), *_payload(held)]
+    tried, found = float(np.log(2 * len(things))), []
+    steady = np.ones(len(held.rows))
     for thing in things:
         if len(starts):
-            found, neighbours = _steps(held, thing, starts)
-            best = int(np.argmax(found.log_odds))
-            if np.isfinite(found.log_odds[best]):  # else the parameters take up all of it
-                after = (np.arange(count) >= starts[best]).astype(float)
-                # of all places, the likeliest stands for the mean
-                more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
-                Z, rows = thing.columns * after[:, None, None], (int(starts[best]),)
-                size = thing.size(held, Z @ found.size[best], found.size[best])
-                what: _What = ("step", thing.names, thing.part, rows, *size)
-                yield _effect(held, Z, found, best, what, more, neighbours)
-        trends = _trends(thing)
+            tests = ScoreTests(held, thing.columns, steady, starts)
+            found.append(Tried(tests, "step", thing, tried))
+        trends = _trends(thing) if thing.part != "payload" else []
         for cause, course in trends:
-            Z = thing.columns * course[:, None, None]
-            neighbours = alike(held.after(Z, score_of(held, Z).size[0]))
-            found = score_of(held, Z, neighbours)
-            size = thing.size(held, Z @ found.size[0], found.size[0])
-            what = (cause, thing.names, thing.part, (), *size)
-            yield _effect(held, Z, found, 0, what, float(tried + np.log(len(trends))), neighbours)
+            tests = ScoreTests(held, thing.columns, course, np.zeros(1, dtype=np.intp))
+            found.append(Tried(tests, cause, thing, tried + float(np.log(len(trends)))))
+    return found
 
 
 def _trends(thing: Thing) -> list[tuple[Cause, FloatArray]]:
@@ -169,44 +184,40 @@ def _trends(thing: Thing) -> list[tuple[Cause, FloatArray]]:
 
 def _starts(held: Held) -> IntArray:
     """First measurements after which something may have happened: between poses, not within."""
-    pose = held.data.pose
-    first = np.flatnonzero(pose[1:] != pose[:-1]) + 1
-    return first[(first >= FEWEST_ASIDE) & (first <= len(pose) - FEWEST_ASIDE)]
+    first = np.unique(held.data.pose, return_index=True)[1]
+    return np.sort(first)[FEWEST_ASIDE : len(first) - FEWEST_ASIDE + 1]
 
 
-def _steps(held: Held, thing: Thing, starts: IntArray) -> tuple[Scores, float]:
-    """Scores of steps at all starts, and how alike neighbours are after the best."""
-    Z = thing.columns
-    score = _from(np.einsum("imk,im->ik", Z, held.rows))[starts]
-    whole = _from(np.einsum("imk,iml->ikl", Z, Z))[starts]
-    inner = _from(np.einsum("imr,imk->irk", held.Q, Z))[starts]
-    information = whole - np.swapaxes(inner, 1, 2) @ inner
-    found = scores(held, score, information, whole)
-    best = int(np.argmax(found.log_odds))
-    after = (np.arange(len(held.rows)) >= starts[best]).astype(float)
-    left = held.after(Z * after[:, None, None], found.size[best])
-    neighbours = alike(left)
-    return scores(held, score, information, whole, neighbours), neighbours
+def _payload(held: Held) -> Iterator[Thing]:
+    """A load of the flange that is not described, at the tool point.
+
+    Each joint gives way by a part of its own: what the fit has of compliance may be little, and has
+    seen the torque of the load as well.
+    """
+    model, view = held.model, held.linear.view
+    robot, stem = model.robot, "compliance."
+    own = [k for k, name in enumerate(model.names) if name.startswith(stem)]
+    mass = float(robot.link_mass.sum()) * CARRIED
+    if not own or not mass:
+        return
+    motion = np.zeros((len(own), 6, view.q.shape[1]))
+    for out, k in zip(motion, own, strict=True):
+        j = robot.joint_names.index(model.names[k].removeprefix(stem))
+        origin, axis = view.walk.origins[j], view.axis(j)
+        torque = along(axis, cross(view.point - origin, mass * _down(held)))
+        view.turn_about(axis, origin, out)
+        out *= torque
+    give = np.minimum(model.prior[own], GIVES)
+    yield Thing("payload", ("payload",), _seen(held, motion) * give)
 
 
-def _from(each: FloatArray) -> FloatArray:
-    """Sums over each measurement and all that follow."""
-    return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
-
-
-def _effect(
-    held: Held,
-    Z: FloatArray,
-    found: Scores,
-    best: int,
-    what: _What,
-    tried: float,
-    neighbours: float,
-) -> Effect:
-    """Effect of columns ``(N, m, k)`` by one of its scores."""
-    before, after = held.rms_m(), held.rms_m(held.after(Z, found.size[best]))
-    finding = Finding(*what, before, after, float(found.log_odds[best]) - tried)
-    return Effect(finding, Z, float(found.usual[best]), tried, neighbours)
+def _down(held: Held) -> FloatArray:
+    """Gravity ``(3, S)`` [m/s²] in base axes: a positioner turns the base about the floor."""
+    robot, view = held.model.robot, held.linear.view
+    down = np.tile(robot.gravity[:, None], view.q.shape[1])
+    if robot.floor:
+        down = rotate(robot.chain.link_columns(view.walk, robot.floor - 1), robot.gravity[:, None])
+    return np.asarray(down)
 
 
 SCALE = 0.01
@@ -224,11 +235,11 @@ _HELD_RAD = 1e-9
 """Standard deviation of what is as good as nothing."""
 
 
-def scales(held: Held) -> Iterator[Effect]:
+def scales(held: Held) -> list[Tried]:
     """Readings of a kind that are all too long by the same part."""
-    data, model = held.data, held.model
+    data, model, found = held.data, held.model, []
     if data.observed is None:
-        return
+        return []
     for k, kind in enumerate(model.measurements):
         own = data.setup.kind == k
         lengths = kind.rows - kind.turns
@@ -237,10 +248,11 @@ def scales(held: Held) -> Iterator[Effect]:
         read = np.zeros(held.rows.shape)
         read[own, :lengths] = data.observed[own, :lengths] * SCALE
         Z = model.whiten(data.postures, read[..., None], held.x, data.setup)
-        yield _pattern(held, Z, ("scale", (kind.name,), "instrument"), SCALE, "")
+        found.append(_pattern(held, Z, "scale", Thing("instrument", (kind.name,), Z, SCALE, "")))
+    return found
 
 
-def incomplete(held: Held) -> Iterator[Finding]:
+def incomplete(held: Held) -> list[Tried]:
     """What the arm does that its model, harmonics apart, does not."""
     model = held.model
     prior = model.prior.copy()
@@ -248,23 +260,21 @@ def incomplete(held: Held) -> Iterator[Finding]:
         if isinstance(block, JointHarmonics):
             prior[part] = _HELD_RAD
     bare = held_at(model.with_prior(prior), held.data, held.x)
-    view, n = bare.linear.view, model.robot.n
+    view, n, found = bare.linear.view, model.robot.n, []
     tried = float(np.log(n * len(WAVES) + 1))
     for joint in range(model.robot.n_external, n):
         turn = np.zeros((6, view.q.shape[1]))
         view.turn_about(view.axis(joint), view.walk.origins[joint], turn)
         for wave in WAVES:
             angle = wave * view.q[joint]
-            motion = np.stack([np.sin(angle) * turn, np.cos(angle) * turn]) * WAVE_RAD
-            Z = _seen(bare, motion)
+            Z = _seen(bare, np.stack([np.sin(angle) * turn, np.cos(angle) * turn]) * WAVE_RAD)
             name = (model.robot.joint_names[joint], f"{wave:g}")
-            what: tuple[Cause, tuple[str, ...], str] = ("harmonic", name, "joint")
-            yield _pattern(bare, Z, what, WAVE_RAD, "rad", tried).finding
-    # level and upright as the floor is, which a positioner turns in the base
-    robot = model.robot
-    upright = -robot.gravity[:, None] / np.linalg.norm(robot.gravity)
-    if robot.floor:
-        upright = rotate(robot.chain.link_columns(view.walk, robot.floor - 1), upright)
+            found.append(
+                _pattern(bare, Z, "harmonic", Thing("joint", name, Z, WAVE_RAD, "rad"), tried)
+            )
+    # level and upright as the floor is
+    robot, down = model.robot, _down(held)
+    upright = -down / np.linalg.norm(robot.gravity)
     out = view.point.copy()
     if robot.n_external:
         out -= view.walk.origins[robot.n_external]
@@ -274,7 +284,8 @@ def incomplete(held: Held) -> Iterator[Finding]:
     motion = np.zeros((2, 6, view.q.shape[1]))
     motion[0, :3] = upright * grown
     motion[1, :3] = out / np.maximum(reach, 1e-9) * grown
-    yield _pattern(bare, _seen(bare, motion), ("reach", (), ""), SAG_M, "m", tried).finding
+    Z = _seen(bare, motion)
+    return [*found, _pattern(bare, Z, "reach", Thing("", (), Z, SAG_M, "m"), tried)]
 
 
 def _seen(held: Held, motion: FloatArray) -> FloatArray:
@@ -291,16 +302,7 @@ def _seen(held: Held, motion: FloatArray) -> FloatArray:
     return view.posture_first(out)
 
 
-def _pattern(
-    held: Held,
-    Z: FloatArray,
-    what: tuple[Cause, tuple[str, ...], str],
-    usual: float,
-    unit: str,
-    tried: float = 0.0,
-) -> Effect:
+def _pattern(held: Held, Z: FloatArray, cause: Cause, thing: Thing, tried: float = 0.0) -> Tried:
     """Effect of columns ``(N, m, k)`` in all measurements alike."""
-    found = score_of(held, Z)
-    size = found.size[0]
-    far = float(size[0]) if len(size) == 1 else float(np.linalg.norm(size))
-    return _effect(held, Z, found, 0, (*what, (), far * usual, unit), tried, 0.0)
+    whole = ScoreTests(held, Z, np.ones(len(Z)), np.zeros(1, dtype=np.intp))
+    return Tried(whole, cause, thing, tried)

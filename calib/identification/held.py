@@ -25,6 +25,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from calib.batch_last import cross
 from calib.errors import CalibError
 from calib.identification.evidence import (
     LinearEvidence,
@@ -37,15 +38,23 @@ from calib.identification.evidence import (
 )
 from calib.identification.identifiability import UNSEEN_SCALE
 from calib.identification.least_squares import column_lengths
+from calib.judgement import Grade, grade_of
 from calib.model import CalibrationModel, Linearisation
+from calib.model.deviation import summed
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 _RANK = 1e-10
 """Singular value over the largest, of columns of unit length, below which it is none."""
 
 _LEFT = 1e-9
 """Part of an effect that the parameters leave, below which nothing is left of it."""
+
+FEWEST_ASIDE = 3
+"""Poses before and after a step: of two, one that is wrong is no step."""
+
+MOST_TAKEN = 24
+"""Directions of what parameters take up of an effect that are looked at in other orders."""
 
 SIZES = (0.1, 1.0, 10.0)
 """Standard deviations of the sizes of effects that are tried, over the usual one."""
@@ -101,6 +110,44 @@ class Held:
         """Residuals ``(N, m)`` with effects ``(N, m, k)`` of a size ``(k,)`` taken into account."""
         return np.asarray(self.rows + self.without(columns) @ size)
 
+    def moved_by(self, columns: FloatArray, size: FloatArray) -> FloatArray:
+        """Change ``(p,)`` [SI] of the parameters when effects ``(N, m, k)`` are taken into account.
+
+        They take up less of the effects then.
+        """
+        J = self.linear.stacked()[1]
+        right = np.zeros(len(J))
+        right[: self.rows.size] = (columns @ size).ravel()
+        length = column_lengths(J)
+        return np.asarray(-np.linalg.lstsq(J / length, right, rcond=_RANK)[0] / length)
+
+    def answer(self, change: FloatArray) -> tuple[float, float]:
+        """Effect of a change ``(p,)`` of the parameters on the answer: [m], and in its sigmas.
+
+        The answer is where the arm takes its tool point at the postures measured, the base placed
+        anew, and the tool: what parameters of the arm make of a rigid motion is no error of it.
+        Root mean squares over the postures.
+        """
+        view, arm = self.linear.view, ~self.model.nuisance
+        D = self.linear.motion[:, :3].reshape(self.model.p, -1).T  # by x, y, z of all postures
+        rigid = np.zeros((6, *view.point.shape))
+        rigid[[0, 1, 2], [0, 1, 2]] = 1.0
+        for k, axis in enumerate(np.eye(3)):
+            rigid[3 + k] = cross(axis[:, None], view.point)
+        placed = np.column_stack([D[:, ~arm], rigid.reshape(6, -1).T])
+        U, singular, _ = np.linalg.svd(placed / column_lengths(placed), full_matrices=False)
+        U = U[:, singular > _RANK * singular.max(initial=0.0)]
+        D = D[:, arm] - U @ (U.T @ D[:, arm])
+        J = self.linear.stacked()[1]
+        length = column_lengths(J)
+        _, values, V = np.linalg.svd(J / length, full_matrices=False)
+        seen = values > _RANK * values.max(initial=0.0)
+        spread = D @ (V[seen] / values[seen, None] / length).T[arm]
+        squares = float(np.sum((D @ change[arm]) ** 2))
+        known = float(np.sum(spread**2))
+        count = view.point.shape[1]
+        return float(np.sqrt(squares / count)), float(np.sqrt(squares / max(known, 1e-300)))
+
     def lengths_m(self, rows: FloatArray) -> FloatArray:
         """Distances ``(N,)`` [m] of rows ``(N, m)`` over the noise; angles apart."""
         whole = self.linear.coloured(rows)
@@ -136,15 +183,6 @@ def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
-    """Effects tested at once."""
-
-    log_odds: FloatArray  # (C,): logarithms of Bayes factors
-    size: FloatArray  # (C, k): the likeliest size of each, in units of its columns
-    usual: FloatArray  # (C,): deviation of sizes with which each is likeliest, of SIZES
-
-
-@dataclass(frozen=True, eq=False)
 class Effect:
     """A finding with the columns that it adds to the model."""
 
@@ -152,61 +190,122 @@ class Effect:
     columns: FloatArray
     """(N, m, k): change of the rows over the noise by the effect, in units of its usual size."""
     usual: float  # standard deviation of its size
+    size: FloatArray  # (k,): likeliest size, in units of the columns
     tried: float  # logarithm of how many others were tried beside it
-    alike: float  # correlation of the residuals that it leaves, from one measurement to the next
 
 
-def scores(
-    held: Held, score: FloatArray, information: FloatArray, whole: FloatArray, alike: float = 0.0
-) -> Scores:
-    """Test effects by their scores.
+@dataclass(frozen=True, eq=False)
+class ScoreTests:
+    """Score tests of effects that have the same columns, in several courses of measurement.
 
-    Parameters
-    ----------
-    score : array (C, k)
-        ``zᵀV⁻¹y`` of C effects, columns in units of the usual size.
-    information, whole : array (C, k, k)
-        ``zᵀV⁻¹z`` and ``zᵀz``.
-    alike : float
-        Correlation of residuals from one measurement to the next, which effects that last feign.
+    An effect has the columns ``course_i z_i`` from one of the starts on. What is inverted depends
+    on no residual: residuals of many placebos are tested at once.
     """
-    k = score.shape[-1]
-    total = np.maximum(np.trace(whole, axis1=1, axis2=2), np.finfo(float).tiny)
-    seen = np.trace(information, axis1=1, axis2=2) > _LEFT * total
-    tempered = lasting(alike)
-    odds, size = [], []
-    for usual in SIZES:
-        A = information + np.eye(k) / usual**2
-        b = np.linalg.solve(A, -score[..., None])[..., 0]
-        took = np.sum(-score * b, axis=1)
-        det = np.linalg.slogdet(A * usual**2)[1]
-        odds.append(np.where(seen, held.gain(took * tempered) - 0.5 * det, -np.inf))
-        size.append(b)
-    best = np.argmax(odds, axis=0)
-    every = np.arange(len(score))
-    log_odds = np.array(odds)[best, every] - np.log(len(SIZES))
-    return Scores(log_odds, np.array(size)[best, every], np.array(SIZES)[best])
 
+    held: Held
+    columns: FloatArray  # (N, m, k): in units of the usual size
+    course: FloatArray  # (N,): factor of the columns of each measurement
+    starts: IntArray  # (C,): first measurement of each effect
 
-def log_mean(log_odds: FloatArray) -> float:
-    """Logarithm of the mean of Bayes factors, for which their level holds as for one."""
-    return float(np.logaddexp.reduce(log_odds) - np.log(len(log_odds)))
+    @cached_property
+    def _inverted(self) -> tuple[FloatArray, FloatArray]:
+        """Inverse information ``(S, C, k, k)`` and its half logarithm ``(S, C)``, by size."""
+        Z = self.columns * self.course[:, None, None]
+        whole = self._from(np.einsum("imk,iml->ikl", Z, Z, optimize=True))
+        inner = self._from(np.einsum("imr,imk->irk", self.held.Q, Z, optimize=True))
+        information = whole - np.swapaxes(inner, 1, 2) @ inner
+        total = np.maximum(np.trace(whole, axis1=1, axis2=2), np.finfo(float).tiny)
+        seen = np.trace(information, axis1=1, axis2=2) > _LEFT * total
+        usual = np.array(SIZES)[:, None, None, None]
+        A = information + np.eye(Z.shape[-1]) / usual**2
+        half_log = 0.5 * np.linalg.slogdet(A * usual**2)[1]
+        return np.linalg.inv(A), np.where(seen, half_log, np.inf)
 
+    def _from(self, each: FloatArray) -> FloatArray:
+        """Sums ``(..., C, k)`` over each start and all that follow, of ``(..., N, k)`` by rows."""
+        if len(self.starts) == 1:
+            return np.asarray(each[self.starts[0] :].sum(axis=0)[None])
+        return np.asarray(np.cumsum(each[::-1], axis=0)[::-1][self.starts])
 
-def lasting(alike: float) -> float:
-    """Part of a gain that is left to effects that last, where neighbours are alike by chance."""
-    return (1.0 - alike) / (1.0 + alike)
+    def log_odds(self, rows: FloatArray) -> FloatArray:
+        """Logarithms of Bayes factors ``(S, C, B)`` for residuals ``(N, m, B)``, by size."""
+        return np.asarray(self.held.gain(self._took(rows)[0]) - self._inverted[1][..., None])
 
+    def _took(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squares ``(S, C, B)`` that effects explain, and their sizes ``(S, C, k, B)``."""
+        Z = self.columns * self.course[:, None, None]
+        score = self._from(np.einsum("imk,imb->ikb", Z, rows, optimize=True))
+        size = -(self._inverted[0] @ score)
+        return -np.sum(score * size, axis=2), size
 
-def score_of(held: Held, columns: FloatArray, alike: float = 0.0) -> Scores:
-    """The same for one effect of columns ``(N, m, k)``."""
-    return scores(
-        held,
-        np.einsum("imk,im->k", columns, held.rows)[None],
-        np.einsum("imk,iml->kl", columns, held.without(columns))[None],
-        np.einsum("imk,iml->kl", columns, columns)[None],
-        alike,
-    )
+    def odds_of_all(self, rows: FloatArray) -> FloatArray:
+        """Logarithms of the mean Bayes factors ``(B,)`` of all courses, sizes being tried."""
+        odds = self.log_odds(rows).max(axis=0) - np.log(len(SIZES))
+        return np.asarray(np.logaddexp.reduce(odds, axis=0) - np.log(len(self.starts)))
+
+    def odds_in_orders(self, orders: IntArray) -> FloatArray:
+        """Logarithms of mean Bayes factors ``(B,)`` with the poses in other orders ``(B, P)``.
+
+        Residuals and columns go with their poses; the course goes on. Of what parameters take up,
+        the directions that matter most are enough: a permutation test is exact by any statistic.
+        """
+        score, whole, inner, course, there = self._of_poses
+        own = (np.cumsum(there) - 1)[orders[there[orders]].reshape(len(orders), -1)]
+
+        def summed_up(each: FloatArray) -> FloatArray:
+            flat = each.reshape(len(each), -1)
+            if not self.starts[0]:
+                return np.asarray((np.swapaxes(flat[own], 1, 2) @ course)[:, None])
+            sums = np.cumsum(flat[own][:, ::-1], axis=1)
+            return np.asarray(sums[:, FEWEST_ASIDE - 1 : len(course) - FEWEST_ASIDE])
+
+        k = score.shape[-1]
+        s = summed_up(score)
+        if not s.shape[1]:
+            return np.full(len(orders), -np.inf)
+        taken = summed_up(inner).reshape(*s.shape[:2], -1, k)
+        if not self.starts[0]:
+            course = course**2
+        info = summed_up(whole).reshape(*s.shape, k) - np.swapaxes(taken, -1, -2) @ taken
+        values, along = info[..., 0], s**2
+        if k > 1:
+            values, vectors = np.linalg.eigh(info)
+            along = (np.swapaxes(vectors, -1, -2) @ s[..., None])[..., 0] ** 2
+        odds = []
+        for usual in SIZES:
+            kept = np.maximum(values, 0.0) + usual**-2
+            took = np.sum(along / kept, axis=-1)
+            odds.append(self.held.gain(took) - 0.5 * np.sum(np.log(kept * usual**2), axis=-1))
+        best = np.max(odds, axis=0) - np.log(len(SIZES))
+        return np.asarray(np.logaddexp.reduce(best, axis=1) - np.log(best.shape[1]))
+
+    @cached_property
+    def _of_poses(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Score, squares, what parameters take up, course; poses ``(P,)`` that have columns."""
+        pose, Z = self.held.data.pose, self.columns
+        first = np.unique(pose, return_index=True)[1]
+        there = np.zeros(len(first), dtype=bool)
+        there[pose[np.any(Z, axis=(1, 2))]] = True
+        each = (
+            np.einsum("imk,im->ik", Z, self.held.rows),
+            np.einsum("imk,iml->ikl", Z, Z),
+            np.einsum("imr,imk->irk", self.held.Q, Z, optimize=True),
+        )
+        score, whole, inner = (summed(rows, pose)[there] for rows in each)
+        U = np.linalg.svd(np.hstack(list(inner)), full_matrices=False)[0][:, :MOST_TAKEN]
+        return score, whole, U.T @ inner, self.course[first][there], there
+
+    def likeliest(self) -> tuple[int, float, FloatArray]:
+        """The likeliest course, the usual size that goes with it, and its size ``(k,)``."""
+        rows = self.held.rows[..., None]
+        odds = self.log_odds(rows)[..., 0]
+        s, c = np.unravel_index(int(np.argmax(odds)), odds.shape)
+        return int(c), SIZES[s], self._took(rows)[1][s, c, :, 0]
+
+    def columns_of(self, start: int) -> FloatArray:
+        """Columns ``(N, m, k)`` of one of the courses."""
+        after = np.arange(len(self.course)) >= self.starts[start]
+        return np.asarray(self.columns * (self.course * after)[:, None, None])
 
 
 _SMALLER = 50.0
@@ -258,7 +357,7 @@ def log_odds(found: Tuned, effect: Effect) -> float:
         return -value, -gradient
 
     best = minimize(worse, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    return float((-best.fun - before) * lasting(effect.alike) - effect.tried)
+    return float(-best.fun - before - effect.tried)
 
 
 def _with(plain: LinearEvidence, held: Held, effect: Effect, groups: int) -> LinearEvidence:
@@ -346,6 +445,10 @@ class Finding:
     """Natural logarithm of how much likelier the measurements are with the cause than without, what
     was tried besides considered."""
     also: tuple[Finding, ...] = ()  # other causes that explain the measurements as well
+    change_m: float = np.nan
+    """Root mean square change of where the arm takes its tool point, when the cause is taken into
+    account [m]; NaN where nothing is known without it."""
+    sigmas: float = np.nan  # the same in standard deviations of the answer
 
     @property
     def is_gross(self) -> bool:
@@ -354,6 +457,17 @@ class Finding:
         A scale, where it is off by more than arms are built: a model would take it for long links.
         """
         return abs(self.size) > UNSEEN_SCALE if self.cause == "scale" else self.cause in GROSS
+
+    @property
+    def grade(self) -> Grade:
+        """Loudness of the finding, by its effect on the answer.
+
+        Of an arm that has what its model leaves out no answer is withheld: errors to expect are
+        those of the model as it is.
+        """
+        if self.is_of_the_model:
+            return "note"
+        return "not to be trusted" if self.is_gross else grade_of(self.sigmas)
 
     @property
     def is_of_the_model(self) -> bool:

@@ -1,4 +1,4 @@
-"""Tests of effects against dense algebra, and faults that have to be named."""
+"""ScoreTests of effects against dense algebra, and faults that have to be named."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,16 +10,15 @@ from scipy.stats import multivariate_normal
 
 from calib import Robot
 from calib.identification.diagnosis import CHANCE, diagnose, likeliest
-from calib.identification.effects import alike, changes, incomplete, things_of
+from calib.identification.effects import changes, incomplete
 from calib.identification.held import (
     Effect,
     Finding,
     Held,
+    ScoreTests,
     Tuned,
     held_at,
-    log_mean,
     log_odds,
-    score_of,
     tuned,
 )
 from calib.model import CalibrationModel, Setup
@@ -84,8 +83,7 @@ def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found):
     held = found.held
     y, V, away = dense(held)
     Z = np.random.default_rng(2).standard_normal((*held.rows.shape, 2))
-    effect = next(changes(held))
-    effect = Effect(effect.finding, Z, 0.5, 0.0, 0.0)
+    effect = Effect(changes(held)[0].effect().finding, Z, 0.5, np.zeros(2), 0.0)
     flat = away.T @ Z.reshape(-1, 2)
     wider = multivariate_normal(np.zeros(len(y)), V + 0.25 * flat @ flat.T).logpdf(y)
     fixed = float(wider - multivariate_normal(np.zeros(len(y)), V).logpdf(y))
@@ -93,33 +91,28 @@ def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found):
     assert fixed - 1e-6 < best < fixed + 1.0  # found again, they can only be likelier
 
 
-def test_steps_at_all_places_are_those_one_by_one(held):
-    steps = {
-        (*effect.finding.things, effect.columns.shape[-1]): effect
-        for effect in changes(held)
-        if effect.finding.cause == "step"
-    }
-    for thing in things_of(held):
-        effect = steps[(*thing.names, thing.columns.shape[-1])]
-        (start,) = effect.finding.rows
-        odds = []
-        for first in (start - 1, start, start + 1):
-            Z = thing.columns * (np.arange(24) >= first)[:, None, None]
-            odds.append(float(score_of(held, Z, effect.alike).log_odds[0]))
-        assert effect.finding.log_odds == pytest.approx(odds[1] - effect.tried, abs=1e-6)
-        assert np.allclose(effect.columns, thing.columns * (np.arange(24) >= start)[:, None, None])
-
-
-def test_neighbours_that_are_alike():
-    rng = np.random.default_rng(3)
-    rows = rng.standard_normal((4000, 3))
-    assert alike(rows) < 0.05
-    smooth = np.empty_like(rows)
-    smooth[0] = rows[0]
-    for i in range(1, len(rows)):
-        smooth[i] = 0.6 * smooth[i - 1] + rows[i]
-    assert alike(smooth) == pytest.approx(0.6, abs=0.03)
-    assert alike(np.zeros((40, 3))) == 0.0
+def test_steps_at_all_places_are_those_one_by_one(held, monkeypatch):
+    """Also in another order of the poses, where all that parameters take up is looked at."""
+    monkeypatch.setattr("calib.identification.held.MOST_TAKEN", 1000)
+    assert {tried.thing.part for tried in changes(held)} >= {"tool", "instrument", "joint"}
+    every = np.zeros(1, dtype=np.intp)
+    order = np.random.default_rng(4).permutation(24)
+    for tried in changes(held):
+        if tried.cause != "step" or tried.thing.part == "payload":
+            continue
+        tests = tried.tests
+        assert tests.starts.tolist() == list(range(3, 22))
+        one_by_one, reordered = [], []
+        for start in tests.starts:
+            after = (np.arange(24) >= start).astype(float)
+            for course, out in ((after, one_by_one), (after[np.argsort(order)], reordered)):
+                alone = ScoreTests(held, tests.columns, course, every)
+                out.append(alone.odds_of_all(held.rows[..., None])[0])
+        mean = np.logaddexp.reduce(one_by_one) - np.log(19.0)
+        assert tried.log_odds == pytest.approx(mean - tried.tried, abs=1e-6)
+        orders = np.array([np.arange(24), order])
+        mean = [mean, np.logaddexp.reduce(reordered) - np.log(19.0)]
+        assert np.allclose(tests.odds_in_orders(orders), mean, atol=1e-6)
 
 
 def faults(arm: Arm) -> Iterator[tuple[str, tuple[int, ...], FloatArray, FloatArray]]:
@@ -171,11 +164,6 @@ def test_hypotheses_that_explain_as_well_count_together():
     assert [other.cause for other in best.also] == ["drift"]
 
 
-def test_a_mean_of_odds_is_that_of_their_exponentials():
-    odds = np.array([1.0, 2.0, 700.0])
-    assert log_mean(odds) == pytest.approx(700.0 - np.log(3.0))
-
-
 def test_an_arm_beside_a_positioner_bends_towards_the_floor(tmp_path):
     """Down is that of the floor, which turns in the base, and reach is from the arm's foot."""
     path = tmp_path / "robot.urdf"
@@ -193,7 +181,7 @@ def test_an_arm_beside_a_positioner_bends_towards_the_floor(tmp_path):
     reach = np.linalg.norm(out, axis=1, keepdims=True)
     read = points - 2e-3 * (reach / reach.max()) ** 2 * up
     data = Measurements(q, Setup.of(len(q)), model.targets, observed=read)
-    *_, bent = incomplete(held_at(model, data, model.nominal))
+    bent = incomplete(held_at(model, data, model.nominal))[-1].effect().finding
     assert bent.cause == "reach"
     assert bent.size == pytest.approx(2e-3, rel=0.02)
     assert bent.after_m < 0.02 * bent.before_m

@@ -425,15 +425,22 @@ def plan_acceptance_test(
     """
     from posedesign.acceptance import plan_acceptance
     from posedesign.acceptance.file import rule_as_dict
+    from posedesign.identification.file import read_file as read_identification_file
     from posedesign.identification.file import read_identification
 
     results = Results.of(out, "prove")
     poses, rule = claim_plan(results, ACCEPTANCE_POSES, ACCEPTANCE_RULE)
     used = known = None
+    expected_mm: dict[str, float | None] = {}
     if identification is not None:
         used = read_identification(identification, cell, model)
         known = read_identification(identification, cell, reference=True)
+        content = read_identification_file(identification)
+        expected_mm = {each.name: each.expected_box_mm for each in content.models}
     found = plan_acceptance(cell, request, used=used, known=known)
+    over_work_mm = None if used is None else expected_mm.get(used.name)
+    if over_work_mm is not None:
+        found = replace(found, expected_elsewhere_m=over_work_mm / 1e3)
     _write_poses(poses, cell, found.poses, found.route)
     write_json_atomic(rule, rule_as_dict(found))
     results.remove(ACCEPTANCE, *ACCEPTANCE_DRAWN)

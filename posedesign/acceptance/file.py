@@ -42,6 +42,10 @@ class Rule(ReadFromFile):
     statement: Text
     where: Text
     chance: Number | None = None
+    touched: Annotated[tuple[Text, ...], Field(max_length=MOST_PLACES)] = ()
+    """Targets that all poses touch."""
+    elsewhere: Annotated[str, Field(max_length=1000)] = ""  # what nothing is proven of
+    expected_elsewhere_mm: Number | None = None  # by the identification
 
     @property
     def request(self) -> AcceptanceRequest:
@@ -208,6 +212,11 @@ def rule_as_dict(plan: AcceptancePlan) -> dict[str, Any]:
             "statement": plan.statement,
             "where": plan.where,
             "chance": plan.chance if np.isfinite(plan.chance) else None,
+            "touched": list(plan.touched),
+            "elsewhere": plan.elsewhere,
+            "expected_elsewhere_mm": 1e3 * plan.expected_elsewhere_m
+            if np.isfinite(plan.expected_elsewhere_m)
+            else None,
         }
     )
     return content

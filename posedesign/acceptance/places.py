@@ -143,6 +143,17 @@ class AcceptancePlan:
     """Root mean square error that it predicts at the poses [m]; NaN without one."""
     distances: bool = False
     """Whether distances alone are read: nothing is said of errors across them."""
+    touched: tuple[str, ...] = ()
+    """Targets that all poses touch; empty where places are free."""
+    elsewhere: str = ""  # the places that a passed test says nothing of, in words
+    expected_elsewhere_m: float = np.nan
+    """Expected error of the tool point where the arm will work, by the identification [m]; NaN
+    without one."""
+
+    @property
+    def sampled(self) -> str:
+        """The poses that the statement is about, in words."""
+        return sampled_words(self.touched)
 
     @property
     def statement(self) -> str:
@@ -153,10 +164,24 @@ class AcceptancePlan:
             said = f"{what} of ISO 9283 is at most {limit} at each of five poses"
         else:
             said = (
-                f"at least {100 * asked.content:g} % of the places are within {limit}, with "
-                f"confidence {100 * asked.confidence:g} %"
+                f"at least {100 * asked.content:g} % of the {self.sampled} are within {limit}, "
+                f"with confidence {100 * asked.confidence:g} %"
             )
         return said + ", by the distance from its foot alone" * self.distances
+
+
+MOST_NAMED = 3
+"""Targets that are named in a sentence."""
+
+
+def sampled_words(touched: Sequence[str]) -> str:
+    """The poses that a test of places is about, in words: those at targets, or places of a box."""
+    if not touched:
+        return "places"
+    if len(touched) == 1:
+        return f"orientations of the tool at the one point {touched[0]}"
+    named = ", ".join(touched[:MOST_NAMED]) + " ..." * (len(touched) > MOST_NAMED)
+    return f"poses at the {len(touched)} points {named}"
 
 
 def plan_acceptance(
@@ -259,7 +284,8 @@ def _iso(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePlan:
                     notes.append("the tool is turned otherwise than at the base pose")
                 poses = _pose_set(cell, found.q, np.full(5, which))
                 notes += where_axes_stood(cell.robot, poses.postures)
-                return AcceptancePlan(request, poses, route, where, tuple(notes))
+                other = f"places of {words} other than these five"
+                return AcceptancePlan(request, poses, route, where, tuple(notes), elsewhere=other)
     raise UnreachableError(
         f"the five poses of ISO 9283 cannot all be taken: {why}",
         hint="give a smaller [task_box], in front of the arm",
@@ -301,12 +327,10 @@ def _spread(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePla
             rows = np.delete(rows, list(route.lost))
             route = router.route(q[rows])
         if len(rows) >= wanted:
-            notes = []
+            notes, elsewhere = [], ""
             if parts > len(rows):
-                notes.append(
-                    f"{parts - len(rows)} of {parts} equal parts of the box are out of reach and "
-                    f"no part of the statement: {why}"
-                )
+                elsewhere = f"{parts - len(rows)} of {parts} equal parts of the box"
+                notes.append(f"{elsewhere} are out of reach and no part of the statement: {why}")
             if turned:
                 notes.append(
                     f"at {turned} places the tool is turned otherwise than at the base pose"
@@ -314,7 +338,7 @@ def _spread(cell: Cell, request: AcceptanceRequest, which: int) -> AcceptancePla
             poses = _pose_set(cell, q[rows], np.full(len(rows), which))
             where = f"{len(rows)} places, one drawn in each of as many equal parts of {words}"
             notes += where_axes_stood(cell.robot, poses.postures)
-            return AcceptancePlan(request, poses, route, where, tuple(notes))
+            return AcceptancePlan(request, poses, route, where, tuple(notes), elsewhere=elsewhere)
         if not len(rows):
             break
         parts = min(4 * wanted, -(-parts * wanted // len(rows)) + 1)
@@ -372,9 +396,14 @@ def _touched(cell: Cell, request: AcceptanceRequest) -> AcceptancePlan:
             name="pool",
         )
     chosen = pool.take(rows)
-    where = f"{wanted} poses drawn at random from those that touch: {pool.description}"
+    named = dict.fromkeys(chosen.names_of_targets)
+    touched = tuple(seen.target for seen in cell.observations if seen.target in named)
+    touched = tuple(dict.fromkeys(touched)) or (cell.config.target.name,)
+    at = "one point" if len(touched) == 1 else f"{len(touched)} points"
+    where = f"{wanted} poses drawn at random from those that touch, all at {at}: {pool.description}"
     poses = PoseSet.of_chosen(chosen.postures, chosen.orientations, chosen.labels)
-    return AcceptancePlan(request, poses, route, where)
+    elsewhere = f"other places, such as {box_of_cell(cell)[1]}"
+    return AcceptancePlan(request, poses, route, where, touched=touched, elsewhere=elsewhere)
 
 
 def frame_motions(points: FloatArray, *, turning: bool) -> FloatArray:

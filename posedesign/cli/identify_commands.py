@@ -63,7 +63,9 @@ def simulate(
         files = [str(out / name) for name, _ in written]
         what = "pairs of A X = Z B" if loaded.is_hand_eye else written[0][1]
         counted = f"{count} poses, {what}" if what == "measurements" else f"{count} {what}"
-        then = ("robot-world", *files) if loaded.is_hand_eye else ("identify", cell, files[0])
+        then = output.after_measuring(cell, poses, files[0])
+        if loaded.is_hand_eye:
+            then = ("robot-world", *files)
         said = f"{' and '.join(files)}: {counted}"
         content = {"touch_ups": 0 if loaded.is_hand_eye else count, "files": files}
     if as_json:

@@ -236,6 +236,44 @@ def command_line(*words: object) -> str:
     return "posedesign " + " ".join(shlex.quote(str(word)) for word in words)
 
 
+PROVED_BY = {"acceptance poses": "prove", "recheck poses": "recheck"}
+"""Command that judges what is measured at poses, by the purpose that their list states."""
+
+
+def after_measuring(cell: Path, poses: Path | None, measured: str | Path) -> tuple[object, ...]:
+    """Words of the command that uses measurements at poses: identify, or prove or recheck.
+
+    A test is judged by the identification that it was planned with, where that is found beside it.
+    """
+    from posedesign.files import origin_of
+
+    there = None if poses is None else origin_of(poses)
+    command = PROVED_BY.get(there.purpose) if there is not None else None
+    if poses is None or there is None or command is None:
+        return "identify", cell, measured
+    identified = _input_named("identification", there.inputs, (poses.parent, cell.parent))
+    return command, cell, measured, *(("--identification", identified) if identified else ())
+
+
+def _input_named(
+    word: str, inputs: Sequence[tuple[str, str]], folders: Sequence[Path]
+) -> Path | None:
+    """The file of this name that a list was made from; looked for in folders and beside them."""
+    from posedesign.files.origin import checksum
+
+    for name, mark in inputs:
+        if word not in name:
+            continue
+        for folder in folders:
+            beside = (path / name for path in sorted(folder.parent.iterdir()) if path.is_dir())
+            inside = (path / name for path in sorted(folder.iterdir()) if path.is_dir())
+            for path in (folder / name, folder.parent / name, *inside, *beside):
+                if path.is_file() and checksum(path) == mark:
+                    return path
+        return Path(name)
+    return None
+
+
 def refuse_given(options: Mapping[str, object], why: str) -> None:
     """Refuse options that would do nothing: the first that is given, by ``why``."""
     from calib.errors import InputError

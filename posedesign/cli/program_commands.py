@@ -241,7 +241,7 @@ def import_positions(
         _told_imported(imported, path, planned=plan is not None),
         not imported.doubtful,
         verbose=verbose,
-        then=output.command_line("identify", cell, path),
+        then=output.command_line(*output.after_measuring(cell, poses, path)),
         content=content,
         as_json=as_json,
     )

@@ -9,14 +9,17 @@ import numpy as np
 
 from posedesign.acceptance.drift import FALSE_ALARM, POWER, Explanation, Recheck
 from posedesign.acceptance.file import AcceptanceFile, Arm, Interval, Rule
-from posedesign.acceptance.places import ISO
+from posedesign.acceptance.judge import ONE_POINT_M
+from posedesign.acceptance.places import ISO, sampled_words
 from posedesign.report import figures
-from posedesign.report.answer import Answer, Table
+from posedesign.report.answer import EXPECTED_ERROR, Answer, Table
 from posedesign.report.drawing import BLUE, GREY, VERMILION, log_y
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from calib.se3 import FloatArray
     from posedesign.acceptance.places import AcceptancePlan
     from posedesign.acceptance.recheck import RecheckPlan
     from posedesign.cell import Cell
@@ -25,6 +28,8 @@ ISO_PAIR = {"P02", "P04"}
 """Poses between which ISO 9283 has distances measured (7.3.1)."""
 
 _FITTED = "fitted"
+
+ONE_POINT_MM = 1e3 * ONE_POINT_M
 
 
 def answer_of_acceptance_plan(
@@ -36,7 +41,7 @@ def answer_of_acceptance_plan(
     if asked.test == ISO:
         how = f"{count} poses, {asked.times} cycles"
     else:
-        how = f"{count} places, at most {asked.allowed} of them beyond the limit"
+        how = f"{count} {plan.sampled}, at most {asked.allowed} of them beyond the limit"
         how += f", {asked.times} cycles" * (asked.times > 1)
     chance = "not known: give the identification"
     if np.isfinite(plan.chance):
@@ -48,6 +53,10 @@ def answer_of_acceptance_plan(
         f"the test, where it is passed, proves: {plan.statement}",
         {
             "poses": how,
+            "not proven": _not_proven(
+                plan.elsewhere,
+                1e3 * plan.expected_elsewhere_m if np.isfinite(plan.expected_elsewhere_m) else None,
+            ),
             "chance to pass": chance,
             "where": plan.where,
             "time": f"{plan.route.timing}" + f", times {asked.times} cycles" * (asked.times > 1),
@@ -57,6 +66,36 @@ def answer_of_acceptance_plan(
         notes=plan.notes,
         files=files,
     )
+
+
+def _not_proven(elsewhere: str, expected_mm: float | None) -> str:
+    """The places that a passed test says nothing of, and the error to expect there, in words."""
+    if not elsewhere:
+        return ""
+    said = elsewhere
+    if expected_mm is not None:
+        said += (
+            f"; {EXPECTED_ERROR} where the arm will work, by the identification: "
+            f"{expected_mm:.3g} mm rms"
+        )
+    return said
+
+
+def _sampled(found: AcceptanceFile) -> str:
+    """The poses that were judged, in words."""
+    if not found.rule.touched and found.rule.test != ISO and _spread_mm(found).max() < ONE_POINT_MM:
+        return "orientations of the tool at one point"  # of a rule that does not name the target
+    return sampled_words(found.rule.touched)
+
+
+def _such(found: AcceptanceFile) -> str:
+    """Word before the verb where not places, but poses at some points, were sampled."""
+    return "" if _sampled(found) == "places" else "such poses "
+
+
+def _spread_mm(found: AcceptanceFile) -> FloatArray:
+    """Extent of the places along x, y and z ``(3,)`` [mm]."""
+    return np.asarray(np.ptp(np.array(found.places_mm), axis=0))
 
 
 def answer_of_verdict(found: AcceptanceFile, files: Sequence[str] = ()) -> Answer:
@@ -70,9 +109,9 @@ def answer_of_verdict(found: AcceptanceFile, files: Sequence[str] = ()) -> Answe
     else:
         count = len(found.poses) + len(found.missing)
         proof = (
-            f"{count - arm.beyond} of {count} places within {rule.limit_mm:.4g} mm by the arm "
-            f"{arm.arm}: at least {100 * arm.proven:.1f} % of all are, with confidence "
-            f"{100 * rule.confidence:g} %; {worst}"
+            f"{count - arm.beyond} of {count} {_sampled(found)} within {rule.limit_mm:.4g} mm by "
+            f"the arm {arm.arm}: at least {100 * arm.proven:.1f} % of all {_such(found)}are, with "
+            f"confidence {100 * rule.confidence:g} %; {worst}"
         )
     warnings = []
     if found.missing:
@@ -101,10 +140,15 @@ def answer_of_verdict(found: AcceptanceFile, files: Sequence[str] = ()) -> Answe
     return Answer(
         f"{said}: {proof}",
         {
+            "not proven": _not_proven(
+                rule.elsewhere or ("other places" if _sampled(found) != "places" else ""),
+                rule.expected_elsewhere_mm,
+            ),
             "error": "; ".join(
                 f"{each.arm} {_interval(each.rms_mm)} mm rms" for each in found.arms
             ),
             **_characteristics(arm, iso=rule.test == ISO),
+            "where": rule.where,
             "frame": found.frame,
         },
         warnings=warnings,
@@ -173,29 +217,79 @@ def _tables(arm: Arm) -> list[Table]:
 
 
 def figure_of_acceptance(found: AcceptanceFile) -> Figure:
-    """Error at each place over x, y and z, before and after, with the limit."""
-    figure = figures.new_figure(3.4)
-    panels = figures.panels_of(figure, 3)
-    places = np.array(found.places_mm)
+    """Error at each pose of a test, before and after, with the limit.
+
+    Over x, y and z, as far as places differ there. Of poses at a single point: the share of them
+    that is within an error.
+    """
+    figure = figures.new_figure(3.6)
+    spread = [k for k in range(3) if _spread_mm(found)[k] >= ONE_POINT_MM]
     styles = ((GREY, "x"), (BLUE, "o"))[-len(found.arms) :]
-    for k, (panel, axis) in enumerate(zip(panels, "xyz", strict=True)):
+    if found.rule.touched or not spread:
+        panels = _shares(figure, found, styles)
+    else:
+        panels = _over_places(figure, found, styles, spread)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=3, fontsize=8, frameon=False)
+    figure.supxlabel(_sampled_in_figure(found), fontsize=8)
+    return figure
+
+
+Styles = Sequence[tuple[str, str]]
+"""Colour and mark of each arm."""
+
+
+def _sampled_in_figure(found: AcceptanceFile) -> str:
+    """What was sampled, and that nothing is said of the rest, for a figure."""
+    count = len(found.poses)
+    of_iso = found.rule.test == ISO
+    said = f"{count} poses of ISO 9283" if of_iso else f"{count} {_sampled(found)}"
+    return said if said.endswith(" places") else f"{said}; nothing is proven of other places"
+
+
+def _over_places(
+    figure: Figure, found: AcceptanceFile, styles: Styles, axes: Sequence[int]
+) -> list[Axes]:
+    panels, places = figures.panels_of(figure, len(axes)), np.array(found.places_mm)
+    for panel, k in zip(panels, axes, strict=True):
         for arm, (colour, mark) in zip(found.arms, styles, strict=True):
             panel.plot(
                 places[:, k], np.maximum(arm.errors_mm, 1e-6), mark, ms=4, color=colour,
-                mfc="none", label=f"{arm.arm}: {arm.rms_mm[0] or 0.0:.3g} mm rms",
+                mfc="none", label=_arm_label(arm),
             )  # fmt: skip
         panel.axhline(
-            found.rule.limit_mm, color=VERMILION, lw=1.2, ls="--",
-            label=f"limit {found.rule.limit_mm:.4g} mm",
-        )  # fmt: skip
-        log_y(panel, "error [mm]" if k == 0 else "")
-        panel.set_xlabel(f"{axis} [mm]")
-        if k:
+            found.rule.limit_mm, color=VERMILION, lw=1.2, ls="--", label=_limit_label(found)
+        )
+        first = panel is panels[0]
+        log_y(panel, "error [mm]" if first else "")
+        panel.set_xlabel(f"{'xyz'[k]} [mm]")
+        if not first:
             panel.sharey(panels[0])
             panel.tick_params(labelleft=False, which="both")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=3, fontsize=8, frameon=False)
-    return figure
+    return panels
+
+
+def _shares(figure: Figure, found: AcceptanceFile, styles: Styles) -> list[Axes]:
+    panels = figures.panels_of(figure)
+    for arm, (colour, mark) in zip(found.arms, styles, strict=True):
+        errors = np.sort(np.maximum(arm.errors_mm, 1e-6))
+        share = 100.0 * np.arange(1, len(errors) + 1) / len(errors)
+        panels[0].plot(errors, share, mark, ms=4, color=colour, mfc="none", label=_arm_label(arm))
+    panels[0].axvline(
+        found.rule.limit_mm, color=VERMILION, lw=1.2, ls="--", label=_limit_label(found)
+    )
+    panels[0].set_xscale("log")
+    panels[0].set_xlabel("error [mm]")
+    panels[0].set_ylabel("share of poses within it [%]")
+    return panels
+
+
+def _arm_label(arm: Arm) -> str:
+    return f"{arm.arm}: {arm.rms_mm[0] or 0.0:.3g} mm rms"
+
+
+def _limit_label(found: AcceptanceFile) -> str:
+    return f"limit {found.rule.limit_mm:.4g} mm"
 
 
 def answer_of_recheck_plan(cell: Cell, plan: RecheckPlan, files: Sequence[str] = ()) -> Answer:

@@ -153,6 +153,12 @@ class Answer:
         )
 
 
+EXPECTED_ERROR = "expected error"
+"""Label of one figure in all answers, pages and figures: the root mean square distance of the tool
+point from where the calibrated robot takes it to be, where the arm will work, the base placed
+anew."""
+
+
 def expected_words(expected: ExpectedError, where: str) -> str:
     """An error to expect before measuring, with its range over arms."""
     return (

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from posedesign.acceptance.file import read_result
 from posedesign.cli.main import run
 from posedesign.files.csv_tables import read_table
+from posedesign.report.acceptance import answer_of_verdict, figure_of_acceptance
 from tests.cli.conftest import empty_pictures, found_once, rendering, strict_json
 from tests.unit.acceptance.conftest import TRACKER_CELL
 
@@ -332,3 +334,56 @@ def test_a_verdict_that_is_none_is_refused_in_a_line(tracked, cli, refuse):
     ):
         path.write_text(json.dumps(content | change))
         refuse("report", "proof", "--out", "proof").says("acceptance.json", said)
+
+
+def test_after_a_rehearsal_comes_the_command_that_judges_it(tracked, done):
+    for folder, command in (("proof", "prove"), ("again", "recheck")):
+        said = done("simulate", "cell.toml", f"{folder}/poses.csv", "--out", folder, "--overwrite")
+        assert (
+            f"next: posedesign {command} cell.toml {folder}/measurements.csv --identification "
+            f"run/identification.json --out {folder}"
+        ) in said.out
+    said = done("simulate", "cell.toml", "run/poses.csv", "--out", "run")
+    assert "next: posedesign identify cell.toml run/measurements.csv --out run" in said.out
+
+
+def test_a_test_at_one_point_says_that_it_speaks_of_nothing_else(tracked, cli, done):
+    """What was touched is one point: the sentence, the rule and the figure say so."""
+    pin = Path("cell.toml").read_text().partition("[target]")
+    (tracked / "pin.toml").write_text(
+        pin[0] + '[parameters]\nmodels = [["zero_offsets"]]\n[constraints]\ncollisions = false\n'
+    )
+    done("plan", "pin.toml", "--out", "pin")
+    done("simulate", "pin.toml", "pin/poses.csv", "--out", "pin")
+    done("identify", "pin.toml", "pin/touchups.csv", "--out", "pin")
+    used = ("--identification", "pin/identification.json", "--content", "0.8", "--limit", "0.3mm")
+    planned = done("prove", "pin.toml", *used, "--out", "one").out
+    done("simulate", "pin.toml", "one/poses.csv", "--seed", "5", "--out", "one")
+    words = ("prove", "pin.toml", "one/touchups.csv", *used[:2], "--out", "one")
+    judged_by = cli(*words, "--verbose").out
+    expected = strict_json((tracked / "pin/identification.json").read_text())
+    box_mm = next(
+        m["expected_box_mm"] for m in expected["models"] if m["name"] == expected["recommended"]
+    )
+    for said in (" ".join(text.split()) for text in (planned, judged_by)):
+        assert "orientations of the tool at the one point T1" in said
+        assert "not proven: other places, such as a cube of" in said
+        assert (
+            f"expected error where the arm will work, by the identification: {box_mm:.3g} mm"
+            in said
+        )
+    found = read_result(Path("one/acceptance.json"))
+    figure = figure_of_acceptance(found)
+    (panel,) = figure.axes
+    assert panel.get_xlabel() == "error [mm]"
+    assert "nothing is proven of other places" in figure.get_supxlabel()
+    flat = found.model_copy(
+        update={
+            "rule": found.rule.model_copy(update={"touched": ()}),
+            "places_mm": [(10.0 * k, -5.0 * k, 200.0) for k in range(len(found.poses))],
+        }
+    )
+    # z is the same everywhere: it would be a panel that shows nothing
+    assert [axes.get_xlabel() for axes in figure_of_acceptance(flat).axes] == ["x [mm]", "y [mm]"]
+    old = found.model_copy(update={"rule": flat.rule})  # a rule that does not name what is touched
+    assert "at one point" in answer_of_verdict(old).verdict

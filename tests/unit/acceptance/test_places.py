@@ -91,6 +91,12 @@ def test_targets_that_are_touched_are_tested_by_poses_that_touch_them():
     tool = cell.robot.state(plan.poses.kept).point(cell.tool_m)
     assert tool == pytest.approx(np.tile(cell.target_m, (len(tool), 1)), abs=1e-6)
     assert len(tool) == 14
+    # all are at one point, and the statement says so, and what it does not speak of
+    name = cell.config.target.name
+    assert plan.touched == (name,)
+    assert f"of the orientations of the tool at the one point {name} are within" in plan.statement
+    assert "all at one point" in plan.where
+    assert plan.elsewhere.startswith("other places, such as a cube of")
     with pytest.raises(InputError, match="poses of ISO 9283 stand free"):
         plan_acceptance(cell, AcceptanceRequest("iso"))
 

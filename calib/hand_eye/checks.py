@@ -255,7 +255,8 @@ def likeliest_move(
     if alone:
         root = np.linalg.cholesky(parts.covariance + shared[:k, :k])
     else:
-        root = np.linalg.cholesky(block_diag(*parts.covariance) + shared)
+        again = np.diag(np.repeat(_within_postures(parts, groups) ** 2, 3))
+        root = np.linalg.cholesky(block_diag(*(parts.covariance + again)) + shared)
 
     def white(rows: FloatArray) -> FloatArray:
         """Rows ``(M, 6, n)`` over the noise, ``(6 M, n)``."""
@@ -289,6 +290,21 @@ def likeliest_move(
         return None
     over = best.step.gain - float(chi2_quantile(1.0 - CHANCE / (len(frames) * M), 6))
     return replace(best, over=over) if over > 0.0 else None
+
+
+def _within_postures(parts: Deviations, groups: IntArray) -> FloatArray:
+    """Return how far stops of one posture differ beyond the noise, ``(2,)`` [m, rad].
+
+    An arm comes back to a posture as exactly as it repeats.
+    """
+    count = np.bincount(groups)[groups]
+    sums = np.zeros((groups.max() + 1, parts.off.shape[1]))
+    np.add.at(sums, groups, parts.off)
+    squares = (parts.off - sums[groups] / count[:, None]) ** 2
+    freedom = max(len(groups) - len(np.unique(groups)), 1)
+    noise = np.diagonal(parts.covariance, axis1=1, axis2=2)[count > 1].mean(axis=0)
+    beyond = (squares.sum(axis=0) / freedom - noise).reshape(2, 3).mean(axis=1)
+    return np.asarray(np.sqrt(np.maximum(beyond, 0.0)))
 
 
 def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:

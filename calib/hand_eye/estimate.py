@@ -507,7 +507,10 @@ def _listed(
         pictures = one.pictures
         at += (len(names) + one.usable).tolist()
         names += [f"{pictures.camera}/{n}" if several else n for n in pictures.names]
-        status += ["no posture" if shows else "no board" for shows in pictures.with_board]
+        status += [
+            "copy" if usable else "no posture" if shows else "no board"
+            for usable, shows in zip(pictures.usable, pictures.with_board, strict=True)
+        ]
     for i, is_good in zip(at, good.tolist(), strict=True):
         status[i] = "used" if is_good else "contradicts the others"
     return tuple(names), tuple(status), np.array(at)

@@ -138,6 +138,13 @@ class Pictures:
         """Whether the arm moved in a picture that is used."""
         return self.motion is not None and bool((np.abs(self.motion[self.usable]) > MOVING).any())
 
+    def each_once(self) -> IntArray:
+        """Return the index of each usable picture, without exact copies of another one."""
+        rows = np.flatnonzero(self.usable)
+        both = np.column_stack([self.postures[rows], self.pixels[rows].reshape(len(rows), -1)])
+        first = np.unique(both, axis=0, return_index=True, equal_nan=True)[1]
+        return rows[np.sort(first)]
+
     @property
     def usable(self) -> BoolArray:
         """Those of them ``(N,)`` whose posture is known, too."""

@@ -103,7 +103,7 @@ class Prepared(_Placed):
     @classmethod
     def of(cls, pictures: Pictures, lens: LensName | Lens, free_lens: bool | None) -> Prepared:
         """Find lens, poses, X and Z to start from."""
-        usable, board = np.flatnonzero(pictures.usable), pictures.board
+        usable, board = pictures.each_once(), pictures.board
         if len(usable) < FEWEST_PICTURES:
             raise InputError(
                 f"{len(usable)} of {len(pictures.names)} pictures show the board and have a "

@@ -16,7 +16,7 @@ from calib.robot_world import RobotWorldResult
 from calib.se3 import BoolArray, FloatArray, rotation_log
 from calib.shown import Shown
 
-PictureStatus = Literal["used", "contradicts the others", "no board", "no posture"]
+PictureStatus = Literal["used", "contradicts the others", "copy", "no board", "no posture"]
 
 
 @dataclass(frozen=True, eq=False)

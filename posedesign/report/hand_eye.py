@@ -38,10 +38,10 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
         place, turn = 1e3 * frame.sigma_m.max(), np.degrees(frame.sigma_rad).max()
         shown[frame.name] = f"{_six(frame.T)}, sigma {place:.2g} mm and {turn:.2g} deg"
     shown["a point that the camera sees"] = (
-        f"the arm is {1e3 * result.point_sigma_m:.2g} mm off it at other views (rms to expect), "
-        f"the camera alone {1e3 * result.seen_sigma_m:.2g} mm seen from the "
-        f"{result.frames[0].parent}, at {1e3 * result.distance_m:.0f} mm"
+        f"the arm is {1e3 * result.point_sigma_m:.2g} mm off it (rms), the camera alone "
+        f"{1e3 * result.seen_sigma_m:.2g} mm, at {1e3 * result.distance_m:.0f} mm"
     )
+    shown["robot"] = _robot(result)
     for camera in result.lenses:
         name = "lens" if len(result.lenses) == 1 else f"lens of {camera}"
         shown[name] = _lens(lens_as_dict(result, camera))
@@ -61,7 +61,6 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
             if abs(value) > SIGNIFICANT * sigma
             else f"pictures and joints are of the same moment, to {1e3 * sigma:.2g} ms"
         )
-    shown["robot"] = _robot(result)
     unseen = [
         f"{name}: {reason}"
         for name, reason in zip(result.names, calibrated.reasons, strict=True)
@@ -69,7 +68,7 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
     ]
     state = "calibrated" if result.is_ok else "not to be trusted"
     return Answer(
-        f"{state}: camera and board from {used} of {every} pictures",
+        f"{state}: camera and board from {used} of {every} pictures{_with_arm(result)}",
         shown,
         warnings=result.warnings,
         notes=[*calibrated.notes, *unseen],
@@ -83,6 +82,25 @@ def answer_of_camera(calibrated: Calibrated, files: Sequence[str] = ()) -> Answe
     )
 
 
+def _with_arm(result: HandEyeResult) -> str:
+    """Errors of the arm in a few words for the verdict."""
+    if not result.arm_errors:
+        return ""
+    largest = max(np.degrees(abs(value)) for value in [0.0, *_offsets(result).values()])
+    return f", with joints up to {largest:.2g} deg off" if largest else ", with errors of the arm"
+
+
+def _offsets(result: HandEyeResult) -> dict[str, float]:
+    """Zero offsets by joint [rad], those that are surely there."""
+    estimate = result.estimate
+    rows = zip(estimate.names, estimate.values, estimate.sigma, strict=True)
+    return {
+        name.removeprefix(_OFFSET): float(value)
+        for name, value, sigma in rows
+        if name.startswith(_OFFSET) and abs(value) > _SURELY * sigma
+    }
+
+
 def _robot(result: HandEyeResult) -> str:
     """Errors of the arm that were found; empty where there are none."""
     if not result.arm_errors:
@@ -94,18 +112,12 @@ def _robot(result: HandEyeResult) -> str:
         for error in result.arm_errors
         if error.rms_m >= least
     )
-    offsets = ", ".join(
-        f"{row.name.removeprefix(_OFFSET)} {row.value:+.2g} deg"
-        for row in result.estimate.displayed()
-        if row.name.startswith(_OFFSET) and abs(row.value) > _SURELY * row.sigma
-    )
+    offsets = ", ".join(f"{j} {np.degrees(v):+.2g} deg" for j, v in _offsets(result).items())
     return (
-        f"the pictures show errors of the arm, which are taken into account: {kinds} (rms at other "
-        "views, camera and board placed anew)"
+        f"its own errors are taken into account: {kinds} (rms at other views)"
         + (f"; zero offsets {offsets}" if offsets else "")
-        + ". Camera and board are those for the arm as its controller has it. With these errors "
-        f"corrected, it is {1e3 * result.corrected_point_sigma_m:.2g} mm off, and camera and board "
-        "are where camera.json says under arm_errors"
+        + f"; corrected by them it is {1e3 * result.corrected_point_sigma_m:.2g} mm off; camera "
+        "and board above are for the arm as its controller has it"
     )
 
 
@@ -175,6 +187,19 @@ class Noise(BaseModel):
     arm_sigma_deg: float
 
 
+class CorrectedShown(BaseModel):
+    """What it has of an arm that is corrected."""
+
+    point_sigma_mm: float
+
+
+class ArmErrorsShown(BaseModel):
+    """What it has of errors of the arm."""
+
+    rms_mm: dict[str, float]
+    corrected: CorrectedShown
+
+
 class CameraFile(BaseModel):
     """What a page needs of a camera.json; transforms are keys besides."""
 
@@ -188,6 +213,7 @@ class CameraFile(BaseModel):
     distance_mm: float
     parameters: list[dict[str, Any]] = []
     pictures: list[Shown]
+    arm_errors: ArmErrorsShown | None = None
 
     @property
     def frames(self) -> dict[str, Frame]:
@@ -212,6 +238,15 @@ def lines_of_camera(file: CameraFile) -> list[str]:
         f"{file.noise.pixel_sigma:.2g} px, the arm by "
         f"{file.noise.arm_sigma_mm:.2g} mm and {file.noise.arm_sigma_deg:.2g} deg"
     )
+    if file.arm_errors is not None:
+        kinds = ", ".join(
+            f"{_KINDS.get(kind, kind)} {mm:.2g} mm" for kind, mm in file.arm_errors.rms_mm.items()
+        )
+        lines.append(
+            f"errors of the arm are taken into account ({kinds}); camera and board above are for "
+            "the arm as its controller has it; corrected by these errors it is "
+            f"{file.arm_errors.corrected.point_sigma_mm:.2g} mm off"
+        )
     return lines + [f"warning: {text}" for text in file.warnings] + [file.board]
 
 

@@ -116,6 +116,22 @@ class Likeliest:
     errors: ErrorModel
     poses: Poses | None
 
+    def freedom(self, used: BoolArray) -> FloatArray:
+        """Degrees of freedom ``(12,)`` of the standard deviations by the noise that is estimated.
+
+        A variance of X or Z is made of that of rotation and that of translation, each with degrees
+        of freedom of its own (Satterthwaite, Biometrics Bull. 2, 1946). Where pairs of one pose
+        share a deviation, there are as many independent ones as poses.
+        """
+        count = int(used.sum()) if self.poses is None else len(self.poses.counts)
+        C = self.fit.covariance[0]
+        J = self.fit.jacobian[:, :, 0].reshape(12, 2, -1).swapaxes(0, 1)
+        parts = C @ (J @ np.swapaxes(J, 1, 2)) @ C
+        taken = np.einsum("kia,kia->k", C @ J, J)
+        free = np.maximum(3.0 * count - taken, 1.0)
+        own = np.diagonal(parts, axis1=1, axis2=2)
+        return np.asarray(own.sum(axis=0) ** 2 / (own**2 / free[:, None]).sum(axis=0))
+
     def by_poses(self, *, given: bool) -> FloatArray:
         """Factors ``(12,)`` of standard deviations by what pairs of one pose have in common.
 

@@ -46,6 +46,8 @@ hundredth; and steps of the variance that goes with each."""
 _LEAST_SHIFT = 12.0
 """Logarithm of the largest variance of translations over the least one looked for."""
 
+_ALL_OF_B = "0 %"
+
 _ALL = 0.97
 """Share that counts as the whole: the covariance of the other side would be next to singular."""
 
@@ -132,6 +134,26 @@ def explain(
     return best if best.criterion < plain - SURELY else None
 
 
+def allowed(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> tuple[Component, ...]:
+    """Noises of one set that are about as likely as the likeliest one, simple ones among them."""
+    error, count = difference(A @ X, Z @ B)[used], int(used.sum())
+    square = (error**2).sum(axis=0).reshape(2, 3).sum(axis=1)
+    variance = np.repeat(np.maximum(square / (3.0 * count), LEAST_NOISE**2), 3) * _loose(count)
+    plain = Component(
+        "noise of B, the same in all directions",
+        _criterion(square, np.full(2, 3.0 * count)),
+        lambda: PairCovariances(B=np.diag(variance)),
+        False,
+    )
+    of_A = replace(_shared(A, B, X, Z, used, 1.0), name="noise of A, the same in all directions")
+    every = [plain, of_A, _shared(A, B, X, Z, used), *_seen(A, B, X, Z, used)]
+    least = min(one.criterion for one in every)
+    likely = [one for one in every if one.criterion < least + SURELY]
+    return tuple({one.name: one for one in likely if not one.name.startswith(_ALL_OF_B)}.values())
+
+
 def _loose(count: int) -> float:
     """Variance over what residuals show, of which X and Z have taken up twelve numbers."""
     return 6.0 * count / (6.0 * count - 12.0)
@@ -143,9 +165,14 @@ def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0) -> fl
 
 
 def _shared(
-    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+    A: FloatArray,
+    B: FloatArray,
+    X: FloatArray,
+    Z: FloatArray,
+    used: BoolArray,
+    least: float = 0.0,
 ) -> Component:
-    """Noise of A and B: the share of A in the rotations."""
+    """Noise of A and B: the share of A in the rotations, which is ``least`` or more."""
     error, count = difference(A @ X, Z @ B)[used], int(used.sum())
     e_R, e_p = error[:, :3], error[:, 3:]
     m = A[used, :3, :3] @ X[:3, 3]
@@ -160,7 +187,7 @@ def _shared(
         (across**2).sum(axis=1),
         turn * length2,
     )
-    low, high = 0.0, 1.0
+    low, high = least, 1.0
     for _ in range(_ZOOMS):
         shares = np.linspace(low, high, _SHARES)
         worse, shifts = lever.fitted(shares)
@@ -175,8 +202,9 @@ def _shared(
         # of translations the sides cannot be told apart; where all is on A, so are they
         sides = np.diag(np.repeat([share * turn, 0.5 * shift], 3) * loose)
         others = np.diag(np.repeat([(1.0 - share) * turn, 0.5 * shift], 3) * loose)
-        if share > _ALL:
-            return PairCovariances(A=np.diag(np.repeat([turn, shift], 3) * loose))
+        if not 1.0 - _ALL < share < _ALL:
+            whole = np.diag(np.repeat([turn, shift], 3) * loose)
+            return PairCovariances(A=whole) if share > 0.5 else PairCovariances(B=whole)
         return PairCovariances(A=sides, B=others)
 
     return Component(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
+from calib.chance import student_quantile
 from calib.errors import InputError, one_line
 from calib.robot_world import accuracy, diagnosis
 from calib.robot_world.components import explain
@@ -17,6 +19,7 @@ from calib.robot_world.identifiability import direction
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.scale import (
+    WRONG,
     Scale,
     by_rotations_first,
     likeliest,
@@ -54,8 +57,21 @@ HARDLY = "but the pairs hardly belong together, as the warnings say"
 _FEWEST_FOR_SIGMA = 6
 """Pairs up to which the noise that they show is a rough guess."""
 
+_MANY_LEFT_OUT, _MOST_LEFT_OUT = 0.2, 0.3
+"""Part of the pairs left out from which on a warning says so, and from which on X and Z are
+doubtful. In simulations with outliers that are independent of each other the standard deviations
+hold up to one half; where the outliers agree with each other, they fail from 0.35 on."""
+
 _FAR_SCALE = 0.3
 """Logarithm of the scale of B from which on X and Z without it say nothing of it."""
+
+_SURELY = 3.0
+"""Standard deviations of the scale within which it may be."""
+
+_UNITS = {"delay": ("of a step between neighbours", 1.0)} | dict.fromkeys(
+    ("scale of B", "depth of B", "depth of the inverse of B"), ("%", 1e2)
+)
+"""Units of changes that are no lengths."""
 
 _AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 _SIGMA_AXES = (
@@ -206,8 +222,11 @@ class RobotWorldResult(Shown):
                 f"; translations of B are multiplied by {scale.value:.6g} ± {scale.sigma:.2g}, "
                 "estimated with X and Z"
             )
+        if self._left_out > _MOST_LEFT_OUT:
+            reasons += (self._left_out_words,)
         if self._is_scale_named and (one.is_grave or not one.causes) and self.scale is not None:
-            reasons += (self.scale.in_words,)
+            depth = [change.finding.text for change in one.causes if change.kind == "depth"]
+            reasons += (self.scale.in_words if self.scale.is_named or not depth else depth[0],)
         elif one.is_grave:
             return "doubtful", f"{message}; {HARDLY}"
         return (
@@ -240,17 +259,33 @@ class RobotWorldResult(Shown):
     @property
     def drift(self) -> tuple[str, ...]:
         """What changes along the sequence of pairs, in sentences."""
-        said = [one.finding.text for one in self._solution.causes if one.kind != "scale"]
+        said = [one.finding.text for one in self._solution.causes if not one.is_of_scale]
         if len(said) > 1 or (said and self._is_scale_named):
             said[0] += " (these pairs do not tell this apart from the next)"
         return tuple(said)
+
+    @property
+    def _left_out(self) -> float:
+        """Part of the pairs that contradict the others, copies not counted."""
+        one = self._solution
+        counted = np.ones_like(one.used) if one.copies is None else ~one.copies
+        return 1.0 - float(one.used[counted].mean())
+
+    @property
+    def _left_out_words(self) -> str:
+        wrong = round(self._left_out * len(self.used))
+        return (
+            f"{wrong} of {len(self.used)} pairs ({100.0 * self._left_out:.0f} %) are left out as "
+            "contradicting the others: so many may agree on another X and Z, and standard "
+            "deviations do not cover that"
+        )
 
     @cached_property
     def _is_scale_named(self) -> bool:
         one = self._solution
         if self.scale_estimated or one.doubts or one.others:
             return False
-        if any(change.kind == "scale" for change in one.causes):
+        if any(change.is_of_scale for change in one.causes):
             return True
         # X and Z by a scale that is far from the true one say nothing of it
         far = abs(float(np.log(by_rotations_first(one.motion.pairs)[0]))) > _FAR_SCALE
@@ -263,6 +298,8 @@ class RobotWorldResult(Shown):
         doubts = one.doubts or self.drift
         if not doubts or (self._is_scale_named and not one.doubts):
             doubts += self._scale_doubts() + self._alone()
+            if self._left_out > _MANY_LEFT_OUT:
+                doubts += (self._left_out_words,)
             if not one.method.robust:
                 doubts += diagnosis.outstanding(one.sizes(one.noise), one.used)
         if one.copies is not None:
@@ -270,8 +307,9 @@ class RobotWorldResult(Shown):
         if self.noise_estimated and N < _FEWEST_FOR_SIGMA:
             part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
             doubts += (
-                f"{N} pairs show the noise to {part:.0f} %, and so much at least the standard "
-                "deviations may be off: measure more, or give the noise",
+                f"{N} pairs show the noise to {part:.0f} %: 95 % intervals are up to "
+                f"{self._quantiles.max():.2g} standard deviations to either side; measure more, or "
+                "give the noise",
             )
         if self.noise_estimated and one.method.likelihood and not self.noise_made:
             other = explain(one.pairs.A[0], one.pairs.B[0], self.X, self.Z, one.used)
@@ -390,6 +428,77 @@ class RobotWorldResult(Shown):
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance)[6:])
 
     @property
+    def half_width_X(self) -> FloatArray | None:
+        """Half widths ``(6,)`` of the 95 % intervals of X, in the order of :attr:`sigma_X`.
+
+        By Student's distribution where the noise is estimated: sigma alone is too small for few
+        pairs, since the noise that they show is uncertain, too.
+        """
+        return None if self.sigma_X is None else self.sigma_X * self._quantiles[:6]
+
+    @property
+    def half_width_Z(self) -> FloatArray | None:
+        """Half widths ``(6,)`` of the 95 % intervals of Z; as :attr:`half_width_X`."""
+        return None if self.sigma_Z is None else self.sigma_Z * self._quantiles[6:]
+
+    @cached_property
+    def _quantiles(self) -> FloatArray:
+        """Half widths of 95 % intervals ``(12,)`` in standard deviations."""
+        if not (self.noise_estimated or self._excess > 1.0):
+            return np.full(12, student_quantile(0.975, np.inf))
+        freedom = self._solution.likeliest.freedom(self._solution.used)
+        return np.array([student_quantile(0.975, value) for value in freedom])
+
+    @cached_property
+    def smallest_found(self) -> Mapping[str, float]:
+        """Smallest changes that nine of ten such sets show, by the words for them.
+
+        Drifts and steps [m], the delay in steps between neighbours, the scale of B in parts of it.
+        What is smaller may be there, unseen. Empty for fewer than eight pairs, and for methods that
+        have failed.
+        """
+        one = self._solution
+        if self.noise is None or one.doubts or one.sequence.is_rounding:
+            return {}
+        every = [*one.sequence.changes, *one.scale_changes]
+        return {change.label: change.smallest for change in every}
+
+    @property
+    def unseen(self) -> str:
+        """What could not have been seen, in one sentence; empty where nothing was looked for."""
+        said = []
+        for label, size in self.smallest_found.items():
+            unit, scale = _UNITS.get(label, ("mm", 1e3))
+            said.append(f"{label} {scale * size:.2g} {unit}")
+        return f"found in 9 of 10 such sets from these sizes on: {', '.join(said)}" if said else ""
+
+    @cached_property
+    def other_noises(self) -> tuple[tuple[str, FloatArray], ...]:
+        """Noises that the residuals allow as well, in words, and how far X and Z move by each.
+
+        Each with the errors ``(12,)`` of X and Z [rad, m] by which the likeliest ones differ from
+        these. None for methods that do not weigh by the noise.
+        """
+        one = self._solution
+        if not one.method.likelihood or self.noise is None or one.doubts or one.others:
+            return ()
+        return one.by_other_noises
+
+    @property
+    def noise_words(self) -> str:
+        """How far X and Z move by the noise that is assumed, in one sentence."""
+        if not self.other_noises:
+            return ""
+        moved = np.abs([off.reshape(4, 3) for _, off in self.other_noises])
+        turned, shifted = (np.linalg.norm(moved[:, k::2], axis=2).max(axis=0) for k in (0, 1))
+        names = "; ".join(name for name, _ in self.other_noises)
+        return (
+            f"by another noise that the residuals allow X moves by up to {1e3 * shifted[0]:.2g} mm "
+            f"and {np.degrees(turned[0]):.2g} deg, Z by up to {1e3 * shifted[1]:.2g} mm and "
+            f"{np.degrees(turned[1]):.2g} deg ({names})"
+        )
+
+    @property
     def weak_directions(self) -> tuple[str, ...]:
         """What the poses tell least about: the shift and the turn with the largest deviation."""
         return () if self.covariance is None else weakest(self.covariance)
@@ -421,6 +530,10 @@ class RobotWorldResult(Shown):
             if sigma is not None:
                 lines.append(f"   sigma {_three(sigma[3:] * 1e3)} mm")
                 lines.append(f"   sigma {_three(np.degrees(sigma[:3]))} deg about x y z")
+            half = self.half_width_X if name == "X" else self.half_width_Z
+            if half is not None:
+                lines.append(f"   95 % ± {_three(half[3:] * 1e3)} mm")
+                lines.append(f"   95 % ± {_three(np.degrees(half[:3]))} deg about x y z")
         lines.append(
             f"residuals of {int(self.used.sum())} pairs, rms: "
             f"{np.degrees(self.rotation_rms_rad):.4f} deg, {self.translation_rms_m * 1e3:.4f} mm"
@@ -439,6 +552,7 @@ class RobotWorldResult(Shown):
             lines.append(
                 f"scale of B's translations {self.scale.value:.6g}, sigma {self.scale.sigma:.2g}"
             )
+        lines += [text for text in (self.unseen, self.noise_words) if text]
         lines += [f"known least: {text}" for text in self.weak_directions]
         lines += [f"ambiguous: {text}" for text in self.ambiguities]
         lines += [f"warning: {text}" for text in self.warnings]
@@ -456,23 +570,38 @@ class RobotWorldResult(Shown):
 
     def _scale_doubts(self) -> tuple[str, ...]:
         """What the scale of B's translations says of the pairs, in sentences."""
-        scale = self.scale
-        if scale is None:
+        if self.noise is None or self._solution.sequence.is_rounding:
             return ()
-        if not scale.is_told:
-            how = "not at all" if np.isinf(scale.sigma) else f"to {100.0 * scale.sigma:.2g} %"
-            return (
-                f"the pairs tell the scale of B's translations {how}: a wrong size of the target, "
-                "unit or focal length would go unnoticed; measure from other distances and sides",
-            )
         if not self._is_scale_named:
-            return ()
+            return () if self.scale_estimated else self._scale_unknown()
+        scale = self.scale
+        causes = [one for one in self._solution.causes if one.is_of_scale]
+        if scale is None or (causes and causes[0].kind == "depth" and not scale.is_named):
+            return tuple(one.finding.text for one in causes[:1])
         turned_rad, moved_m = moved(scale, self.X, self.Z)
         return (
             f"{scale.in_words}: that turns X and Z by up to {np.degrees(turned_rad):.2g} deg and "
             f"moves them by up to {1e3 * moved_m:.3g} mm; check the size of the target (tag, "
             "squares of a board), the unit of length and the focal length, or the unit of A, since "
             "the pairs tell the ratio of both alone; estimate_scale corrects B",
+        )
+
+    def _scale_unknown(self) -> tuple[str, ...]:
+        """Say how well the pairs tell the scale where a wrong one would go unnoticed."""
+        without = "measure from other distances and sides"
+        said = "a wrong size of the target, unit or focal length would go unnoticed"
+        changes = self._solution.scale_changes
+        if not any(change.kind == "scale" for change in changes):
+            return (f"the pairs tell the scale of B's translations not at all: {said}; {without}",)
+        worst = max(changes, key=lambda one: one.sigma)
+        sigmas = worst.effect(WRONG)
+        if abs(float(worst.estimate[0])) + _SURELY * worst.sigma < WRONG or sigmas < 1.0:
+            return ()
+        whose = "scale of B's translations" if worst.kind == "scale" else "scale of B's depth"
+        return (
+            f"the pairs tell the {whose} to {100.0 * worst.sigma:.2g} %: {said} "
+            f"and move X and Z by up to {sigmas:.2g} of their standard deviations for each "
+            f"{100.0 * WRONG:.0f} %; {without}",
         )
 
     def _uncertain(self) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ are taken as true.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from calib import se3
-from calib.batch_last import columns_of, turn
+from calib.batch_last import columns_of, turn, turn_back
 from calib.chance import student_tail
 from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.adjustment import adjust
@@ -39,6 +40,10 @@ the size of a tag would be within a few of them."""
 WRONG = 1e-2
 """Distance of the scale from 1 that matters: a printed target is as long as it should be to some
 thousandths."""
+
+_ONE_AXIS = 0.8
+"""Length of the mean of unit vectors along the lines of sight, below which there is no axis of the
+camera that all of them are near to: 37 deg."""
 
 _ROUNDS = 12
 """Steps of the scale; three or four are usual."""
@@ -247,9 +252,54 @@ def scale_column(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArra
 
     They are what the true translations of B are turned to: by A, X and Z where B has noise.
     """
+    return _white_of(pairs, model, X, Z, lambda q, R_Z: q)
+
+
+def depth_columns(
+    pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray
+) -> Mapping[str, FloatArray]:
+    """Derivatives ``(6, 1, N)`` of the white rows of one set by a scale of the depth alone.
+
+    A wrong focal length makes what a camera sees too near or too far, and leaves it where it is
+    across the line of sight. By the words for what is seen: the target as B has it, or as its
+    inverse does. Only where all lines of sight are near to one axis of the camera.
+    """
+    found = {}
+    for name, inverse in (("B", False), ("the inverse of B", True)):
+        seen = turn_back(pairs.R_B, -pairs.p_B) if inverse else pairs.p_B
+        length = np.linalg.norm(seen, axis=0)
+        axis = (seen / np.where(length > 0.0, length, 1.0)).mean(axis=1)
+        if np.linalg.norm(axis) < _ONE_AXIS:
+            continue
+        axis = axis / np.linalg.norm(axis)
+
+        def depth(
+            q: FloatArray, R_Z: FloatArray, axis: FloatArray = axis, inverse: bool = inverse
+        ) -> FloatArray:
+            p = turn_back(R_Z, q)
+            p = turn_back(pairs.R_B, p) if inverse else p
+            along = axis[:, None] * (axis @ p)
+            return turn(R_Z, turn(pairs.R_B, along) if inverse else along)
+
+        found[name] = _white_of(pairs, model, X, Z, depth)
+    return found
+
+
+def _white_of(
+    pairs: PairSets,
+    model: ErrorModel,
+    X: FloatArray,
+    Z: FloatArray,
+    change: Callable[[FloatArray, FloatArray], FloatArray],
+) -> FloatArray:
+    """White rows ``(6, 1, N)`` of a change of the true translations of B.
+
+    Translations ``(3, N)`` are in the axes of the base; Z turns those of B into them.
+    """
     R_Z, p_X, p_Z = columns_of(Z[:, :3, :3]), X[:, :3, 3].T, Z[:, :3, 3].T
     m = turn(pairs.R_A, p_X)
     q = m + pairs.p_A - p_Z if model.on_B else turn(R_Z, pairs.p_B)
+    q = change(q, pairs.spread(R_Z))
     column = np.concatenate([np.zeros_like(q), -q])
     return model.at(m, R_Z).whiten(column).reshape(6, 1, -1)
 

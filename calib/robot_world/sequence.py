@@ -33,8 +33,9 @@ from calib.robot_world.pairs import PairSets
 from calib.robot_world.poses import Poses
 from calib.se3 import BoolArray, FloatArray, IntArray
 
-DETECTORS = 6
-"""Detectors of one command: steps and drifts of X and of Z, the delay, and the scale of B."""
+DETECTORS = 8
+"""Detectors of one command: steps and drifts of X and of Z, the delay, the scale of B, and that of
+its depth, from either side."""
 
 LEVEL = level_of_each(DETECTORS)
 """Significance level of each of them."""
@@ -57,8 +58,9 @@ between its neighbours."""
 _OF_FEW = 0.1
 """Factor of the level of drifts of so few pairs that their signs tell little."""
 
-_DRAWN, _EQUAL = 999, 1e-9
-"""Draws of signs, and the relative difference of two sums that is rounding."""
+_DRAWN, _EQUAL = 1999, 1e-9
+"""Draws of signs, more than the inverse of the level, and the relative difference of two sums that
+is rounding."""
 
 _SCREENED = 100.0
 """Factor of the level at which drifts of many sets are looked at more closely."""
@@ -166,13 +168,13 @@ class Sequence:
         after = np.arange(len(own)) >= at[:, None]
         return Change(self, name, "step", np.where(after[..., None, None], own, 0.0), at)
 
-    def told(self, *others: Change | None) -> tuple[Change, ...]:
+    def told(self, *others: Change) -> tuple[Change, ...]:
         """Return the likeliest change that is told apart from chance, among others, too.
 
         With it those that the pairs do not tell apart from it, and those that explain more beside
         it.
         """
-        every = [*self.changes, *(change for change in others if change is not None)]
+        every = [*self.changes, *others]
         every = sorted((one for one in every if one.is_told), key=lambda one: one.criterion)
         if not every:
             return ()
@@ -222,7 +224,7 @@ class Change:
         self._left = white - (rows[best] @ self.estimate).reshape(white.shape)
         self._apart, self._at, self._tried = rows, at, len(columns)
         self.columns = columns[best]
-        self._rows = slice(3, 6) if kind in ("drift", "scale") else slice(None)
+        self._rows = slice(3, 6) if kind in ("drift", "scale", "depth") else slice(None)
 
     @cached_property
     def _alike(self) -> float:
@@ -301,6 +303,11 @@ class Change:
         """Standard deviation of the estimate of a change that is one number."""
         return float(np.sqrt(self._rest[0] * self._inverse[self._best][0, 0] / self._alike))
 
+    def effect(self, size: float) -> float:
+        """Return how far a change of one number moves X and Z, in their standard deviations."""
+        sigma = np.sqrt(np.diag(self._one.covariance) * min(self._rest[0], 1.0))
+        return float(np.abs(self._taken[self._best] * size / sigma[:, None]).max())
+
     @cached_property
     def finding(self) -> Finding:
         """The change in words, and by how much it moves X and Z, in deviations without it."""
@@ -310,6 +317,13 @@ class Change:
         effect = float(np.abs(moved / sigma).max())
         if self.kind == "scale":
             return Finding("the translations of B have another scale than those of A", effect)
+        if self.kind == "depth":
+            return Finding(
+                f"{self._name} has the target {-100.0 * float(self.estimate[0]):.2g} ± "
+                f"{100.0 * self.sigma:.2g} % too far along the line of sight: check the focal "
+                "length and the size of the target",
+                effect,
+            )
         if self.kind == "delay":
             delay = float(self.estimate[0])
             way = "later" if delay > 0 else "earlier"
@@ -348,9 +362,11 @@ class Change:
 
         square, rest = self._rest
         k = self.estimate.size
-        bound = k * f_bound(LEVEL / self._tried, k, rest) / self._alike
+        level = LEVEL if len(self._left) >= FEWEST_FOR_STEPS else _OF_FEW * LEVEL
+        bound = k * f_bound(level / self._tried, k, rest) / self._alike
         length = np.sqrt(float(chndtrinc(bound, k, 1.0 - _FOUND_IN)))
-        inverse = self._inverse[len(self._inverse) // 2][-3:, -3:]
+        inverse = self._inverse[len(self._inverse) // 2]
+        inverse = inverse[-3:, -3:] if k > 1 else inverse
         return float(length * np.sqrt(square * np.linalg.eigvalsh(inverse)[-1]))
 
     def _place(self) -> int:
@@ -369,6 +385,11 @@ class Change:
     def label(self) -> str:
         """Kind and transform in a word or two."""
         return f"{self.kind} of {self._name}" if self.kind != "delay" else "delay"
+
+    @property
+    def is_of_scale(self) -> bool:
+        """Return True if lengths that the camera sees may be wrong."""
+        return self.kind in ("scale", "depth")
 
 
 def _by_pairs(change: Callable[[FloatArray], FloatArray], rows: FloatArray) -> FloatArray:

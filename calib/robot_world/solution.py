@@ -12,16 +12,22 @@ from calib.robot_world import identifiability
 from calib.robot_world.accuracy import Likeliest
 from calib.robot_world.adjustment import adjust, linear_rows
 from calib.robot_world.closed_form import residual_rows
-from calib.robot_world.components import Component, explain, settled
+from calib.robot_world.components import Component, allowed, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.methods.maximum_likelihood import as_estimate, with_estimated_noise
 from calib.robot_world.methods.robust import widening
-from calib.robot_world.noise import Noise, PairNoise
+from calib.robot_world.noise import Noise, PairNoise, difference
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets
 from calib.robot_world.poses import Poses, is_first, near_pairs, poses_of, restricted
-from calib.robot_world.scale import by_rotations_first, likeliest, scale_column, scaled
+from calib.robot_world.scale import (
+    by_rotations_first,
+    depth_columns,
+    likeliest,
+    scale_column,
+    scaled,
+)
 from calib.robot_world.sequence import Change, Sequence
 from calib.robot_world.sizes import estimated_model
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -97,14 +103,22 @@ class Solution:
         return Sequence.of(best.fit, 0, self.used, self.pairs, best.errors, best.poses)
 
     @cached_property
-    def scale_change(self) -> Change | None:
-        """The scale of B's translations as a change of the pairs; None where it cannot be told."""
+    def scale_changes(self) -> tuple[Change, ...]:
+        """The scale of B's translations, and of its depth, as changes of the pairs.
+
+        Without those that X and Z take up.
+        """
         best, one = self.likeliest, self.sequence
-        column = scale_column(self.pairs, best.errors, best.fit.X, best.fit.Z)[:, 0, self.used]
-        if one.is_rounding:
-            return None
-        change = Change(one, "B", "scale", column.T[..., None])
-        return change if change.is_seen else None
+        if one.is_rounding or self.factor is not None:
+            return ()
+        at = self.pairs, best.errors, best.fit.X, best.fit.Z
+        columns = [("B", "scale", scale_column(*at))]
+        columns += [(name, "depth", rows) for name, rows in depth_columns(*at).items()]
+        changes = (
+            Change(one, name, kind, rows[:, 0, self.used].T[..., None])
+            for name, kind, rows in columns
+        )
+        return tuple(change for change in changes if change.is_seen)
 
     @cached_property
     def causes(self) -> tuple[Change, ...]:
@@ -115,7 +129,7 @@ class Solution:
         """
         if self.doubts or self.others or self.sequence.is_rounding:
             return ()
-        return self.sequence.told(None if self.factor is not None else self.scale_change)
+        return self.sequence.told(*self.scale_changes)
 
     @property
     def is_grave(self) -> bool:
@@ -158,13 +172,30 @@ class Solution:
         wrong = not scale.is_one if shown.by_distance else scale.is_named
         return None if wrong else shown
 
+    @cached_property
+    def by_other_noises(self) -> tuple[tuple[str, FloatArray], ...]:
+        """Other noises that the residuals allow, and how far ``(12,)`` X and Z move by each."""
+        X, Z, weights = self.found.X, self.found.Z, self.used[None].astype(float)
+        moved = []
+        for other in allowed(self.pairs.A[0], self.pairs.B[0], X[0], Z[0], self._of_poses):
+            model = other.noise.model(self.pairs)
+            fit = adjust(self.pairs, model, X, Z, weights=weights, poses=self.poses)
+            off = np.concatenate([difference(fit.X[0], X[0]), difference(fit.Z[0], Z[0])])
+            moved.append((other.name, off))
+        return tuple(moved)
+
+    @property
+    def _of_poses(self) -> BoolArray:
+        """Pairs used ``(N,)``, one of each pose."""
+        if self.poses is None:
+            return self.used
+        each = np.zeros_like(self.used)
+        each[self.poses.member.argmax(axis=1)] = True
+        return self.used & each
+
     def _explained(self, some: BoolArray | None = None) -> Component | None:
         """Return the noise that residuals show, of one pair of each pose."""
-        used = self.used if some is None else self.used & some
-        if self.poses is not None:
-            each = np.zeros_like(used)
-            each[self.poses.member.argmax(axis=1)] = True
-            used = used & each
+        used = self._of_poses if some is None else self._of_poses & some
         X, Z = self.found.X[0], self.found.Z[0]
         return explain(self.pairs.A[0], self.pairs.B[0], X, Z, used)
 

@@ -326,6 +326,8 @@ def test_pairs_that_single_ones_decide_are_not_ok(method):
 
 
 def test_good_pairs_are_ok():
+    """Twelve pairs tell the scale to half a percent: that alone is said."""
     for seed in range(6):
         result = solve(*looking(seed, 12, PairNoise(np.radians(0.1), 1e-3)))
-        assert (result.status, result.warnings) == ("ok", ()), result.message
+        assert result.status == "ok", result.message
+        assert all("the pairs tell the scale of B's " in text for text in result.warnings)

@@ -17,6 +17,7 @@ from calib.model.measurements.board_view import Carried
 from calib.model.parameters import TargetFrame, ToolFrame
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from posedesign.cell import Cell, cell_template
+from posedesign.cell.board_set_up import BoardSetUp
 from posedesign.cell.file import parse_config
 from posedesign.cell.models import robot_blocks
 from posedesign.cell.reference import USUAL_SIZES
@@ -47,6 +48,7 @@ class DrawnArm:
     model: CalibrationModel
     values: FloatArray  # (p,): true parameters [SI]
     deviation_rad: float  # of each joint, new at each stop
+    set_up: BoardSetUp  # where camera and board are
 
     @classmethod
     def of(
@@ -67,7 +69,7 @@ class DrawnArm:
             sigma[columns] *= size.share * size.factor ** rng.standard_normal()
         values = model.nominal + sigma * rng.standard_normal(model.p)
         stiff = np.array([name.startswith(("compliance", "bearing")) for name in model.names])
-        return cls(cell, model, np.where(stiff, np.abs(values), values), deviation_rad)
+        return cls(cell, model, np.where(stiff, np.abs(values), values), deviation_rad, there)
 
     def stands(self, q: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
         """Return the true poses ``T_base_tip`` (N, 4, 4) at joints that the controller shows."""
@@ -79,7 +81,7 @@ class DrawnArm:
         self, count: int, rng: np.random.Generator, tilt: float = 0.6, spread: float = 0.15
     ) -> FloatArray:
         """Return postures (count, n) [rad] from which the board is seen, drawn at random."""
-        there = self.cell.board_set_up
+        there = self.set_up
         middle, found = there.board.points.mean(axis=0), list[FloatArray]()
         while len(found) < count:
             R = rotation_exp(rng.uniform(-tilt, tilt, 3) * [1.0, 1.0, 2.0])
@@ -100,7 +102,7 @@ class DrawnArm:
 
     def boards(self, flange: FloatArray) -> FloatArray:
         """Return the true poses ``T_camera_board`` (N, 4, 4) at poses of the flange."""
-        there = self.cell.board_set_up
+        there = self.set_up
         if there.carried == "camera":
             return np.asarray(inverse(flange @ there.X) @ there.Z)
         return np.asarray(inverse(there.Z) @ flange @ there.X)
@@ -109,7 +111,7 @@ class DrawnArm:
         self, q: FloatArray, rng: np.random.Generator, sigma_px: float = PIXEL_SIGMA
     ) -> Pictures:
         """Return what is found in pictures that are taken at joints ``(N, n)``."""
-        there = self.cell.board_set_up
+        there = self.set_up
         T, points = self.boards(self.stands(q, rng)), there.board.points
         seen = np.einsum("nij,kj->nki", T[:, :3, :3], points) + T[:, None, :3, 3]
         pixels = there.lens.project(seen)
@@ -124,7 +126,7 @@ class DrawnArm:
 
         At fresh joints, the arm as its controller has it, with X and Z as they were found.
         """
-        there, flange = self.cell.board_set_up, self.cell.robot.fk(q)
+        there, flange = self.set_up, self.cell.robot.fk(q)
         middle = np.append(there.board.points.mean(axis=0), 1.0)
         seen = self.boards(self.stands(q)) @ middle
         if there.carried == "camera":

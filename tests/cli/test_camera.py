@@ -277,16 +277,21 @@ diameter_mm = 100.0
 )
 
 
-@pytest.mark.parametrize("text", [REHEARSED, ROUND], ids=["charuco", "round target"])
-def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance, text):
-    monkeypatch.chdir(tmp_path)
+def write_rehearsal(text: str, count: int) -> None:
+    """A cell and poses about its base pose."""
     Path("cell.toml").write_text(text)
     rng = np.random.default_rng(2)
     base = np.array([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
-    off = rng.uniform(-1, 1, (8, 6)) * [2.0, 2.0, 2.0, 8.0, 8.0, 30.0]
+    off = rng.uniform(-1, 1, (count, 6)) * [2.0, 2.0, 2.0, 8.0, 8.0, 30.0]
     rows = [",".join(map(repr, row)) for row in (base + off).tolist()]
     header = ",".join(f"j{k}_deg" for k in range(1, 7))
     Path("poses.csv").write_text("\n".join([header, *rows, ""]))
+
+
+@pytest.mark.parametrize("text", [REHEARSED, ROUND], ids=["charuco", "round target"])
+def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance, text):
+    monkeypatch.chdir(tmp_path)
+    write_rehearsal(text, 8)
     said = glance("simulate", "cell.toml", "poses.csv", "--out", "rehearsal")
     assert said.code == 0, said.err
     assert "8 pictures of the board, SIMULATED" in said.out
@@ -300,3 +305,29 @@ def test_a_rehearsal_with_pictures(tmp_path, monkeypatch, glance, text):
     # the arm has no errors but its own: nothing is added that the cell's truth does not say
     assert found["noise"]["arm_sigma_mm"] < 0.02
     assert max(frame["sigma_xyz_mm"]) < 0.2
+
+
+def test_an_arm_with_zero_offsets_is_named_and_taken_into_account(tmp_path, monkeypatch, glance):
+    """The verdict says it, the sigmas cover it, and the file has camera and board of both arms."""
+    monkeypatch.chdir(tmp_path)
+    offsets = "zero_offsets_deg = [0.03, 0.08, -0.06, 0.05, 0.1, -0.04]"
+    write_rehearsal(re.sub(r"zero_offsets_deg = .*", offsets, REHEARSED), 14)
+    said = glance("simulate", "cell.toml", "poses.csv", "--out", "rehearsal")
+    words = said.out.splitlines()[-1].removeprefix("next: posedesign ").split()
+    said = glance(*words, "--verbose", "--transforms")
+    assert said.code == 0, said.err
+    assert re.search(r"calibrated: camera and board from 14 of 14 pictures, with joints", said.out)
+    assert "its own errors are taken into account: zero offsets" in said.out
+    found = json.loads(Path("rehearsal/camera.json").read_text())
+    expected = Cell.load(Path("cell.toml")).board_set_up.X[:3, 3] * 1e3 + [2.0, -1.0, 3.0]
+    corrected = found["arm_errors"]["corrected"]
+    for frame in (found["T_flange_camera"], corrected["T_flange_camera"]):
+        assert (np.abs(frame["xyz_mm"] - expected) < 4.0 * np.array(frame["sigma_xyz_mm"])).all()
+    assert corrected["point_sigma_mm"] < found["point_sigma_mm"]
+    # other tools take the arm as its controller has it
+    written = json.loads(Path("rehearsal/transforms.json").read_text())["T_flange_camera"]["data"]
+    matrix = np.array(found["T_flange_camera"]["matrix_m"])
+    np.testing.assert_allclose(np.reshape(written, (4, 4)), matrix, atol=1e-9)
+    assert glance("report", "rehearsal").code == 0
+    page = Path("rehearsal/report.html").read_text()
+    assert "errors of the arm are taken into account" in page

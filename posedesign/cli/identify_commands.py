@@ -111,7 +111,7 @@ def identify(
             warn=lambda text: output.note(f"warning: {text}"),
         )
     rehearsed = output.rehearsed_words(cell, measurements)
-    good = identified.is_of_this_robot
+    good = identified.is_trusted
     if as_json:
         output.note(rehearsed)
         output.show_file(file.read_text(encoding="utf-8"))
@@ -213,7 +213,7 @@ def calibrate(
         as_json=as_json,
     )
     good = done.calibration.plan.reached and not done.calibration.missed
-    return output.DONE if good and identified.is_of_this_robot else output.NOT_REACHED
+    return output.DONE if good and identified.is_trusted else output.NOT_REACHED
 
 
 def correct(

@@ -146,6 +146,16 @@ class Identified:
         return any(is_believable(result) for result in self.comparison.results)
 
     @property
+    def distrusted(self) -> Finding | None:
+        """The likeliest finding that changes the answer by so much that none is given."""
+        return next((found for found in self.findings if found.grade == "not to be trusted"), None)
+
+    @property
+    def is_trusted(self) -> bool:
+        """Return True if a model may be used: of this robot, and no finding says otherwise."""
+        return self.is_of_this_robot and self.distrusted is None
+
+    @property
     def priors_contradict(self) -> bool:
         """Whether the arm is off by what no such arm is, and explains the measurements not even so.
 
@@ -158,12 +168,16 @@ class Identified:
     @property
     def recommended(self) -> str | None:
         """Name of the model to take; None where there is none, or these are of another robot."""
-        return self.comparison.recommended if self.is_of_this_robot else None
+        return self.comparison.recommended if self.is_trusted else None
 
     @property
     def reason(self) -> str:
         """Why it is that one, in a sentence; or why these are measurements of another robot."""
-        return self.comparison.reason if self.is_of_this_robot else _why_another(self)
+        if not self.is_of_this_robot:
+            return _why_another(self)
+        if self.distrusted is not None:
+            return in_words(self.distrusted, self.table)
+        return self.comparison.reason
 
 
 def is_believable(result: IdentificationResult) -> bool:

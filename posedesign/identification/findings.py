@@ -29,7 +29,13 @@ def in_words(finding: Finding, table: MeasurementTable) -> str:
         shown = f"errors of the arm that explain it as well are 1e{odds:.0f} times less likely"
     others = [_said(other, table)[0] for other in finding.also[:2]]
     also = f" (or {', or '.join(others)})" if others else ""
-    return f"{what}{also}: {shown}; {remedy}"
+    effect = ""
+    if math.isfinite(finding.change_m):
+        effect = (
+            f"; taken into account, it changes the errors of the arm by {1e3 * finding.change_m:.2g} "
+            f"mm ({finding.sigmas:.1f} sigma)"
+        )
+    return f"{what}{also}: {shown}{effect}; {remedy}"
 
 
 def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
@@ -37,6 +43,7 @@ def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
     factor, unit = _display(finding)
     return {
         "cause": finding.cause,
+        "grade": finding.grade,
         "part": finding.part,
         "things": list(finding.things),
         "poses": [table.data.names[i] for i in finding.rows],
@@ -46,6 +53,8 @@ def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
         "rms_before_mm": 1e3 * finding.before_m,
         "rms_after_mm": 1e3 * finding.after_m,
         "log_odds": finding.log_odds,
+        "change_mm": 1e3 * finding.change_m,
+        "change_sigmas": finding.sigmas,
         "text": in_words(finding, table),
         "also": [_said(other, table)[0] for other in finding.also],
     }
@@ -118,6 +127,12 @@ def _changed(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
             "leave out what was measured first, or measure again when all is warm",
         )
     at = _place(finding.rows[0], table)
+    if finding.part == "payload":
+        return (
+            f"from {at} on the flange seems to carry a load that is not described, which bends the "
+            f"arm by up to {size}",
+            "describe the load as a [[payload]] of the cell and name it in the column payload",
+        )
     verb = "lost its zero by" if finding.part == "joint" else "moved by"
     if finding.part == "target":
         remedy = "give its measurements from there on a target name of their own, or measure again"

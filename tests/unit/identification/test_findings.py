@@ -123,3 +123,31 @@ def test_a_refusal_is_hinted_at_by_name(table, make_cell):
         with pytest.raises(NotIdentifiableError) as caught:
             identify_models(cell, replace(table, data=mixed))
         assert ("as if M4 (line 5) were of the target" in caught.value.hint) == hint
+
+
+@pytest.mark.parametrize(("sigmas", "grade"), [(0.5, "note"), (2.0, "warning"), (4.0, "distrust")])
+def test_a_finding_is_as_loud_as_its_effect(table, make_cell, sigmas, grade):
+    """Only one that changes the answer by much withholds it, however likely it is."""
+    found = identify_models(make_cell(parameters={"models": [["zero_offsets"]]}), table)
+    step = Finding("step", ("A0",), "target", (9,), 1e-3, "m", 3e-4, 3e-5, 40.0)
+    step = replace(step, change_m=5e-5, sigmas=sigmas)
+    found = replace(found, findings=(step,))
+    answer = answer_of_identification(found)
+    said = next(text for text in (*answer.warnings, *answer.notes) if "moved by 1 mm" in text)
+    assert f"changes the errors of the arm by 0.05 mm ({sigmas:.1f} sigma)" in said
+    assert (said in answer.notes) == (grade == "note")
+    assert (found.recommended is None) == (grade == "distrust") == (not found.is_trusted)
+    assert found.is_of_this_robot
+    if grade == "distrust":
+        assert found.reason == said
+        assert answer.verdict.startswith("no model: what was found changes the answer")
+    assert results_as_dict(make_cell(), found)["findings"][0]["grade"].startswith(grade[:4]) == (
+        grade != "distrust"
+    )
+
+
+def test_a_load_that_nobody_described_has_words(table):
+    load = Finding("step", ("payload",), "payload", (9,), 2e-3, "m", 3e-4, 3e-5, 40.0)
+    assert in_words(load, table).startswith(
+        "from M10 (line 11) on the flange seems to carry a load that is not described, which bends "
+    )

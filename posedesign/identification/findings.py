@@ -32,8 +32,8 @@ def in_words(finding: Finding, table: MeasurementTable) -> str:
     effect = ""
     if math.isfinite(finding.change_m):
         effect = (
-            f"; taken into account, it changes the errors of the arm by {1e3 * finding.change_m:.2g} "
-            f"mm ({finding.sigmas:.1f} sigma)"
+            "; taken into account, it changes the errors of the arm by "
+            f"{1e3 * finding.change_m:.2g} mm ({finding.sigmas:.1f} sigma)"
         )
     return f"{what}{also}: {shown}{effect}; {remedy}"
 

@@ -49,11 +49,14 @@ def answer_of_identification(identified: Identified, files: Sequence[str] = ()) 
     details: list[str] = []
     for finding in identified.findings:
         said = in_words(finding, identified.table)
-        (notes if finding.is_of_the_model else warnings).append(said)
+        (notes if finding.grade == "note" else warnings).append(said)
     models = models_table(identified)
-    if not identified.is_of_this_robot:
+    if not identified.is_trusted:
+        why = "what was found changes the answer, put it right first"
+        if not identified.is_of_this_robot:
+            why = "these measurements do not fit the robot of the cell"
         return Answer(
-            "no model: these measurements do not fit the robot of the cell",
+            f"no model: {why}",
             {},
             warnings=warnings or [identified.reason],
             notes=notes,

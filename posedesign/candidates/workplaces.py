@@ -38,7 +38,18 @@ _TRIED = 10
 reach."""
 
 
-def workplace(cell: Cell, postures: FloatArray, setup: Setup) -> Workplace:
+HALF_WAY = "half-way between measurements"
+"""Words of a workplace where hardly any point of the box can be reached."""
+
+
+def workplace(
+    cell: Cell,
+    postures: FloatArray,
+    setup: Setup,
+    count: int = WORK_POSTURES,
+    *,
+    rng: np.random.Generator | None = None,
+) -> Workplace:
     """Postures over the volume that the arm will work in, its tool turned as it is measured.
 
     Points are drawn in the task box of the cell, or where there is none in the one about all
@@ -52,8 +63,13 @@ def workplace(cell: Cell, postures: FloatArray, setup: Setup) -> Workplace:
         Measuring postures [rad].
     setup : Setup
         Tool and payload at each.
+    count : int
+        Postures wanted; at least half as many are found.
+    rng : numpy Generator, optional
+        Another source of chance than the usual one.
     """
-    robot, rng, count = cell.robot, np.random.default_rng(0), len(postures)
+    robot, measured = cell.robot, len(postures)
+    rng = np.random.default_rng(0) if rng is None else rng
     state = robot.state(postures)
     if cell.config.task_box is not None:
         at_work, words = box_of_cell(cell)[0], "the task box"
@@ -67,18 +83,18 @@ def workplace(cell: Cell, postures: FloatArray, setup: Setup) -> Workplace:
     checker = Checker(robot, (), cell.margin)
     q, like = np.empty((0, robot.n)), np.empty(0, dtype=np.intp)
     for _ in range(_TRIED):
-        row = rng.integers(count, size=WORK_POSTURES)
-        at = rng.uniform(at_work.lowest_m, at_work.highest_m, (WORK_POSTURES, 3))
+        row = rng.integers(measured, size=count)
+        at = rng.uniform(at_work.lowest_m, at_work.highest_m, (count, 3))
         R = state.R_base_tip[row]
         found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
-        q = np.concatenate([q, found.q[found.feasible]])[:WORK_POSTURES]
-        like = np.concatenate([like, row[found.feasible]])[:WORK_POSTURES]
-        if 2 * len(q) >= WORK_POSTURES:
+        q = np.concatenate([q, found.q[found.feasible]])[:count]
+        like = np.concatenate([like, row[found.feasible]])[:count]
+        if 2 * len(q) >= count:
             break
     else:
-        like, other = rng.integers(count, size=(2, WORK_POSTURES))
+        like, other = rng.integers(measured, size=(2, count))
         q = (postures[like] + postures[other]) / 2.0
-        words = "half-way between measurements"
+        words = HALF_WAY
     return Workplace(q, Setup.of(len(q), tool=setup.tool[like], payload=setup.payload[like]), words)
 
 
@@ -93,6 +109,16 @@ def small_pool_of(cell: Cell) -> CandidatePoses:
 @lru_cache(maxsize=8)
 def workplace_of(cell: Cell) -> Workplace:
     """Postures at which the arm of a cell will work, whatever poses it is measured at.
+
+    See :func:`drawn_workplace_of`.
+    """
+    return drawn_workplace_of(cell)
+
+
+def drawn_workplace_of(
+    cell: Cell, count: int = WORK_POSTURES, *, rng: np.random.Generator | None = None
+) -> Workplace:
+    """Draw postures at which the arm of a cell will work, whatever poses it is measured at.
 
     Those that the identification of measurements from all over its pool is judged at. Where the
     cell has no pool, the points of the task box, the tool turned as at the base pose; where none of
@@ -110,7 +136,7 @@ def workplace_of(cell: Cell) -> Workplace:
             return Workplace(cell.base_posture[None], Setup.of(1), "the target alone")
         return Workplace(found.q[found.feasible], Setup.of(int(found.feasible.sum())), words)
     setup = Setup.of(len(pool), payload=pool.loads)
-    at = workplace(cell, pool.postures, setup)
+    at = workplace(cell, pool.postures, setup, count, rng=rng)
     if cell.is_plain and cell.config.task_box is None:
         return replace(at, words=words)  # the same box: all that is measured is at the target
     return replace(at, words=at.words.replace("was measured", "can be measured"))

@@ -8,20 +8,21 @@ errors. The values of each are those that are best for it over the task box, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError, UnreachableError, near_names
+from calib.errors import InputError, RobotModelError, UnreachableError, near_names
 from calib.identification import Carried, part_of
 from calib.identification.prediction import ErrorToExpect, Expectation
 from calib.model import CalibrationModel, Setup
 from calib.model.parameters import AXES, ToolPoints
-from calib.se3 import BoolArray, FloatArray, rotation_exp, transform
-from posedesign.candidates import box_of_cell
+from calib.se3 import BoolArray, FloatArray
+from posedesign.candidates.workplaces import HALF_WAY, drawn_workplace_of
 from posedesign.cell import Cell, TaskBox
 from posedesign.cell.cell import moved_as_base
+from posedesign.cell.schema import TaskBoxSection
 from posedesign.files.measurements import TOOL
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import model_of
@@ -30,11 +31,7 @@ OTHER_TOOL_M = 0.02
 """Distance of the identified tool point from the cell's beyond which it is another point: of a
 reflector, say. No tool is known as badly as that."""
 
-TILT_DEG = 30.0
-"""The tool is turned by up to this, about any axis. With one orientation alone, values of the wrist
-would be chosen that are right for no other one."""
-
-FRAME_ANEW = "the user frame is taught again: a base that stands elsewhere is no error"
+FRAME_ANEW = "the base placed anew, as by teaching the user frame again"
 
 AS_IT_IS = "as it is"
 MASTERING = "mastering"
@@ -56,8 +53,7 @@ _DIGITS = 9
 """Of a millimetre: what rounding leaves of a way that carries everything is nothing."""
 
 DRAWN = 300
-"""Poses drawn in the box. A grid with points on its faces, where errors are largest, would make the
-mean square up to twice as large."""
+"""Postures by which the values of a route are chosen: more numbers than an error is told by."""
 
 _DESCRIBED = "tool as described"
 
@@ -228,33 +224,41 @@ def _unfit(cell: Cell, model: CalibrationModel, label: str, place: FloatArray) -
     )
 
 
-def postures_of_box(
-    cell: Cell, box: TaskBox, rng: np.random.Generator | None = None
+def working_postures(
+    cell: Cell, box: TaskBox | None = None, rng: np.random.Generator | None = None
 ) -> tuple[FloatArray, str]:
-    """Postures ``(K, n)`` [rad] in a box, drawn alike all over it, the tool turned; in words.
+    """Postures ``(K, n)`` [rad] at which the arm will work; in words.
 
-    Those of the arm as described inside its joint limits, nearest to the base posture. What it may
-    run into is left out of account.
+    Those that plans and identifications are judged at, but more of them: values of a route are
+    chosen by them. See :func:`~posedesign.candidates.workplaces.workplace`.
 
-    ``box``: its steps are of no account. ``rng``: another source of chance than the usual one.
-    Raises UnreachableError: the arm reaches none.
+    ``box``: where the arm works; that of the cell by default. ``rng``: another source of chance
+    than the usual one. Raises UnreachableError: the arm reaches next to nothing of the box.
     """
-    rng = np.random.default_rng(0) if rng is None else rng
-    points = rng.uniform(box.lowest_m, box.highest_m, (DRAWN, 3))
-    axes = rng.standard_normal((DRAWN, 3))
-    angles = np.deg2rad(TILT_DEG) * rng.uniform(size=(DRAWN, 1))
-    turns = rotation_exp(angles * axes / np.linalg.norm(axes, axis=1, keepdims=True))
-    R = cell.robot.fk(cell.base_posture)[:3, :3] @ turns
-    poses = transform(R, points - R @ cell.tool_m)
-    q, found = cell.robot.inverse(poses, cell.base_posture).nearest()
-    if not found.any():
+    words = "the box given"
+    if box is not None:
+        section = TaskBoxSection(
+            lowest_mm=tuple((1e3 * box.lowest_m).tolist()),
+            highest_mm=tuple((1e3 * box.highest_m).tolist()),
+            steps=box.steps,
+        )
+        cell = replace(cell, config=cell.config.model_copy(update={"task_box": section}))
+    try:
+        at = drawn_workplace_of(cell, DRAWN, rng=rng)
+    except RobotModelError:  # an arm without solids is corrected all the same
+        free = cell.config.constraints.model_copy(update={"collisions": False})
+        cell = replace(cell, config=cell.config.model_copy(update={"constraints": free}))
+        at = drawn_workplace_of(cell, DRAWN, rng=rng)
+    if at.words == HALF_WAY and cell.config.task_box is not None:
         raise UnreachableError(
             "no point of the task box can be reached",
             hint="give a box in mm, in the base frame, in front of the arm: `box`",
             name="task_box",
         )
-    part = "" if found.all() else f", of which {found.sum()} are in reach"
-    return q[found], f"{DRAWN} poses with the tool turned by up to {TILT_DEG:g} deg{part}"
+    return at.postures, (
+        f"{at.words if box is None else words}, {len(at.postures)} postures with the tool turned "
+        "as where it is measured"
+    )
 
 
 def routes_of(
@@ -274,8 +278,7 @@ def routes_of(
     InputError: a tool that the identification does not have.
     """
     point = corrected_tool(cell, used or known, tool)
-    box, words = box_of_cell(cell) if box is None else (box, "the box given")
-    q, turned = postures_of_box(cell, box)
+    q, where = working_postures(cell, box)
     expectation = Expectation(
         with_described_tool(cell, known.model),
         known.x,
@@ -297,7 +300,7 @@ def routes_of(
         Route(name, v, expectation.of(v.model, v.x), tool_place(v.model, v.x, setup))
         for name, v in values.items()
     ]
-    return Routes(_best_first(routes), f"{words}, {turned}", point)
+    return Routes(_best_first(routes), where, point)
 
 
 def _best_first(routes: list[Route]) -> tuple[Route, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from posedesign.pose_programs.correction_routes import DESCRIPTION, MASTERING
-from posedesign.report.answer import Answer, Table, expected_words
+from posedesign.report.answer import EXPECTED_ERROR, Answer, Table, expected_words
 
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult, KindNoise, Trial
@@ -250,7 +250,7 @@ def answer_of_correction(done: Correction) -> Answer:
     return Answer(
         done.verdict(),
         {
-            "error left": errors,
+            EXPECTED_ERROR: errors,
             "tool point": "; ".join(tools),
             "over": remarks[0].removeprefix("over "),
             "poses": posed,

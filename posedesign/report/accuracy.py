@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,17 +41,22 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
 
     # built without pyplot: no global state, no window system
     figure = Figure(figsize=(11.0, 7.6), dpi=120, layout="constrained")
-    panels = figure.subplots(2, 2)
-    _scatter(panels[0, 0], findings)
-    _plate(panels[0, 1], findings)
-    _robot_world(panels[1, 0], findings, "", "A as the controller computes it")
-    _robot_world(panels[1, 1], findings, IDENTIFIED_ARM, "A by the identified arm")
-    if all(panel.lines for panel in panels[1]):
-        panels[1, 1].sharey(panels[1, 0])
-    drawn = [panel for panel in panels.flat if panel.lines]
-    for panel in panels.flat:
-        if not panel.lines:  # a logarithmic axis cannot be drawn without data
-            panel.text(0.5, 0.5, "no data: see the notes", ha="center", transform=panel.transAxes)
+    drawers: tuple[Callable[[Axes], None], ...] = (
+        lambda panel: _scatter(panel, findings),
+        lambda panel: _plate(panel, findings),
+        lambda panel: _robot_world(panel, findings, "", BY_CONTROLLER),
+        lambda panel: _robot_world(panel, findings, IDENTIFIED_ARM, "A by the identified arm"),
+    )
+    trial = list(Figure().subplots(2, 2).flat)
+    for draw, panel in zip(drawers, trial, strict=True):
+        draw(panel)
+    # a panel without data would be empty, and its logarithmic axis cannot be drawn
+    filled = [draw for draw, panel in zip(drawers, trial, strict=True) if panel.lines]
+    drawn = _panels_for(figure, len(filled))
+    for draw, panel in zip(filled, drawn, strict=True):
+        draw(panel)
+    if len(filled) == len(drawers):
+        drawn[3].sharey(drawn[2])
     for panel in drawn:
         condition_axis(panel)
         log_y(panel, panel.get_ylabel())
@@ -60,6 +65,19 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
     note = f"{findings[0].draws} draws of the noise for each pose set"
     set_answer(figure, f"{arm}: {_answer_of_figure(findings)}", note)
     return figure
+
+
+BY_CONTROLLER = "A as the controller computes it"
+
+
+def _panels_for(figure: Figure, count: int) -> list[Axes]:
+    """Panels in two columns; an odd one is as wide as both."""
+    places = "ABCD"[:count]
+    rows = [places[k : k + 2] for k in range(0, count, 2)]
+    if count > 1 and count % 2:
+        rows[-1] *= 2
+    panels = figure.subplot_mosaic("\n".join(rows))
+    return [panels[place] for place in places]
 
 
 def _leading(findings: Sequence[Finding]) -> str:

@@ -279,13 +279,18 @@ def _draw_pictures(
     figures.residuals_by_pose(figure, names, left, outliers, "px")
 
 
-def figure_of_camera(result: HandEyeResult) -> Figure:
-    """Points about each picture's best board, and residuals of pictures, also left out."""
+def figure_of_camera(result: HandEyeResult) -> Figure | None:
+    """Points about each picture's best board, and residuals of pictures, also left out.
+
+    None where no picture has a residual.
+    """
+    shown = np.isfinite(result.rms_px)
+    if not shown.any():
+        return None
     figure = figures.new_figure(6.4)
     top, bottom = figures.rows_of(figure, (1.6, 1.0))
     (panel,) = figures.panels_of(top)
     _draw_arrows(panel, result)
-    shown = np.isfinite(result.rms_px)
     names = [name for name, is_shown in zip(result.names, shown, strict=True) if is_shown]
     rms, left = result.rms_px[shown], result.left_out_px[shown]
     _draw_pictures(bottom, names, rms, left, ~result.used[shown])

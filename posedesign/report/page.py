@@ -268,8 +268,9 @@ def _promise(cell: Cell, measured: PoseList, section: Section) -> None:
             f"over {words}: {found.summary()}",
             found.reference,
         ]
-    svg = figures.as_svg(figure_of_plan(cell, arms, q, setup))
-    section.figures.append(("Expected before measuring", svg))
+    figure = figure_of_plan(cell, arms, q, setup)
+    if figure is not None:
+        section.figures.append(("Expected before measuring", figures.as_svg(figure)))
     section.lines += frame_notes(arms.model)
     sigma = np.sqrt(np.diag(covariance))
     section.tables.append(sigma_table(displayed(arms.model, sigma)))
@@ -351,7 +352,8 @@ def _section_of_acceptance(folder: Path) -> Section:
     section = _section_of_answer("Acceptance test", answer_of_verdict(found))
     section.lines += rule_lines(found.rule)
     svg = figures.as_svg(figure_of_acceptance(found))
-    section.figures.append(("Error at each place, before and after, with the limit", svg))
+    caption = "Error at each pose of the test, before and after, with the limit"
+    section.figures.append((caption, svg))
     return section
 
 

@@ -55,7 +55,14 @@ def plot(result: object) -> Figure:
 @plot.register(PosePlan)
 @plot.register(OptimalPlan)
 def _plot_plan(result: PosePlan | OptimalPlan) -> Figure:
-    return figure_of_sigmas(result.model, result.postures, result.setup)
+    figure = figure_of_sigmas(result.model, result.postures, result.setup)
+    if figure is None:
+        raise InputError(
+            "these poses do not tell the parameters: there is nothing to draw",
+            hint="plan more poses",
+            name="result",
+        )
+    return figure
 
 
 @plot.register(NextPoses)
@@ -97,10 +104,11 @@ def _plot_robot_world(result: RobotWorldResult) -> Figure:
 
 def figure_of_plan(
     cell: Cell, arms: PriorArms, q: FloatArray, setup: Setup | None = None
-) -> Figure:
+) -> Figure | None:
     """Expected error of the tool point by the number of poses, and over the task box.
 
-    Of poses for a camera, the standard deviations of X and Z.
+    Of poses for a camera, the standard deviations of X and Z. What has no finite number is left
+    out; None where nothing has.
 
     ``q`` (N, n): postures in the order of the visit [rad]. ``setup``: what is measured at each.
     """
@@ -109,16 +117,20 @@ def figure_of_plan(
         return figure_of_sigmas(model, q, setup, {"tool": "X", "target": "Z", "lens": "lens"})
     box, words = box_of_cell(cell)
     blocks = arms.blocks(model.linearise(q, setup=setup))
-    found = predict_box(cell, arms, blocks, box)
-    figure = figures.new_figure(6.6)
-    top, bottom = figures.rows_of(figure, (1.0, 1.0))
     functions, where = functions_over_work(cell, model)
     first, best = errors_of_fewer(blocks, functions, arms.known_rows)
+    if not np.isfinite(first[-1:]).all():  # nor is there an error over the box
+        return None
+    found = predict_box(cell, arms, blocks, box)
+    over_box = bool(np.isfinite(found.rms_m).any())
+    figure = figures.new_figure(6.6 if over_box else 3.4)
+    top, *more = figures.rows_of(figure, [1.0] * (1 + over_box))
     error = {"the first poses of the tour": 1e3 * first, "the best of these poses": 1e3 * best}
     figures.error_by_poses(top, error, _TOOL_POINT)
     top.suptitle(f"over {where}", fontsize=10)
-    figures.error_over_box(bottom, found.points_m, found.rms_m)
-    bottom.suptitle(f"over {words}", fontsize=10)
+    for bottom in more:
+        figures.error_over_box(bottom, found.points_m, found.rms_m)
+        bottom.suptitle(f"over {words}", fontsize=10)
     return figure
 
 
@@ -130,8 +142,10 @@ def figure_of_sigmas(
     q: FloatArray,
     setup: Setup | None = None,
     called: Mapping[str, str] | None = None,
-) -> Figure:
+) -> Figure | None:
     """Predicted standard deviations against the number of poses, lengths and angles apart.
+
+    None where these poses tell none.
 
     ``q`` (N, n): [rad]. ``called``: what to call tool and targets.
     """
@@ -139,14 +153,20 @@ def figure_of_sigmas(
     of = np.array([name.rpartition(".")[0] for name in model.names])
     units = np.array(model.units)
     kinds = [kind for kind in _KINDS if kind[0] in model.units]
-    figure = figures.new_figure(3.0 * len(kinds))
-    parts = figures.rows_of(figure, [1.0] * len(kinds))
-    for part, (unit, title, factor) in zip(parts, kinds, strict=True):
+    shown = []
+    for unit, title, factor in kinds:
         error = {}
         for thing in dict.fromkeys(of[units == unit].tolist()):
             rows = np.eye(model.p)[(units == unit) & (of == thing)]
             label = (called or {}).get(thing.partition(".")[0], thing)
             error[label] = factor * errors_of_fewer(white, rows[None])[0]
+        if any(np.isfinite(values).any() for values in error.values()):
+            shown.append((title, error))
+    if not shown:
+        return None
+    figure = figures.new_figure(3.0 * len(shown))
+    parts = figures.rows_of(figure, [1.0] * len(shown))
+    for part, (title, error) in zip(parts, shown, strict=True):
         figures.error_by_poses(part, error, title)
     return figure
 

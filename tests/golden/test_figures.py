@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from calib.robot_world import PAPER_METHODS
 from posedesign.report.accuracy import accuracy_figure
 from posedesign.report.drawing import CONDITION, STYLES, apart
-from posedesign.simulation import Finding
+from posedesign.simulation import IDENTIFIED_ARM, Finding
 from posedesign.study.library import find_study, list_studies
 
 NAMES = tuple(study.name for study in list_studies())
@@ -173,6 +173,25 @@ def test_a_solver_that_is_refused_everywhere_is_named_where_its_line_is_missing(
     assert f"refused as misfits: {solver} in {sets} of {sets} sets" in controller.get_title()
     assert solver in series_of(identified)
     assert "refused" not in identified.get_title()
+
+
+@pytest.mark.parametrize("without", [(), (1,), (1, 2), (1, 2, 3)])
+def test_an_empty_panel_is_not_drawn(without):
+    """No plate, no answer of any solver: what there is nothing of has no panel."""
+    of_panel = (
+        lambda f: False,  # there is a scatter wherever there is a study
+        lambda f: f.quantity.startswith("plate"),
+        lambda f: f.estimator in PAPER_METHODS,
+        lambda f: (
+            f.estimator.removesuffix(IDENTIFIED_ARM) in PAPER_METHODS
+            and f.estimator not in PAPER_METHODS
+        ),
+    )
+    every = findings()
+    few = [f for f in every if not any(of_panel[k](f) for k in without)]
+    figure = accuracy_figure(few, "arm")
+    assert len(figure.axes) == 4 - len(without)
+    assert all(panel.lines for panel in figure.axes)
 
 
 def test_the_answer_is_of_the_data():

@@ -15,7 +15,13 @@ from posedesign.cell.task_box import BoxAccuracy, TaskBox, predict_box
 from posedesign.identification.file import IdentificationFile
 from posedesign.report import figures
 from posedesign.report.pairs import figure_of_pairs
-from posedesign.report.plots import errors_of_fewer, figure_of_identification, figure_of_plan, plot
+from posedesign.report.plots import (
+    errors_of_fewer,
+    figure_of_identification,
+    figure_of_plan,
+    figure_of_sigmas,
+    plot,
+)
 
 
 def lines_of(figure, label: str) -> np.ndarray:
@@ -58,6 +64,15 @@ def test_a_plan_shows_its_error_by_poses_and_over_the_box(demo_cell):
     numbers = [text.get_text() for panel in panels(figure)[1:3] for text in panel.texts]
     assert len(numbers) == 18
     assert len(panels(plot(plan))) == 2
+
+
+def test_a_plan_of_which_nothing_is_known_has_no_empty_panel(demo_cell):
+    """Poses that tell too little have no error, by their number nor over the box."""
+    arms = PriorArms(demo_cell.model())  # nothing is known beforehand
+    q = demo_cell.base_posture + np.random.default_rng(0).normal(size=(12, 6)) * 0.2
+    assert len(panels(figure_of_plan(demo_cell, arms, q))) == 4
+    assert figure_of_plan(demo_cell, arms, q[:2]) is None
+    assert figure_of_sigmas(arms.model, q[:2]) is None
 
 
 def test_a_map_shows_the_largest_of_points_behind_each_other_and_those_out_of_reach():

@@ -93,6 +93,18 @@ class _Placed:
         return error
 
 
+def _start(A: FloatArray, B: FloatArray) -> RobotWorldResult:
+    """Solve A X = Z B without pairs that contradict the others, or with all of them.
+
+    Poses of boards in pictures scatter by so much more from afar that the noise of most pairs may
+    not explain the others. The estimate over pixels knows how far each is known.
+    """
+    try:
+        return solve_robot_world(A, B, "ml-robust")
+    except InputError:
+        return solve_robot_world(A, B, "shah")
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared(_Placed):
     """The same with what the estimate starts from."""
@@ -139,7 +151,7 @@ class Prepared(_Placed):
         placed = pictures, first, usable, pixels, poses, found
         try:
             B = se3.inverse(poses) if pictures.carried == "camera" else poses
-            start = solve_robot_world(A[found], B[found], "ml-robust")
+            start = _start(A[found], B[found])
         except (InputError, ConvergenceError) as error:
             raise _Placed(*placed).explained(error) from error
         return cls(*placed, not given if free_lens is None else free_lens, start)

@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.identification.effects import Tried, changes, incomplete, scales
+from calib.identification.effects import SCALE, Tried, changes, incomplete, scales
 from calib.identification.held import Cause, Effect, Finding, Held, Tuned, held_at, log_odds, tuned
 from calib.identification.least_squares import column_lengths, first_guess, minimise
 from calib.identification.placebo import chance_of
@@ -325,6 +325,10 @@ LITTLE = 0.1
 """Residual over the spread of the arm's places, of a mistake that is named: an arm that would
 hardly have moved explains any touch-up."""
 
+UNIT_TOLD = 0.1
+"""Standard deviation of the scale of readings, with an arm as rough as it is, from which on their
+unit cannot be told: inches from cm."""
+
 AS_WELL = 2.0
 """Difference of logarithms of odds within which another cause explains as well."""
 
@@ -359,9 +363,11 @@ def diagnose(model: CalibrationModel, data: Measurements) -> tuple[Finding, ...]
     held = usual.held
     every = _rows(model, usual)
     every += _retuned(usual, changes(held), course=True)
-    every += _retuned(usual, scales(held))
+    # links may be off by what is known of them, not by as little as these seem to be
+    given = held_at(held.model.with_prior(model.prior), data, held.x)
+    every += _named(scales(given))
     if not is_far:
-        return likeliest(every) or likeliest(_gaps(held))
+        return likeliest(every) or likeliest(_named(incomplete(held)))
     # of another arm anything makes a little more: with what is named it has to be this one
     return likeliest(found for found in every if found.after_m < ALMOST * ROUGH_M)
 
@@ -399,7 +405,7 @@ def _gross(model: CalibrationModel, data: Measurements, held: Held | None) -> tu
             continue
         places = right.linear.view.walk.p_base_tip
         spread2 = np.sum((places - places.mean(axis=1)[:, None]) ** 2, axis=0)
-        if right.rms_m() < LITTLE * float(np.sqrt(np.mean(spread2))):
+        if right.rms_m() < LITTLE * float(np.sqrt(np.mean(spread2))) and _tells(tried[k], right):
             after = right.squares / model.equations(tried[k].data.setup)
             weight = 0.5 * equations * after + UNLIKELY.get(tried[k].cause, 0.0)
             found.append((weight, after, tried[k], right))
@@ -410,6 +416,14 @@ def _gross(model: CalibrationModel, data: Measurements, held: Held | None) -> tu
         other for other, each in zip(named, found, strict=True) if each[0] < found[0][0] + AS_WELL
     ]
     return tuple(replace(best, also=tuple(as_well[1:])) for best in named[:1])
+
+
+def _tells(mistake: Mistake, right: Held) -> bool:
+    """Return True if a unit of readings can be told: lengths of the arm are seen in them."""
+    if mistake.cause != "reading unit":
+        return True
+    informations = [each.tests.information[0, 0, 0] for each in scales(right)]
+    return max(informations, default=0.0) > (SCALE / UNIT_TOLD) ** 2
 
 
 def _finding(mistake: Mistake, held: Held | None, right: Held, tried: int) -> Finding:
@@ -451,9 +465,9 @@ def _retuned(found: Tuned, every: Sequence[Tried], *, course: bool = False) -> l
     return [replace(effect.finding, log_odds=log_odds(found, effect) / scale) for effect in effects]
 
 
-def _gaps(held: Held) -> list[Finding]:
-    """What the model leaves out of the arm."""
-    effects, scale = _beyond_chance(incomplete(held))
+def _named(every: Sequence[Tried]) -> list[Finding]:
+    """The same, noise and priors as they are."""
+    effects, scale = _beyond_chance(every)
     return [replace(effect.finding, log_odds=effect.finding.log_odds / scale) for effect in effects]
 
 

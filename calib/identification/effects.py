@@ -23,6 +23,7 @@ from calib.identification.held import (
     ScoreTests,
     held_at,
 )
+from calib.model import simulate
 from calib.model.parameters import JointHarmonics
 from calib.se3 import FloatArray, IntArray
 
@@ -236,9 +237,16 @@ _HELD_RAD = 1e-9
 
 
 def scales(held: Held) -> list[Tried]:
-    """Readings of a kind that are all too long by the same part."""
+    """Readings of a kind that are all too long by the same part.
+
+    In units of what the model predicts: what is left of measured readings where no length of the
+    arm is seen is their noise, and a scale of the noise explains any noise.
+    """
     data, model, found = held.data, held.model, []
     if data.observed is None:
+        return []
+    predicted = simulate(model, held.x, data.postures, None, setup=data.setup).observed
+    if predicted is None:
         return []
     for k, kind in enumerate(model.measurements):
         own = data.setup.kind == k
@@ -246,7 +254,7 @@ def scales(held: Held) -> list[Tried]:
         if not kind.reads or not own.any():
             continue
         read = np.zeros(held.rows.shape)
-        read[own, :lengths] = data.observed[own, :lengths] * SCALE
+        read[own, :lengths] = predicted[own, :lengths] * SCALE
         Z = model.whiten(data.postures, read[..., None], held.x, data.setup)
         found.append(_pattern(held, Z, "scale", Thing("instrument", (kind.name,), Z, SCALE, "")))
     return found

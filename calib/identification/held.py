@@ -208,17 +208,22 @@ class ScoreTests:
     starts: IntArray  # (C,): first measurement of each effect
 
     @cached_property
-    def _inverted(self) -> tuple[FloatArray, FloatArray]:
-        """Inverse information ``(S, C, k, k)`` and its half logarithm ``(S, C)``, by size."""
+    def information(self) -> FloatArray:
+        """``zᵀV⁻¹z`` ``(C, k, k)`` of each effect; noughts where next to nothing is left of it."""
         Z = self.columns * self.course[:, None, None]
         whole = self._from(np.einsum("imk,iml->ikl", Z, Z, optimize=True))
         inner = self._from(np.einsum("imr,imk->irk", self.held.Q, Z, optimize=True))
-        information = whole - np.swapaxes(inner, 1, 2) @ inner
-        total = np.maximum(np.trace(whole, axis1=1, axis2=2), np.finfo(float).tiny)
-        seen = np.trace(information, axis1=1, axis2=2) > _LEFT * total
+        left = whole - np.swapaxes(inner, 1, 2) @ inner
+        seen = np.trace(left, axis1=1, axis2=2) > _LEFT * np.trace(whole, axis1=1, axis2=2)
+        return np.asarray(np.where(seen[:, None, None], left, 0.0))
+
+    @cached_property
+    def _inverted(self) -> tuple[FloatArray, FloatArray]:
+        """Inverse information ``(S, C, k, k)`` and its half logarithm ``(S, C)``, by size."""
         usual = np.array(SIZES)[:, None, None, None]
-        A = information + np.eye(Z.shape[-1]) / usual**2
+        A = self.information + np.eye(self.columns.shape[-1]) / usual**2
         half_log = 0.5 * np.linalg.slogdet(A * usual**2)[1]
+        seen = self.information.any(axis=(1, 2))
         return np.linalg.inv(A), np.where(seen, half_log, np.inf)
 
     def _from(self, each: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 from calib import Robot
 from calib.identification.diagnosis import CHANCE, diagnose, likeliest
-from calib.identification.effects import changes, incomplete
+from calib.identification.effects import changes, incomplete, scales
 from calib.identification.held import (
     Effect,
     Finding,
@@ -21,10 +21,10 @@ from calib.identification.held import (
     log_odds,
     tuned,
 )
-from calib.model import CalibrationModel, Setup
-from calib.model.measurements import Measurements, Point
-from calib.model.parameters import TargetFrame, ToolPoint, ZeroOffsets
-from calib.se3 import FloatArray
+from calib.model import CalibrationModel, Setup, simulate
+from calib.model.measurements import Measurements, Point, Pose
+from calib.model.parameters import TargetFrame, ToolFrame, ToolPoint, ZeroOffsets
+from calib.se3 import FloatArray, transform
 from posedesign.identification.models import Models
 from tests.fault_trials import Arm, draw_arm, table_of
 from tests.positioners import beside_positioner
@@ -185,3 +185,39 @@ def test_an_arm_beside_a_positioner_bends_towards_the_floor(tmp_path):
     assert bent.cause == "reach"
     assert bent.size == pytest.approx(2e-3, rel=0.02)
     assert bent.after_m < 0.02 * bent.before_m
+
+
+PAN_TILT = """<robot name="pan_tilt">
+<link name="base"/><link name="k1"/><link name="k2"/><link name="tip"/>
+<joint name="a" type="revolute"><origin xyz="0 0 0.3"/><parent link="base"/><child link="k1"/>
+<axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="b" type="revolute"><origin xyz="0 0 0"/><parent link="k1"/><child link="k2"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="c" type="fixed"><origin xyz="0 0 0.1"/><parent link="k2"/><child link="tip"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("kind", [Point(3e-5), Pose([3e-4] * 3 + [1e-3] * 3)])
+def test_a_scale_is_not_found_where_no_length_is_seen(tmp_path, kind):
+    """The axes meet: tool and frame of the instrument grow with the readings, whatever these are.
+
+    Neither a scale, which would explain noise by noise, nor another unit.
+    """
+    path = tmp_path / "robot.urdf"
+    path.write_text(PAN_TILT)
+    robot = Robot.from_urdf(path, tip="tip")
+    tool = transform(np.eye(3), np.array([0.05, 0.03, 0.1]))
+    on_tool = ToolFrame(tool) if kind.turns else ToolPoint(tool[:3, 3])
+    there = TargetFrame(transform(np.eye(3), np.array([2.0, -1.0, 0.7])))
+    offsets = ZeroOffsets(robot, robot.joint_names, 0.01)
+    model = CalibrationModel(robot, [offsets, on_tool, there], kind)
+    rng = np.random.default_rng(2)
+    q = rng.uniform(robot.lower, robot.upper, (40, 2))
+    data = simulate(model, model.nominal, q, rng)
+    (scale,) = scales(held_at(model, data, model.nominal))
+    assert scale.log_odds == -np.inf
+    named = diagnose(model, data)
+    assert not {f.cause for first in named for f in (first, *first.also)} & {
+        "scale",
+        "reading unit",
+    }

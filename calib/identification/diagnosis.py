@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.identification.effects import SCALE, Tried, changes, incomplete, scales
+from calib.identification.effects import SCALE, Tried, changes, coupled, incomplete, scales
 from calib.identification.held import Cause, Effect, Finding, Held, Tuned, held_at, log_odds, tuned
 from calib.identification.least_squares import column_lengths, first_guess, minimise
 from calib.identification.placebo import chance_of
@@ -38,6 +38,19 @@ _RIGHT_ANGLES = {"+90": np.pi / 2, "-90": -np.pi / 2, "180": np.pi}
 
 _MOST_SUSPECT = 10
 """Rows that stand out most, of which wrong ones are looked for."""
+
+_MISTYPED = 3
+"""Poses that stand out most, of which a mistyped joint is looked for."""
+
+_GROSS, _USUAL = 100.0, 4.0
+"""Squares of the residuals of such a pose over the median of poses, and of one put right: a scatter
+of poses that no parameter describes has heavy tails, and one joint explains a good part of any."""
+
+_STEPS, _STEP_RAD, _LARGEST_RAD = 6, 1e-4, 0.5
+"""Steps of a joint that is put right, the difference of its derivative, and its largest step."""
+
+_SEEN = 1e-9
+"""Part of a pose that the other poses leave open, below which it is not predicted."""
 
 _ITERATIONS, _FIRST = 25, 5
 """Steps of a fit, and of one that has to show whether more are worth it."""
@@ -142,6 +155,7 @@ def _of_joints(data: Measurements, names: Sequence[str]) -> Iterator[Mistake]:
     yield of("all signs", (), every, -q)
     yield of("joint unit", ("degrees for radians",), every, q * (np.pi / 180))
     yield of("joint unit", ("radians for degrees",), every, q * (180 / np.pi))
+    yield of("joint unit", ("tenths of degrees",), every, 0.1 * q)
 
 
 def _of_readings(data: Measurements, model: CalibrationModel) -> Iterator[Mistake]:
@@ -187,6 +201,11 @@ def _of_order(data: Measurements) -> Iterator[Mistake]:
     count = data.count
     if count < 4:
         return
+    pose, first = data.pose, np.unique(data.pose, return_index=True)[1]
+    for by, way in ((1, "later"), (-1, "earlier")) if len(first) < count else ():
+        kept = np.flatnonzero((pose - by >= 0) & (pose - by < len(first)))
+        own = replace(data[kept], postures=data.postures[first[pose[kept] - by]])
+        yield Mistake("shifted rows", "pose", (way,), (), own)
     for by, way in ((1, "later"), (-1, "earlier")):
         ahead = np.arange(max(by, 0), count + min(by, 0))
         if data.observed is not None:
@@ -205,51 +224,77 @@ def _of_order(data: Measurements) -> Iterator[Mistake]:
 
 
 def of_some_rows(held: Held) -> Iterator[Mistake]:
-    """Rows that are exchanged, or have the label of another target: the likeliest few."""
+    """Poses whose readings are exchanged, a joint mistyped, labels of other targets."""
     data = held.data
-    suspect = np.argsort(-held.standing_out)[:_MOST_SUSPECT]
+    members = [np.flatnonzero(data.pose == p) for p in range(int(data.pose.max()) + 1)]
+    off = np.array([held.standing_out[own].sum() for own in members])
+    suspect = [members[p] for p in np.argsort(-off)[:_MOST_SUSPECT]]
     if data.observed is not None:
-        yield from _swapped_readings(held, data.observed, suspect)
+        yield from _swapped_readings(held, data.observed, members, suspect)
+    usual = float(np.median(off))
+    gross = [own for own in suspect[:_MISTYPED] if held.standing_out[own].sum() > _GROSS * usual]
+    yield from _mistyped(held, gross, _USUAL * usual)
     if len(data.targets) > 1:
-        yield from _wrong_labels(held, suspect)
+        yield from _wrong_labels(held, np.argsort(-held.standing_out)[:_MOST_SUSPECT])
 
 
-def _swapped_readings(held: Held, observed: FloatArray, suspect: IntArray) -> Iterator[Mistake]:
-    """The best few exchanges of the readings of two rows: by how much the squares would shrink."""
+def _swapped_readings(
+    held: Held, observed: FloatArray, members: list[IntArray], suspect: list[IntArray]
+) -> Iterator[Mistake]:
+    """The best few exchanges of readings of two poses: by how much the squares would shrink."""
     data, model = held.data, held.model
     reads = np.array([kind.reads for kind in model.measurements])[data.setup.kind]
-    pairs = {
-        (min(a, b), max(a, b))
-        for a, b in combinations(suspect.tolist(), 2)
-        if reads[a] and reads[b] and data.setup.kind[a] == data.setup.kind[b]
-    }
-    pairs |= {
-        (i, i + 1)
-        for i in range(data.count - 1)
-        if reads[i] and reads[i + 1] and data.setup.kind[i] == data.setup.kind[i + 1]
-    }
-    if not pairs:
-        return
-    both = np.array(sorted(pairs))
-    swapped = replace(data[both.ravel()], observed=observed[both[:, ::-1].ravel()])
-    white = model.white_residuals(swapped, held.x).reshape(len(both), 2, -1)
+    what = np.stack([data.setup.kind, data.setup.tool, data.setup.target], axis=1)
     own = model.white_residuals(data, held.x)
-    change = white - own[both]
-    taken = held.Q[both]  # C, 2, m, r
-    inner = np.einsum("camr,cam->cr", taken, change)
-    after = (
-        2.0 * np.einsum("cam,cam->c", change, held.rows[both])
-        + np.einsum("cam,cam->c", change, change)
-        - np.einsum("cr,cr->c", inner, inner)
-    )
-    for c in np.argsort(after)[:3].tolist():
-        a, b = both[c].tolist()
-        if after[c] >= 0.0:
+    pairs = [*combinations(suspect, 2), *zip(members, members[1:], strict=False)]
+    found = []
+    for a, b in pairs:
+        if not reads[a].all() or what[a].tolist() != what[b].tolist():
+            continue
+        at = np.concatenate([a, b])
+        swapped = replace(data[at], observed=observed[np.concatenate([b, a])])
+        change = model.white_residuals(swapped, held.x) - own[at]
+        inner = np.einsum("amr,am->r", held.Q[at], change)
+        after = float(np.sum(change * (2.0 * held.rows[at] + change)) - inner @ inner)
+        found.append((after, a, b))
+    for after, a, b in sorted(found, key=lambda each: each[0])[:3]:
+        if after >= 0.0:
             return
         changed = observed.copy()
-        changed[[a, b]] = observed[[b, a]]
-        names = (data.names[a], data.names[b])
-        yield Mistake("swapped rows", "", names, (a, b), replace(data, observed=changed))
+        changed[a], changed[b] = observed[b], observed[a]
+        rows = (int(min(a[0], b[0])), int(max(a[0], b[0])))
+        names = (data.names[rows[0]], data.names[rows[1]])
+        yield Mistake("swapped rows", "", names, rows, replace(data, observed=changed))
+
+
+def _mistyped(held: Held, suspect: list[IntArray], most: float) -> Iterator[Mistake]:
+    """One joint of a pose, put right by what the other poses predict: the best one of each pose.
+
+    ``most``: squares that are left of the pose then.
+    """
+    data, model = held.data, held.model
+    for own in suspect:
+        x, part = _without_rows(held, own), data[own]
+        best: tuple[float, int, FloatArray] | None = None
+        for j in range(model.robot.n):
+            q = part.postures.copy()
+            for _ in range(_STEPS):
+                white = model.white_residuals(replace(part, postures=q), x).ravel()
+                ahead = q.copy()
+                ahead[:, j] += _STEP_RAD
+                slope = model.white_residuals(replace(part, postures=ahead), x).ravel() - white
+                by = -(slope @ white) / max(float(slope @ slope), 1e-300)
+                q[:, j] += np.clip(by * _STEP_RAD, -_LARGEST_RAD, _LARGEST_RAD)
+            white = model.white_residuals(replace(part, postures=q), x).ravel()
+            cost = float(white @ white)
+            if np.isfinite(cost) and (best is None or cost < best[0]):
+                best = cost, j, q
+        if best is not None and best[0] < most:
+            changed = data.postures.copy()
+            changed[own] = best[2]
+            name = (model.robot.joint_names[best[1]],)
+            right = replace(data, postures=changed)
+            yield Mistake("mistyped joint", "joint", name, (int(own[0]),), right)
 
 
 def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
@@ -260,7 +305,7 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
     for i in suspect.tolist():
         own = data.setup.target[i]
         others = [t for t in range(len(data.targets)) if t != own]
-        x = _without_row(held, i)
+        x = _without_rows(held, np.array([i]))
         same = data[np.full(len(others), i)]
         setup = replace(same.setup, target=np.array(others, dtype=np.intp))
         white = model.white_residuals(replace(same, setup=setup), x)
@@ -285,13 +330,15 @@ def _wrong_labels(held: Held, suspect: IntArray) -> Iterator[Mistake]:
         yield Mistake(cause, "target", names, rows, changed)
 
 
-def _without_row(held: Held, i: int) -> FloatArray:
-    """Parameters ``(p,)`` [SI] from all measurements but one, linearised."""
+def _without_rows(held: Held, own: IntArray) -> FloatArray:
+    """Parameters ``(p,)`` from all measurements but some, linearised."""
     J = held.linear.stacked()[1]
-    # x without i: as if its rows had been predicted, r_i less what is predicted of it
-    right = np.zeros(len(J))
     m = held.rows.shape[1]
-    right[i * m : (i + 1) * m] = held.left_out[i]
+    at = (own[:, None] * m + np.arange(m)).ravel()
+    # x without them: as if their rows had been predicted, r less what is predicted of it
+    Q = held.Q[own].reshape(len(at), -1)
+    right = np.zeros(len(J))
+    right[at] = np.linalg.lstsq(np.eye(len(at)) - Q @ Q.T, held.rows[own].ravel(), rcond=_SEEN)[0]
     length = column_lengths(J)
     step = np.linalg.lstsq(J / length, right, rcond=1e-10)[0] / length
     return np.asarray(held.x + step)
@@ -365,7 +412,7 @@ def diagnose(model: CalibrationModel, data: Measurements) -> tuple[Finding, ...]
     every += _retuned(usual, changes(held), course=True)
     # links may be off by what is known of them, not by as little as these seem to be
     given = held_at(held.model.with_prior(model.prior), data, held.x)
-    every += _named(scales(given))
+    every += _named([*scales(given), *coupled(given)])
     if not is_far:
         return likeliest(every) or likeliest(_named(incomplete(held)))
     # of another arm anything makes a little more: with what is named it has to be this one

@@ -224,6 +224,9 @@ def _down(held: Held) -> FloatArray:
 SCALE = 0.01
 """Usual error of an instrument's scale, or of a target's size."""
 
+COUPLED = 0.01
+"""Usual part of a joint that another one turns by, and that a joint turns by too much."""
+
 SAG_M = 1e-3
 """Usual size of what grows with the square of the reach, at the farthest."""
 
@@ -257,6 +260,22 @@ def scales(held: Held) -> list[Tried]:
         read[own, :lengths] = predicted[own, :lengths] * SCALE
         Z = model.whiten(data.postures, read[..., None], held.x, data.setup)
         found.append(_pattern(held, Z, "scale", Thing("instrument", (kind.name,), Z, SCALE, "")))
+    return found
+
+
+def coupled(held: Held) -> list[Tried]:
+    """Joints that turn by a part of another joint, or by more than they show."""
+    model, found = held.model, []
+    names = model.robot.joint_names
+    zeros = {name: k for k, name in enumerate(model.names) if name.startswith("zero_offset.")}
+    pairs = [(a, b) for a in names for b in names if f"zero_offset.{a}" in zeros]
+    for joint, by in pairs:
+        angle = held.data.postures[:, names.index(by), None, None] * COUPLED
+        Z = held.J[..., [zeros[f"zero_offset.{joint}"]]] * angle
+        cause: Cause = "joint scale" if joint == by else "coupled joints"
+        things = (joint,) if joint == by else (joint, by)
+        thing = Thing("joint", things, Z, COUPLED, "")
+        found.append(_pattern(held, Z, cause, thing, float(np.log(len(pairs)))))
     return found
 
 

@@ -418,6 +418,9 @@ Cause = Literal[
     "swapped rows",
     "swapped labels",
     "wrong label",
+    "mistyped joint",
+    "coupled joints",
+    "joint scale",
 ]
 """Of residuals, as a measurement goes wrong."""
 

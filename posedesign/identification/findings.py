@@ -68,8 +68,10 @@ def _said(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
     """What seems to have happened, and what to do."""
     if finding.cause in ("step", "drift", "warm-up"):
         return _changed(finding, table)
-    if finding.cause in ("swapped rows", "swapped labels", "wrong label"):
+    if finding.cause in ("swapped rows", "swapped labels", "wrong label", "mistyped joint"):
         return _mixed_up(finding, table)
+    if finding.cause in ("coupled joints", "joint scale"):
+        return _geared(finding)
     if finding.cause in ("scale", "harmonic", "reach"):
         return _followed(finding)
     what, remedy = _OF_ALL_ROWS[finding.cause]
@@ -161,11 +163,30 @@ def _mixed_up(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
     if finding.cause == "wrong label":
         was = table.data.targets[table.data.target[finding.rows[0]]]
         what = f"as if {places[0]} were of the target {finding.things[0]}, not {was}"
+    elif finding.cause == "mistyped joint":
+        what = f"as if {finding.things[0]} of {places[0]} were wrong"
+        return what, "put the joint right, or leave the pose out"
     elif finding.cause == "swapped labels":
         what = f"as if the targets of {places[0]} and {places[1]} were exchanged"
     else:
         what = f"as if the readings of {places[0]} and {places[1]} were exchanged"
     return what, "put the table right, or leave these rows out"
+
+
+def _geared(finding: Finding) -> tuple[str, str]:
+    part = f"{abs(finding.size) * 100:.2g} %"
+    if finding.cause == "joint scale":
+        way = "more" if finding.size > 0 else "less"
+        return (
+            f"{finding.things[0]} seems to turn by {part} {way} than it shows",
+            "check its gear ratio in the controller, and the unit of its column",
+        )
+    joint, of = finding.things
+    way = "" if finding.size > 0 else "minus "
+    return (
+        f"{joint} seems to turn by {way}{part} of {of} besides what it shows",
+        "give the joints as the URDF counts them: see robot.coupling and robot.controller",
+    )
 
 
 def _followed(finding: Finding) -> tuple[str, str]:

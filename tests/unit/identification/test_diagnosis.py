@@ -132,9 +132,16 @@ def faults(arm: Arm) -> Iterator[tuple[str, tuple[int, ...], FloatArray, FloatAr
     turned = q.copy()
     turned[:, 2] = -turned[:, 2]
     yield "sign", (), turned, read
+    mistyped = q.copy()
+    mistyped[7, 3] += 0.1
+    yield "mistyped joint", (7,), mistyped, read
+    geared = q.copy()
+    geared[:, 2] -= 0.02 * q[:, 1]
+    yield "coupled joints", (), geared, read
+    yield "joint unit", (), 10.0 * q, read
 
 
-@pytest.mark.parametrize("index", range(7))
+@pytest.mark.parametrize("index", range(10))
 def test_faults_are_named(arm, model, index):
     cause, rows, q, read = list(faults(arm))[index]
     data = replace(arm.measured(np.random.default_rng(6)), postures=q, observed=read)
@@ -144,6 +151,9 @@ def test_faults_are_named(arm, model, index):
         assert finding.rows == rows
         assert finding.log_odds > 10.0
         assert not finding.also
+        if cause == "coupled joints":
+            assert finding.things == ("joint_3", "joint_2")
+            assert finding.size == pytest.approx(0.02, abs=1e-3)
         if cause == "scale":
             assert finding.size == pytest.approx(0.01, abs=1e-3)
         if cause == "step":
@@ -221,3 +231,35 @@ def test_a_scale_is_not_found_where_no_length_is_seen(tmp_path, kind):
         "scale",
         "reading unit",
     }
+
+
+def in_poses(arm: Arm, each: int) -> Measurements:
+    """The measurements of an arm, so many in a row as readings of one pose: of several marks."""
+    data = arm.measured(np.random.default_rng(6))
+    names = tuple(f"P{i // each:02d}" for i in range(data.count))
+    q = data.postures[np.arange(data.count) // each * each]
+    read = simulate(arm.truth, arm.x, q, np.random.default_rng(7), setup=arm.setup).observed
+    return Measurements(q, data.setup, data.targets, data.tools, read, names)
+
+
+@pytest.mark.parametrize("fault", ["shifted rows", "swapped rows"])
+def test_whole_poses_are_put_right(arm, model, fault):
+    """Three readings a pose: joints that stand one pose off, and poses that were exchanged."""
+    data = in_poses(arm, 2)
+    q, read = data.postures, np.array(data.observed)
+    if fault == "shifted rows":
+        q = np.roll(q, 2, axis=0)
+    else:
+        read[[4, 5, 18, 19]] = read[[18, 19, 4, 5]]
+    (named,) = diagnose(model, replace(data, postures=q, observed=read))
+    assert named.cause == fault
+    assert named.rows == ((4, 18) if fault == "swapped rows" else ())
+    assert named.grade == "not to be trusted"
+
+
+def test_one_pose_that_is_off_is_no_step(arm, model):
+    """Its readings are off together, at the end of the measurements."""
+    data = in_poses(arm, 3)
+    read = np.array(data.observed)
+    read[-3:] += [1e-3, -5e-4, 2e-4]
+    assert not {f.cause for f in diagnose(model, replace(data, observed=read))} & {"step", "drift"}

@@ -108,6 +108,11 @@ def covariance_of(
     return C * np.outer(factor, factor)
 
 
+_OF_WEIGHTS = 2.0
+"""Degrees of freedom that it costs to weigh rotations and translations by sizes that are estimated
+from the same residuals: by simulation of 4 to 12 pairs."""
+
+
 @dataclass(frozen=True, eq=False)
 class Likeliest:
     """The likeliest X and Z of one set, by which the answers of all methods are judged."""
@@ -128,7 +133,7 @@ class Likeliest:
         J = self.fit.jacobian[:, :, 0].reshape(12, 2, -1).swapaxes(0, 1)
         parts = C @ (J @ np.swapaxes(J, 1, 2)) @ C
         taken = np.einsum("kia,kia->k", C @ J, J)
-        free = np.maximum(3.0 * count - taken, 1.0)
+        free = np.maximum(3.0 * count - taken - _OF_WEIGHTS, 1.0)
         own = np.diagonal(parts, axis1=1, axis2=2)
         return np.asarray(own.sum(axis=0) ** 2 / (own**2 / free[:, None]).sum(axis=0))
 

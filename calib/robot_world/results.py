@@ -68,9 +68,7 @@ _FAR_SCALE = 0.3
 _SURELY = 3.0
 """Standard deviations of the scale within which it may be."""
 
-_UNITS = {"delay": ("of a step between neighbours", 1.0)} | dict.fromkeys(
-    ("scale of B", "depth of B", "depth of the inverse of B"), ("%", 1e2)
-)
+_UNITS = {"delay": ("of a step between neighbours", 1.0), "scale": ("%", 1e2), "depth": ("%", 1e2)}
 """Units of changes that are no lengths."""
 
 _AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
@@ -466,11 +464,16 @@ class RobotWorldResult(Shown):
     @property
     def unseen(self) -> str:
         """What could not have been seen, in one sentence; empty where nothing was looked for."""
-        said = []
+        largest: dict[str, float] = {}
         for label, size in self.smallest_found.items():
-            unit, scale = _UNITS.get(label, ("mm", 1e3))
-            said.append(f"{label} {scale * size:.2g} {unit}")
-        return f"found in 9 of 10 such sets from these sizes on: {', '.join(said)}" if said else ""
+            kind = label.split(" of ")[0]
+            largest[kind] = max(size, largest.get(kind, 0.0))
+        said = [
+            f"{kind} from {scale * size:.2g} {unit} on"
+            for kind, size in largest.items()
+            for unit, scale in (_UNITS.get(kind, ("mm", 1e3)),)
+        ]
+        return f"9 of 10 such sets show a {', a '.join(said)}" if said else ""
 
     @cached_property
     def other_noises(self) -> tuple[tuple[str, FloatArray], ...]:
@@ -491,11 +494,10 @@ class RobotWorldResult(Shown):
             return ""
         moved = np.abs([off.reshape(4, 3) for _, off in self.other_noises])
         turned, shifted = (np.linalg.norm(moved[:, k::2], axis=2).max(axis=0) for k in (0, 1))
-        names = "; ".join(name for name, _ in self.other_noises)
         return (
-            f"by another noise that the residuals allow X moves by up to {1e3 * shifted[0]:.2g} mm "
-            f"and {np.degrees(turned[0]):.2g} deg, Z by up to {1e3 * shifted[1]:.2g} mm and "
-            f"{np.degrees(turned[1]):.2g} deg ({names})"
+            f"X moves by up to {1e3 * shifted[0]:.2g} mm and {np.degrees(turned[0]):.2g} deg, Z by "
+            f"{1e3 * shifted[1]:.2g} mm and {np.degrees(turned[1]):.2g} deg, by the "
+            f"{len(self.other_noises)} noises that the residuals allow"
         )
 
     @property

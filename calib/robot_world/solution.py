@@ -222,12 +222,14 @@ def find_solution(
         factor = _factor(method, pairs, noise)
         pairs = scaled(pairs, factor)
     (near,) = near_pairs(pairs.A)
-    used = first = is_first(pairs.A[0], pairs.B[0], near)
+    first = is_first(pairs.A[0], pairs.B[0], near)
+    once = first if first.sum() >= FEWEST_PAIRS else np.ones_like(first)
+    distinct = pairs if once.all() else PairSets(pairs.A[:, once], pairs.B[:, once])
+    found, used = None, once
     if method.robust:
-        found, used = _robust(method, pairs, noise)
-        used = used & first if (used & first).sum() >= FEWEST_PAIRS else used
-    else:
-        found, used = None, first if first.sum() >= FEWEST_PAIRS else np.ones_like(first)
+        found, agree = _robust(method, distinct, noise)
+        used = once.copy()
+        used[once] = agree
     kept = pairs if used.all() else PairSets(pairs.A[:, used], pairs.B[:, used])
     motion = identifiability.examine(kept)
     doubts = suspicions(pairs, used, motion)

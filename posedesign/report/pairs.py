@@ -57,7 +57,10 @@ _LEFT_OVER = {
 }
 """Columns of the table, and what they are called in print."""
 
-_PROOF = {"proven": "proven to be the likeliest", "away": "not the optimum that is proven"}
+_PROOF = {
+    "proven": "proven to be the likeliest by this noise",
+    "away": "not the optimum that is proven",
+}
 """What a proof makes of an answer; its other statuses say it themselves."""
 
 
@@ -87,6 +90,8 @@ def answer_of_pairs(
             f"deg rms; of pairs not seen {_shown(row['left_out_translation_mm'])} mm, "
             f"{_shown(row['left_out_rotation_deg'])} deg"
         )
+        figures["noise"] = first.result.noise_words
+        figures["not seen"] = first.result.unseen
         figures["proof"] = next((o.proof.message for o in outcomes if o.proof is not None), "")
         figures["methods"] = _spread(outcomes)
     warnings: list[str] = []

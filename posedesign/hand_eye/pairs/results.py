@@ -237,6 +237,20 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
         for o in outcomes
         if o.proof is not None and o.result is not None and o.result.noise_estimated
     ]
+    said += [
+        (o.method, f"95 % intervals: up to {(half / sigma).max():.3g} sigma to either side")
+        for o in outcomes
+        if o.result is not None
+        and (half := o.result.half_width_X) is not None
+        and (sigma := o.result.sigma_X) is not None
+        and (sigma > 0.0).all()
+    ]
+    said += [
+        (o.method, f"by {name}: X moves by {_moved(off[:6])}, Z by {_moved(off[6:])}")
+        for o in outcomes
+        if o.result is not None
+        for name, off in o.result.other_noises
+    ]
     said += [("ml-robust", text) for text in _robust_against_all(outcomes)]
     # of one method alone: it is a matter of the poses, and much the same for all
     known = [
@@ -245,6 +259,12 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
         for text in result.weak_directions
     ]
     return [*_together(said), *known]
+
+
+def _moved(off: FloatArray) -> str:
+    """Rotation and translation ``(6,)`` of a transform that moves, in words."""
+    turn, shift = np.degrees(np.linalg.norm(off[:3])), 1e3 * np.linalg.norm(off[3:])
+    return f"{shift:.2g} mm and {turn:.2g} deg"
 
 
 def _robust_against_all(outcomes: Sequence[SolverOutcome]) -> list[str]:
@@ -257,8 +277,7 @@ def _robust_against_all(outcomes: Sequence[SolverOutcome]) -> list[str]:
     if not count:
         return ["takes all pairs, as ml does: no pair contradicts the others"]
     far = [
-        f"{name} {1e3 * np.linalg.norm(off[3:]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(off[:3])):.2g} deg"
+        f"{name} {_moved(off)}"
         for name, off in (
             ("X", difference(robust.X, whole.X)),
             ("Z", difference(robust.Z, whole.Z)),
@@ -382,6 +401,13 @@ def outcome_as_dict(
         "X": result.X,
         "Z": result.Z,
         "covariance": result.covariance,
+        "half_width_95_X": result.half_width_X,
+        "half_width_95_Z": result.half_width_Z,
+        "smallest_found": dict(result.smallest_found),
+        "by_other_noises": [
+            {"noise": name, "X_moves": off[:6], "Z_moves": off[6:]}
+            for name, off in result.other_noises
+        ],
         "covariance_with_scale": result.scale.covariance if result.scale else None,
         "residuals": result.residuals,
         "rank": result.rank,

@@ -64,7 +64,8 @@ class Trial:
     expected: ExpectedError | None = None
     """Of the tool point where the arm will work, by the reference; None without one."""
     as_measured: ExpectedError | None = None
-    """The same as the instrument will read it at ten poses that took no part."""
+    """The same as the instrument will read it at ten poses that took no part; of the recommended
+    model alone."""
 
     @property
     def name(self) -> str:
@@ -154,11 +155,8 @@ def compare(
             return Trial(candidate, None, error, np.full((data.count, 1), np.nan))
         model, result = fitted.model, fitted.result
         out = targets_left_out(model, data, result, weighted=weighted)
-        errors: list[ExpectedError | None] = [None, None]
-        if reference is not None:
-            arms = reference.arms
-            errors = [arms.error_of(model, result.values, as_measured=m) for m in (False, True)]
-        return Trial(replace(candidate, model=model), result, None, out, *errors)
+        expected = None if reference is None else reference.arms.error_of(model, result.values)
+        return Trial(replace(candidate, model=model), result, None, out, expected)
 
     every = [*candidates, *([] if reference is None else [reference.candidate])]
     trials = tuple(map(tried, every))
@@ -178,6 +176,11 @@ def compare(
         taken, best = _smallest_no_worse(place, sizes)
         reason, criterion = _by_left_out(place, sizes, taken, best), place.criterion
         reason += _in_orientation(able, _turns_left_out(able, data), taken)
+    if taken is not None and reference is not None:
+        chosen = able[taken]
+        values = chosen.found.values
+        error = reference.arms.error_of(chosen.candidate.model, values, as_measured=True)
+        trials = tuple(replace(t, as_measured=error) if t is chosen else t for t in trials)
     return Comparison(
         trials,
         None if taken is None else able[taken].name,

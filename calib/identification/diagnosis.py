@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -246,7 +246,7 @@ def _swapped_readings(
     reads = np.array([kind.reads for kind in model.measurements])[data.setup.kind]
     what = np.stack([data.setup.kind, data.setup.tool, data.setup.target], axis=1)
     own = model.white_residuals(data, held.x)
-    pairs = [*combinations(suspect, 2), *zip(members, members[1:], strict=False)]
+    pairs = [*combinations(suspect, 2), *pairwise(members)]
     found = []
     for a, b in pairs:
         if not reads[a].all() or what[a].tolist() != what[b].tolist():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,9 @@ from calib.se3 import FloatArray, apply, rotation_angle, rotation_exp, wpr_from_
 from posedesign.cell import Cell
 from posedesign.files.csv_tables import a_few, first_like
 from posedesign.files.measurements import MeasurementTable
+
+_PLACE = 3
+"""Numbers of a reading that are a place."""
 
 _PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
 """Names that plans give to poses."""
@@ -213,19 +216,30 @@ def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str
     """The table without rows that repeat another number by number, and what was left out.
 
     A measurement that was made twice differs in its last digits; a row that was pasted twice does
-    not, and would count double.
+    not, and would count double. So would a place that was exported under two names of the tool: two
+    marks are never at one place to the last digit.
     """
     data, setup, lines = table.data, table.data.setup, table.lines
     read = np.zeros((data.count, 0)) if data.observed is None else data.observed
-    of = np.stack([setup.kind, setup.tool, setup.target, setup.payload], axis=1)
+    tool = np.where(np.count_nonzero(read, axis=1) >= _PLACE, -1, setup.tool)
+    of = np.stack([setup.kind, tool, setup.target, setup.payload], axis=1)
     rows = zip(of.tolist(), data.postures, read, strict=True)
     first = np.array(first_like((*k, q.tobytes(), r.tobytes()) for k, q, r in rows))
-    kept = first == np.arange(data.count)
-    if kept.all():
+    kept = np.flatnonzero(first == np.arange(data.count))
+    if len(kept) == data.count:
         return table, []
-    again = [f"line {lines[i]} as line {lines[first[i]]}" for i in np.flatnonzero(~kept)]
-    said = f"rows that repeat another number by number are left out: {a_few(again, 'rows')}"
-    return table.some(np.flatnonzero(kept)), [said]
+    again = [
+        f"line {lines[i]} as line {lines[first[i]]}"
+        for i in np.flatnonzero(first != np.arange(data.count))
+    ]
+    said = [f"rows that repeat another number by number are left out: {a_few(again, 'rows')}"]
+    some = table.some(kept)
+    used = [label for k, label in enumerate(data.tools) if (some.data.setup.tool == k).any()]
+    double = [label for label in data.tools if label not in used]
+    if double:
+        some = replace(some, data=some.data.with_labels(some.data.targets, used))
+        said.append(f"{', '.join(double)}: the same places as another mark of the tool, left out")
+    return some, said
 
 
 def oddities(data: Measurements, nominal_rms_m: float) -> list[str]:

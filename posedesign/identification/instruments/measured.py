@@ -45,6 +45,7 @@ from posedesign.identification.instruments.scatter import (
     Scatter,
     drift_of,
     pooled,
+    strays,
     trend_with,
 )
 
@@ -372,9 +373,19 @@ def _references(
 ) -> tuple[str, list[str]]:
     """What is to be said of references, and of postures that the arm went back to."""
     series: list[tuple[str, FloatArray, FloatArray, tuple[str, ...]]] = []
+    said: list[str] = []
     for name in section.references:
         own = np.flatnonzero(is_reference & (np.array(names) == name))
         when = own.astype(float) if readings.times is None else readings.times[own]
+        own, when = own[np.argsort(when, kind="stable")], np.sort(when)
+        stray = strays(readings.values[own, :3])
+        if stray.any():
+            lines = [f"line {line}" for line in readings.lines[own[stray]]]
+            said.append(
+                f"{readings.path}: readings of the reference {name} are of another place: "
+                f"{a_few(lines, 'readings')}, left out of the look for drift"
+            )
+        own, when = own[~stray], when[~stray]
         where = tuple(f"line {line}" for line in readings.lines[own])
         series.append((name, readings.values[own, :3], when, where))
     data = grouped.table.data
@@ -387,7 +398,7 @@ def _references(
         series.append((name, grouped.values[own, :3], grouped.times[own], where))
     found = [(s, d) for s in series if (d := drift_of(s[1], s[2])) is not None]
     if not found:
-        return "", []
+        return "", said
     notes = []
     for (name, _, _, where), drift in found:
         chance = min(1.0, drift.probability * len(found))
@@ -400,7 +411,7 @@ def _references(
                 "or what it stands on has moved"
             )
     if notes:
-        return "", notes
+        return "", [*said, *notes]
     largest = max(1e3 * drift.size for _, drift in found)
     what = f"{len(found)} references" if len(found) > 1 else f"the reference {found[0][0][0]}"
-    return f"none seen by {what}, {largest:.2g} mm at most", []
+    return f"none seen by {what}, {largest:.2g} mm at most", said

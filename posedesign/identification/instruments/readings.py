@@ -68,6 +68,9 @@ _UNITS = {
 _WITH_UNIT = re.compile(r"(.+?)(?:[ _]+|\s*[\[(]\s*)(um|mm|cm|m|in|inch)\s*[\])]?", re.IGNORECASE)
 """A name of a column that ends with a unit: ``X [mm]``, ``x_mm``."""
 
+_NOT_CARTESIAN = re.compile(r"coordinate\s+system\W+(cylindrical|spherical|polar)", re.IGNORECASE)
+"""Comment of a file whose three numbers are no x, y, z."""
+
 MOST_LINES = 1_000_000
 """An hour of motion capture at 240 frames a second."""
 
@@ -147,6 +150,13 @@ def find_layout(path: Path, lines: list[str], section: InstrumentSection) -> Lay
         return _vicon(path, lines, frames)
     for i, line in enumerate(lines):
         if line.lstrip().startswith("//"):
+            if other := _NOT_CARTESIAN.search(line):
+                raise FileFormatError(
+                    f"says that its coordinates are {other[1].lower()}",
+                    path=path,
+                    row=i + 1,
+                    hint="export it again in Cartesian coordinates",
+                )
             lines[i] = ""  # keeps the numbers of lines
     first = next((i for i, line in enumerate(lines[:_HEAD]) if line.strip(" ,;\t\r")), None)
     if first is None:

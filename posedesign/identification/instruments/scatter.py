@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from calib.chance import chi2_below, chi2_tail, student_tail
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.01
 """Probability of chance, all tests together, below which something is said."""
@@ -57,6 +57,27 @@ def pooled(values: FloatArray, group: IntArray) -> tuple[FloatArray, IntArray, S
         return first + mean, count, None
     variance = ((off - mean[group]) ** 2).sum(axis=0) / freedom
     return first + mean, count, Scatter(np.sqrt(variance), freedom)
+
+
+_WINDOW, _STRAY = 5, 20.0
+"""Readings whose median says where a place is at a time, and the distance from it over the median
+of all, of a reading that is of another place."""
+
+
+def strays(places: FloatArray) -> BoolArray:
+    """Mask ``(K,)`` of readings of another place: those before and after them agree on this one.
+
+    ``places`` (K, 3): of one place, in order of time. One reading that is far off makes the scatter
+    so large that no drift is seen.
+    """
+    if len(places) < _WINDOW:
+        return np.zeros(len(places), dtype=bool)
+    half = _WINDOW // 2
+    padded = np.pad(places, ((half, half), (0, 0)), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, _WINDOW, axis=0)
+    off = np.linalg.norm(places - np.median(windows, axis=-1), axis=1)
+    exact = np.finfo(float).eps * (1.0 + np.abs(places).max())
+    return np.asarray(off > _STRAY * max(float(np.median(off)), exact))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import pytest
 
 from calib.errors import CalibError
 from posedesign.cell import Cell
+from posedesign.identification.checks import without_repeats
 from posedesign.identification.instruments import (
     goes_with_temperature,
     is_of_instrument,
@@ -117,6 +118,44 @@ def test_references_that_move_are_named(read, taken):
     quiet = [line for line in lines if "REF1" not in line and "REF2" not in line]
     facts = read(section, quiet).table.facts
     assert facts["drift"].startswith("none seen by the reference REF3, 0.0")
+
+
+def test_one_reading_of_another_place_hides_no_drift(read, taken):
+    """293 mm off in one reading: it is named, and the drift that the others show is found."""
+    rng = np.random.default_rng(3)
+    lines = ["pose,name,x_mm,y_mm,z_mm"]
+    for k, places in enumerate(taken.points):
+        nest = np.array([500 + 0.01 * k, 0, 0]) + 0.01 * rng.standard_normal(3)
+        nest[2] += 293.0 * (k == 7)
+        for name, values in ((files.REFLECTORS[0], 1e3 * places[0]), ("REF1", nest)):
+            lines.append(f"{taken.names[k]},{name}," + ",".join(f"{v:.6f}" for v in values))
+    section = 'reflectors = ["SMR1"]\nreferences = ["REF1"]\n' + TABLE
+    stray, drift = read(section, lines).table.notes
+    assert "readings of the reference REF1 are of another place: line 17, left out" in stray
+    assert re.search(r"REF1 drifts by 0\.2\d* mm from line 3 to line 49 \(p = ", drift)
+
+
+def test_a_marker_under_two_names_counts_once(read, taken):
+    lines = ["pose,name,x_mm,y_mm,z_mm"]
+    for k, places in enumerate(taken.points):
+        for name, place in zip(files.REFLECTORS, (*places[:2], places[1]), strict=True):
+            text = ",".join(f"{v:.6f}" for v in 1e3 * place)
+            lines.append(f"{taken.names[k]},{name},{text}")
+    table, notes = without_repeats(read(ALL + TABLE, lines).table)
+    assert table.data.tools == files.REFLECTORS[:2]
+    assert table.data.count == 2 * len(taken.names)
+    assert notes[1] == "SMR3: the same places as another mark of the tool, left out"
+
+
+@pytest.mark.parametrize("system", ["Cylindrical", "spherical"])
+def test_coordinates_that_are_no_x_y_z_are_refused(read, taken, system):
+    """The head of the file says so."""
+    lines = [f"// Coordinate system: {system}", "// Units: Millimeters"]
+    lines += [f"A, {name}, 2161.09, 106.68, 26.92" for name in taken.names]
+    with pytest.raises(CalibError) as caught:
+        read(PLAIN, lines)
+    assert f"line 1: says that its coordinates are {system.lower()}" in str(caught.value)
+    assert "Cartesian" in said(caught)
 
 
 def test_a_posture_that_is_gone_back_to_is_a_reference(taken, tmp_path):

@@ -71,6 +71,7 @@ from posedesign.pose_programs.correction_routes import (
     NEAR,
     POSES,
     Routes,
+    measured_postures,
     read_correcting,
     routes_of,
 )
@@ -178,7 +179,14 @@ def correct(
     claims = results.claim("computed", *wanted, inputs=[identification])
     by, identified = checksum(identification), read_correcting(identification, cell, name)
     known = identified if name is None else _judge(identification, cell, identified)
-    routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
+    routes = routes_of(
+        cell,
+        known,
+        box=box,
+        tool=tool,
+        used=None if name is None else identified,
+        measured=measured_postures(identification),
+    )
     description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))
     zeros = _without_idle(cell, identified, zeros)
     robot = corrected_robot(description.model, description.x)
@@ -191,7 +199,7 @@ def correct(
     )
     notes = _notes(identified, known, robot, table)
     if cell.config.payload and any(name.startswith(_GIVES_WAY) for name in known.model.names):
-        notes.insert(0, "the error left is with the tool alone: no [[payload]] is in it")
+        notes.insert(0, "the expected error is with the tool alone: no [[payload]] is in it")
     listed, compensated = None, None
     if poses is not None:
         listed = read_poses(

@@ -13,18 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError, RobotModelError, UnreachableError, near_names
+from calib.errors import CalibError, InputError, RobotModelError, UnreachableError, near_names
 from calib.identification import Carried, part_of
 from calib.identification.prediction import ErrorToExpect, Expectation
 from calib.model import CalibrationModel, Setup
 from calib.model.parameters import AXES, ToolPoints
 from calib.se3 import BoolArray, FloatArray
-from posedesign.candidates.workplaces import HALF_WAY, drawn_workplace_of
+from posedesign.candidates.workplaces import HALF_WAY, drawn_workplace_of, workplace
 from posedesign.cell import Cell, TaskBox
 from posedesign.cell.cell import moved_as_base
 from posedesign.cell.schema import TaskBoxSection
-from posedesign.files.measurements import TOOL
-from posedesign.identification.file import IdentifiedModel, read_identification
+from posedesign.files.measurements import TOOL, read_measurements
+from posedesign.identification.file import IdentifiedModel, read_file, read_identification
 from posedesign.identification.models import model_of
 
 OTHER_TOOL_M = 0.02
@@ -224,15 +224,38 @@ def _unfit(cell: Cell, model: CalibrationModel, label: str, place: FloatArray) -
     )
 
 
+MEASURED = ("touchups.csv", "measurements.csv", "joined.csv")
+"""Tables of measurements with their joints, beside an identification."""
+
+
+def measured_postures(identification: Path) -> FloatArray | None:
+    """Postures ``(N, n)`` [rad] that were identified from; None where no table of them is there."""
+    content = read_file(identification)
+    for name in (Path(content.data.file).name, MEASURED[-1]):
+        path = identification.with_name(name) if name in MEASURED else identification
+        if path == identification or not path.is_file():
+            continue
+        try:
+            table = read_measurements(path, len(content.joints), external=content.external)
+        except CalibError:  # it was changed since
+            continue
+        return table.data.postures
+    return None
+
+
 def working_postures(
-    cell: Cell, box: TaskBox | None = None, rng: np.random.Generator | None = None
+    cell: Cell,
+    box: TaskBox | None = None,
+    measured: FloatArray | None = None,
+    rng: np.random.Generator | None = None,
 ) -> tuple[FloatArray, str]:
     """Postures ``(K, n)`` [rad] at which the arm will work; in words.
 
     Those that plans and identifications are judged at, but more of them: values of a route are
     chosen by them. See :func:`~posedesign.candidates.workplaces.workplace`.
 
-    ``box``: where the arm works; that of the cell by default. ``rng``: another source of chance
+    ``box``: where the arm works; that of the cell by default. ``measured`` (N, n): postures [rad]
+    that were identified from; any of the cell's pool by default. ``rng``: another source of chance
     than the usual one. Raises UnreachableError: the arm reaches next to nothing of the box.
     """
     words = "the box given"
@@ -244,7 +267,10 @@ def working_postures(
         )
         cell = replace(cell, config=cell.config.model_copy(update={"task_box": section}))
     try:
-        at = drawn_workplace_of(cell, DRAWN, rng=rng)
+        if measured is not None:
+            at = workplace(cell, measured, Setup.of(len(measured)), DRAWN, rng=rng)
+        else:
+            at = drawn_workplace_of(cell, DRAWN, rng=rng)
     except RobotModelError:  # an arm without solids is corrected all the same
         free = cell.config.constraints.model_copy(update={"collisions": False})
         cell = replace(cell, config=cell.config.model_copy(update={"constraints": free}))
@@ -268,17 +294,19 @@ def routes_of(
     box: TaskBox | None = None,
     tool: str | None = None,
     used: IdentifiedModel | None = None,
+    measured: FloatArray | None = None,
 ) -> Routes:
     """Compare the ways to use an identification over a task box.
 
     ``known``: what is known of the arm: errors are to be expected by it. ``box``: that of the cell
     by default. ``tool``: which identified tool point is the cell's tool. ``used``: a model of the
     same tools whose values are used as they are. By default those that are known are used, and are
-    the best ones for each route. Raises UnreachableError: no point of the box can be reached.
+    the best ones for each route. ``measured``: see :func:`working_postures`. Raises
+    UnreachableError: no point of the box can be reached.
     InputError: a tool that the identification does not have.
     """
     point = corrected_tool(cell, used or known, tool)
-    q, where = working_postures(cell, box)
+    q, where = working_postures(cell, box, measured)
     expectation = Expectation(
         with_described_tool(cell, known.model),
         known.x,

@@ -144,7 +144,7 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified
     assert at[-1] < next(i for i, line in enumerate(lines) if line.startswith("best: "))
     (verdict,) = (line for line in lines if line.startswith("best: "))
     assert re.fullmatch(r"best: corrected poses, [\d.]+ times less error than description", verdict)
-    assert "a cube of 559 mm about the target" in said.out
+    assert "over: all that was measured and 280 mm around it" in " ".join(said.out.split())
     answer = json.loads(
         cli("correct", work / "cell.toml", identified, "--out", work / "b", "--json").out
     )
@@ -159,7 +159,7 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified
     # every file says for which box, how good it is, and which tool goes with it
     for name, way in (("mastering.csv", "mastering"), ("corrected.urdf", "description")):
         head = (out / name).read_text()[:2000]
-        assert "for a cube of 559 mm about the target" in head
+        assert "for all that was measured and 280 mm around it" in head
         assert f"{rms[way]:.3g} mm rms" in head
         assert "the base placed anew" in head
         place = next(row["tool_mm"] for row in answer["routes"] if row["route"] == way)
@@ -220,6 +220,25 @@ def test_the_box_is_that_of_the_cell_or_the_one_given(cli, refuse, work, identif
     (work / "out" / "corrected.urdf").unlink()
     refuse(*typed, "--box=1,2,3").says("'1,2,3' is not six numbers")
     refuse(*typed, "--box=9000,0,0,9900,1,1").says("no point of the task box", "--box")
+
+
+def test_the_error_is_expected_where_identify_expects_it(cli, work):
+    """One meaning, one label and the same place in both answers."""
+    out = work / "same"
+    words = ("identify", work / "cell.toml", work / "touchups.csv", "--out", out)
+    identified = cli(*words, "--verbose")
+    (out / "touchups.csv").write_bytes((work / "touchups.csv").read_bytes())
+    said = cli("correct", work / "cell.toml", out / "identification.json", "--out", out, "-v")
+    assert identified.code == said.code == 0
+    told, answer = (" ".join(text.split()) for text in (identified.out, said.out))
+    where = re.search(r"expected over: (.*?), the base placed anew", told)
+    assert f"over: {where[1]}, " in answer
+    assert "the base placed anew" in said.out
+    assert "expected error: " in said.out
+    content = json.loads((out / "identification.json").read_text())
+    frames_mm = next(m for m in content["models"] if m["name"] == "frames only")["expected_box_mm"]
+    left = re.search(r"as it is ([\d.]+) mm", answer)
+    assert float(left[1]) == pytest.approx(frames_mm, rel=0.15)
 
 
 def test_a_tool_of_another_name_is_corrected_as_the_cells(cli, refuse, work, changed):

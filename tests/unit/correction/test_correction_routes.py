@@ -189,7 +189,7 @@ def test_a_box_that_is_given_is_filled(cell):
     assert share.max() < 1.0 + 1e-9
     assert (np.ptp(share, axis=0) > 0.9).all()
     assert words.startswith(f"the box given, {len(q)} postures")
-    again, _ = working_postures(cell, TaskBox(lowest, highest), np.random.default_rng(7))
+    again, _ = working_postures(cell, TaskBox(lowest, highest), rng=np.random.default_rng(7))
     assert not np.array_equal(q, again)
 
 

@@ -80,10 +80,10 @@ def robot_world(
         Literal["a", "b", "both", "seen", "shown"] | None,
         typer.Option(
             help="Which side has it; default: b, and without sizes, for ml and ml-robust, what the "
-            "residuals of 20 pairs or more show. b without sizes: that of B, the same in all "
-            "directions. seen: the target as the camera sees it, as a camera's data sheet has it: "
-            "with the camera on the flange, the inverse of B. shown: as the residuals show it for "
-            "the standard deviations of all methods."
+            "residuals of 20 pairs or more show by far, where no cause explains them. b without "
+            "sizes: that of B, the same in all directions. seen: the target as the camera sees it, "
+            "as a camera's data sheet has it: with the camera on the flange, the inverse of B. "
+            "shown: as the residuals show it for the standard deviations of all methods."
         ),
     ] = None,
     estimate_scale: Annotated[
@@ -99,8 +99,9 @@ def robot_world(
         bool,
         typer.Option(
             "--certify",
-            help="Prove that no other X and Z are likelier: needs the method ml, and noise on one "
-            "side, the same in all directions: that of B where no sizes are given.",
+            help="Prove that no other X and Z are likelier by the noise assumed: needs the method "
+            "ml, and noise on one side, the same in all directions: that of B where no sizes are "
+            "given.",
         ),
     ] = False,
     out: output.OutFolder = Path(),

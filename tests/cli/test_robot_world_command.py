@@ -396,7 +396,7 @@ def test_certificate_of_the_likeliest(cli, done, tmp_path, path):
     assert max(proof["away_sigma"]) <= proof["away_sigma_both"] < 0.05
     assert "certificate" not in closed_form
     text = cli("robot-world", path, "--method", "ml", "--certify", "--out", tmp_path)
-    assert " pairs, proven to be the likeliest\n" in text.out
+    assert " pairs, proven to be the likeliest by this noise\n" in text.out
     assert "ml: proven: no X and Z have a chi² below" in text.out
     assert "; this is off that optimum, X by " in text.out
 

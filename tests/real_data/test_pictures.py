@@ -1,0 +1,99 @@
+"""Real pictures of two arms: findings that hold, and none that the order of pictures makes."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.hand_eye import Pictures, calibrate
+from calib.robots import flange_robot, posture_of_pose
+from calib.se3 import FloatArray, rotation_exp, rotation_from_quaternion, transform
+from calib.vision.boards import detect_board, make_board
+from posedesign.files.pictures import read_grey
+
+pytestmark = pytest.mark.slow
+
+
+def _pictures(board, carried, flange: list[FloatArray], paths: list[Path]) -> Pictures:
+    images = [read_grey(path) for path in paths]
+    pixels = np.array([detect_board(image, board).pixels for image in images])
+    postures, size = posture_of_pose(np.array(flange)), images[0].shape[1::-1]
+    return Pictures(flange_robot(), postures, pixels, board.points, size, carried)
+
+
+@pytest.fixture(scope="module")
+def chessboard(data_folder) -> Pictures:
+    """The camera is on the flange."""
+    folder = data_folder / "pictures" / "chessboard_eye_in_hand"
+    text = (folder / "robot_poses.yaml").read_text()
+    flange, paths = [], []
+    for i in range(1, 17):
+        (row,) = re.findall(rf"pose{i}: \[(.*?)\]", text, flags=re.DOTALL)
+        six = np.array([float(value) for value in row.split(",")])
+        flange.append(transform(rotation_exp(six[3:]), six[:3] / 1e3))
+        paths.append(folder / "pictures" / f"{i}_Color.png")
+    board = make_board("chessboard", columns=10, rows=7, square_m=0.018)
+    return _pictures(board, "camera", flange, paths)
+
+
+@pytest.fixture(scope="module")
+def charuco(data_folder) -> Pictures:
+    """The camera stands still; the squares are .47 % larger than described."""
+    folder = data_folder / "pictures" / "charuco_eye_to_hand"
+    flange = []
+    for i in range(16):
+        pairs = re.findall(r"(\w+): (\S+)", (folder / "poses" / f"{i}.yaml").read_text())
+        value = {key: float(text) for key, text in pairs}
+        quaternion = np.array([value[key] for key in ("qw", "qx", "qy", "qz")])
+        place = np.array([value[key] for key in "xyz"])
+        flange.append(transform(rotation_from_quaternion(quaternion), place))
+    board = make_board(
+        "charuco",
+        columns=5,
+        rows=7,
+        square_m=0.036195,
+        marker_m=0.018256,
+        dictionary="6x6_250",
+    )
+    paths = [folder / "pictures" / f"{i}.png" for i in range(16)]
+    return _pictures(board, "board", flange, paths)
+
+
+def shuffled(pictures: Pictures, rng: np.random.Generator) -> Pictures:
+    """The pictures in another order, each with its pose."""
+    order = rng.permutation(len(pictures.pixels))
+    return Pictures(
+        pictures.robot,
+        pictures.postures[order],
+        pictures.pixels[order],
+        pictures.board,
+        pictures.size_px,
+        pictures.carried,
+    )
+
+
+def test_the_size_of_the_printed_board_is_found(charuco):
+    result = calibrate(charuco)
+    assert result.scale[0] == pytest.approx(0.0047, abs=3 * result.scale[1])
+    assert "larger than described" in result.warnings[0]
+    assert not result.is_ok
+
+
+def test_a_bend_that_does_not_matter_is_a_note(chessboard):
+    """The board is bent by less than a tenth of a millimetre: surely, and without effect."""
+    result = calibrate(chessboard)
+    (finding,) = result.findings
+    assert "bent" in finding.text
+    assert finding.grade == "note"
+    assert result.is_ok
+    assert np.linalg.norm(result.sigma_of("X")[0]) == pytest.approx(6.3e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["chessboard", "charuco"])
+def test_no_order_of_the_pictures_is_a_move(request, name):
+    """One in two hundred is allowed: two of thirty happen once in a hundred times."""
+    pictures = request.getfixturevalue(name)
+    rng = np.random.default_rng(5)
+    said = [calibrate(shuffled(pictures, rng)).warnings for _ in range(30)]
+    assert sum(any("moved" in text for text in texts) for texts in said) <= 1

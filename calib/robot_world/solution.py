@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from calib.chance import f_bound
 from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world import identifiability
 from calib.robot_world.accuracy import Likeliest
@@ -17,7 +18,7 @@ from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.methods.maximum_likelihood import as_estimate, with_estimated_noise
-from calib.robot_world.methods.robust import widening
+from calib.robot_world.methods.robust import CHANCE, widening
 from calib.robot_world.noise import Noise, PairNoise, difference
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets
 from calib.robot_world.poses import Poses, is_first, near_pairs, poses_of, restricted
@@ -35,6 +36,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 _POSE_ROUNDS, _POSE_SETTLED = 20, 1e-5
 """Rounds of X and Z and of the variances of pairs and poses at most, and the relative change of the
 variances that counts as none."""
+
+_BACK_ROUNDS = 3
+"""Times that a robust method takes poses back."""
 
 _SCALE_ROUNDS = 4
 """Times that a robust method leaves pairs out and the scale is estimated from the others."""
@@ -253,9 +257,57 @@ def find_solution(
     poses = None
     if method.likelihood and (near.size or not first.all()):
         found, poses = by_pose(method, pairs, noise, found, used, near)
+        if method.robust and poses is not None:
+            found, poses, used = with_poses_back(
+                method, pairs, noise, found, used, near, poses, once
+            )
+            motion = identifiability.examine(PairSets(pairs.A[:, used], pairs.B[:, used]))
     return Solution(
         method, pairs, noise, found, used, motion, doubts, others, factor, poses, ~first
     )
+
+
+def with_poses_back(
+    method: Method,
+    pairs: PairSets,
+    noise: Noise | None,
+    found: Estimate,
+    used: BoolArray,
+    near: IntArray,
+    poses: Poses,
+    once: BoolArray,
+) -> tuple[Estimate, Poses | None, BoolArray]:
+    """Take poses back whose pairs were all left out, where the deviation of a pose explains them.
+
+    Pairs of one pose are off together, so that a pose which is off by its usual deviation looks
+    like as many wrong pairs.
+    """
+    every = poses_of(near, once)
+    shared: Poses | None = poses
+    for _ in range(_BACK_ROUNDS):
+        fit = found.fit
+        if every is None or shared is None or fit is None:
+            break
+        sigma, missing = found.sigma, ~(every.member * used).any(axis=1)
+        model = noise.model(pairs) if sigma is None and noise is not None else None
+        if sigma is not None:
+            model = estimated_model(pairs, sigma)
+        if model is None or not missing.any():
+            break
+        part = every.member[missing] / every.counts[missing][:, None]
+        white, J = linear_rows(pairs, model, fit.X, fit.Z)
+        means, slopes = part @ white[:, 0].T, np.einsum("gn,pan->gap", part, J[:, :, 0])
+        spread = slopes @ fit.covariance[0] @ np.swapaxes(slopes, 1, 2)
+        own = np.repeat(shared.share, 3) + 1.0 / every.counts[missing][:, None]
+        spread += own[:, :, None] * np.eye(6)
+        square = (means * np.linalg.solve(spread, means[..., None])[..., 0]).sum(axis=1)
+        bound = 6.0 * f_bound(CHANCE, 6.0, max(6.0 * len(shared.counts) - 12.0, 1.0))
+        back = every.member[missing][square <= float(bound)].any(axis=0)
+        if not back.any():
+            break
+        used = used | back
+        found, shared = by_pose(method, pairs, noise, found, used, near)
+    return found, shared, used
 
 
 def by_pose(

@@ -22,7 +22,13 @@ from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, check
 from calib.robot_world.poses import Poses, is_first, near_pairs
 from calib.robot_world.results import RobotWorldResult, too_uncertain
 from calib.robot_world.sequence import FEWEST_FOR_STEPS, may_drift
-from calib.robot_world.solution import Solution, by_pose, enough_agree, find_solution
+from calib.robot_world.solution import (
+    Solution,
+    by_pose,
+    enough_agree,
+    find_solution,
+    with_poses_back,
+)
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _PAIRS_AT_ONCE = 20_000
@@ -278,6 +284,10 @@ def _by_poses(
         own = np.array([trial])
         sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
         again, shared = by_pose(chosen, sets, noise, found.of(own), used[trial], near)
+        if chosen.robust and shared is not None:
+            again, shared, used[trial] = with_poses_back(
+                chosen, sets, noise, again, used[trial], near, shared, first
+            )
         found = found.with_others(own, again)
         if shared is not None:
             poses[trial] = shared

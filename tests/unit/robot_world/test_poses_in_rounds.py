@@ -53,7 +53,7 @@ def test_deviations_count_poses(order):
 @pytest.mark.parametrize("order", ["rounds", "poses", "mixed"])
 def test_errors_over_deviations_are_one(order, method):
     """Student's t of some 18 degrees of freedom has a deviation of 1.06."""
-    assert 0.9 < rms_of(100, method, order=order) < (1.25 if method == "ml-robust" else 1.15)
+    assert 0.9 < rms_of(100, method, order=order) < 1.15
 
 
 @pytest.mark.parametrize("on", ["A", "B"])

@@ -267,7 +267,7 @@ def camera(
         typer.Option(
             "--free",
             help="What of the robot to identify with it, with commas: zero_offsets, geometry, "
-            "compliance, priors.",
+            "compliance, priors; default: all that may be off, where the pictures show it.",
         ),
     ] = "",
     target: Annotated[

@@ -38,7 +38,7 @@ from calib.identification.evidence import (
     TunedPriors,
     tune_priors,
 )
-from calib.identification.prediction import Carried, Expectation
+from calib.identification.prediction import Carried, Expectation, deviated_m2
 from calib.identification.result import IdentificationResult, Loss
 from calib.identification.robust import (
     HEAVY_TAILS,
@@ -216,7 +216,8 @@ class Posterior(Carried):
 class DrawnArms:
     """Arms drawn from what is known of the true one: what errors models have by it.
 
-    ``scatter``: of arm and readings from pose to pose, which no model takes away.
+    ``scatter``: of arm and readings from pose to pose, which no model takes away; of it the
+    ``deviation`` is that of the arm, along and about each axis [m, rad].
     """
 
     def __init__(
@@ -224,6 +225,7 @@ class DrawnArms:
     ) -> None:
         self.workplace = workplace
         self._scatter = (scatter or Scatter()).over(kinds[0], workplace)
+        self.deviation = self._scatter.deviation
         self._drawn = [
             _drawn(kind, workplace) for kind in kinds if kind.probability >= LEAST_PROBABILITY
         ]
@@ -284,10 +286,7 @@ class Scatter:
         if not any(self.deviation):
             return self
         view = kind.model.view(workplace.postures, kind.x, workplace.setup)
-        lever2 = float(np.mean(np.sum((view.point - view.walk.p_base_tip) ** 2, axis=0)))
-        shift, turn = self.deviation
-        # a turn about the lever moves nothing
-        return replace(self, of_arm_m2=3.0 * shift**2 + 2.0 * turn**2 * lever2)
+        return replace(self, of_arm_m2=float(np.mean(deviated_m2(view, self.deviation))))
 
     def larger(self, count: int) -> FloatArray:
         """Return so many draws of the true mean square over the one that was found."""

@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.identification.result import SIZES
 from calib.model import CalibrationModel, Setup
+from calib.model.context import MeasurementContext
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
 PLACED_BASE = (
@@ -158,7 +159,8 @@ class ErrorToExpect:
     """Error of the tool point at each of K postures."""
 
     unknown_m: FloatArray
-    """(K,): standard deviation (of the distance) that the identification leaves [m]."""
+    """(K,): standard deviation (of the distance) that the identification leaves, and the deviation
+    of the arm from pose to pose [m]."""
     lost_m: FloatArray  # (K,): distance that is known, and that the correction does not carry [m]
 
     @property
@@ -205,6 +207,9 @@ class Expectation:
         Postures [rad] at which the arm will work.
     setup : Setup, optional
         Tool and payload at each; the first of each by default.
+    deviation : tuple of two floats
+        Standard deviations of where the arm stops, along and about each axis [m, rad]: no
+        correction takes them away.
 
     Attributes
     ----------
@@ -219,10 +224,13 @@ class Expectation:
         covariance: FloatArray,
         q: FloatArray,
         setup: Setup | None = None,
+        deviation: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.model, self.x, self.covariance = model, x, _checked(covariance, model)
         self.q, self.setup = q, setup
-        self.points = model.view(q, x, setup).tool_points
+        view = model.view(q, x, setup)
+        self.points = view.tool_points
+        self._deviated2 = deviated_m2(view, deviation)
         self._rigid = rigid_motions(self.points)
         self.jacobian = self._moved(model, x, np.eye(3))
         squares = np.sum((self.jacobian @ covariance) * self.jacobian, axis=1)  # diagonal of J C Jᵀ
@@ -231,7 +239,9 @@ class Expectation:
     def of(self, model: CalibrationModel, x: FloatArray) -> ErrorToExpect:
         """Error of an arm whose controller has the parameters ``(p,)`` of a model [SI]."""
         lost = self.displaced(model, x)[0].reshape(-1, 3)
-        return ErrorToExpect(np.sqrt(self._unknown2), np.linalg.norm(lost, axis=1))
+        return ErrorToExpect(
+            np.sqrt(self._unknown2 + self._deviated2), np.linalg.norm(lost, axis=1)
+        )
 
     def carried(self, model: CalibrationModel, free: BoolArray) -> Carried:
         """The best values of a correction's parameters.
@@ -307,6 +317,16 @@ class Expectation:
         moved = R @ tool_motion(model, self.q, self.setup, x=x)
         moved = moved.reshape(3 * len(self.q), model.p)
         return np.asarray(moved - self._rigid @ (self._rigid.T @ moved))
+
+
+def deviated_m2(view: MeasurementContext, deviation: tuple[float, float]) -> FloatArray:
+    """Return the mean square ``(K,)`` [m²] of the tool point by the deviation of the arm.
+
+    A shift moves it by as much along each axis, a turn about the tip across the lever.
+    """
+    shift, turn = deviation
+    lever = view.point - view.walk.p_base_tip
+    return np.asarray(3.0 * shift**2 + 2.0 * turn**2 * np.sum(lever**2, axis=0))
 
 
 def part_of(

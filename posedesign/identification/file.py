@@ -66,6 +66,9 @@ class Parameter(ReadFromFile):
     high: float | None = None
 
 
+Deviation = tuple[Annotated[Number, Field(ge=0.0)], Annotated[Number, Field(ge=0.0)]]
+
+
 class Noise(ReadFromFile):
     """Noise that a kind of measurement was weighed by, and what the residuals say of it."""
 
@@ -76,9 +79,7 @@ class Noise(ReadFromFile):
     residuals_over_noise: Annotated[Number, Field(gt=0.0)] | None = None
     tails: Annotated[Number, Field(gt=0.0)] = 1.0
     """Standard deviation of all residuals over that of most, where a loss weighs some down."""
-    arm_sigma_si: (
-        tuple[Annotated[Number, Field(ge=0.0)], Annotated[Number, Field(ge=0.0)]] | None
-    ) = None
+    arm_sigma_si: Deviation | None = None
 
 
 class FittedModel(ReadFromFile):
@@ -121,6 +122,8 @@ class IdentificationFile(ReadFromFile):
     recommended: Text | None = None
     reference: Text | None = None
     reason: str | None = None
+    arm_deviation_si: Deviation = (0.0, 0.0)
+    """How far the arm stops from where it says, along and about each axis [m, rad]."""
     warnings: tuple[str, ...] = ()
     findings: tuple[NamedFinding, ...] = ()
     data: Source = Source()
@@ -153,6 +156,8 @@ class IdentifiedModel:
     covariance: FloatArray | None  # (p, p) [SI]; None where the file has none
     held: tuple[str, ...] = ()
     """Parameters of which the measurements say nothing: what is known beforehand holds them."""
+    deviation: tuple[float, float] = (0.0, 0.0)
+    """How far the arm stops from where it says, along and about each axis [m, rad]."""
 
 
 def read_identification(
@@ -221,6 +226,7 @@ def read_identification(
         sigma / factors,
         None if covariance is None else covariance[np.ix_(order, order)],
         entry.held_by_prior,
+        content.arm_deviation_si,
     )
 
 
@@ -328,6 +334,9 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "criterion": comparison.criterion,
         "reference": comparison.reference,
         "workplace": identified.workplace,
+        "arm_deviation_si": (0.0, 0.0)
+        if identified.judge is None
+        else identified.judge.arms.deviation,
         "probabilities": identified.probabilities,
         "not_tried": list(identified.held_only),
         "contradictions": [each.said for each in identified.contradictions],

@@ -313,6 +313,7 @@ def routes_of(
         _covariance(known),
         q,
         Setup.of(len(q), tool=point.index),
+        known.deviation,
     )
     own = used or known
     whole = Carried(with_described_tool(cell, own.model), own.x, _covariance(own))

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_t
 from calib import CalibrationModel, Robot
 from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
 from calib.identification.candidate import DrawnArms, Posterior, fit
+from calib.identification.prediction import Expectation
 from calib.identification.robust import STUDENT_FREEDOM, gain_of_student
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, Point, TouchUp
@@ -298,3 +299,19 @@ def test_errors_that_the_arm_has_not_are_improbable(arm: Robot) -> None:
         right.append(found.probabilities["all" if uneven else "even"])
     # the mean logarithm of what was given to the truth, of a coin -.69
     assert np.mean(np.log(right)) > -0.2
+
+
+def test_where_the_arm_stops_off_is_part_of_the_error_of_every_correction(arm):
+    """By Monte Carlo: a shift and a turn of the tip at each posture."""
+    truth, x, data = measured(arm, 3)
+    none = np.zeros((truth.p, truth.p))
+    shift, turn = 2e-4, 3e-4
+    found = Expectation(truth, x, none, data.postures, None, (shift, turn)).of(truth, x)
+    view = truth.view(data.postures, x)
+    lever = view.tool_points - view.T_base_tip[:, :3, 3]
+    rng = np.random.default_rng(8)
+    draws = rng.standard_normal((4000, len(lever), 6))
+    off = shift * draws[..., :3] + np.cross(turn * draws[..., 3:], lever)
+    rms = np.sqrt(np.mean(np.sum(off**2, axis=2), axis=0))
+    np.testing.assert_allclose(found.points_m, rms, rtol=0.05)
+    assert found.lost_rms_m < 1e-12

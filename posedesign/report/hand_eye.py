@@ -240,7 +240,9 @@ def lines_of_camera(file: CameraFile) -> list[str]:
     )
     if file.arm_errors is not None:
         kinds = ", ".join(
-            f"{_KINDS.get(kind, kind)} {mm:.2g} mm" for kind, mm in file.arm_errors.rms_mm.items()
+            f"{_KINDS.get(kind, kind)} {mm:.2g} mm"
+            for kind, mm in file.arm_errors.rms_mm.items()
+            if mm >= _LEAST_PART * max(file.arm_errors.rms_mm.values())
         )
         lines.append(
             f"errors of the arm are taken into account ({kinds}); camera and board above are for "

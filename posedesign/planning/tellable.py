@@ -85,12 +85,15 @@ def untold_of(cell: Cell, stations: FloatArray | None = None) -> Untold | None:
     ----------
     stations : array (K, n), optional
         Postures [rad, m] that poses are near to: where external axes stand. The base posture by
-        default.
+        default; nothing is found then of cells with external axes or several targets.
     """
     if cell.is_hand_eye or cell.config.parameters.planned not in (None, PAPER):
         return None
     if cell.observations[0].kind in ("plane", "distance"):
         return None  # turning about one point is no pool of these
+    alone = len(cell.observations) == 1 and not cell.robot.n_external
+    if stations is None and not alone:
+        return None  # several targets, or places of external axes, tell more than one of them
     cell = cell.parts[0]
     near = cell.base_posture[None] if stations is None else stations
     hidden = _hidden_of(cell, near)

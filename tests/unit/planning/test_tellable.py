@@ -92,6 +92,12 @@ def test_few_poses_accuse_no_parameter():
     assert untold_of(replace(cell, robot=narrow)) is None
 
 
+def test_a_second_target_is_not_judged_by_the_first_alone():
+    second = '[[target]]\nname = "a"\n[[target]]\nname = "b"\nposition_mm = [600.0, 200.0, 500.0]\n'
+    first = 'zero_offsets = ["joint_a1", "joint_a2", "joint_a3"]\nplanned = ["zero_offsets"]\n'
+    assert untold_of(cell_of(first, more=second)) is None
+
+
 @pytest.mark.parametrize("words", ['"compliance"', '"zero_offsets", "bearings"'])
 def test_plans_for_what_gravity_does_need_masses(words):
     with pytest.raises(FileFormatError) as error:

@@ -215,7 +215,11 @@ class Change:
         self._information = np.einsum("skk->sk", information)
         size = np.sqrt(np.maximum(self._information, _TINY))
         unit = size[:, :, None] * size[:, None, :]
-        self._inverse = np.linalg.pinv(information / unit, rcond=_LEAST_PART, hermitian=True) / unit
+        if columns.shape[-1] == 1:
+            self._inverse = 1.0 / unit
+        else:
+            scaled = np.linalg.pinv(information / unit, rcond=_LEAST_PART, hermitian=True)
+            self._inverse = scaled / unit
         total = white.reshape(-1) @ rows
         estimates = (self._inverse @ total[..., None])[..., 0]
         explained = (estimates * total).sum(axis=1)

@@ -30,6 +30,9 @@ TURN_NOISE = 1e-4
 LEAST_M = 0.1e-3
 """Of drifts and bumps."""
 
+DEVIATION_M = 3e-4
+"""Deviation of an arm at each pose, which no parameter describes."""
+
 FEWEST_ASIDE = 3
 """Measurements of a target before and after it is moved: of fewer, nothing could tell."""
 
@@ -169,6 +172,21 @@ def draw_arm(
         else:
             x[k] += draw * size[name[:4]]
     return Arm(cell, kind, truth, x, q, Setup.of(count, target=target))
+
+
+def deviating(
+    arm: Arm, data: Measurements, rng: np.random.Generator, *, tails: bool = False
+) -> Measurements:
+    """The measurements of an arm that is :data:`DEVIATION_M` off at each pose, in every axis."""
+    off = DEVIATION_M * rng.standard_normal((data.count, 3))
+    if tails:
+        off *= np.abs(rng.standard_t(3.0, (data.count, 1)))
+    if data.observed is not None:
+        read = data.observed.copy()
+        read[:, :3] += off
+        return replace(data, observed=read)
+    J = arm.cell.robot.jacobian(data.postures)[:, :3]
+    return replace(data, postures=data.postures + np.einsum("ijk,ik->ij", np.linalg.pinv(J), off))
 
 
 def table_of(arm: Arm, data: Measurements) -> MeasurementTable:

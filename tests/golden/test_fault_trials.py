@@ -8,11 +8,14 @@ import pytest
 
 from calib.identification.diagnosis import diagnose
 from calib.identification.held import MODEL, tuned
+from calib.judgement import FALSE_ALARMS
 from posedesign.identification.models import Models
+from studies.intervals import wilson
 from tests.fault_trials import (
     ARMS,
     FAULTS,
     MEASURED,
+    deviating,
     draw_arm,
     makes_sense,
     noncentrality,
@@ -21,10 +24,17 @@ from tests.fault_trials import (
 
 CASES = [(fault, kind) for fault in FAULTS for kind in MEASURED if makes_sense(fault, kind)]
 
-SEEN = 14.9
-"""Noncentrality from which chi² of the true fault has a power of 0.9 at a level of 0.01."""
+SEEN = 25.3
+"""Noncentrality from which chi² of a shift in three axes has a power of 0.9 at the level of a
+family of causes, 1 in 800."""
 
-SETS: dict[str, dict[str, Any]] = {"plain": {}, "noise": {"noise": 3.0}, "waves": {"waves": True}}
+SETS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "noise": {"noise": 3.0},
+    "waves": {"waves": True},
+    "deviations": {},
+    "tails": {},
+}
 
 
 def named(fault: str, kind: str, seed: int) -> str:
@@ -59,21 +69,26 @@ def test_faults_are_named(trials):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [12, pytest.param(108, marks=pytest.mark.full)])
+@pytest.mark.parametrize("count", [20, pytest.param(180, marks=pytest.mark.full)])
 def test_nothing_is_named_that_is_not_there(count):
     """With the noise as given, three times as large, and with what models leave out of an arm.
+
+    And with a deviation of the arm at each pose of .3 mm that no parameter describes, normal or
+    with heavy tails.
 
     Few trials measure each arm in each way once, many of them in each set-up.
     """
     false = trials = 0
     for seed in range(count):
         how = list(SETS)[seed // len(ARMS) % len(SETS)]
-        for kind in MEASURED if count > 12 else (MEASURED[seed % len(MEASURED)],):
+        for kind in MEASURED if count > 20 else (MEASURED[seed % len(MEASURED)],):
             trials += 1
             rng = np.random.default_rng([seed, 99, MEASURED.index(kind)])
             arm = draw_arm(ARMS[seed % len(ARMS)], kind, rng, **SETS[how])
             data = arm.measured(rng)
+            if how in ("deviations", "tails"):
+                data = deviating(arm, data, rng, tails=how == "tails")
             found = diagnose(Models(arm.cell, table_of(arm, data)).of_arm(), data)
-            false += any(finding.cause not in MODEL for finding in found)
-            false += bool(found) and how == "plain"
-    assert false <= 0.02 * trials
+            named = any(finding.cause not in MODEL for finding in found)
+            false += named or (bool(found) and how == "plain")
+    assert wilson(np.arange(trials) < false)["low"] <= FALSE_ALARMS

@@ -29,13 +29,9 @@ from calib.robot_world.estimate import Fit
 from calib.robot_world.methods.maximum_likelihood import with_estimated_noise
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.sequence import LEVEL
+from calib.robot_world.sequence import LEVEL, UNKNOWN
 from calib.robot_world.sizes import estimated_model
 from calib.se3 import BoolArray, FloatArray
-
-UNKNOWN = 0.1
-"""Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
-the size of a tag would be within a few of them."""
 
 WRONG = 1e-2
 """Distance of the scale from 1 that matters: a printed target is as long as it should be to some

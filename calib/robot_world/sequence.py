@@ -40,6 +40,10 @@ its depth, from either side."""
 LEVEL = level_of_each(DETECTORS)
 """Significance level of each of them."""
 
+UNKNOWN = 0.1
+"""Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
+the size of a tag would be within a few of them."""
+
 FEWEST_PAIRS = 8
 """Pairs from which on drifts are looked for: a drift has three numbers that X and Z do not take up,
 of nine to eighteen that are left of the translations."""
@@ -293,7 +297,12 @@ class Change:
 
     @cached_property
     def is_told(self) -> bool:
-        """Return True if the change is told apart from chance."""
+        """Return True if the change is told apart from chance.
+
+        A scale that the pairs leave open by more than a tenth is none: errors of the arm make any.
+        """
+        if self.is_of_scale and not self.sigma < UNKNOWN:
+            return False
         return self.probability < LEVEL and self.beats_signs
 
     @property

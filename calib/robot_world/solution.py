@@ -133,7 +133,12 @@ class Solution:
         """
         if self.doubts or self.others or self.sequence.is_rounding:
             return ()
-        return self.sequence.told(*self.scale_changes)
+        told = self.sequence.told(*self.scale_changes)
+        if not any(change.is_of_scale for change in told):
+            return told
+        # seen from one place the scale is far from linear: errors of the arm then make any
+        scale = likeliest(self.pairs, self.motion.pairs, self.used, self.noise)
+        return told if scale.is_told else tuple(one for one in told if not one.is_of_scale)
 
     @property
     def is_grave(self) -> bool:

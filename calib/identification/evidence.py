@@ -347,7 +347,7 @@ class _Known:
             for s in step
         ]
         least = 12.0 / np.maximum(np.ptp(self.bounds, axis=0), _CURVATURE_STEP) ** 2
-        information = -np.asarray(curvature).reshape(len(theta), -1) + np.diag(least)
+        information = -np.asarray(curvature).reshape(len(theta), len(theta)) + np.diag(least)
         values, vectors = np.linalg.eigh((information + information.T) / 2.0)
         return np.asarray((vectors * np.maximum(values, least.min(initial=np.inf))) @ vectors.T)
 

@@ -248,10 +248,24 @@ arm."""
 def first_guess(
     model: CalibrationModel, data: Measurements, *, weighted: bool = True
 ) -> FloatArray:
-    """Parameters ``(p,)`` that place the set-up."""
-    x = model.nominal.copy()
+    """Parameters ``(p,)`` that place the set-up.
+
+    Those of the model itself where they explain the measurements better: where no length of the arm
+    is seen, a set-up that is placed in closed form may be a mirror image.
+    """
     if not model.nuisance.any():
-        return x
+        return model.nominal.copy()
+    found = _placed(model, data, weighted=weighted)
+    squares = [
+        float(np.sum(model.linearise_at(data, x).over_noise_last(weighted)[0] ** 2))
+        for x in (found, model.nominal)
+    ]
+    return found if not squares[1] < squares[0] else model.nominal.copy()
+
+
+def _placed(model: CalibrationModel, data: Measurements, *, weighted: bool) -> FloatArray:
+    """Parameters ``(p,)`` with tools and targets found from the measurements."""
+    x = model.nominal.copy()
     _Placing(model, data, x).place_frames()
     free = model.nuisance
     placed = x != model.nominal

@@ -415,3 +415,59 @@ def test_parameters_that_are_not_told_are_listed(capsys, work):
     assert "7 parameters of the arm are not in this model" in said
     assert "harmonic.joint_1.sin1 is absorbed by the targets" in said
     assert "and 2 more, see identification.json" in said
+
+
+TURRET = """<robot name="turret"><link name="foot"/><link name="yoke"/><link name="head"/>
+<joint name="pan" type="revolute"><parent link="foot"/><child link="yoke"/>
+<origin xyz="0 0 0.25"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/>
+</joint><joint name="tilt" type="revolute"><parent link="yoke"/><child link="head"/>
+<origin xyz="0 0 0.06"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+</joint></robot>"""
+
+TURRET_CELL = """
+[robot]
+urdf = "turret.urdf"
+tip = "head"
+[tool]
+point_mm = [40.0, 20.0, 110.0]
+[base_pose]
+posture_deg = [0.0, 0.0]
+[constraints]
+collisions = false
+[measurement]
+kind = "{kind}"
+[[noise]]
+kind = "{kind}"
+three_sigma_mm = 0.09
+{turns}
+[target]
+name = "tracker"
+position_mm = [2000.0, -1000.0, 700.0]
+wpr_deg = [0.0, 0.0, 30.0]
+"""
+
+
+@pytest.mark.parametrize("kind", ["point", "pose"])
+def test_two_joints_whose_axes_meet(cli, tmp_path, kind):
+    """No length of such an arm is seen, so nothing is said of scales, units and signs.
+
+    The instrument in closed form was a mirror image, and a fit without sizes a traceback.
+    """
+    (tmp_path / "turret.urdf").write_text(TURRET)
+    turns = "three_sigma_deg = 0.06" if kind == "pose" else ""
+    path = tmp_path / "cell.toml"
+    path.write_text(TURRET_CELL.format(kind=kind, turns=turns))
+    cell, rng = Cell.load(path), np.random.default_rng(8)
+    q = rng.uniform([-1.8, -0.9], [1.8, 0.9], (24, 2))
+    T_base_tool = cell.robot.fk(q) @ transform(np.eye(3), cell.tool_m)
+    wpr = np.radians([0.3, -0.5, 31.0])
+    T = inverse(transform(rotation_from_wpr(wpr), [1.98, -1.03, 0.71])) @ T_base_tool
+    read = np.concatenate([T[:, :3, 3], rotation_log(T[:, :3, :3])], axis=1)
+    read += rng.standard_normal(read.shape) * np.repeat([3e-5, np.radians(0.02)], 3)
+    observed = read[:, :3] if kind == "point" else read
+    data = Measurements(q, Setup.of(24), ("tracker",), observed=observed)
+    file = write_measurements(tmp_path / "read.csv", data, [kind])
+    said = cli("identify", path, file, "--out", tmp_path / "out")
+    assert (said.code, "recommended: frames only" in said.out) == (0, True), said
+    for word in ("scale", "sign", "inches", "mm for m"):
+        assert word not in said.err

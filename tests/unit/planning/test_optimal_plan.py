@@ -316,11 +316,11 @@ def test_too_few_equations_for_ten_parameters_are_refused(of_ten, monkeypatch):
 
 
 def test_what_no_way_leads_to_is_left_out(cell, lose):
-    asked = lose(lambda q, _: np.flatnonzero(q[:, 3] > 2.0))
+    asked = lose(lambda q, _: np.flatnonzero(q[:, 3] > 2.5))
     found = plan_optimal(cell, Request(count=9))
     assert len(found.postures) == 9
-    assert (found.postures[:, 3] <= 2.0).all()
-    cut = [int((q[:, 3] > 2.0).sum()) for q in asked]
+    assert (found.postures[:, 3] <= 2.5).all()
+    cut = [int((q[:, 3] > 2.5).sum()) for q in asked]
     assert cut[0] > 0
     assert cut[-1] == 0
     assert found.pool_size == len(candidates_of(cell)) - sum(cut)

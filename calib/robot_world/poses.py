@@ -28,6 +28,10 @@ _SHOWN = 13.8
 """Twice the logarithm of the likelihood that a deviation has to gain beside noise that was given: a
 chance of 1 in 1,000 of two variances, both of them at their bound by chance in most sets."""
 
+_LIKELIER = 6.0
+"""The same beside noise that is estimated, which a deviation makes no smaller: a chance of 1 in 20.
+The few poses that come back in a usual set tell none."""
+
 _STARTS = (1e-2, 1.0, 1e2)
 """First shares that are tried."""
 
@@ -178,8 +182,17 @@ def restricted(
     found = minimize(worse, min(starts, key=worse), bounds=bounds, method="L-BFGS-B")
     variance, share = parts(np.asarray(found.x))
     share = np.where(share > 2.0 * _LEAST_SHARE, share, 0.0)
-    if not own and worse(np.full(2, np.log(_LEAST_SHARE))) - found.fun < _SHOWN:
-        share = np.zeros(2)
+    none, least = np.full(2, np.log(_LEAST_SHARE)), _SHOWN
+    if own:  # the noise of a pair alone, as large as it is then
+        nothing = none
+
+        def worse_alone(x: FloatArray) -> float:
+            return worse(np.concatenate([x, nothing]))
+
+        alone = minimize(worse_alone, np.zeros(2), bounds=bounds[:2], method="L-BFGS-B")
+        none, least = np.concatenate([alone.x, nothing]), _LIKELIER
+    if worse(none) - found.fun < least:
+        variance, share = parts(none)[0], np.zeros(2)
     return np.sqrt(variance), replace(poses, share=share)
 
 

@@ -27,6 +27,7 @@ from calib.robot_world.scale import (
     moved,
     scaled,
 )
+from calib.robot_world.sequence import LEVEL
 from calib.robot_world.solution import Solution
 from calib.se3 import BoolArray, FloatArray
 from calib.shown import Shown
@@ -61,6 +62,9 @@ _MANY_LEFT_OUT, _MOST_LEFT_OUT = 0.2, 0.3
 """Part of the pairs left out from which on a warning says so, and from which on X and Z are
 doubtful. In simulations with outliers that are independent of each other the standard deviations
 hold up to one half; where the outliers agree with each other, they fail from 0.35 on."""
+
+_SURE_LEVEL = LEVEL / 10.0
+"""Level at which a scale is named by its standard deviation alone."""
 
 _FAR_SCALE = 0.3
 """Logarithm of the scale of B from which on X and Z without it say nothing of it."""
@@ -287,6 +291,10 @@ class RobotWorldResult(Shown):
             return True
         # X and Z by a scale that is far from the true one say nothing of it
         far = abs(float(np.log(by_rotations_first(one.motion.pairs)[0]))) > _FAR_SCALE
+        if not far and any(change.probability < LEVEL for change in one.scale_changes):
+            # of few pairs a single sign decides whether the signs agree
+            scale = self.scale
+            return scale is not None and scale.is_told and scale.probability < _SURE_LEVEL
         return far and self.scale is not None and self.scale.is_named
 
     @cached_property

@@ -143,7 +143,8 @@ def test_good_pairs_raise_no_doubts(pairs, cone_deg):
         noise = PairNoise(np.radians(0.2), 1e-3)
         result = solve(*measured(200 + seed, pairs, cone_deg, noise), noise=noise)
         assert result.status == "ok"
-        warned += bool(result.warnings)
+        # how little they tell of the scale is no doubt of the pairs
+        warned += any("would go unnoticed" not in said for said in result.warnings)
     assert warned <= 2
 
 

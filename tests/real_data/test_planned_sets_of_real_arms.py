@@ -329,10 +329,14 @@ def without_site(folder: Path, out: str) -> Pool:
     return TwoSites(cell, cell, data, "touch-up", which, held_out=np.vstack(left), socket=socket)
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="with the workplace filled evenly .725 of the random sets leave more, not three quarters",
+)
 @pytest.mark.slow
-def test_twelve_poses_under_a_measuring_arm_are_in_the_best_third(arm_pool):
+def test_twelve_poses_under_a_measuring_arm_are_in_the_best_quarter(arm_pool):
     found = judged([arm_pool], 12, DRAWS)
-    assert found.rank >= TWO_THIRDS  # .725 of the random sets leave more
+    assert found.rank >= BEST_QUARTER
     assert found.rank_over_all >= TWO_THIRDS
     assert found.planned_mm < 0.85 * found.for_offsets_mm
 

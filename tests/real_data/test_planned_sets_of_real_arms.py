@@ -331,7 +331,7 @@ def without_site(folder: Path, out: str) -> Pool:
 
 @pytest.mark.xfail(
     strict=True,
-    reason="with the workplace filled evenly .725 of the random sets leave more, not three quarters",
+    reason="with the workplace filled evenly .725 of the random sets leave more, not .75",
 )
 @pytest.mark.slow
 def test_twelve_poses_under_a_measuring_arm_are_in_the_best_quarter(arm_pool):

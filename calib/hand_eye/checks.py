@@ -205,7 +205,7 @@ class Move:
 
     @property
     def words(self) -> str:
-        """What happened."""
+        """The cause in one word, such as ``step`` or ``scale``."""
         far, turn = (float(np.linalg.norm(part)) for part in np.split(self.step.values, 2))
         return (
             f"the {self.which} seems to have been moved before {self.name}, by {1e3 * far:.2g} mm "

@@ -43,7 +43,7 @@ _SAME_SIZE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """How far pixels scatter, how far the arm stops off, and how large its own errors are."""
+    """Scatter of the pixels, deviation of the arm, and sizes of its own errors."""
 
     pixel: dict[str, float]  # of a coordinate of a point by each camera [px]
     arm: tuple[float, float]  # deviation along each axis [m], about each axis [rad]

@@ -140,7 +140,7 @@ class HandEyeResult(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What looks wrong, in words, the worst first; notes are said as such."""
+        """Findings in words, the worst first; notes are said as such."""
         note = "note", "left out"
         return tuple(
             f"{one.text} (note: it changes the answer by less than its standard deviation)"

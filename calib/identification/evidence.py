@@ -147,7 +147,7 @@ class TunedPriors:
 
 @dataclass(frozen=True, eq=False)
 class Similar:
-    """What was found of a model, for one that has much in common with it to start from."""
+    """Values found of a model, from which a similar model starts."""
 
     names: tuple[str, ...]  # of its parameters
     x: FloatArray  # (p,) [SI]

@@ -471,7 +471,7 @@ class RobotWorldResult(Shown):
 
     @property
     def unseen(self) -> str:
-        """What could not have been seen, in one sentence; empty where nothing was looked for."""
+        """Return in one sentence the smallest effects seen; empty where nothing was looked for."""
         largest: dict[str, float] = {}
         for label, size in self.smallest_found.items():
             kind = label.split(" of ")[0]
@@ -497,7 +497,7 @@ class RobotWorldResult(Shown):
 
     @property
     def noise_words(self) -> str:
-        """How far X and Z move by the noise that is assumed, in one sentence."""
+        """Return in one sentence the change of X and Z by the noise that is assumed."""
         if not self.other_noises:
             return ""
         moved = np.abs([off.reshape(4, 3) for _, off in self.other_noises])

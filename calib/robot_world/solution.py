@@ -126,7 +126,7 @@ class Solution:
 
     @cached_property
     def causes(self) -> tuple[Change, ...]:
-        """What the pairs show to have changed, or to be of another scale.
+        """Changes along the sequence, and scales, that the pairs show.
 
         None where something is wrong with them anyway; several where these pairs do not tell them
         apart.

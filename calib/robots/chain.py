@@ -239,7 +239,7 @@ class SerialChain:
 
     @cached_property
     def outlying(self) -> FloatArray:
-        """How far each joint's frame has to go along its axis to be at the arm ``(n,)`` [m].
+        """Shift ``(n,)`` [m] of each joint's frame along its axis that brings it to the arm.
 
         Zero where it is nearer than the reach and :data:`OUTLYING_M`. Zero for the first turning
         joint.

@@ -202,17 +202,23 @@ def _numbered(simulate: Simulate, task: Task) -> tuple[int, Columns]:
 def _of_processes(
     simulate: Simulate, tasks: Sequence[Task], count: int
 ) -> Iterator[tuple[int, Columns]]:
-    """Results of ``count`` processes of this machine; new ones where some were killed."""
+    """Results of ``count`` processes of this machine; new ones where some were killed.
+
+    A killed process takes the results along that were not read yet. After the first one the tasks
+    are therefore handed out in rounds of ``count``, each read before the next begins.
+    """
     import joblib
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     left = {task.number: task for task in tasks}
     suspects = set(left)
+    size = len(tasks)
     for _ in range(_TRIES):
         handed_out: list[int] = []
 
-        def calls(handed_out: list[int] = handed_out) -> Iterator[Any]:
-            for task in list(left.values()):
+        def calls(some: Sequence[Task], handed_out: list[int] = handed_out) -> Iterator[Any]:
+            handed_out.clear()
+            for task in some:
                 handed_out.append(task.number)
                 yield joblib.delayed(_numbered)(simulate, task)
 
@@ -229,13 +235,16 @@ def _of_processes(
                 pre_dispatch=_AHEAD * count,
                 batch_size=1,
             )
+            waiting = list(left.values())
             try:
-                for number, columns in parallel(calls()):
-                    del left[number]
-                    yield number, columns
+                for first in range(0, len(waiting), size):
+                    for number, columns in parallel(calls(waiting[first : first + size])):
+                        del left[number]
+                        yield number, columns
                 return
             except TerminatedWorkerError:
                 suspects &= left.keys() & handed_out
+                size = count
     raise _killed(f"worker processes were killed {_TRIES} times", sorted(suspects))
 
 

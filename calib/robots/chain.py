@@ -11,7 +11,7 @@ three. All of it goes element by element, so that a posture gives the same bits 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
@@ -269,7 +269,7 @@ class SerialChain:
         joints, before = [], np.eye(3)
         for placement, axis in zip(self.placements, self.axes, strict=True):
             k = int(np.argmax(np.abs(axis)))
-            along = 1.0 - abs(axis[k]) < _EXACT
+            along = float(np.abs(np.delete(axis, k)).max()) < _EXACT
             turned = np.eye(3) if along else frame_about(axis)
             joints.append(
                 _Joint(
@@ -413,12 +413,13 @@ class SerialChain:
             part = slice(start, start + _BLOCK)
             walk = self.walk(np.ascontiguousarray(q[part].T))
             axes[part] = self.all_axes(walk).transpose(2, 0, 1)
+            # first: the tip may share its numbers with the frame of the last joint
+            R_base_tip[part], p_base_tip[part] = walk.tip.transpose(2, 1, 0), walk.p_base_tip.T
             for j, joint in enumerate(self._joints):
                 if joint.to_link is not None:
                     walk.columns[j] = self.link_columns(walk, j)
             rotations[part] = walk.columns.transpose(3, 0, 2, 1)
             origins[part] = walk.origins.transpose(2, 0, 1)
-            R_base_tip[part], p_base_tip[part] = walk.tip.transpose(2, 1, 0), walk.p_base_tip.T
         return ChainState(
             rotations=rotations.reshape(*batch, n, 3, 3),
             origins=origins.reshape(*batch, n, 3),
@@ -514,32 +515,6 @@ def _product(columns: FloatArray, R: FloatArray) -> FloatArray:
 _IDENTITY = np.eye(3).tolist()
 
 
-SLIGHT_TURN = 0.02
-"""Element of a rotation or of an axis that a description is taken to mean as none, 1.1 deg:
-rounding of angles to 1.571 and 3.142 is off by 4e-4, and the frames of a calibrated arm have its
-zero offsets in them, of some tenths of a degree."""
-
 SLIGHT_M = 5e-3
-"""The same of an offset [m]: arms are built off by some tenths of a millimetre, rarely by a few."""
-
-
-def idealised(chain: SerialChain) -> SerialChain:
-    """The chain with right angles for almost right ones, and without its slight offsets.
-
-    Axes that are almost parallel become parallel, those that almost meet meet: a chain with a
-    closed form, whose answers are good starts for closing in on the poses with the chain itself.
-    """
-    placements = chain.placements.copy()
-    for T in placements:
-        T[:3, :3] = _squared(T[:3, :3])
-    p = placements[:, :3, 3]
-    placements[:, :3, 3] = np.where(np.abs(p) < SLIGHT_M, 0.0, p)
-    axes = np.array([_squared(axis) for axis in chain.axes])
-    return replace(chain, placements=placements, axes=axes)
-
-
-def _squared(near: FloatArray) -> FloatArray:
-    """A rotation with right angles for almost right ones; or an axis."""
-    right = np.round(near)
-    is_one = near.ndim == 1 or np.array_equal(right @ right.T, np.eye(3))
-    return right if is_one and np.abs(near - right).max() < SLIGHT_TURN else near
+"""Length that a description is taken to mean as none [m]: arms are built off by some tenths of a
+millimetre, rarely by a few."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib import Robot, preset_names
-from calib.robots.inverse.closed_form import compare, every_branch
+from calib.robots.inverse.closed_form import compare
 from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 
 
@@ -43,13 +43,13 @@ def test_closed_form_alone(benchmark, reference):
     """EAIK and its answers as one array, 10,000 poses."""
     poses = random_poses(reference, 10_000)
     solver = reference._inverse._solver
-    assert len(benchmark(every_branch, solver, poses, 6)[0]) > 50_000
+    assert len(benchmark(solver.branches, poses)[0]) > 50_000
 
 
 def test_check_of_the_answers_alone(benchmark, reference):
     """The forward kinematics and the comparison of all answers of 10,000 poses."""
     poses = random_poses(reference, 10_000)
-    postures, pose = every_branch(reference._inverse._solver, poses, 6)
+    postures, pose = reference._inverse._solver.branches(poses)
     distance, _, _ = benchmark(compare, reference.chain, postures, poses, pose)
     assert len(distance) == len(postures)
 

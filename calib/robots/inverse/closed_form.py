@@ -11,14 +11,14 @@ arm's own, about axes 2 to 4, and joint 6. Exactly there it moves with its tip a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import eaik.pybindings.EAIK as eaik
 import numpy as np
 
-from calib.robots.bounds import Bounds
-from calib.robots.chain import SerialChain, idealised
+from calib.robots.bounds import TURN, Bounds
+from calib.robots.chain import SerialChain
+from calib.robots.inverse.eaik_arm import PARALLEL, ZEROS, EaikArm
+from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
 
@@ -41,31 +41,32 @@ class ClosedForm(InverseKinematics):
 
     poses_at_once = 100_000
 
-    def __init__(self, chain: SerialChain, solver: eaik.Robot, ideal: SerialChain) -> None:
+    def __init__(self, chain: SerialChain, solver: EaikArm, ideal: SerialChain) -> None:
         super().__init__(chain)
         self._solver, self._ideal = solver, ideal
         self._parallel = has_parallel_arm(ideal)
 
     @classmethod
     def of(cls, chain: SerialChain) -> ClosedForm | None:
-        """The solver for a chain, or None where its geometry has no closed form.
+        """Return the solver for a chain, or None where its geometry has no closed form.
 
         A chain whose frames are but rounded, or slightly off (a calibrated arm), is solved through
-        its ideal: see :func:`calib.robots.chain.idealised`.
+        the nearest ideal one whose closed form finds all: see :mod:`calib.robots.inverse.ideal`.
         """
         if chain.n != 6:
             return None
-        for ideal in (chain, idealised(chain)):
-            solver = eaik_robot(ideal)
-            if solver.has_known_decomposition():
-                return cls(chain, solver, ideal)
+        for ideal in (chain, *ideals(chain)):
+            for zero in ZEROS:
+                solver = EaikArm(ideal, zero)
+                if solver.known and _finds_all(ideal, solver):
+                    return cls(chain, solver, ideal)
         return None
 
     def some(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         count = len(T_base_tip)
-        postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
+        postures, pose = self._solver.branches(T_base_tip)
         miss = compare(self._ideal, postures, T_base_tip, pose)
         if miss.straight.any():
             postures, pose = self._mend(postures, pose, miss.straight, T_base_tip, near)
@@ -142,19 +143,24 @@ class ClosedForm(InverseKinematics):
         return postures, arrived
 
 
-def eaik_robot(chain: SerialChain, fixed: Sequence[tuple[int, float]] = ()) -> eaik.Robot:
-    """EAIK's own model of a chain, joints ``(index, angle [rad])`` fixed."""
-    state = chain.forward(np.zeros(chain.n))
-    steps = np.diff(np.vstack([np.zeros(3), state.origins, state.p_base_tip]), axis=0)
-    return eaik.Robot(state.axes.T, steps.T, state.R_base_tip, list(fixed), True)
+_TRIED = 64
+"""Random postures of which each has to be among the answers to its own pose."""
+
+_NOT_SINGULAR = 0.05
+"""Smallest singular value of postures that are tried."""
 
 
-def every_branch(solver: eaik.Robot, T_base_tip: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
-    """What EAIK answers, least-squares answers included: postures ``(S, n)`` and their poses."""
-    found = [answer.Q for answer in solver.calculate_IK_batched(T_base_tip, 1)]
-    counts = [len(f) for f in found]
-    postures = np.concatenate([np.empty((0, n)), *(f for f in found if len(f))])
-    return postures, np.repeat(np.arange(len(found)), counts)
+def _finds_all(chain: SerialChain, solver: EaikArm) -> bool:
+    """Return True if random postures of a chain are among the exact answers to their own poses."""
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TRIED, chain.n))
+    state = chain.forward(q)
+    clear = chain.smallest_singular_values(state) > _NOT_SINGULAR
+    q, T = q[clear], state.T_base_tip[clear]
+    answers, pose = solver.branches(T)
+    exact = compare(chain, answers, T, pose).below(CLOSURE_TOLERANCE)
+    off = np.remainder(answers - q[pose] + np.pi, TURN) - np.pi
+    own = exact & (np.abs(off).max(axis=1) < SAME_POSTURE_RAD)
+    return len(np.unique(pose[own])) == len(q)
 
 
 class Miss(NamedTuple):
@@ -255,9 +261,6 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.sum(a * b, axis=-1))
 
 
-_PARALLEL = 1e-9
-"""Sine [rad] below which axes of a description are parallel, or perpendicular."""
-
 _TINY = 1e-30
 """Takes the place of a product of lengths that is zero [m²]."""
 
@@ -265,8 +268,8 @@ _TINY = 1e-30
 def has_parallel_arm(chain: SerialChain) -> bool:
     """Whether axes 2 to 4 are parallel and each later axis is perpendicular to the one before."""
     a = chain.forward(np.zeros(chain.n)).axes
-    parallel = np.abs(np.cross(a[1], a[2:4])).max() < _PARALLEL
-    return bool(parallel and abs(a[3] @ a[4]) < _PARALLEL and abs(a[4] @ a[5]) < _PARALLEL)
+    parallel = np.abs(np.cross(a[1], a[2:4])).max() < PARALLEL
+    return bool(parallel and abs(a[3] @ a[4]) < PARALLEL and abs(a[4] @ a[5]) < PARALLEL)
 
 
 def solve_parallel_arm(

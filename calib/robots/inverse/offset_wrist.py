@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.robots.bounds import TURN, Bounds
-from calib.robots.chain import SerialChain, idealised
+from calib.robots.chain import SerialChain
 from calib.robots.inverse.closed_form import across, angle_about, compare, repeated
+from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
 
@@ -112,11 +113,11 @@ class OffsetWrist(InverseKinematics):
         """The solver for a chain, or None where its axes lie otherwise.
 
         A chain whose frames are slightly off is solved through its ideal: see
-        :func:`calib.robots.chain.idealised`.
+        :mod:`calib.robots.inverse.ideal`.
         """
         if chain.n != 6:
             return None
-        for ideal in (chain, idealised(chain)):
+        for ideal in (chain, *ideals(chain)):
             zero = ideal.forward(np.zeros(6))
             a, o = zero.axes, zero.origins
             normal = np.cross(a[3], a[4])

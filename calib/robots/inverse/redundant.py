@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import eaik.pybindings.EAIK as eaik
 import numpy as np
 
 from calib.robots.bounds import TURN, Bounds, first_per_group, nearest_turns
-from calib.robots.chain import SerialChain, idealised
+from calib.robots.chain import SerialChain
 from calib.robots.inverse.closed_form import (
     SAME_POSTURE_RAD,
     compare,
-    eaik_robot,
-    every_branch,
     repeated,
 )
+from calib.robots.inverse.eaik_arm import ZEROS, EaikArm
+from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
@@ -75,13 +74,13 @@ class RedundantArm(InverseKinematics):
         null = np.abs(np.linalg.svd(state.jacobian(state.p_base_tip))[2][:, -1])
         # a joint that hardly takes part in the self-motion cuts it badly, or never: an elbow
         share = np.quantile(null, 0.25, axis=0)
-        for ideal in (chain, idealised(chain)):
+        for ideal in (chain, *ideals(chain)):
             swept = int(np.argmax(share * [_leaves_closed_form(ideal, j) for j in range(7)]))
             if share[swept] > _LEAST_SHARE and _leaves_closed_form(ideal, swept):
                 return cls(chain, swept, ideal)
         return None
 
-    def _solvers(self, lower: float, upper: float) -> list[tuple[float, eaik.Robot]]:
+    def _solvers(self, lower: float, upper: float) -> list[tuple[float, EaikArm]]:
         """Six-axis arms at each angle [rad] of the swept joint."""
         if upper < lower:  # a margin left it no room: what it would take is told all the same
             lower, upper = -np.pi, np.pi
@@ -91,8 +90,8 @@ class RedundantArm(InverseKinematics):
         angles = lower + np.linspace(0.0, span, steps + 1)[: None if span < TURN else -1]
         return [(a, self._held_at(a)) for a in angles.tolist()]
 
-    def _held_at(self, angle: float) -> eaik.Robot:
-        return eaik_robot(self._ideal, [(self.swept, angle)])
+    def _held_at(self, angle: float) -> EaikArm:
+        return EaikArm(self._ideal, ZEROS[0], (self.swept, angle))
 
     def _cuts(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
@@ -103,9 +102,7 @@ class RedundantArm(InverseKinematics):
         away = min(abs(wanted - a) for a, _ in solvers)
         if lower <= wanted <= upper and away > _SAME_ANGLE_RAD:
             solvers = [*solvers, (wanted, self._held_at(wanted))]
-        answers = [
-            every_branch(s, T_base_tip, 7) for _, s in solvers if s.has_known_decomposition()
-        ]
+        answers = [arm.branches(T_base_tip) for _, arm in solvers if arm.known]
         postures, pose = (np.concatenate(parts) for parts in zip(*answers, strict=True))
         order = np.argsort(pose, kind="stable")
         return postures[order], pose[order]
@@ -179,8 +176,7 @@ class RedundantArm(InverseKinematics):
 
 def _leaves_closed_form(chain: SerialChain, joint: int) -> bool:
     """Whether the arm with one joint held has a closed form, at angles of no special meaning."""
-    held = (eaik_robot(chain, [(joint, angle)]) for angle in (0.3, -1.1))
-    return all(solver.has_known_decomposition() for solver in held)
+    return all(EaikArm(chain, ZEROS[0], (joint, angle)).known for angle in (0.3, -1.1))
 
 
 def _best(postures: FloatArray, pose: IntArray, rank: FloatArray, count: int) -> IntArray:

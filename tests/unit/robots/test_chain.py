@@ -103,18 +103,21 @@ def test_leading_dimensions_are_kept(reference_robot):
     )
 
 
-@pytest.mark.parametrize("straight", [True, False])
-def test_frames_are_the_product_of_placements_and_turns(straight):
+@pytest.mark.parametrize("tip", ["turned", "along the last axis"])
+@pytest.mark.parametrize("kind", ["straight", "almost straight", "askew"])
+def test_frames_are_the_product_of_placements_and_turns(kind, tip):
     """Joint by joint with 4x4 matrices: axes along and against x, y and z, and askew."""
     rng = np.random.default_rng(1)
     R = se3.rotation_exp(rng.uniform(-3, 3, (7, 3)))
     R[2:5] = np.eye(3), np.eye(3)[[1, 2, 0]], np.diag([1, -1, -1])
     placements = se3.transform(R, rng.uniform(-1, 1, (7, 3)) * rng.integers(0, 2, (7, 3)))
     axes = rng.normal(size=(7, 3))
-    if straight:
+    if "straight" in kind:
         axes = np.vstack([np.eye(3), -np.eye(3), [[0, 0, 1]]])
+        axes[::2, 1] += 2e-8 if kind == "almost straight" else 0.0
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    mount = se3.transform(se3.rotation_exp([0.3, 0.2, -1]), [0.1, 0, 0.2])
+    turned = se3.rotation_exp([0.3, 0.2, -1]) if tip == "turned" else se3.frame_about(axes[-1])
+    mount = se3.transform(turned, [0.1, 0, 0.2])
     chain = SerialChain(placements, axes, mount)
     q = rng.uniform(-7, 7, (20, 7))
     state = chain.forward(q)

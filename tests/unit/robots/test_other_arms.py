@@ -7,8 +7,8 @@ import pytest
 
 from calib import Robot, se3
 from calib.robots import SerialChain
-from calib.robots.chain import idealised
 from calib.robots.inverse.closed_form import ClosedForm
+from calib.robots.inverse.ideal import idealised
 from tests.arms import apart, arm_from, missed
 
 CLOSURE = 1e-9
@@ -118,16 +118,51 @@ def test_inexact_arms_are_solved_through_their_ideal(request, name):
 
 
 def test_the_ideal_of_an_exact_arm_is_the_arm(reference_robot):
-    ideal = idealised(reference_robot.chain)
-    np.testing.assert_allclose(ideal.placements, reference_robot.chain.placements, atol=1e-15)
-    np.testing.assert_allclose(ideal.axes, reference_robot.chain.axes, atol=1e-15)
+    ideal = idealised(reference_robot.chain, 0.02, 5e-3)
+    q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
+    np.testing.assert_allclose(
+        ideal.forward(q).T_base_tip, reference_robot.fk(q), rtol=0, atol=1e-14
+    )
 
 
 def test_only_what_is_slight_is_idealised():
-    turned = se3.transform(se3.rotation_exp([[9e-4, 0, 0], [0.04, 0, 0]]), [[9e-4, 8e-3, -3e-3]])
-    chain = SerialChain(turned, np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]), np.eye(4))
-    ideal = idealised(chain)
-    np.testing.assert_array_equal(ideal.placements[0, :3, :3], np.eye(3))
-    np.testing.assert_array_equal(ideal.placements[1, :3, :3], turned[1, :3, :3])
-    np.testing.assert_array_equal(ideal.placements[0, :3, 3], [0.0, 8e-3, 0.0])
-    np.testing.assert_array_equal(ideal.axes, chain.axes)
+    frames = se3.transform(
+        se3.rotation_exp([[0.3, 0.2, 0.1], [9e-4, 0, 0], [np.pi / 2 + 9e-4, 0, 0], [0.3, 0, 0]]),
+        [[0.1, 0.2, 0.3], [0.4, 0.0, 0.1], [9e-4, 0.2, 0.0], [8e-3, 0.0, 0.0]],
+    )
+    chain = SerialChain(frames, np.tile([0.0, 0.0, 1.0], (4, 1)), np.eye(4))
+    ideal = idealised(chain, 2e-3, 1e-3)
+    axes, points = ideal.forward(np.zeros(4)).axes, ideal.forward(np.zeros(4)).origins
+    np.testing.assert_array_equal(axes[:2], np.tile(chain.forward(np.zeros(4)).axes[0], (2, 1)))
+    assert abs(axes[1] @ axes[2]) < 1e-16
+    assert axes[2] @ axes[3] == pytest.approx(np.cos(0.3), abs=1e-12)
+
+    def gap(j):
+        normal = np.cross(axes[j], axes[j + 1])
+        return abs((points[j + 1] - points[j]) @ normal) / np.linalg.norm(normal)
+
+    assert gap(1) < 1e-15
+    assert gap(2) == pytest.approx(8e-3, abs=1e-12)
+
+
+def test_frames_far_along_their_axes_do_not_change_the_ideal():
+    """A controller's numbers: axes that are parallel but for 5e-4 rad meet 800 m away."""
+    frames = se3.transform(
+        se3.rotation_exp([[0, 0, 0], [np.pi / 2, 0, 0], [0, 5e-4, 0], [0, -3e-4, 0]]),
+        [[0, 0, 0.1], [0, 0, 0], [0.4, 0, 0], [0.4, 0, 0]],
+    )
+    axes = np.tile([0.0, 0.0, 1.0], (4, 1))
+    near, frames_far = SerialChain(frames, axes, np.eye(4)), frames.copy()
+    for j, along in ((2, 800.0), (3, -500.0)):
+        frames_far[j] = frames_far[j] @ se3.transform(np.eye(3), [0, 0, along])
+        if j + 1 < 4:
+            back = se3.transform(np.eye(3), [0, 0, -along])
+            frames_far[j + 1] = back @ frames_far[j + 1]
+    far = SerialChain(frames_far, axes, se3.transform(np.eye(3), [0, 0, 500.0]))
+    q = np.random.default_rng(0).uniform(-3, 3, (20, 4))
+    np.testing.assert_allclose(
+        idealised(far, 0.02, 5e-3).forward(q).T_base_tip,
+        idealised(near, 0.02, 5e-3).forward(q).T_base_tip,
+        rtol=0,
+        atol=1e-9,
+    )

@@ -274,6 +274,7 @@ def correct_positions(
             "already",
             name="joints",
         )
+    notes += [f"line {e.row} is as it was: {e.message.partition(': ')[2]}" for e in program.unread]
     stay = len(positions) - len(taken)
     if stay:
         notes.append(f"{stay} of {len(positions)} positions are as they were")

@@ -324,7 +324,7 @@ def _positions(
                 )
         unmoved = np.full(len(measured.names), np.deg2rad(UNMOVED_DEG))
         return _Positions(measured.names, measured.postures, unmoved)
-    program = chosen.read(path)
+    program = chosen.read(path).whole()
     if program.empty_registers:
         raise InputError(
             f"{path}: no register holds a touched-up position",

@@ -12,14 +12,16 @@ from typing import ClassVar, get_args
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import CalibError, FileFormatError, InputError
 from posedesign.files import Results, encoded, head_of
 from posedesign.programs import sets
 from posedesign.programs.arm import Arm
+from posedesign.programs.language import shared_statements
 from posedesign.programs.notation import Notation
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
-from posedesign.programs.reading import MOST_BYTES, read_program_bytes
+from posedesign.programs.reading import MOST_BYTES, NoPositionsError, read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram, corrected_by
+from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.sets import MOST_PARTS, beside, claim_set, marked_as_set, strangers
 from posedesign.programs.writing import Limits, NameRule, check_call
 
@@ -46,6 +48,9 @@ class Dialect:
     names: ClassVar[NameRule]  # what it takes for the name of a program
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
+    controlled: ClassVar[bool] = True
+    """Programs of a controller: what it would refuse is not read. Lists are read as tools print
+    them, too, that no other tool loads."""
     numbered_frames: ClassVar[bool] = False
     """Poses are stored in frames of which programs have only the numbers."""
     joint_step_deg: ClassVar[float] = 0.0
@@ -62,7 +67,7 @@ class Dialect:
     writer: ClassVar[Callable[[PoseProgram, Arm], dict[str, str]]]
     reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
     rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
-    """writer, reader, rules: what `render`, `parse` and `check` do."""
+    """writer, reader, rules: what `render`, `read_data` and `judge_data` do."""
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         r"""Text of each file of a program by its name, lines ended by ``\n``.
@@ -76,15 +81,51 @@ class Dialect:
         """The program in the content of a file, tolerant of what controllers export.
 
         ``path`` is for messages, and for companions of the file that hold no positions. Raises
-        FileFormatError for a file that is no such program, or holds no positions.
+        FileFormatError for a file that is no such program, holds no positions, or breaks a rule:
+        nothing is read that `check` calls an error.
         """
-        return type(self).reader(data, path)
+        with shared_statements():
+            program = self.read_data(data, path)
+            told = self.judge_data(data, path) if self.controlled else []
+            wrong = next((problem for problem in told if problem.level == "error"), None)
+        if wrong is not None:
+            reason, hint = f"{wrong.message} [{wrong.rule}]", "the controller would refuse it"
+            raise FileFormatError(reason, path=path, row=wrong.line, hint=hint)
+        return program
 
     def check(self, data: bytes, path: Path) -> list[Problem]:
         """What the controller would refuse, or run in another way than meant; notes as well.
 
-        Shares no code with the writer. Never fails, whatever the content.
+        The rules share no code with the writer. What `parse` refuses without a rule being broken is
+        told, too: rule ``read``, a note where no plan has marked the program. Never fails, whatever the content.
         """
+        with shared_statements():
+            found = self.judge_data(data, path)
+            if all(problem.level == "note" for problem in found):
+                found += self._unread(data, path)
+        return found
+
+    def _unread(self, data: bytes, path: Path) -> Iterator[Problem]:
+        """Why positions of a program cannot be read that breaks no rule."""
+        level: Level = "measuring" if sets.set_mark(data) else "note"
+        faults: tuple[CalibError, ...] = ()
+        try:
+            program = self.read_data(data, path)
+            faults = (*program.unread, *(p.fault for p in program.positions if p.fault))
+        except CalibError as error:
+            faults = (error,)
+        for fault in faults[:MOST_PROBLEMS]:
+            row, noted = getattr(fault, "row", None) or 1, isinstance(fault, NoPositionsError)
+            yield Problem(
+                row, "read", f"cannot be read: {fault.message}", "note" if noted else level
+            )
+
+    def read_data(self, data: bytes, path: Path) -> RecordedProgram:
+        """The program in the content of a file, whatever rules it breaks; see `parse`."""
+        return type(self).reader(data, path)
+
+    def judge_data(self, data: bytes, path: Path) -> list[Problem]:
+        """The rules that a file breaks, whether or not it can be read; see `check`."""
         return type(self).rules(data, path)
 
     def notation_of(self, text: str) -> Notation:

@@ -19,7 +19,14 @@ from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement, lines_of
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
-from posedesign.programs.reading import MOST_JOINT_DEG, carried_off, joint_deg, refuse, text_of
+from posedesign.programs.reading import (
+    MOST_JOINT_DEG,
+    carried_off,
+    joint_deg,
+    no_positions,
+    refuse,
+    text_of,
+)
 from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
 from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
@@ -113,7 +120,7 @@ class Stored(Named):
 def carried_in(found: Sequence[Stored], path: Path) -> dict[str, dict[int, FileFormatError]]:
     """Positions in which axes behind the arm's have moved, by label; refuses a file without any."""
     if not found:
-        refuse("holds no positions", path, None, "save the program with its positions")
+        no_positions(path, "save the program with its positions")
     values = [
         (p.label, f"axis {j}", text, p.line)
         for p in found

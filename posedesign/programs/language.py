@@ -15,6 +15,8 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
@@ -145,6 +147,21 @@ def text_of(node: Node) -> str:
 
 Build = Callable[[Sequence[str]], Any]
 
+_shared: ContextVar[dict[tuple[int, str], list[Statement]] | None] = ContextVar(
+    "_shared", default=None
+)
+
+
+@contextmanager
+def shared_statements() -> Iterator[None]:
+    """Parse each text once for all that ask for its statements in the meantime."""
+    before = _shared.set({})
+    try:
+        yield
+    finally:
+        _shared.reset(before)
+
+
 NOTHING: Tree[Token] = Tree("fault", [])  # what a grammar makes of a statement that is none
 
 
@@ -204,6 +221,15 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
+        shared = _shared.get()
+        if shared is None:
+            return self._parse_all(text)
+        key = id(self), text
+        if key not in shared:
+            shared[key] = self._parse_all(text)
+        return shared[key]
+
+    def _parse_all(self, text: str) -> list[Statement]:
         lines = self.divided(text) if self.divided else lines_of(text, indented=self.indented)
         found: list[Statement] = []
         faults = size = 0

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from calib.errors import FileFormatError
 from calib.se3 import FloatArray
 from posedesign.programs.reading import MOST_EXTERNAL, carried_off, number, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -27,6 +28,7 @@ class Named:
     line: int
     name: str = field(default="", kw_only=True)
     other: bool = field(default=False, kw_only=True)
+    fault: FileFormatError | None = field(default=None, kw_only=True)  # see `RecordedPosition`
 
     @property
     def label(self) -> str:
@@ -95,10 +97,12 @@ class Numbering:
         stored: Sequence[Stored],
         transforms: Callable[[list[list[float]]], FloatArray],
         path: Path | str,
+        unread: Sequence[FileFormatError] = (),
     ) -> RecordedProgram:
         """The program of a name, a title and a maker, with all positions that are stored.
 
-        ``transforms`` makes poses ``(N, 4, 4)`` [m] of their numbers.
+        ``transforms`` makes poses ``(N, 4, 4)`` [m] of their numbers; ``unread``: what is read of
+        no position.
 
         Raises FileFormatError: a position is none, or an external axis moves from one to the other.
         """
@@ -117,6 +121,7 @@ class Numbering:
                 next(poses) if p.cartesian else np.array(given)
             )
             of["carried"] = carried.get(p.label, {})  # of others it may be anywhere
+            of["fault"] = p.fault
             of["external_shown"] = tuple(
                 number(text, f"{label}: {axis}", path, row, MOST_EXTERNAL)
                 for label, axis, text, row in p.external
@@ -125,7 +130,9 @@ class Numbering:
         untouched = self.is_untouched(stored)
         mark = self.mark or PlanMark()
         return RecordedProgram(
-            name, title, mark, tuple(positions), maker, empty_registers=untouched
+            *(name, title, mark, tuple(positions), maker),
+            empty_registers=untouched,
+            unread=tuple(unread),
         )
 
     def of(self, positions: Sequence[P], path: Path | str) -> list[tuple[int, P]]:

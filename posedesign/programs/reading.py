@@ -41,6 +41,17 @@ def refuse(
     raise FileFormatError(message, path=path, row=row, hint=hint)
 
 
+class NoPositionsError(FileFormatError):
+    """A program that is a right one, and has its positions in another file or nowhere."""
+
+
+def no_positions(
+    path: Path | str, hint: str, reason: str = "holds no positions", row: int | None = None
+) -> NoReturn:
+    """Raise NoPositionsError for a whole file."""
+    raise NoPositionsError(reason, path=path, row=row, hint=hint)
+
+
 def read_program_bytes(path: Path | str) -> bytes:
     """Content of a program file of at most 20 MB.
 

@@ -78,6 +78,9 @@ class RecordedPosition:
     carried: Mapping[int, FileFormatError] = field(default_factory=dict)
     """What says that an external axis stands elsewhere than in the first position, by its index
     from 0 on. Raised for an arm that has no such axis in its description."""
+    fault: FileFormatError | None = None
+    """What says that the arm is not sure to go there, such as two frames. Raised where its posture
+    is asked for."""
 
     @property
     def label(self) -> str:
@@ -99,6 +102,15 @@ class RecordedProgram:
     empty_registers: bool = False
     """The program keeps touched-up positions in registers of its own, and none holds a value yet:
     the positions are the planned ones."""
+    unread: tuple[FileFormatError, ...] = ()
+    """Moves of which the file does not say where they go, and positions without a value: of these
+    nothing is in ``positions``."""
+
+    def whole(self) -> RecordedProgram:
+        """The program; FileFormatError where a move or position of it could not be read."""
+        for error in (*self.unread, *(p.fault for p in self.positions if p.fault)):
+            raise error
+        return self
 
     @property
     def fingerprint(self) -> str:
@@ -140,12 +152,14 @@ def postures_of(
     InputError
         A position has joint values of another arm, or a pose and nothing says which posture.
     FileFormatError
-        An external axis carries the arm, whose description has none.
+        An external axis carries the arm, whose description has none; a position has a fault.
     UnreachableError
         No posture takes a stored pose.
     """
-    for error in (e for p in positions for k, e in p.carried.items() if k >= arm.n_external):
-        raise error
+    for p in positions:
+        for error in (p.fault, *(e for k, e in p.carried.items() if k >= arm.n_external)):
+            if error is not None:
+                raise error
     if arm.n_external:
         positions = tuple(_with_external(position, arm) for position in positions)
     out = np.empty((len(positions), arm.n))

@@ -209,7 +209,7 @@ def read_joints(
     Raises FileFormatError: a position is the pose of a tool, with the hint what to give instead.
     """
     chosen = dialect_of(path, dialect)
-    positions = chosen.read(path).measured
+    positions = chosen.read(path).whole().measured
     posed = next((p.line for p in positions if p.shown_deg is None), None)
     if posed is not None:
         raise FileFormatError(

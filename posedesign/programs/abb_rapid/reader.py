@@ -30,7 +30,14 @@ from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data,
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Node, Statement, is_a
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import configuration_in, joint_deg, millimetres, number, refuse
+from posedesign.programs.reading import (
+    configuration_in,
+    joint_deg,
+    millimetres,
+    no_positions,
+    number,
+    refuse,
+)
 from posedesign.programs.recorded import RecordedProgram
 
 NORM_WITHIN = 2e-3
@@ -336,7 +343,7 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     reader = _Reader(path)
     reader.take(statements)
     if not reader.positions:
-        refuse("holds no positions", path, hint="name the module that was touched up")
+        no_positions(path, "name the module that was touched up")
     reader.give_frames()
     numbering, title = Numbering(_NUMBERED, _ELEMENT), ""
     for remark in (found[1].strip() for found in _REMARK.finditer(text) if found[1] is not None):

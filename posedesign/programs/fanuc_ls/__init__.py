@@ -192,11 +192,12 @@ class FanucLs(Dialect):
         head, each = lines_besides(program)
         return (MOST_LINES - head) // each  # line numbers have four digits
 
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+    def read_data(self, data: bytes, path: Path) -> RecordedProgram:
         registers = path.suffix.lower() == REGISTERS
         return (parse_registers if registers else parse_fanuc_ls)(data, path)
 
-    def check(self, data: bytes, path: Path) -> list[Problem]:
+    def judge_data(self, data: bytes, path: Path) -> list[Problem]:
         if path.suffix.lower() == REGISTERS:
-            return [Problem(1, "program", "a backup of registers is no program: nothing to check")]
+            said = "a backup of registers is no program: there are no rules"
+            return [Problem(1, "program", said, "note")]
         return check_fanuc_ls(data)

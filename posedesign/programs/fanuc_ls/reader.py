@@ -35,7 +35,14 @@ from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
 from posedesign.programs.language import Line, nodes
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import carried_off, configuration_in, joint_deg, refuse, text_of
+from posedesign.programs.reading import (
+    carried_off,
+    configuration_in,
+    joint_deg,
+    no_positions,
+    refuse,
+    text_of,
+)
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -137,7 +144,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     for row, fault in listing.faults:
         refuse(fault, path, row)
     if not listing.positions:
-        refuse("holds no positions", path, hint="save the program that was touched up")
+        no_positions(path, "save the program that was touched up")
     stored: dict[str, _Stored] = {}
     for p in listing.positions:
         if p.label in stored:
@@ -228,5 +235,5 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     if not found:
         refuse("is no backup of position registers: there is no $POSREG", path, 1, "POSREG.VA")
     if not stored:
-        refuse("holds no positions: all registers are empty", path, hint="save the backup again")
+        no_positions(path, "save the backup again", "holds no positions: all registers are empty")
     return replace(_program(("POSREG", ""), None, stored, path), in_registers=True)

@@ -30,7 +30,15 @@ from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, BLOCKS, CONFIGURATION, EXTERNAL, POSE
 from posedesign.programs.language import MOST_FAULTS, Node, Statement, is_a, text_of
 from posedesign.programs.numbering import Numbering, Stored
-from posedesign.programs.reading import configuration_in, joint_deg, pose_values, poses_of, refuse
+from posedesign.programs.reading import (
+    NoPositionsError,
+    configuration_in,
+    joint_deg,
+    no_positions,
+    pose_values,
+    poses_of,
+    refuse,
+)
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import RecordedProgram
 
@@ -234,7 +242,8 @@ class _Reader:
     forgotten: dict[str, int] = field(default_factory=dict)
     frames: ActiveFrames = field(default_factory=ActiveFrames)
     no_positions: set[str] = field(default_factory=set)
-    elsewhere: FileFormatError | None = None
+    lost: set[str] = field(default_factory=set)
+    unread: list[FileFormatError] = field(default_factory=list)
 
     def program(self) -> RecordedProgram:
         self._take_remarks()
@@ -248,18 +257,23 @@ class _Reader:
             end = "ENDDAT" if self.is_data else "END"
             row = self.text.count("\n") + 1
             refuse(f"is cut off: there is no {end}", self.path, row, "copy the file again")
-        if self.elsewhere is not None:
-            raise self.elsewhere
-        # a frame is a position where a motion goes to it
+        # a frame is a position where a motion goes to it; what changes before is none
         self.positions = [
-            p for p in self.positions if p.frames or not self._is_of_frames(p.variable)
+            p
+            for p in self.positions
+            if p.frames
+            or not (
+                self._is_of_frames(p.variable) or p.variable.upper().partition("[")[0] in self.lost
+            )
         ]
+        for error in sorted(self.unread, key=_is_here) if not self.positions else ():
+            raise error
         if not self.positions:
-            refuse("holds no positions", self.path, hint="name the file that was touched up")
+            no_positions(self.path, "name the file that was touched up")
         self._take_frames_of_forms()
         comment = _COMMENT.search(self.text)
         named = self.name, comment[1].strip() if comment else "", "kuka"
-        return self.numbering.program(named, self.positions, poses_of, self.path)
+        return self.numbering.program(named, self.positions, poses_of, self.path, self.unread)
 
     @property
     def is_data(self) -> bool:
@@ -350,10 +364,11 @@ class _Reader:
     def _take_motion(self, statement: Statement) -> None:
         word, target, row = krl.word_of(statement), statement.tree.children[1], statement.row
         if word not in ("PTP", "SPTP", "LIN", "SLIN"):
-            hint = "name the .dat of the program"
-            refuse(f"{word}: only PTP and LIN can be read", self.path, row, hint)
+            self._leave(f"{word}: only PTP and LIN can be read", row)
+            return
         if isinstance(target, Tree) and target.data == "place":
-            refuse("a position with an offset cannot be read", self.path, row, _WHAT)
+            self._leave("a position with an offset cannot be read", row)
+            return
         if krl.is_aggregate(target):
             self._add("", target, row)
             self._use(self.positions[-1], statement)
@@ -366,10 +381,18 @@ class _Reader:
         changed = max(self.forgotten.get(name, 0) for name in (key, key.partition("[")[0]))
         if position is not None and position.line > changed:
             self._use(position, statement)
-        elif self.elsewhere is None:
+        else:
             name = key.partition("[")[0] or text_of(target)[:30]
-            reason = f"{name} is {'changed by the program' if changed else 'stored elsewhere'}"
-            self.elsewhere = FileFormatError(reason, path=self.path, row=row, hint=_WHAT)
+            if changed:
+                self._leave(f"{name} is changed by the program", row)
+                self.lost.add(name)
+            else:
+                reason = f"{name} is stored elsewhere"
+                self.unread.append(NoPositionsError(reason, path=self.path, row=row, hint=_WHAT))
+
+    def _leave(self, reason: str, row: int) -> None:
+        """Leave out where a motion goes to, and say why."""
+        self.unread.append(FileFormatError(reason, path=self.path, row=row, hint=_WHAT))
 
     def _use(self, position: StoredPosition, statement: Statement) -> None:
         """A motion goes to a position: in the frames that are active there."""
@@ -378,8 +401,9 @@ class _Reader:
             self._refuse_external_tool(position, "$IPO_MODE #TCP", row)
         if position.cartesian and position.frames is not None and position.frames != frames:
             reason = f"{position.label} is used in other frames than before"
-            refuse(reason, self.path, row, "use each position with one tool and one base")
-        position.frames = frames
+            hint = "use each position with one tool and one base"
+            position.fault = FileFormatError(reason, path=self.path, row=row, hint=hint)
+        position.frames = Frames() if position.fault else frames
 
     def _refuse_external_tool(self, position: StoredPosition, how: str, row: int) -> None:
         reason = f"{position.label}: a tool that stands in the cell ({how}) cannot be read"
@@ -421,6 +445,10 @@ class _Reader:
                 tool=fdat.tool if fdat.tool != UNKNOWN else before.tool,
                 base=fdat.base if fdat.base != UNKNOWN else before.base,
             )
+
+
+def _is_here(error: FileFormatError) -> bool:
+    return not isinstance(error, NoPositionsError)
 
 
 def _holds_position(node: Node) -> TypeGuard[Tree[Token]]:

@@ -41,7 +41,13 @@ from posedesign.programs import reading, writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, read_program_bytes, refuse
+from posedesign.programs.reading import (
+    MOST_JOINT_DEG,
+    joint_deg,
+    no_positions,
+    read_program_bytes,
+    refuse,
+)
 from posedesign.programs.recorded import PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.writing import LIST_LENGTH, NameRule, comment_text, plain_all, shown_deg
@@ -94,7 +100,8 @@ def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
     """The rows of a list, with what the file beside it says of them."""
     if _is_beside(data):
         name = path.with_suffix(".csv").name
-        refuse(f"holds no positions: they are in {name} beside it", path, hint=f"name {name}")
+        reason = f"holds no positions: they are in {name} beside it"
+        no_positions(path, f"name {name}", reason)
     words, poses, mark = _beside(path.with_suffix(".txt"))
     rows, columns, width = _rows(data, path)
     positions = []
@@ -245,7 +252,7 @@ class RobodkCsv(Dialect):
     suffixes = (".csv",)
     companions = (".txt",)
     forms = ("joint",)
-    keeps = switches = False
+    keeps = switches = controlled = False
     names = NameRule("a name for a list", 64, small=True)
     encoding = "utf-8"
     writer = render_robodk_csv

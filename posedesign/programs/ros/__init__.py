@@ -193,7 +193,7 @@ class _RosList(Dialect):
     external_axes = 6
     turning_axes = True
     forms = ("joint",)
-    keeps = switches = False
+    keeps = switches = controlled = False
     names = NameRule("a name for a list", 64, small=True)
     encoding = "utf-8"
     passes = False
@@ -209,10 +209,10 @@ class _RosList(Dialect):
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         return {f"{program.name}.yaml": render_list(program, arm, self.layout)}
 
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+    def read_data(self, data: bytes, path: Path) -> RecordedProgram:
         return read_list(data, path, self.layout)
 
-    def check(self, data: bytes, path: Path) -> list[Problem]:
+    def judge_data(self, data: bytes, path: Path) -> list[Problem]:
         return check_list(data, path, self.layout)
 
 

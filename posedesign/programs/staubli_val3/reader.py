@@ -72,13 +72,13 @@ class _Data(dict[str, _Array]):
 def parse_staubli_val3(data: bytes, path: Path) -> RecordedProgram:
     """Project whose data are the content of a file; see the module."""
     if path.suffix.lower() in (".pjx", ".pgx"):
-        refuse("holds no positions", path, None, _NAME_DATA)
+        reading.no_positions(path, _NAME_DATA)
     arrays = _arrays(data, path)
     own = "sPlan" in arrays
     listed, empty = _own(arrays) if own else (_others(arrays), False)
     positions = _recorded(listed, arrays, arrays.first("tTool") if own else None)
     if not positions:
-        refuse("holds no positions", path, None, "save the application that was touched up")
+        reading.no_positions(path, "save the application that was touched up")
     mark = PlanMark.found_in(arrays.string("sPlan")) or PlanMark()
     title = arrays.string("sTitle")
     return RecordedProgram(path.stem, title, mark, positions, "staubli", empty_registers=empty)

@@ -42,7 +42,13 @@ from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.programs import language
 from posedesign.programs.language import Block, Language, Line, Node, Statement, subtrees, words
 from posedesign.programs.numbering import Announced
-from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number, refuse
+from posedesign.programs.reading import (
+    MOST_JOINT_DEG,
+    MOST_POSITION_MM,
+    no_positions,
+    number,
+    refuse,
+)
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.writing import NameRule
@@ -278,7 +284,7 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
         refuse("is cut off: a def, if, while, ... has no end", path, row, "copy it again")
     positions = reader.positions()
     if not positions:
-        refuse("holds no positions", path, None, "name a script with movej, or the log of its run")
+        no_positions(path, "name a script with movej, or the log of its run")
     name = reader.name or Path(path).stem
     return RecordedProgram(name, reader.title, reader.announced.mark, positions, "ur")
 

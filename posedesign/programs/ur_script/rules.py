@@ -72,8 +72,9 @@ Call = tuple[str, list[tuple[str, Node]], int]
 def check_ur_script(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good script. Never fails."""
     if reader.is_log(data):
-        return [Problem(1, "log", "this is the log of a run, for which there are no rules")]
-    found = reader.LANGUAGE.statements(data.decode("latin-1"))  # of which any byte is a character
+        return [Problem(1, "log", "this is the log of a run, for which there are no rules", "note")]
+    text = data.decode("latin-1").replace("\r\n", "\n")  # any byte is a character
+    found = reader.LANGUAGE.statements(text)
     return rules.told(
         rules.check_bytes(data, rules.CONTROL, ("text", *rules.LONE_CR[1:])),
         [] if found else [Problem(1, "program", "there is nothing in it")],

@@ -236,5 +236,5 @@ class YaskawaJbi(Dialect):
         pulses = [said[axis] for axis in AXES if axis in said] or self.pulses_per_deg
         return Notation(0, 3, 4, np.array(pulses) if len(pulses) == len(AXES) else 1.0)
 
-    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+    def read_data(self, data: bytes, path: Path) -> RecordedProgram:
         return reader.parse_yaskawa_jbi(data, path, self.pulses_per_deg, self.pulses_per_mm)

@@ -38,7 +38,14 @@ from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
 from posedesign.programs.language import Language, Line, Statement, subtrees
 from posedesign.programs.numbering import Announced
-from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
+from posedesign.programs.reading import (
+    MOST_JOINT_DEG,
+    no_positions,
+    pose_values,
+    poses_of,
+    refuse,
+    text_of,
+)
 from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import near
 from posedesign.programs.writing import NameRule
@@ -334,7 +341,7 @@ def parse_yaskawa_jbi(
     reader.announced.end()
     positions = reader.positions()
     if not positions:
-        refuse("holds no positions", path, job.marks[1].row, "save the job that was touched up")
+        no_positions(path, "save the job that was touched up", row=job.marks[1].row)
     comment = next((s.word("TEXT").strip() for s in job.kinds["comm"]), "")
     mark, untouched = reader.announced.mark, reader.untouched
     return RecordedProgram(name, comment, mark, positions, "yaskawa", empty_registers=untouched)

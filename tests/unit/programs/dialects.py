@@ -286,7 +286,7 @@ def refused(name: str, file: str, text: str, line: int | None, message: str) -> 
 
     def read() -> None:
         found = dialect_of(name).parse(text.encode(encoding(file)), Path(file))
-        for position in found.positions:  # an arm that is not known to be carried
+        for position in found.whole().positions:  # an arm that is not known to be carried
             for error in position.carried.values():
                 raise error
 

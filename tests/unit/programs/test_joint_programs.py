@@ -30,7 +30,7 @@ WRITTEN = {
 
 
 def parse(name: str, text: str) -> RecordedProgram:
-    return DIALECTS[name].parse(text.encode(), Path("CALIB"))
+    return DIALECTS[name].parse(text.encode(), Path("CALIB")).whole()
 
 
 def check(name: str, text: str) -> list[Problem]:
@@ -272,7 +272,7 @@ def test_what_an_operator_adds_comes_behind_the_plan() -> None:
     assert [(p.number, p.name) for p in back.positions][2:] == [(3, "T 0"), (4, "")]
     assert len(back.measured) == 2
     # J1 and J3 are planned; the operator's own, and J2 written otherwise, stand behind all
-    text = WRITTEN["mitsubishi-melfa"][1].replace("\nJ2=(", "\nJV=(")
+    text = WRITTEN["mitsubishi-melfa"][1].replace("J2", "JV")
     back = parse("mitsubishi-melfa", text.replace("\nJ1=(", "\nJ01=(0,0,0,0,0,0)\nJ1=("))
     numbers = [(p.number, p.name) for p in back.positions]
     assert numbers == [(1, "T -1"), (3, "T 0"), (4, "J01"), (5, "JV")]

@@ -30,7 +30,7 @@ ENDDAT
 
 
 def parse(text: str, name: str = "X.dat") -> RecordedProgram:
-    return KukaKrl().parse(text.encode("latin-1"), Path(name))
+    return KukaKrl().parse(text.encode("latin-1"), Path(name)).whole()
 
 
 def test_a_controller_export_is_read() -> None:
@@ -182,7 +182,8 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
-    refused("kuka-krl", "X.dat", changed(SMALL, old, new), line, message)
+    file = "X.src" if new.startswith("DEF CAL") else "X.dat"
+    refused("kuka-krl", file, changed(SMALL, old, new), line, message)
 
 
 A = "DECL E6POS A\nA={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}\n"

@@ -31,7 +31,7 @@ EXPORT = export("staubli.dtx")
 
 
 def parse(text: str, path: Path = PATH) -> RecordedProgram:
-    return DIALECT.parse(text.encode("utf-8"), path)
+    return DIALECT.parse(text.encode("utf-8"), path).whole()
 
 
 def test_a_project_of_others_is_read() -> None:
@@ -58,7 +58,7 @@ def test_a_project_of_others_is_read() -> None:
     assert first.T_world_user is not None
     np.testing.assert_allclose(first.T_world_user[:3, 3], [0.1, 0, 0])
     assert first.T_tip_tool is None
-    elsewhere = parse(EXPORT.replace('fatherId="world[0]"', 'fatherId="fOther[0]"'))
+    elsewhere = parse(EXPORT.replace('fatherId="world[0]"', 'fatherId="cell:fOther[0]"'))
     assert elsewhere.positions[3].T_world_user is None
     assert first.configuration == StaubliConfiguration(False, None, False)
     assert second.configuration is None
@@ -99,7 +99,9 @@ SMALL = (
 POSED = (
     SMALL.replace("jPose", "pPose")
     .replace("jointRx", "pointRx")
-    .replace('j1="', 'fatherId="fUser[0]" shoulder="lefty" elbow="epositive" wrist="wpositive" x="')
+    .replace(
+        'j1="', 'fatherId="cell:fUser[0]" shoulder="lefty" elbow="epositive" wrist="wpositive" x="'
+    )
     .replace("j2", "y")
     .replace("j3", "z")
     .replace("j4", "rx")
@@ -185,7 +187,13 @@ def test_poses_that_were_not_stored_are_left_out() -> None:
         (SMALL, 'size="3"', 'size="0"', 5, r"jPose\[0\] is beyond its size"),
         (POSED, 'x="1.5"', 'x="1e9"', 5, r"pPose\[0\]: x .* beyond"),
         (POSED, "lefty", "left", 5, r"pPose\[0\]: config"),
-        (POSED, "fUser[0]", "fPart[0]", 6, r"pPose\[1\] is in 'fUser\[0\]', points before in"),
+        (
+            POSED,
+            "cell:fUser[0]",
+            "cell:fPart[0]",
+            6,
+            r"pPose\[1\] is in 'cell:fUser\[0\]', points before in",
+        ),
         (KEPT, 'value="2"', 'value="x"', 14, "nFirst is 'x'"),
         (KEPT, 'value="2"', 'value="0"', 14, "nFirst is '0'"),
         (

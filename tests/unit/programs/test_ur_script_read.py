@@ -21,7 +21,7 @@ POLYSCOPE = export("ur.script")
 
 
 def parse(text: str, path: Path = PATH) -> RecordedProgram:
-    return DIALECT.parse(text.encode("latin-1"), path)
+    return DIALECT.parse(text.encode("latin-1"), path).whole()
 
 
 def joints(program: RecordedProgram) -> dict[int, list[float]]:
@@ -268,7 +268,7 @@ def test_brackets_go_on_over_lines() -> None:
 
 
 def test_lines_that_hold_no_position_are_passed_over() -> None:
-    text = SMALL.replace("  # PLAN", "  something unheard of\n  for a list:\n  end\n  # PLAN")
+    text = SMALL.replace("  # PLAN", "  turn_on(the_light)\n  if the_light:\n  end\n  # PLAN")
     assert parse(text).positions[1].line == 11
 
 

@@ -87,13 +87,14 @@ def test_what_a_script_does_not_give_is_told_as_a_note() -> None:
     assert {(p.line, p.rule, p.level) for p in problems} == {
         (1, "function", "note"),
         (1, "variable", "note"),
+        (1, "read", "note"),  # it moves to no position
     }
 
 
 MOVE = "movej([0.0174533,"
 ONE_RULE = [
     ("text", GOOD, "# PLAN", "# PL\0N", "error", "0x00"),
-    ("log", "POSE 1 q=[0, 0, 0, 0, 0, 0]\n", "POSE", "x\nPOSE", "error", "the log of a run"),
+    ("log", "POSE 1 q=[0, 0, 0, 0, 0, 0]\n", "POSE", "x\nPOSE", "note", "the log of a run"),
     ("program", "# nothing\n", "nothing", "no", "error", "there is nothing in it"),
     ("block", GOOD, "\nend\n", "\n", "error", "'def Calpose():' is never closed"),
     ("block", GOOD, "\nend\n", "\nend\nend\n", "error", "'end' closes nothing"),

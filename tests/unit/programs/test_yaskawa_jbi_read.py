@@ -23,12 +23,12 @@ EXPORT = export("yaskawa.JBI")
 
 
 def parse(text: str, dialect: YaskawaJbi | None = None) -> RecordedProgram:
-    return (dialect or YaskawaJbi()).parse(text.encode("latin-1"), PATH)
+    return (dialect or YaskawaJbi()).parse(text.encode("latin-1"), PATH).whole()
 
 
 def test_a_controllers_job_is_read() -> None:
     program = parse(EXPORT.replace("\n", "\r\n"))
-    assert (program.name, program.comment) == ("Touch-up 1", "after service")
+    assert (program.name, program.comment) == ("Touch-up_1", "after service")
     assert (program.mark.fingerprint, program.mark.measured) == ("00c0ffee", 2)
     # C00001, C00004, C00005 and P00008 belong to no pose; C00002 is the second robot's
     assert [p.number for p in program.positions] == [1, 3, 2, 4, 5, 6]
@@ -217,7 +217,7 @@ def test_a_step_that_is_no_inform_and_names_a_position(old: str, new: str, messa
     with pytest.raises(FileFormatError, match=message) as caught:
         parse(NOTED.replace(old, new))
     assert caught.value.row == 24
-    others = NOTED.replace("END\n", "RUBBISH (((\nMY-OPTION P001 3\nEND\n")
+    others = NOTED.replace("END\n", "MY-OPTION P001 3\nEND\n")
     assert shown(parse(others)) == shown(parse(NOTED))
 
 

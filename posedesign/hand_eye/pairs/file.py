@@ -8,7 +8,7 @@ prefix. Files without a header line need the names of their columns beside them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import Row, Table, is_number, read_table, write_table
+from posedesign.hand_eye.conventions import Convention
 from posedesign.hand_eye.pairs.forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
 
 DEFAULT_FORM = PoseForm()
@@ -91,19 +92,33 @@ def read_pairs(path: Path, columns: Sequence[str] = (), *, trust_units: bool = F
 
 
 def read_sides(
-    path: Path, columns: Sequence[str] = (), *, trust_units: bool = False
+    path: Path,
+    columns: Sequence[str] = (),
+    *,
+    trust_units: bool = False,
+    said: tuple[Convention | None, Convention | None] = (None, None),
 ) -> tuple[Poses, Poses]:
-    """Read both sides of a ``pairs.csv``; see :func:`read_pairs`."""
-    table = _table(path, expanded(columns))
+    """Read both sides of a ``pairs.csv``; see :func:`read_pairs`.
+
+    ``said``: the convention of each side, where it is not that of the names of the columns.
+    """
+    table = read_numbers(path, expanded(columns))
     a, b = (
-        read_poses_of(path, table.columns, table.rows, f"{side}_", trust_units=trust_units)
-        for side in "ab"
+        read_poses_of(
+            path, table.columns, table.rows, f"{side}_", trust_units=trust_units, said=own
+        )
+        for side, own in zip("ab", said, strict=True)
     )
     return replace(a, notes=table.notes + a.notes), b
 
 
 def read_side(
-    path: Path, letter: str, columns: Sequence[str] = (), *, trust_units: bool = False
+    path: Path,
+    letter: str,
+    columns: Sequence[str] = (),
+    *,
+    trust_units: bool = False,
+    said: Convention | None = None,
 ) -> Poses:
     """Read a table with the poses of one side, with or without ``a_`` before the names.
 
@@ -119,10 +134,12 @@ def read_side(
                 hint="names without a_ and b_ count for both files",
                 name="columns",
             )
-    table = _table(path, named)
+    table = read_numbers(path, named, bare=said is not None)
     prefixed = any(name.startswith(f"{letter}_") for name in table.columns)
     prefix = f"{letter}_" if prefixed else ""
-    poses = read_poses_of(path, table.columns, table.rows, prefix, trust_units=trust_units)
+    poses = read_poses_of(
+        path, table.columns, table.rows, prefix, trust_units=trust_units, said=said
+    )
     return replace(poses, notes=table.notes + poses.notes)
 
 
@@ -170,9 +187,31 @@ def expanded(columns: Sequence[str]) -> list[str]:
     return names
 
 
-def _table(path: Path, columns: Sequence[str]) -> Table:
-    """A table with a header line, or without one where names are given."""
+_BARE: Mapping[int, tuple[str, ...]] = {
+    6: ("x", "y", "z", "n1", "n2", "n3"),
+    7: ("x", "y", "z", "n1", "n2", "n3", "n4"),
+    **{n: tuple(c.removesuffix("_mm") for c in _SHORT[f"matrix{n}_mm"]) for n in (12, 16)},
+}
+"""Columns of lists without a header line, by their number: position, then orientation."""
+
+
+def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False) -> Table:
+    """Read a table with a header line, or without one where names are given.
+
+    ``bare``: it may have none where the number of its columns tells what they are: six or seven for
+    a position and an orientation, 12 or 16 for a matrix row by row.
+    """
     table = read_table(path, columns, loose=True)
+    if bare and not columns and all(map(is_number, table.columns)):
+        if len(table.columns) not in _BARE:
+            raise FileFormatError(
+                f"has {len(table.columns)} numbers a line and no names of columns",
+                path=path,
+                row=1,
+                hint="name them, say `columns` x_mm,y_mm,z_mm,a,b,c; - for one to be passed over",
+            )
+        columns = _BARE[len(table.columns)]
+        table = read_table(path, columns, loose=True)
     found, rows = table.columns, table.rows
     first = {cell.lower() for cell in rows[0].cells.values()}
     if columns and all(name in first for name in columns):
@@ -187,7 +226,8 @@ def _table(path: Path, columns: Sequence[str]) -> Table:
             "the first line has numbers in place of the names of columns",
             path=path,
             row=1,
-            hint="name them, say `columns` qw,qx,qy,qz,x_m,y_m,z_m",
+            hint="name them, say `columns` qw,qx,qy,qz,x_m,y_m,z_m; or say what they are with "
+            "`poses-are`",
         )
     found, rows = _in_small_letters(path, found, rows)
     return replace(table, columns=found, rows=rows)

@@ -34,6 +34,17 @@ from calib import se3
 from calib.errors import FileFormatError, InputError, near_names
 from calib.se3 import BoolArray, FloatArray
 from posedesign.files.csv_tables import Row, check_columns, numbers_of
+from posedesign.hand_eye.conventions import (
+    LENGTHS,
+    RADIANS,
+    READERS,
+    UNKNOWN,
+    Convention,
+    check_labels,
+    count_of,
+    has_angles,
+    same_count,
+)
 
 LARGEST_DEVIATION = 5e-4
 """Largest |RᵀR - I| of a rotation in a file: rounding to four decimals passes (1.7e-4), to three
@@ -55,9 +66,12 @@ class Place:
     marks: tuple[str, str] = ("(:,:,", ")")
     """What stands around the number of a pose, behind the name."""
     first: int = 1  # number of the first pose
+    names: tuple[str, ...] = ()  # what each pose is called in the file, or its file in a folder
 
     def name(self, i: int) -> str:
         """``line 7``, or ``T_cam(:,:,6)`` as MATLAB counts, ``T_cam[5]`` as Python does."""
+        if self.names:
+            return self.names[i]
         if not self.variable:
             return f"line {self.lines[i]}"
         return f"{self.variable}{self.marks[0]}{i + self.first}{self.marks[1]}"
@@ -66,7 +80,7 @@ class Place:
         self, i: int, message: str, *, column: str | None = None, **details: Any
     ) -> FileFormatError:
         """The error of one pose, with hint, value and bound as any."""
-        if self.variable:
+        if self.variable or self.names:
             return FileFormatError(message, path=self.path, key=self.name(i), **details)
         row = self.lines[i]
         return FileFormatError(message, path=self.path, row=row, column=column, **details)
@@ -89,7 +103,9 @@ def transforms_from_matrices(
     return se3.transform(R, T[:, :3, 3]), note
 
 
-def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tuple[FloatArray, str]:
+def rotations_from_quaternions(
+    q: FloatArray, place: Place, column: str | None
+) -> tuple[FloatArray, str]:
     """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded."""
     with np.errstate(over="ignore"):
         square = (q**2).sum(axis=-1)
@@ -268,8 +284,8 @@ def check_lengths(
         )
 
 
-METRES = MappingProxyType({"mm": 1e-3, "m": 1.0})
-"""Units of length, in metres."""
+METRES = MappingProxyType({unit: LENGTHS[unit] for unit in ("mm", "m")})
+"""Units of length that names of columns have, in metres."""
 
 _PLACES = {unit: tuple(f"{axis}_{unit}" for axis in "xyz") for unit in METRES}
 _LAST_ROW = tuple(f"r4{column}" for column in range(1, 5))
@@ -289,11 +305,15 @@ POSE_COLUMNS = frozenset(
 )
 """All names of columns, without ``a_`` and ``b_``."""
 
-_DEGREE = np.pi / 180.0
-_FROM_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
-    "wpr": se3.rotation_from_wpr,
-    "vector": se3.rotation_exp,
+_DEGREE = RADIANS["deg"]
+READ_AS: Mapping[str, str] = {
+    "wpr": "xyz-fixed",
+    "vector": "rotation-vector",
+    "quaternion": "quaternion-wxyz",
+    "matrix": "matrix",
 }
+"""Conventions of the forms, by the first words of their names."""
+
 _TO_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "wpr": se3.wpr_from_rotation,
     "vector": se3.rotation_log,
@@ -349,8 +369,12 @@ class Poses:
     place: Place  # where they stand
     names: tuple[str, ...]  # from the column ``pose``; empty where there is none
     notes: tuple[str, ...]  # what is odd about them
-    turn: str  # form that the orientation had, one of :data:`TURNS`
-    numbers: FloatArray  # (N, 3) or (N, 4) or (N, 9): the orientation in that form; angles in rad
+    turn: str
+    """How the orientation was read, one of :data:`~posedesign.hand_eye.conventions.READERS`; empty
+    where who writes such a file has fixed it."""
+    numbers: FloatArray  # (N, 3) or (N, 4) or (N, 9): the orientation as it stands; angles in rad
+    is_inverse: bool = False  # whether the file was said to have the inverses
+    is_said: bool = True  # whether the convention of the orientation was said, or is a guess
 
 
 def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
@@ -361,25 +385,130 @@ def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
 
 
 def rotations_of(
-    numbers: FloatArray, kind: str, place: Place, column: str
+    numbers: FloatArray, turn: str, place: Place, column: str | None
 ) -> tuple[FloatArray, str]:
-    """Rotations ``(N, 3, 3)`` from numbers in a form, angles in rad; a note where they are rounded.
+    """Rotations ``(N, 3, 3)`` from numbers, angles in rad, and a note where they are rounded.
 
-    ``kind``: the first word of the form, see :data:`TURNS`.
+    ``turn``: one of :data:`~posedesign.hand_eye.conventions.READERS`.
     """
+    kind = turn.partition("-")[0]
     if kind == "quaternion":
-        return rotations_from_quaternions(numbers, place, column)
+        _, note = rotations_from_quaternions(numbers, place, column)
+        return READERS[turn](numbers), note
     if kind != "matrix":
-        return _FROM_ANGLES[kind](numbers), ""
-    T = se3.transform(numbers.reshape(-1, 3, 3), np.zeros(3))
+        return READERS[turn](numbers), ""
+    T = se3.transform(READERS[turn](numbers), np.zeros(3))
     T, note = transforms_from_matrices(T, place, column)
     return T[:, :3, :3], note
 
 
+@dataclass(frozen=True, eq=False)
+class WrittenPoses:
+    """Poses of one side as they stand in a file, N of them."""
+
+    place: Place
+    places: FloatArray  # (N, 3)
+    numbers: FloatArray  # (N, k): the orientation
+    convention: Convention  # what the file says of it
+    names: tuple[str, ...] = ()  # of the poses, or of their pictures
+    labels: tuple[str, ...] = ()  # columns of the orientation
+    notes: tuple[str, ...] = ()
+
+    def read(self, said: Convention | None = None, *, trust_units: bool = False) -> Poses:
+        """Read them by the convention of the file, or by one that a person says.
+
+        Units that nobody says are told by the size of the numbers, with a note.
+
+        Raises FileFormatError: numbers that make no pose, or of another unit. InputError: the
+        convention has another count of numbers.
+        """
+        given = said or self.convention
+        turn = self._turn(given.turn)
+        length = self.convention.length or given.length
+        angle = self.convention.angle or given.angle
+        notes = list(self.notes)
+        if not length:
+            length = self._length_by_size()
+            notes.append(f"{self.place.path} says no unit of length: {length}, by their size")
+        p = self.places * LENGTHS[length]
+        refuse_endless(self.place, p)
+        if not trust_units:
+            check_lengths(self.place, p, length, "say so with `poses-are`")
+        numbers = self.numbers
+        if has_angles(turn):
+            if not angle:
+                largest = float(np.abs(numbers).max())
+                angle = "rad" if largest <= 2.0 * math.pi * 1.001 else "deg"
+                notes.append(f"{self.place.path} says no unit of angles: {angle}, by their size")
+            refuse_endless(self.place, numbers, angle)
+            if not trust_units and self.labels:
+                check_angles(self.place.path, self.labels, numbers, angle)
+            numbers = numbers * RADIANS[angle]
+        taken = turn if turn != UNKNOWN else _GUESSES[numbers.shape[1]]
+        R, note = rotations_of(numbers, taken, self.place, None)
+        if note:
+            notes.append(f"{self.place.path}: {note}")
+        T = se3.transform(R, p)
+        if given.inverse:
+            T = se3.inverse(T)
+        return Poses(
+            T, self.place, self.names, tuple(notes), taken, numbers, given.inverse, turn != UNKNOWN
+        )
+
+    def _turn(self, said: str) -> str:
+        """The orientation that is said; UNKNOWN where nobody says it."""
+        turn = said if said != UNKNOWN else self.convention.turn
+        count = self.numbers.shape[1]
+        if turn == UNKNOWN:
+            return turn
+        if count_of(turn) != count:
+            raise InputError(
+                f"{self.place.path} has {count} numbers of the orientation, {turn} has "
+                f"{count_of(turn)}",
+                hint=f"with {count} numbers are {', '.join(same_count(count)[:5])} ..",
+                name="poses-are",
+            )
+        if self.labels:
+            check_labels(turn, self.labels)
+        return turn
+
+    def _length_by_size(self) -> str:
+        """Metres or millimetres, by the longest translation; FileFormatError between them."""
+        longest = float(np.linalg.norm(self.places, axis=-1).max())
+        if longest < 1e3 * NEAREST_M:
+            return "m"
+        if longest > FARTHEST_M:
+            return "mm"
+        raise FileFormatError(
+            f"says no unit of length, and its longest translation, {longest:.4g}, may be mm or m",
+            path=self.place.path,
+            hint="say it with `poses-are`, say rotation-vector,mm",
+            value=longest,
+        )
+
+
+_GUESSES = {3: "xyz-fixed", 4: "quaternion-wxyz", 9: "matrix"}
+"""What numbers are taken for until the pairs tell what they are."""
+
+
 def read_poses_of(
-    path: Path, columns: Sequence[str], rows: Sequence[Row], prefix: str, *, trust_units: bool
+    path: Path,
+    columns: Sequence[str],
+    rows: Sequence[Row],
+    prefix: str,
+    *,
+    trust_units: bool,
+    said: Convention | None = None,
 ) -> Poses:
-    """Poses from the columns of a table whose names begin with a prefix."""
+    """Poses from the columns of a table whose names begin with a prefix.
+
+    ``said``: the convention, where the names of the columns do not say it, or say another one.
+    """
+    raw = _raw_columns(columns, prefix, said)
+    if raw is not None:
+        ordered = said is not None and said.turn != UNKNOWN
+        written = _written_columns(path, rows, *raw, ordered=ordered)
+        return written.read(said, trust_units=trust_units)
     form = find_form(path, columns, prefix)
     place = Place(path, tuple(row.line for row in rows))
     places, turns = (
@@ -401,13 +530,104 @@ def read_poses_of(
         T = se3.transform(numbers.reshape(-1, 3, 3), np.zeros(3))
         T[:, 3] = numbers_of(path, rows, last)
         transforms_from_matrices(T, place, turn)
-    R, note = rotations_of(numbers, kind, place, turn)
+    R, note = rotations_of(numbers, READ_AS[kind], place, turn)
     if not trust_units:
         named = ", ".join(prefix + name for name in _PLACES["m" if form.unit == "mm" else "mm"])
         check_lengths(place, p, form.unit, f"call the columns {named}", what)
     names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
     notes = (f"{path}, {turns[0]} ..: {note}",) if note else ()
-    return Poses(se3.transform(R, p), place, names, notes, form.turn, numbers)
+    return Poses(se3.transform(R, p), place, names, notes, READ_AS[kind], numbers)
+
+
+_RAW_PLACES = tuple(
+    tuple(f"{before}{axis}{after}" for axis in "xyz")
+    for before in ("", "t", "p", "pos_", "t_", "p_")
+    for after in ("", "_mm", "_m", "_cm", "_inch")
+)
+_RAW_TURNS = (
+    ("qx", "qy", "qz", "qw"),
+    ("q1", "q2", "q3", "q4"),
+    ("n1", "n2", "n3", "n4"),
+    *(
+        tuple(f"{name}{unit}" for name in names)
+        for names in (
+            ("rx", "ry", "rz"),
+            ("a", "b", "c"),
+            ("o", "a", "t"),
+            ("w", "p", "r"),
+            ("u", "v", "w"),
+            ("roll", "pitch", "yaw"),
+            ("ex", "ey", "ez"),
+            ("n1", "n2", "n3"),
+        )
+        for unit in ("", "_deg", "_rad")
+    ),
+    tuple(f"r{row}{column}" for row in range(1, 4) for column in range(1, 4)),
+)
+"""Names that columns have in lists of people: without a unit, or in a convention that is said."""
+
+
+def _raw_columns(
+    columns: Sequence[str], prefix: str, said: Convention | None
+) -> tuple[list[str], list[str]] | None:
+    """Columns of position and orientation of a list whose form is said, or that says none.
+
+    None where the names of the columns say the form, and nothing else does.
+    """
+    small = {column.casefold(): column for column in columns}
+
+    def there(sets: Sequence[tuple[str, ...]]) -> list[str]:
+        found = [names for names in sets if all(prefix + name in small for name in names)]
+        if not found:
+            return []
+        own = {prefix + name for name in found[0]}
+        return [column for key, column in small.items() if key in own]  # in the order of the file
+
+    places, turns = there(_RAW_PLACES), there(_RAW_TURNS)
+    if said is not None and said.turn != UNKNOWN and len(places) == 3:
+        count = count_of(said.turn)
+        if len(turns) != count:
+            rest = [c for c in columns if c not in places and c.casefold() not in _NO_NUMBERS]
+            turns = rest[:count] if len(rest) >= count else turns
+    if not places or not turns:
+        return None
+    is_raw = places[0][-2:] in ("_m", "mm")
+    known = is_raw and any(
+        all(prefix + name in columns for name in names) for names in _TURNS.values()
+    )
+    return None if known and said is None else (places, turns)
+
+
+_NO_NUMBERS = ("pose", "picture", "time_s", "image", "name", "index", "id")
+
+
+def _written_columns(
+    path: Path,
+    rows: Sequence[Row],
+    places: Sequence[str],
+    turns: Sequence[str],
+    *,
+    ordered: bool,
+) -> WrittenPoses:
+    """Poses of a list as they stand; ``ordered``: quaternions in the order of the columns."""
+    units = [names[0].rpartition("_")[2].casefold() for names in (places, turns)]
+    length = units[0] if "_" in places[0] and units[0] in LENGTHS else ""
+    angle = units[1] if units[1] in RADIANS else ""
+    names = ("pose", "picture")
+    called = next((n for n in names if n in rows[0].cells), "")
+    turn = UNKNOWN
+    stems = [name.rpartition("_")[2].casefold()[-2:] for name in turns]
+    if {*stems} == {"qw", "qx", "qy", "qz"} and not ordered:
+        turns = sorted(turns, key=lambda name: "wxyz".index(name[-1].casefold()))
+        turn = "quaternion-wxyz"
+    return WrittenPoses(
+        Place(path, tuple(row.line for row in rows)),
+        numbers_of(path, rows, places),
+        numbers_of(path, rows, turns),
+        Convention(turn if len(turns) != 9 else "matrix", angle, length),
+        tuple(row.cells[called] for row in rows) if called == "pose" else (),
+        tuple(turns),
+    )
 
 
 def _find(

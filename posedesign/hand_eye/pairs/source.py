@@ -1,16 +1,8 @@
-"""Where pose pairs come from, and which way round they are: files, names, inversion, convention.
-
-Quaternions of one order read in the other, angles about moving axes read as about fixed ones: such
-numbers are rotations all the same, and nothing in one pose shows the mistake. Over the pairs it
-shows, because no X and Z fit. So the readings that a form is often confused with are tried too,
-and one side the other way round. The rotations alone do not tell these two: four numbers in another
-order are a reflection, and turn as the inverse does. The translations do.
-"""
+"""Where pose pairs come from, and which way round they are: files, names, inversion, convention."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -18,12 +10,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calib import se3
 from calib.errors import FileFormatError, InputError, near_names
-from calib.robot_world import pairs_from_opencv, residuals, solve_batch
+from calib.robot_world import pairs_from_opencv
 from calib.se3 import FloatArray, inverse
 from posedesign.files.csv_tables import a_few
 from posedesign.files.trees import read_tree
+from posedesign.hand_eye.conventions import Convention, convention_of
 from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.hand_eye.pairs.forms import METRES, Poses
@@ -37,146 +29,10 @@ from posedesign.hand_eye.pairs.stacks import (
     pick_one,
     pick_two,
 )
-
-FEWEST_PAIRS = 5
-"""Pairs from which a fit says something: three fit many a wrong reading."""
-
-DOUBTFUL_RAD = 0.01
-"""Median residual [rad] from which another reading is looked for: cameras are better."""
-
-CLEARLY_BETTER = 0.25
-"""Part of the residuals that is left over where another reading is the right one."""
-
-LARGEST_MISS_RAD = 0.15
-"""Median difference between the turns of A and of B [rad] that no noise makes: real pairs of a
-poor camera scatter by 0.05."""
-
-_METHOD = "zhuang"
-"""Rotations in closed form, then translations: as good as any to tell fair from bad."""
-
-_REFERENCES = 5
-"""Pairs, spread over the set, that the others are compared with: one alone may be the wrong one."""
-
-Reading = Callable[[FloatArray], FloatArray]
-"""Rotations ``(N, 3, 3)`` from the numbers of a form, angles in rad."""
-
-Arrange = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-
-
-def _rolled(shift: int) -> Reading:
-    return lambda q: se3.rotation_from_quaternion(np.roll(q, shift, axis=-1))
-
-
-def _transposed(R: FloatArray) -> FloatArray:
-    return np.swapaxes(R, -1, -2)
-
-
-_OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
-    "quaternion": (
-        ("the four numbers called qw qx qy qz are x y z w", _rolled(1)),
-        ("the four numbers called qx qy qz qw are w x y z", _rolled(-1)),
-    ),
-    "wpr": (
-        (  # Rx(W) Ry(P) Rz(R), the inverse of what the angles mean the other way round
-            "the three angles turn about moving axes x, y, z",
-            lambda angles: _transposed(se3.rotation_from_wpr(-angles)),
-        ),
-        ("the three angles are a rotation vector: call them rx, ry, rz", se3.rotation_exp),
-    ),
-    "vector": (("the rotation vector is W, P, R: call it w, p, r", se3.rotation_from_wpr),),
-    "matrix": (
-        (
-            "the rotation stands column by column: call r12 r21, and so on",
-            lambda numbers: _transposed(numbers.reshape(-1, 3, 3)),
-        ),
-    ),
-}
-"""Mistakes that a form invites, and what the rotations would be without them."""
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """Sides that no X and Z fit as they were read."""
-
-    text: str  # in a sentence
-    explained: bool  # whether another reading fits, which the text names
-
-
-def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
-    """What to say of two sides of N poses each that no X and Z fit; nothing where some do.
-
-    ``arrange`` makes A and B of A X = Z B from transforms ``(..., N, 4, 4)`` as the files have
-    them.
-    """
-    if len(a.T) < FEWEST_PAIRS:
-        return None
-    others = [(f"if in A {what}", T, b.T) for what, T in _read_otherwise(a)]
-    others += [(f"if in B {what}", a.T, T) for what, T in _read_otherwise(b)]
-    A, B = arrange(
-        np.stack([a.T, *(T for _, T, _ in others)]), np.stack([b.T, *(T for _, _, T in others)])
-    )
-    # which side it is cannot be told: with the other one, X and Z change places
-    said = [what for what, _, _ in others] + ["with one side the other way round: see `invert`"]
-    A, B = np.concatenate([A, A[:1]]), np.concatenate([B, se3.inverse(B[:1])])
-    turn, shift = _median_residuals(A, B)
-    if not turn[0] > DOUBTFUL_RAD:
-        return None
-    # the translations, too: a quaternion in the wrong order fits the turns of the inverse
-    fair = (turn < CLEARLY_BETTER * turn[0]) & (shift < CLEARLY_BETTER * shift[0])
-    if fair.any():
-        best = int(np.argmin(np.where(fair, shift, np.inf)))
-        text = (
-            f"no X and Z fit A and B as they were read: {math.degrees(turn[0]):.3g} deg are left "
-            f"over (median), and {math.degrees(turn[best]):.2g} deg {said[best - 1]}"
-        )
-        return Misfit(text, explained=True)
-    miss = turn_miss(A[0, :, :3, :3], B[0, :, :3, :3])
-    if miss < LARGEST_MISS_RAD:
-        return None
-    text = (
-        f"between its poses A turns otherwise than B, by {math.degrees(miss):.3g} deg (median), "
-        "where A X = Z B makes their turns equal: are the orientations in the form that the names "
-        "of the columns say, and the rows of A and B in step?"
-    )
-    return Misfit(text, explained=False)
-
-
-def turn_miss(R_A: FloatArray, R_B: FloatArray) -> float:
-    """Median difference [rad] between the turns of rotations ``(N, 3, 3)``, N pairs.
-
-    The angle of ``A_iᵀ A_j`` is that of ``B_iᵀ B_j`` whatever X and Z are, and whichever side is
-    inverted.
-    """
-    references = np.unique(np.linspace(0, len(R_A) - 1, _REFERENCES).astype(np.intp))
-    return min(float(np.median(np.abs(_turns(R_A, k) - _turns(R_B, k)))) for k in references)
-
-
-def _median_residuals(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Median angle [rad] and distance [m] left over ``(K,)``; NaN where the poses say too little.
-
-    Medians, as some pairs may be wrong without the reading being so.
-    """
-    found = solve_batch(A, B, _METHOD)
-    turn, shift = np.full((2, len(A)), np.nan)
-    solved = ~found.rank_deficient
-    error = residuals(A[solved], B[solved], found.X[solved], found.Z[solved])
-    turn[solved] = np.median(np.linalg.norm(error[..., :3], axis=-1), axis=-1)
-    shift[solved] = np.median(np.linalg.norm(error[..., 3:], axis=-1), axis=-1)
-    return turn, shift
-
-
-def _read_otherwise(poses: Poses) -> list[tuple[str, FloatArray]]:
-    others = _OTHER_READINGS.get(poses.turn.partition("-")[0], ())
-    p = poses.T[:, :3, 3]
-    return [(what, se3.transform(read(poses.numbers), p)) for what, read in others]
-
-
-def _turns(R: FloatArray, k: int) -> FloatArray:
-    return se3.rotation_angle(R[k].T @ R)
-
+from posedesign.hand_eye.readings import misfit_of, told
 
 Invert = Literal["none", "a", "b", "both"]
-Convention = Literal["axzb", "opencv"]
+Order = Literal["axzb", "opencv"]
 
 FEWEST_DISTINCT = 3
 """Pairs below which repetitions are left in, so that the solver says what is wrong with them."""
@@ -201,10 +57,13 @@ class PairSource:
     variables: Sequence[str] = ()  # names of A and B in files of matrices
     unit: str | None = None  # {"mm", "m"}: unit of length of files of matrices
     invert: Invert = "none"  # sides that the files have the other way round
-    convention: Convention = "axzb"  # whose A and B the files have, once they are inverted
+    convention: Order = "axzb"  # whose A and B the files have, once they are inverted
     trust_units: bool = False
     """Do not refuse angles and lengths that look like those of another unit."""
     camera: Camera = "on-flange"  # where it is: tells A and B of samples
+    poses_are: str = ""
+    """Convention of the poses, see :func:`~posedesign.hand_eye.conventions.convention_of`; those of
+    A and of B apart with a slash between them."""
 
     def __post_init__(self) -> None:
         if self.camera == "fixed" and self.convention == "opencv":
@@ -221,7 +80,7 @@ class PairSource:
             )
         for name, value, known in (
             ("invert", self.invert, get_args(Invert)),
-            ("convention", self.convention, get_args(Convention)),
+            ("convention", self.convention, get_args(Order)),
             ("unit", self.unit or "mm", tuple(METRES)),
         ):
             if value not in known:
@@ -233,6 +92,21 @@ class PairSource:
                 )
         self._check_options()
 
+    @property
+    def _said(self) -> tuple[Convention | None, Convention | None]:
+        """Conventions of A and B that are said."""
+        if not self.poses_are.strip():
+            return None, None
+        parts = self.poses_are.split("/")
+        if len(parts) > 2:
+            raise InputError(
+                f"`poses-are` {self.poses_are!r} has {len(parts)} parts",
+                hint="say that of A, then that of B, with one slash between them",
+                name="poses-are",
+            )
+        a, b = (convention_of(part) if part.strip() else None for part in (parts * 2)[:2])
+        return a, b
+
     def _check_options(self) -> None:
         """Refuse options that would be of no effect, and the lack of those that are needed."""
         stacks = [path for path in self._paths if path.suffix.casefold() in _STACKS]
@@ -240,6 +114,7 @@ class PairSource:
             raise InputError("`columns` is for tables, not for files of matrices", name="columns")
         for path in stacks:
             self._unit_of(path)
+        _ = self._said  # a word that is not known is said before a file is opened
         if self.variables and len(self.variables) != 2:
             raise InputError(
                 f"`variables` has {len(self.variables)} names",
@@ -266,6 +141,8 @@ class PairSource:
         Raises FileFormatError: naming file, line and column, or file, variable and pose.
         """
         a, b = self._sides()
+        joined(a, b)  # as many of each
+        a, b = told(a, b, self._arranged)
         pairs = joined(a, b)
         A, B = self._arranged(a.T, b.T)
         pairs = replace(pairs, A=A, B=B)
@@ -307,7 +184,9 @@ class PairSource:
                 )
             return file.a, file.b
         if file is None:
-            return read_sides(self.pairs, self.columns, trust_units=self.trust_units)
+            return read_sides(
+                self.pairs, self.columns, trust_units=self.trust_units, said=self._said
+            )
         if file.lines:
             raise FileFormatError(
                 "holds the poses of one side",
@@ -324,7 +203,9 @@ class PairSource:
                 "holds both sides", path=path, hint="give it alone, without `a` and `b`"
             )
         if file is None:
-            return read_side(path, "ab"[k], self.columns, trust_units=self.trust_units)
+            return read_side(
+                path, "ab"[k], self.columns, trust_units=self.trust_units, said=self._said[k]
+            )
         name = pick_one(file, self.variables[k] if self.variables else "")
         return file.poses(name, self._unit_of(path), trust_units=self.trust_units)
 

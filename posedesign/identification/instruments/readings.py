@@ -48,7 +48,7 @@ from posedesign.files.csv_tables import (
     parse_table,
     separator_of,
 )
-from posedesign.hand_eye.pairs.forms import Place, rotations_of
+from posedesign.hand_eye.pairs.forms import READ_AS, Place, rotations_of
 
 METRES: Mapping[str, float] = MappingProxyType(
     {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
@@ -483,7 +483,8 @@ def _rotations(path: Path, rows: Sequence[Row], columns: tuple[str, ...], form: 
     kind, _, rest = form.partition("-")
     numbers = np.roll(numbers, 1, axis=1) if rest == "xyzw" else numbers
     numbers = np.deg2rad(numbers) if rest == "deg" else numbers
-    return rotations_of(numbers, kind, Place(path, tuple(row.line for row in rows)), columns[0])[0]
+    place = Place(path, tuple(row.line for row in rows))
+    return rotations_of(numbers, READ_AS[kind], place, columns[0])[0]
 
 
 def seconds_of(path: Path, rows: Sequence[Row], column: str, factor: float) -> FloatArray:

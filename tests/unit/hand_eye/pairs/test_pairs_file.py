@@ -284,7 +284,7 @@ def test_metres_that_are_millimetres_and_the_other_way_round(tmp_path):
 
 
 HEADERS = {
-    "no unit": ("a_x,a_y,a_z,a_qw,a_qx,a_qy,a_qz", "say the unit: a_x_mm"),
+    "no unit": ("a_x,a_y,a_z,a_k1,a_k2,a_k3,a_k4", "say the unit: a_x_mm"),
     "no orientation": ("a_x_m,a_y_m,a_z_m,qw,qx,qy,qz", "there is no orientation", "a_qw"),
     "no scalar": ("a_x_m,a_y_m,a_z_m,a_qx,a_qy,a_qz,q", "there is no column a_qw"),
     "one of another unit": ("a_x_m,a_y_mm,a_z_m,a_qw,a_qx,a_qy,a_qz", "column a_y_mm: is in anoth"),
@@ -464,17 +464,17 @@ MISREAD = {
     "moving axes": (
         lambda q: rotation(q).as_euler("XYZ", degrees=True),
         ("w_deg", "p_deg", "r_deg"),
-        "moving axes x, y, z",
+        "xyz-moving (staubli-rxryrz",
     ),
     "a rotation vector called angles": (
         lambda q: rotation(q).as_rotvec(degrees=True),
         ("w_deg", "p_deg", "r_deg"),
-        "rotation vect",
+        "rotation-vector (ur-rotation-vector",
     ),
     "angles called a rotation vector": (
         lambda q: rotation(q).as_euler("xyz"),
         ("rx_rad", "ry_rad", "rz_rad"),
-        "the rotation vector is W, P, R",
+        "xyz-fixed (fanuc-wpr",
     ),
 }
 

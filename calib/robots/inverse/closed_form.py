@@ -18,8 +18,14 @@ import numpy as np
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
 from calib.robots.inverse.eaik_arm import PARALLEL, ZEROS, EaikArm
+from calib.robots.inverse.folds import both_sides
 from calib.robots.inverse.ideal import ideals
-from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
+from calib.robots.inverse.solutions import (
+    CLOSURE_TOLERANCE,
+    InverseKinematics,
+    close_in,
+    pose_error,
+)
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
 
 _POLISHING = 12
@@ -29,8 +35,12 @@ SAME_POSTURE_RAD = 1e-6
 """Answers that differ by less in every joint are one posture: what closes to 1e-11 at a hundredth
 of a singular value is as exact as that."""
 
-_NEAR_MISS = 0.02
-"""Miss [m, rad] of a least-squares answer of an ideal arm where the true one may have an answer."""
+_NEAR_MISS = 1e-4, 10.0, 0.02
+"""Least-squares answers of an ideal arm miss by less [m, rad] where the true one may have an
+answer: rounding where EAIK's digits suffer, times what the arms are apart by, and at most."""
+
+_WENT_FAR_RAD = 0.02
+"""Step from a start to the posture that it closes in on that is worth looking on its other side."""
 
 _CHECKED_AT_ONCE = 2048
 """Answers compared with their poses at once: their frames stay in the cache of a core."""
@@ -45,6 +55,8 @@ class ClosedForm(InverseKinematics):
         super().__init__(chain)
         self._solver, self._ideal = solver, ideal
         self._parallel = has_parallel_arm(ideal)
+        least, times, most = _NEAR_MISS
+        self._near_miss = min(least + times * _apart(chain, ideal), most)
 
     @classmethod
     def of(cls, chain: SerialChain) -> ClosedForm | None:
@@ -71,21 +83,20 @@ class ClosedForm(InverseKinematics):
         if miss.straight.any():
             postures, pose = self._mend(postures, pose, miss.straight, T_base_tip, near)
             miss = compare(self._ideal, postures, T_base_tip, pose)
-        exact = miss.below(CLOSURE_TOLERANCE)
+        exact, near_by = miss.below(CLOSURE_TOLERANCE), miss.below(self._near_miss)
         gap_m = np.full(count, np.inf)
         # of least-squares answers, which keep the orientation: what closes in gives some of it up
         np.minimum.at(gap_m, pose, np.where(exact, 0.0, miss.distance))
-        lost = (gap_m > 0)[pose]  # answers of poses that have no exact one
         if self._ideal is not self._chain:
-            # exact for the ideal arm only, and those at the end of its reach or at its limits
-            lost |= miss.below(_NEAR_MISS)
-            exact = np.zeros(len(pose), dtype=bool)
-        if lost.any():
-            postures, arrived = self._polish(postures, pose, lost, T_base_tip)
-            exact |= arrived
-            gap_m[pose[exact]] = 0.0
-        if not exact.all():
-            postures, pose = postures[exact], pose[exact]
+            exact = np.zeros(len(pose), dtype=bool)  # for the ideal arm only
+        # the others are at the end of the reach, or at its limits; or there is nothing better
+        inexact = np.flatnonzero(~exact & (near_by | (gap_m > 0)[pose]))
+        postures, pose = (
+            self._with_polished(postures, pose, exact, inexact, near_by, T_base_tip)
+            if len(inexact)
+            else (postures[exact], pose[exact])
+        )
+        gap_m[pose] = 0.0
         gap_m[np.isinf(gap_m)] = np.nan
         return postures, pose, gap_m
 
@@ -112,35 +123,59 @@ class ClosedForm(InverseKinematics):
             mended, source = solve_parallel_arm(self._ideal, q, T_base_tip[of])
         else:
             mended, source = solve_straight_wrist(self._ideal, q, T_base_tip[of], near)
-        of = of[source]
-        order = np.argsort(of, kind="stable")
-        mended, of = mended[order], of[order]
-        fresh = ~repeated(mended, of)
-        pose = np.concatenate([pose[~straight], of[fresh]])
+        mended, of = _each_once(mended, of[source])
+        pose = np.concatenate([pose[~straight], of])
         order = np.argsort(pose, kind="stable")
-        return np.concatenate([postures[~straight], mended[fresh]])[order], pose[order]
+        return np.concatenate([postures[~straight], mended])[order], pose[order]
 
-    def _polish(
-        self, postures: FloatArray, pose: IntArray, lost: BoolArray, T_base_tip: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Close in on poses from answers that miss them: postures, and which of them arrived.
+    def _with_polished(
+        self,
+        postures: FloatArray,
+        pose: IntArray,
+        exact: BoolArray,
+        inexact: IntArray,
+        near_by: BoolArray,
+        T_base_tip: FloatArray,
+    ) -> tuple[FloatArray, IntArray]:
+        """Return exact answers and what inexact ones close in on, each once.
 
         Most poses that EAIK has no exact answer for are out of reach and stay so. But on arms
         without a spherical wrist it loses poses with a straight one, and comes close; and all that
-        an ideal arm answers misses a little.
+        an ideal arm answers misses a little. Where two answers close in on one posture, or one goes
+        far, two branches merge nearby, and both are sought.
         """
-        off = np.flatnonzero(lost)
-        free = np.full(self._chain.n, np.inf)
-        postures = postures.copy()
-        postures[off] = close_in(
-            self._chain, postures[off], T_base_tip[pose[off]], -free, free, _POLISHING
+        start, of = postures[inexact], pose[inexact]
+        q, arrived = self._closed_in(start, T_base_tip[of])
+        order = np.argsort(~arrived, kind="stable")  # the first of equals has arrived
+        order = order[np.argsort(of[order], kind="stable")]
+        again = np.zeros(len(of), dtype=bool)
+        again[order] = repeated(q[order], of[order])
+        far = np.abs(q - start).max(axis=1) > _WENT_FAR_RAD
+        doubtful = near_by[inexact] & (far | again | ~arrived)
+        kept, found = [q[arrived]], [of[arrived]]
+        if doubtful.any():
+            rows = np.tile(of[doubtful], 2)
+            starts = both_sides(self._chain, start[doubtful], T_base_tip[of[doubtful]])
+            q, arrived = self._closed_in(starts, T_base_tip[rows])
+            kept.append(q[arrived])
+            found.append(rows[arrived])
+        touched = np.zeros(len(T_base_tip), dtype=bool)
+        touched[of] = True
+        mixed = exact & touched[pose]
+        q, of = _each_once(
+            np.concatenate([postures[mixed], *kept]), np.concatenate([pose[mixed], *found])
         )
-        miss = compare(self._chain, postures[off], T_base_tip, pose[off])
-        closed = off[miss.below(CLOSURE_TOLERANCE)]
-        arrived = np.zeros(len(postures), dtype=bool)
-        # several answers may close in on one posture
-        arrived[closed[~repeated(postures[closed], pose[closed])]] = True
-        return postures, arrived
+        alone = exact & ~touched[pose]
+        pose = np.concatenate([pose[alone], of])
+        order = np.argsort(pose, kind="stable")
+        return np.concatenate([postures[alone], q])[order], pose[order]
+
+    def _closed_in(self, q: FloatArray, T_wanted: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return postures ``(S, 6)`` stepped towards their poses, and which have arrived."""
+        free = np.full(self._chain.n, np.inf)
+        q = close_in(self._chain, q, T_wanted, -free, free, _POLISHING)
+        rows = np.arange(len(q))
+        return q, compare(self._chain, q, T_wanted, rows).below(CLOSURE_TOLERANCE)
 
 
 _TRIED = 64
@@ -152,7 +187,7 @@ _NOT_SINGULAR = 0.05
 
 def _finds_all(chain: SerialChain, solver: EaikArm) -> bool:
     """Return True if random postures of a chain are among the exact answers to their own poses."""
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TRIED, chain.n))
+    q = _some_postures(chain)
     state = chain.forward(q)
     clear = chain.smallest_singular_values(state) > _NOT_SINGULAR
     q, T = q[clear], state.T_base_tip[clear]
@@ -161,6 +196,24 @@ def _finds_all(chain: SerialChain, solver: EaikArm) -> bool:
     off = np.remainder(answers - q[pose] + np.pi, TURN) - np.pi
     own = exact & (np.abs(off).max(axis=1) < SAME_POSTURE_RAD)
     return len(np.unique(pose[own])) == len(q)
+
+
+def _apart(chain: SerialChain, other: SerialChain) -> float:
+    """Return the largest distance [m, rad] between the tips of two arms in the same postures."""
+    q = _some_postures(chain)
+    return float(np.abs(pose_error(chain, q, other.forward(q).T_base_tip)).max())
+
+
+def _some_postures(chain: SerialChain) -> FloatArray:
+    return np.random.default_rng(0).uniform(-np.pi, np.pi, (_TRIED, chain.n))
+
+
+def _each_once(postures: FloatArray, pose: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return postures ``(S, n)`` ordered by their poses ``(S,)``, each once."""
+    order = np.argsort(pose, kind="stable")
+    postures, pose = postures[order], pose[order]
+    fresh = ~repeated(postures, pose)
+    return postures[fresh], pose[fresh]
 
 
 class Miss(NamedTuple):

@@ -48,6 +48,7 @@ class EaikArm:
         steps = np.diff(points, axis=0, prepend=np.zeros((1, 3)))
         self._solver = eaik.Robot(axes.T, steps.T, state.R_base_tip, [], True)
         self._signs, self._zero = signs, zero
+        self._turned = bool((signs < 0).any() or zero.any())
         self.known: bool = self._solver.has_known_decomposition()
         """Whether EAIK has a closed form for the arm."""
 
@@ -59,8 +60,9 @@ class EaikArm:
         found = [answer.Q for answer in self._solver.calculate_IK_batched(T_base_tip, 1)]
         counts = [len(f) for f in found]
         q = np.concatenate([np.empty((0, len(self._free))), *(f for f in found if len(f))])
-        q *= self._signs
-        q += self._zero
+        if self._turned:
+            q *= self._signs
+            q += self._zero
         if self._held is not None:
             q = np.insert(q, self._held[0], self._held[1], axis=1)
         return q, np.repeat(np.arange(len(found)), counts)

@@ -97,7 +97,8 @@ class Dialect:
         """What the controller would refuse, or run in another way than meant; notes as well.
 
         The rules share no code with the writer. What `parse` refuses without a rule being broken is
-        told, too: rule ``read``, a note where no plan has marked the program. Never fails, whatever the content.
+        told, too: rule ``read``, a note where no plan has marked the program. Never fails, whatever
+        the content.
         """
         with shared_statements():
             found = self.judge_data(data, path)
@@ -116,9 +117,8 @@ class Dialect:
             faults = (error,)
         for fault in faults[:MOST_PROBLEMS]:
             row, noted = getattr(fault, "row", None) or 1, isinstance(fault, NoPositionsError)
-            yield Problem(
-                row, "read", f"cannot be read: {fault.message}", "note" if noted else level
-            )
+            said = re.sub(r"\A.*?(, line \d+)?: ", "", fault.message, count=1)
+            yield Problem(row, "read", f"cannot be read: {said}", "note" if noted else level)
 
     def read_data(self, data: bytes, path: Path) -> RecordedProgram:
         """The program in the content of a file, whatever rules it breaks; see `parse`."""

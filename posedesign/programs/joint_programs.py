@@ -29,6 +29,7 @@ from posedesign.programs.reading import (
 )
 from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
+from posedesign.programs.straight_line import Event, Values, follow
 from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
 
 TEXT_LENGTH = 100  # characters of a remark: lines have at most 127 on the oldest controllers
@@ -165,6 +166,37 @@ def listed(
         )
         for n, p in numbering.of(found, path)
     )
+
+
+def as_moved(
+    found: Sequence[Stored], events: Iterable[Event], path: Path
+) -> tuple[list[Stored], list[FileFormatError]]:
+    """Positions of a list with the values that they have when the program moves to them.
+
+    One that has none then, or several, is left out, and said to be unread. Others that steps give
+    values to, and move to, stand behind.
+    """
+    listed = {p.variable.upper().replace("(", "[").replace(")", "]"): p for p in found}
+    known: dict[str, Values | None] = {
+        n: Values(p.line, tuple(p.values)) for n, p in listed.items()
+    }
+    moved: dict[str, Values] = {}
+    lost: dict[str, FileFormatError] = {}
+    for at in follow(events, known):
+        several = at.values and moved.setdefault(at.name, at.values).texts != at.values.texts
+        if at.values is None or several:
+            reason = at.fault or f"{at.name} has several values where the program moves to it"
+            hint = "give it one, or teach it"
+            lost.setdefault(at.name, FileFormatError(reason, path=path, row=at.row, hint=hint))
+    out = [
+        Stored(p.variable, moved[n].row, moved[n].texts) if n in moved else p
+        for n, p in listed.items()
+        if n not in lost
+    ]
+    out += [Stored(n, v.row, v.texts) for n, v in moved.items() if n not in listed.keys() | lost]
+    for error in lost.values() if not out else ():
+        raise error
+    return out if len(listed) == len(found) else list(found), [*lost.values()]
 
 
 Variables = dict[str, Sequence[str] | None]

@@ -48,6 +48,7 @@ from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import joint_deg, millimetres, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedProgram
+from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 _NOTE = re.compile(r"\d{1,5} ?'(.*)")
@@ -68,22 +69,34 @@ LANGUAGE = Language(
 
 
 _Entry = tuple[str, list[Tree[Token]], str]  # name, values, flags; empty of a step
+_NONE: _Entry = ("", [], "")
+_GIVEN = re.compile(r"\b([jp]\w*)(?:\.\w+|\([^()]*\))*\s*=(?!=)", re.IGNORECASE)
+_MOVED = re.compile(r"\bmo?vs?\s+([jp]\w*)", re.IGNORECASE)
+_ANY_ORDER = re.compile(r"\b(goto|gosub|for|while|select|if\b.*\bthen$)\b", re.IGNORECASE)
+"""Where it stands, steps may run in another order, or not."""
 
 
 def _entries(statements: list[Statement]) -> tuple[list[_Entry], bool]:
-    """Entries of the list, and whether steps have numbers: entries have none, nor what computes."""
+    """Entries of the list, and whether steps have numbers: entries have none, nor what computes.
+
+    Where steps have none, what another entry behind the steps gives again is a step.
+    """
     numbered = any(isinstance(child, Token) for s in statements for child in s.tree.children[:1])
-    return [_entry_of(s, numbered) for s in statements], numbered
+    found = [_entry_of(s, numbered) for s in statements]
+    end = max((k for k, (name, *_) in enumerate(found) if not name), default=0)
+    behind = {name.upper() for name, *_ in found[end:]} if not numbered else set()
+    steps = (k < end and name.upper() in behind for k, (name, *_) in enumerate(found))
+    return [_NONE if is_step else e for e, is_step in zip(found, steps, strict=True)], numbered
 
 
 def _entry_of(statement: Statement, numbered: bool) -> _Entry:
     body = subtrees(statement.tree)[-1:]
     if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
-        return "", [], ""
+        return _NONE
     place, value, *flags = subtrees(body[0])
     values = subtrees(value) if value.data == "group" else []
     if not numbered and not (values and all(value.data == "number" for value in values)):
-        return "", [], ""
+        return _NONE
     return text_of(place), values, text_of(flags[0]) if flags else "none"
 
 
@@ -104,12 +117,40 @@ def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
         if not all(value.data == "number" for value in values):
             refuse(f"{name} is no list of numbers", path, statement.row)
         found.append(Stored(name, statement.row, [text_of(value) for value in values]))
+    found, unread = joints.as_moved(found, _events(statements), path)
     numbered = _PLANNED if notes.mark else NO_NAME
     numbering = Numbering(numbered, mark=notes.mark, names=notes.names)
     of_seven = any(p.variable[0] in "Jj" and len(p.values) == JOINTS + 1 for p in found)
     positions = listed(numbering, found, path, _values_of, rest=not of_seven)
     ordered = tuple(sorted(positions, key=lambda position: position.number))
-    return RecordedProgram(path.stem, "", notes.mark or PlanMark(), ordered, None)
+    mark = notes.mark or PlanMark()
+    return RecordedProgram(path.stem, "", mark, ordered, None, unread=tuple(unread))
+
+
+def _events(statements: list[Statement]) -> Iterator[Event]:
+    """What the steps give to positions, and which ones they move to."""
+    inside = any(_ANY_ORDER.search(s.text) for s in statements)
+    for s, (entry, *_) in zip(statements, _entries(statements)[0], strict=True):
+        body = subtrees(s.tree)[-1:]
+        if s.fault:
+            yield from (Give(s.row, n, None, True) for n in _GIVEN.findall(s.text.upper()))
+            yield from (Go(s.row, n, True) for n in _MOVED.findall(s.text.upper()))
+        elif body[0].data == "move":
+            yield Go(s.row, _variable(subtrees(body[0])[0]), inside)
+        elif body[0].data == "assignment" and not entry:
+            place, value, *_ = subtrees(body[0])
+            numbers = subtrees(value) if value.data == "group" else []
+            plain = len(numbers) > 1 and all(n.data == "number" for n in numbers)
+            texts = Values(s.row, tuple(map(text_of, numbers))) if plain else None
+            first, *rest = place.children
+            part = any(isinstance(child, Token) for child in rest)
+            name = str(first).upper() if part else _variable(place)
+            yield Give(s.row, name, None if part else texts, inside)
+
+
+def _variable(place: Tree[Token]) -> str:
+    """A variable as the list has it, elements in brackets; text that no variable has of another."""
+    return text_of(place).upper().replace("(", "[").replace(")", "]")
 
 
 def _values_of(p: Stored, path: Path) -> dict[str, Any]:
@@ -192,7 +233,11 @@ class MitsubishiMelfa(JointDialect):
     name = "mitsubishi-melfa"
     title = "Mitsubishi MELFA-BASIC program"
     maker = None
-    suffixes = (".mb5", ".mb6")
+    suffixes = (".mb5", ".mb6", ".prg")
+    begins = re.compile(
+        rb"^[ \t]*\d{1,5} +[a-z*']|^[ \t]*(mov|mvs|servo|jovrd|dly)\b|^[ \t]*[jp]\w*=\([-+\d.]",
+        re.IGNORECASE | re.MULTILINE,
+    )
     remark = (r"(?:^\d+ [^\n]*\n)+", "{number} '{words}")
     names = NameRule("a MELFA program name", 12)
     newline = "\r\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.programs import DIALECTS, PoseProgram, Problem, ProgramPose, RecordedProgram
+from posedesign.programs import DIALECTS, PoseProgram, Problem, ProgramPose, RecordedProgram, read
+from posedesign.programs.registry import dialect_of as dialect_of_file
 from tests.unit.programs.dialects import arm_of, export, shown, three_poses
 
 FILES = {
@@ -488,3 +490,59 @@ def test_names_that_are_words_or_leave_no_room_for_their_ending() -> None:
     longest = replace(WRITTEN["kawasaki-as"][0], name="a" * 13)
     assert f"#{'a' * 13}.p[1]" in next(iter(DIALECTS["kawasaki-as"].files(longest).values()))
     assert not DIALECTS["kawasaki-as"].names.is_legal("a" * 14)
+
+
+ASSIGNED = """\
+1 Ovrd 10
+2 J1 = (10.0,20.0,80.0,5.0,30.0,15.0)
+3 Mov J1
+4 Mov J2
+5 End
+J1=(0.0,0.0,0.0,0.0,0.0,0.0)
+J2=(1.0,2.0,3.0,4.0,5.0,6.0)
+"""
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_value_is_the_one_of_the_move(numbered: bool) -> None:
+    text = ASSIGNED if numbered else "\n".join(re.sub(r"^\d ", "", s) for s in ASSIGNED.split("\n"))
+    back = parse("mitsubishi-melfa", text)
+    assert shown(back) == {1: [10, 20, 80, 5, 30, 15], 2: [1, 2, 3, 4, 5, 6]}
+    assert [p.line for p in back.positions] == [2, 7]
+    assert [p for p in check("mitsubishi-melfa", text) if p.level == "error"] == []
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "J2 = J_Curr",
+        "J2.J1 = 3",
+        "J2 = J1 + J3",
+        "If M1 = 1 Then J2 = J1",
+    ],
+)
+def test_a_position_of_melfa_that_steps_change_is_unread(step: str) -> None:
+    text = ASSIGNED.replace("4 Mov J2", f"4 {step}\n5 Mov J2").replace("5 End", "6 End")
+    back = DIALECTS["mitsubishi-melfa"].parse(text.encode(), Path("CALIB"))
+    assert [p.name for p in back.positions if p.name != "J1"] == []
+    assert "J2" in " ".join(error.message for error in back.unread)
+    assert "J2 is" in " ".join(p.message for p in check("mitsubishi-melfa", text))
+
+
+def test_what_a_loop_changes_is_not_what_it_was_the_first_time() -> None:
+    text = ASSIGNED.replace("1 Ovrd 10", "1 *on").replace("5 End", "5 GoTo *on")
+    back = DIALECTS["mitsubishi-melfa"].parse(text.encode(), Path("CALIB"))
+    assert [p.name for p in back.positions] == ["J2"]
+    assert [error.row for error in back.unread] == [3]
+
+
+def test_a_prg_is_the_language_that_it_is_written_in(tmp_path: Path) -> None:
+    module = export("abb.mod")
+    for name, text in (("mitsubishi-melfa", ASSIGNED), ("abb-rapid", module)):
+        path = tmp_path / "CALIB.prg"
+        path.write_bytes(text.encode("latin-1"))
+        assert dialect_of_file(path).name == name
+        assert read(path).positions
+    path.write_text("Print 1\n")
+    with pytest.raises(FileFormatError, match="is none of abb-rapid"):
+        read(path)

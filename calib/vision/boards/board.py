@@ -13,7 +13,8 @@ camera. Its origin is
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -60,6 +61,8 @@ class Board:
     clear_m: tuple[float, float] = field(init=False, repr=False)
     """How far the edges at a point run on, and how far beside them nothing else is."""
     words: str = field(init=False, repr=False)  # the board in words, lengths in mm
+    step_m: tuple[float, float] = field(init=False, repr=False)
+    """Distance after which the lattice of the board repeats, along x and along y."""
     ambiguous_half_turn: bool = field(init=False, repr=False)
     """Whether the board looks the same after half a turn about its normal."""
     cut_out: FloatArray = field(init=False, repr=False)
@@ -68,7 +71,7 @@ class Board:
 
     def __post_init__(self) -> None:
         for own in fields(self):
-            if own.init and own.name.endswith("_m"):
+            if own.init and own.name.endswith("_m") and getattr(self, own.name) is not None:
                 _check_length(getattr(self, own.name), own.name)
 
     def _draw(
@@ -78,6 +81,7 @@ class Board:
         box: ArrayLike,
         cell_m: float,
         clear_m: tuple[float, float],
+        step_m: tuple[float, float],
         words: str,
         rectangles: FloatArray = _NOTHING,
         discs: FloatArray = _NOTHING[:, :3],
@@ -90,6 +94,7 @@ class Board:
             box=np.asarray(box),
             cell_m=cell_m,
             clear_m=clear_m,
+            step_m=step_m,
             words=words,
             ambiguous_half_turn=ambiguous_half_turn,
             cut_out=cut_out,
@@ -119,6 +124,10 @@ class Board:
         for x, y, radius in discs:
             black |= ((xy - [x, y]) ** 2).sum(axis=1) < radius**2
         return black & ~_in_rectangles(xy, self.cut_out)
+
+    def known_black(self, xy: FloatArray) -> FloatArray:
+        """Return 1 where points ``(N, 2)`` are black, 0 where white, NaN inside of markers."""
+        return self.is_black(xy).astype(float)
 
     @cached_property
     def quadrants(self) -> FloatArray:
@@ -153,10 +162,10 @@ class GridBoard(Board):
             _check_count(getattr(self, key), key, self.name, least=1)
         super().__post_init__()
 
-    def _refuse_quarter_turn(self, what: str) -> None:
+    def _refuse_quarter_turn(self, what: str, otherwise: str = "") -> None:
         raise InputError(
             f"a board of {self.columns} x {self.rows} {what} looks the same after a quarter turn",
-            hint="take one more column than rows",
+            hint=f"take one more column than rows{otherwise}",
             name="columns",
         )
 
@@ -167,6 +176,9 @@ class MarkerBoard(GridBoard):
 
     border_bits: ClassVar[int] = 1
     """Width of the black border of a marker, in its cells."""
+    is_apriltag: ClassVar[bool] = False
+    """True if tags are printed as AprilRobotics and Kalibr print them. OpenCV draws the tags of its
+    AprilTag dictionaries turned by 180 degrees against these."""
 
     marker_m: float  # side of the black square of a marker
     dictionary: str  # one of :data:`DICTIONARIES`
@@ -213,16 +225,30 @@ class MarkerBoard(GridBoard):
         return int(self.markers.markerSize + 2 * self.border_bits)
 
     @cached_property
+    def bits(self) -> BoolArray:
+        """Black cells of the markers ``(M, cells, cells)``, their borders with them."""
+        cells, border = self._cells, self.border_bits
+        drawn = [self.markers.generateImageMarker(k, cells, None, border) == 0 for k in self.ids]
+        return np.rot90(np.array(drawn), 2 * self.is_apriltag, axes=(1, 2))
+
+    @cached_property
     def printed(self) -> Print:
         """What is black on the board, the black runs of the rows of its markers with it."""
-        black, side, draw = [self._black[0]], self.marker_m / self._cells, self.markers
-        for corners, number in zip(self.marker_corners, self.ids, strict=True):
-            bits = draw.generateImageMarker(number, self._cells, None, self.border_bits) == 0
+        black, side = [self._black[0]], self.marker_m / self._cells
+        for corners, bits in zip(self.marker_corners, self.bits, strict=True):
             step = np.diff(np.pad(bits.astype(np.int8), ((0, 0), (1, 1))), axis=1)
             row, left = np.nonzero(step == 1)
             runs = np.stack([left, row, np.nonzero(step == -1)[1], row + 1], axis=1)
             black.append(side * runs + np.tile(corners[0], 2))
         return np.vstack(black), self._black[1]
+
+    def known_black(self, xy: FloatArray) -> FloatArray:
+        """Return 1 where points ``(N, 2)`` are black, 0 where white, NaN inside of markers."""
+        corners, border = self.marker_corners, self.border_bits * self.marker_m / self._cells
+        squares = np.hstack([corners[:, 0], corners[:, 2]])
+        black = _in_rectangles(xy, np.vstack([self._black[0], squares])).astype(float)
+        black[_in_rectangles(xy, squares + border * np.array([1.0, 1.0, -1.0, -1.0]))] = np.nan
+        return black
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -263,6 +289,7 @@ class CharucoBoard(MarkerBoard):
             # half a square along its sides, and the white about its marker: markers lie on both
             # sides of an edge by turns, so what is seen of them cancels out
             clear_m=(0.45 * side, max(0.9 * white, 0.12 * side)),
+            step_m=(side, side),
             words=f"ChArUco board of {columns} x {rows} squares of {1e3 * side:g} mm, {markers}"
             + ", legacy pattern" * self.legacy,
             rectangles=np.hstack([squares, squares + side]),
@@ -302,6 +329,7 @@ class MarkerGrid(MarkerBoard):
             cell_m=min(side, gap),
             # half a side, and the black border of a marker or the white between two
             clear_m=(along, 0.9 * min(border, gap)),
+            step_m=(step, step),
             words=f"{self.title} of {self.columns} x {self.rows} every {1e3 * step:g} mm, "
             + markers,
             rectangles=black,
@@ -316,8 +344,9 @@ class ArucoGrid(MarkerGrid):
 
 
 class AprilTagGrid(MarkerGrid):
-    """Rows and columns of AprilTags."""
+    """Rows and columns of AprilTags, upright as AprilRobotics has them."""
 
+    is_apriltag: ClassVar[bool] = True
     name: ClassVar[str] = "apriltag-grid"
     title: ClassVar[str] = "AprilTag grid"
 
@@ -341,6 +370,8 @@ class Chessboard(GridBoard):
 
     name: ClassVar[str] = "chessboard"
     square_m: float
+    white_first: bool = False
+    """True if the left upper square is white, of a board that no turn makes black there."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -353,17 +384,25 @@ class Chessboard(GridBoard):
             )
         if columns == rows and columns % 2:
             self._refuse_quarter_turn("squares")
-        squares = side * _checks(columns, rows, True)
+        squares = side * _checks(columns, rows, not self.white_first)
         self._draw(
             side * _lattice(columns - 1, rows - 1),
             box=side * np.array([-1.0, -1.0, columns - 1, rows - 1]),
             cell_m=side,
             clear_m=(0.45 * side, 0.45 * side),
+            step_m=(side, side),
             words=f"chessboard of {columns} x {rows} squares of {1e3 * side:g} mm "
             f"({columns - 1} x {rows - 1} inner corners)",
             rectangles=np.hstack([squares - side, squares]),
             ambiguous_half_turn=(columns + rows) % 2 == 0,  # opposite corners are of one colour
         )
+
+    @property
+    def variants(self) -> tuple[Chessboard, ...]:
+        """The board, and its negative where no turn of the board gives the same picture."""
+        if (self.columns + self.rows) % 2 or self.columns == self.rows:
+            return (self,)
+        return self, replace(self, white_first=not self.white_first)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -374,10 +413,12 @@ class CircleGrid(GridBoard):
     is_asymmetric: ClassVar[bool] = False
     spacing_m: float
     diameter_m: float
+    large_dot_m: float | None = None
+    """Diameter of the left upper circle of a grid with one large dot: it tells which way is up."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        diameter, step = self.diameter_m, self.spacing_m
+        diameter, step, large = self.diameter_m, self.spacing_m, self.large_dot_m
         if min(self.columns, self.rows) < 3:
             raise InputError(
                 f"{self.columns} x {self.rows} circles are too few to be told from others",
@@ -399,18 +440,31 @@ class CircleGrid(GridBoard):
                 hint="leave white between them: half the distance is a good diameter",
                 name="diameter_m",
             )
-        if self.columns == self.rows and not self.is_asymmetric:
-            self._refuse_quarter_turn("circles")
-        xy = step * grid
+        if large is not None and not 1.1 * diameter < large < 1.8 * apart - diameter:
+            raise InputError(
+                f"a large dot of {1e3 * large:g} mm beside circles of {1e3 * diameter:g} mm that "
+                f"are {1e3 * apart:.4g} mm apart",
+                hint="it is larger than they are by a tenth and leaves white between",
+                name="large_dot_m",
+            )
+        if self.columns == self.rows and not self.is_asymmetric and large is None:
+            self._refuse_quarter_turn("circles", ", or mark one by large_dot")
+        xy, diameters = step * grid, np.full(len(grid), diameter)
+        if large is not None:
+            diameters[0] = large
+            words += f", the left upper one of {1e3 * large:g} mm"
         self._draw(
             xy,
-            box=np.concatenate([xy.min(axis=0) - diameter / 2, xy.max(axis=0) + diameter / 2]),
+            box=np.concatenate(
+                [(xy - diameters[:, None] / 2).min(axis=0), xy.max(axis=0) + diameter / 2]
+            ),
             cell_m=apart,
             # the whole circle, and what is inside or between circles
             clear_m=(diameter, 0.45 * min(diameter, apart - diameter)),
+            step_m=(step * (1 + self.is_asymmetric), step),
             words=words,
-            discs=np.column_stack([xy, np.full(len(xy), diameter / 2)]),
-            ambiguous_half_turn=half_turn,
+            discs=np.column_stack([xy, diameters / 2]),
+            ambiguous_half_turn=half_turn and large is None,
         )
 
 
@@ -452,6 +506,7 @@ class RoundTarget(Board):
             cell_m=2 * half * size,
             # half the end of a bar, and half of what is between a bar and a square
             clear_m=(0.9 * half * size, 0.45 * (near - half) * size),
+            step_m=(size, size),
             words=f"round target of {1e3 * size:g} mm with a cross and three squares",
             discs=np.array([[0.0, 0.0, size / 2]]),
             cut_out=white,
@@ -480,10 +535,12 @@ def make_board(
     *,
     columns: int | None = None,
     rows: int | None = None,
+    inner_corners: Sequence[int] | None = None,
     square_m: float | None = None,
     spacing_m: float | None = None,
     marker_m: float | None = None,
     diameter_m: float | None = None,
+    large_dot_m: float | None = None,
     dictionary: str | None = None,
     first_id: int | None = None,
     legacy: bool = False,
@@ -497,6 +554,9 @@ def make_board(
     columns, rows : int, optional
         Across and down: squares of ``charuco`` and ``chessboard``, not their inner corners;
         markers; circles. A ``round-target`` has none.
+    inner_corners : sequence of int, optional
+        Inner corners of ``charuco`` and ``chessboard`` across and down, in place of columns and
+        rows: one less than squares.
     square_m : float, optional
         Side of a square of ``charuco`` and ``chessboard``.
     spacing_m : float, optional
@@ -505,6 +565,8 @@ def make_board(
         Side of the black square of a marker.
     diameter_m : float, optional
         Of circles, where half the distance of neighbours is the default; of a ``round-target``.
+    large_dot_m : float, optional
+        Diameter of the left upper circle of a grid whose corner is marked by a larger one.
     dictionary : str, optional
         Of the markers, one of :data:`DICTIONARIES`, without ``DICT_`` if you like; that of
         AprilTag grids is 36h11 by default.
@@ -524,10 +586,12 @@ def make_board(
         raise InputError(
             f"there is no board {kind!r}", hint=near_names(kind, BOARDS), name="kind", value=kind
         )
+    if inner_corners is not None:
+        columns, rows = _squares_of(kind, inner_corners, columns, rows)
     given: dict[str, object] = {
         "columns": columns, "rows": rows, "square_m": square_m, "spacing_m": spacing_m,
-        "marker_m": marker_m, "diameter_m": diameter_m, "dictionary": dictionary,
-        "first_id": first_id, "legacy": legacy or None,
+        "marker_m": marker_m, "diameter_m": diameter_m, "large_dot_m": large_dot_m,
+        "dictionary": dictionary, "first_id": first_id, "legacy": legacy or None,
     }  # fmt: skip
     values = {key: value for key, value in given.items() if value is not None}
     board = BOARDS[kind]
@@ -545,6 +609,36 @@ def make_board(
         if key not in known:
             raise InputError(f"a {kind} has no {key}", hint="leave it out", name=key)
     return board(**values)
+
+
+def _squares_of(
+    kind: str, inner_corners: Sequence[int], columns: int | None, rows: int | None
+) -> tuple[int, int]:
+    """Return columns and rows of squares of a board whose inner corners are counted."""
+    if kind not in (CharucoBoard.name, Chessboard.name):
+        raise InputError(
+            f"a {kind} has no inner_corners", hint="give columns and rows", name="inner_corners"
+        )
+    if len(inner_corners) != 2:
+        raise InputError(
+            f"inner_corners of the {kind} are {inner_corners!r}",
+            hint="give two numbers, across and down",
+            name="inner_corners",
+        )
+    for value in inner_corners:
+        _check_count(value, "inner_corners", kind, least=1, most=MOST_ACROSS - 1)
+    squares = int(inner_corners[0]) + 1, int(inner_corners[1]) + 1
+    if any(
+        given is not None and given != counted
+        for given, counted in zip((columns, rows), squares, strict=True)
+    ):
+        raise InputError(
+            f"{inner_corners[0]} x {inner_corners[1]} inner corners are {squares[0]} x "
+            f"{squares[1]} squares, columns and rows are {columns} and {rows}",
+            hint="give either inner_corners or columns and rows",
+            name="inner_corners",
+        )
+    return squares
 
 
 def dictionary_of(name: str) -> cv2.aruco.Dictionary:

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError, check_type
 from calib.se3 import FloatArray
+from calib.vision.boards.agreement import OTHER_MARKERS, disagreement
 from calib.vision.boards.board import (
-    AsymmetricCircleGrid,
+    AprilTagGrid,
     Board,
+    CharucoBoard,
     Chessboard,
     CircleGrid,
     GridBoard,
+    KalibrAprilGrid,
     MarkerBoard,
     RoundTarget,
     dictionary_of,
@@ -33,10 +36,11 @@ from calib.vision.boards.finding import (
     halved,
     is_face_up,
     match_markers,
+    points_near,
     shows_squares,
 )
+from calib.vision.boards.layouts import another_layout, side_of_markers
 from calib.vision.boards.round_target import find_round_targets
-from calib.vision.camera.edges import read_grey
 from calib.vision.camera.rendering import GreyImage
 
 Status = Literal[
@@ -49,9 +53,9 @@ LEAST_POINTS = 6
 LEAST_SHARE = 0.7
 """Of the points of boards without markers: they are only found as a whole."""
 
-LARGEST_SIGMA_PX = 3.5
-"""Blur beyond which edges are not measured: it comes from a lens out of focus or from a moving
-camera, and then moves the points, too."""
+LARGEST_SIGMA_PX, LARGEST_MISS_PX = 3.5, 0.5
+"""Blur, and median distance of the points from the map that they lie on, beyond which a picture is
+blurred: a moving camera moves the points, too. A lens out of focus alone does not."""
 
 OVEREXPOSED_BLACK = 110.0
 """Grey level of black beside clipped white: three times the light that would have been enough."""
@@ -119,7 +123,18 @@ def sight(
             twins = f"markers {twice[0]} and {twice[1]}"
             message = f"{twins} are seen twice: leave one board in the picture"
             return BoardSighting.failed(board, "ambiguous", message)
-        found = match_markers(board, markers.those(~np.isin(markers.ids, twice)))
+        markers = markers.those(~np.isin(markers.ids, twice))
+        found = match_markers(board, markers, picture.shape)
+        if found is not None and len(markers) - found.explained >= LEAST_UNEXPLAINED:
+            said = another_layout(board, markers)
+            if said:
+                return BoardSighting.failed(board, "another board", _not_the(board, said))
+        if found is not None:
+            side = side_of_markers(board, markers)
+            if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX / markers.side_px):
+                said = f"markers of {side * board.marker_m / board.step_m[0]:.2f} of "
+                said += "a square" if isinstance(board, CharucoBoard) else "the spacing"
+                return BoardSighting.failed(board, "another board", _not_the(board, said))
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
     elif isinstance(board, CircleGrid):
@@ -130,12 +145,33 @@ def sight(
             message = f"{len(targets)} round targets are seen: leave one in the picture"
             return BoardSighting.failed(board, "ambiguous", message)
         found = targets[0] if targets else None
-    return None if found is None else _measure(picture, board, found)
+    sighting = None if found is None else _measure(picture, found)
+    if (
+        sighting is not None
+        and sighting.message == OTHER_MARKERS
+        and isinstance(board, MarkerBoard)
+    ):
+        said = another_layout(board, markers) or f"{OTHER_MARKERS} or another dictionary"
+        return replace(sighting, message=_not_the(board, said))
+    return sighting
 
 
-def _measure(picture: GreyImage, board: Board, found: Found) -> BoardSighting | None:
+def _not_the(board: Board, said: str) -> str:
+    return f"the picture shows {said}, not the {board.words}: correct the description"
+
+
+LEAST_UNEXPLAINED = 2
+"""Markers that lie otherwise than on the board, from which on another layout is looked for."""
+
+SIDE_OFF, SIDE_OFF_PX = 0.1, 3.0
+"""Difference of the side of markers from the described one, in parts of it and in pixels, from
+which on a board is another. The points of a ChArUco board do not depend on it, and corners of
+markers are known to a pixel only."""
+
+
+def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
     grey = picture.astype(np.float32)
-    which, board_map = found.which, found.board_map
+    board, which, board_map = found.board, found.which, found.board_map
     xy = board.points[which, :2]
     area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
     near_px = float(board.cell_m * np.sqrt(np.median(area)))
@@ -144,11 +180,21 @@ def _measure(picture: GreyImage, board: Board, found: Found) -> BoardSighting | 
         good = measured.good
         if k < 2 and np.count_nonzero(good) < LEAST_POINTS:
             return _too_few(board, measured)
-        fitted = fit_map(xy[good], measured.px[good], near_px, refined=True)
+        fitted = fit_map(
+            xy[good],
+            measured.px[good],
+            near_px,
+            refined=True,
+            shape=picture.shape,
+            fisheye=board_map.fisheye,
+        )
         if fitted is None:
             return _too_few(board, measured)
         board_map, inside = fitted
         if k < 2:
+            if isinstance(board, MarkerBoard):
+                which = points_near(board, which[good][inside])
+                xy = board.points[which, :2]
             measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
     good = good.copy()
     good[good] = inside
@@ -175,13 +221,16 @@ def _judged(
         return None
     width = _WIDTH * measured.sigma_px
     failed = partial(BoardSighting.failed, board, sharpness_px=width)
-    if isinstance(board, (Chessboard, CircleGrid)) and _goes_on(grey, board, board_map):
-        said = f"the board in the picture is larger than the {board.words}"
-        return failed("another board", said)
-    if measured.sigma_px > LARGEST_SIGMA_PX:
+    dark, light = (float(np.median(each[good])) for each in (measured.dark, measured.light))
+    if isinstance(board, GridBoard):
+        said = disagreement(grey, board, board_map, which[good], measured.px[good], (dark, light))
+        if said:
+            words = said if said == OTHER_MARKERS else _not_the(board, said)
+            return failed("another board", words)
+    miss = np.linalg.norm(board_map(xy[good]) - measured.px[good], axis=1)
+    if measured.sigma_px > LARGEST_SIGMA_PX and np.median(miss) > LARGEST_MISS_PX:
         said = f"edges are {width:.0f} px wide: focus the camera, let it come to rest"
         return failed("blurred", said)
-    dark, light = np.median(measured.dark[good]), np.median(measured.light[good])
     if light > 252.0 and dark > OVEREXPOSED_BLACK:
         said = f"white is clipped and black has grey level {dark:.0f}: expose less"
         return failed("overexposed", said)
@@ -203,41 +252,6 @@ def _too_few(board: Board, measured: Refined) -> BoardSighting | None:
         "show more of the board, nearer, in even light"
     )
     return BoardSighting.failed(board, "too few points", said, _WIDTH * measured.sigma_px)
-
-
-def _goes_on(grey: NDArray[np.float32], board: GridBoard, board_map: BoardMap) -> bool:
-    """Whether the pattern goes on beyond the board, where it should end."""
-    # two rows of an asymmetric grid are one step
-    more = 4 if isinstance(board, AsymmetricCircleGrid) else 2
-    larger = replace(board, columns=board.columns + 2, rows=board.rows + more)
-    by = larger.points[:, :2].max(axis=0) / 2 - board.points[:, :2].max(axis=0) / 2
-    step = board.cell_m / 4
-    left, top, right, bottom = board.box
-    x, y = (
-        np.arange(left - by[0], right + by[0], step),
-        np.arange(top - by[1], bottom + by[1], step),
-    )
-    across = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    x, y = across.T
-    tall, wide = (y > top) & (y < bottom), (x > left) & (x < right)
-    for side in (
-        (x < left - step) & tall,
-        (x > right + step) & tall,
-        (y < top - step) & wide,
-        (y > bottom + step) & wide,
-    ):
-        at, seen = read_grey(grey, board_map(across[side]))
-        black = larger.is_black(across[side] + by)
-        at, black = at[seen], black[seen]
-        if len(at) < 8 or at.std() == 0.0 or black.std() == 0.0:
-            continue
-        if np.corrcoef(at, black)[0, 1] < -_GOES_ON:
-            return True
-    return False
-
-
-_GOES_ON = 0.5
-"""Correlation with the pattern that would go on beyond the board."""
 
 
 LEAST_NAMED = 4
@@ -264,12 +278,16 @@ def detect_board(picture: GreyImage, board: Board) -> BoardSighting:
 
     Boards with markers may be seen in part. Chessboards, grids of circles and round targets must
     be seen as a whole; of those that look the same after half a turn, the way round is taken whose
-    x runs to the right of the picture.
+    x runs to the right of the picture. Grids of circles may be white on black.
     """
     check_type(board, Board, "board")
     check_picture(picture)
     lattices = CircleLattices(picture)
     sighting = sight(picture, board, thoroughly=True, lattices=lattices)
+    if sighting is None and isinstance(board, CircleGrid):
+        sighting = sight(np.asarray(255 - picture, dtype=np.uint8), board)
+    if sighting is None:
+        sighting = _found_smaller(picture, board)
     if sighting is not None:
         return sighting
     status, message = why_not(picture, board, lattices)
@@ -303,11 +321,6 @@ def why_not(picture: GreyImage, board: Board, lattices: CircleLattices) -> tuple
         wrong = "the round target in the picture has no three squares: print that of this cell"
     if wrong:
         return "another board", wrong
-    if _is_found_smaller(picture, board):
-        return (
-            "blurred",
-            "the board is found in a smaller picture only: focus, let the camera come to rest",
-        )
     clipped = float(np.mean(picture >= CLIPPED))
     if clipped > CLIPPED_SHARE:
         return "overexposed", f"{clipped:.0%} of the picture is clipped white: expose less"
@@ -317,6 +330,16 @@ def why_not(picture: GreyImage, board: Board, lattices: CircleLattices) -> tuple
 def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
     """Markers that are not of the board, or lie otherwise, in words."""
     own = find_markers(picture, board.markers, border_bits=board.border_bits, exactly=True)
+    said = another_layout(board, own)
+    if said:
+        return _not_the(board, said)
+    if isinstance(board, AprilTagGrid):
+        borders = 3 - board.border_bits
+        other = find_markers(picture, board.markers, border_bits=borders, exactly=True)
+        if len(other) >= LEAST_NAMED:
+            kind = (AprilTagGrid, KalibrAprilGrid)[borders - 1].name
+            said = f"tags with borders of {borders} cells, as those of the kind {kind}"
+            return _not_the(board, said)
     of_board = np.isin(own.ids, board.ids)
     if np.count_nonzero(~of_board) >= LEAST_NAMED:
         return (
@@ -342,7 +365,7 @@ def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
         )
     mirrored = np.ascontiguousarray(picture[:, ::-1])
     seen = find_markers(mirrored, board.markers, border_bits=board.border_bits, exactly=True)
-    if np.count_nonzero(np.isin(seen.ids, board.ids)) >= LEAST_NAMED:
+    if len(seen) >= LEAST_NAMED and match_markers(board, seen, picture.shape) is not None:
         return "the picture is mirrored: give it as the camera took it"
     return ""
 
@@ -366,15 +389,16 @@ def _other_size(picture: GreyImage, board: Board, lattices: CircleLattices) -> s
     return ""
 
 
-def _is_found_smaller(picture: GreyImage, board: Board) -> bool:
-    """Whether the board is there, with edges too wide to be found."""
+def _found_smaller(picture: GreyImage, board: Board) -> BoardSighting | None:
+    """The sighting in a smaller picture: wide edges, which finders overlook, are sharp in it."""
     small = picture
-    for _ in range(2):
-        # finders overlook edges of many pixels, which are sharp in a picture of a quarter
+    for times in (2, 4):
         small = halved(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8))
         if min(small.shape) < 120:
-            return False
+            return None
         found = sight(small, board)
-        if found is not None and found.is_ok:
-            return True
-    return False
+        if found is not None and found.status in ("ok", "another board"):
+            return replace(
+                found, pixels=times * found.pixels, sharpness_px=times * found.sharpness_px
+            )
+    return None

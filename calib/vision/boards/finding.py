@@ -50,8 +50,10 @@ _ROUNDNESS = 0.12
 class Found:
     """What of a board was found."""
 
+    board: Board  # as described, or with other colours
     which: NDArray[np.intp]  # (K,): points that may be seen
     board_map: BoardMap
+    explained: int = 0  # markers that lie as on the board
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,10 @@ class Markers:
     def those(self, which: NDArray[np.bool_]) -> Markers:
         """Some of them."""
         return Markers(self.ids[which], self.corners[which])
+
+    def turned(self, turn: int) -> Markers:
+        """Return them with another corner as the left upper one."""
+        return Markers(self.ids, np.roll(self.corners, turn, axis=1))
 
     @property
     def side_px(self) -> float:
@@ -98,28 +104,41 @@ def find_markers(
     )
 
 
-def match_markers(board: MarkerBoard, markers: Markers) -> Found | None:
+def turns_of(board: MarkerBoard) -> range:
+    """Return the quarter turns that markers may have against those of OpenCV's dictionary.
+
+    AprilTags are upright, or upside down, by who printed them. The detectors of Kalibr's grids
+    read tags that are turned in any way.
+    """
+    if isinstance(board, KalibrAprilGrid):
+        return range(4)
+    return range(0, 4, 2) if "APRILTAG" in board.dictionary else range(1)
+
+
+def match_markers(
+    board: MarkerBoard, markers: Markers, shape: tuple[int, ...] | None = None
+) -> Found | None:
     """The board that markers lie on, where at least two lie as on it."""
     known = markers.those(np.isin(markers.ids, board.ids))
     if len(known) < LEAST_MARKERS:
         return None
     index = known.ids - board.first_id
     xy, best = board.marker_corners[index].reshape(-1, 2), None
-    # Kalibr's tags may be turned against those of OpenCV's dictionary
-    for turn in range(4 if isinstance(board, KalibrAprilGrid) else 1):
-        px = np.roll(known.corners, turn, axis=1).reshape(-1, 2)
-        fitted = fit_map(xy, px, known.side_px)
+    for turn in turns_of(board):
+        px = known.turned(turn).corners.reshape(-1, 2)
+        fitted = fit_map(xy, px, known.side_px, shape=shape)
         if fitted is not None and (best is None or fitted[1].sum() > best[1].sum()):
             best = fitted
-            if best[1].mean() > 0.5:
+            if best[1].mean() > 0.9:
                 break
-    if best is None or not is_face_up(board, best[0], xy):
+    if best is None or not is_face_up(board, best[0], xy[best[1]]):
         return None
     board_map, inside = best
-    seen = np.unique(index[inside.reshape(-1, 4).all(axis=1)])
+    whole = inside.reshape(-1, 4).all(axis=1)
+    seen = np.unique(index[whole])
     if len(seen) < LEAST_MARKERS:
         return None
-    return Found(_points_of(board, seen), board_map)
+    return Found(board, _points_of(board, seen), board_map, int(np.count_nonzero(whole)))
 
 
 def _points_of(board: MarkerBoard, seen: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -131,6 +150,13 @@ def _points_of(board: MarkerBoard, seen: NDArray[np.intp]) -> NDArray[np.intp]:
     middle = board.marker_corners[seen].mean(axis=1)
     apart = np.abs(board.points[:, None, :2] - middle).max(axis=2)
     return np.nonzero((apart < 0.6 * board.square_m).any(axis=1))[0]
+
+
+def points_near(board: MarkerBoard, seen: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Points of the board that are seen, or one step beside points that are."""
+    xy = board.points[:, :2] / board.step_m
+    apart = np.abs(xy[:, None] - xy[seen]).max(axis=2)
+    return np.nonzero((apart < 1.1).any(axis=1))[0]
 
 
 def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) -> Found | None:
@@ -151,9 +177,9 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
             at = np.asarray(corners, dtype=float).reshape(-1, 2)
             grid: FloatArray = (scale * (at + 0.5) - 0.5).reshape(*size[::-1], 2)
             for each in (grid, grid[:, ::-1]):  # of which one is seen in a mirror
-                fitted = _fitted(board, np.arange(len(at)), each.reshape(-1, 2))
+                fitted = _fitted(board, np.arange(len(at)), each.reshape(-1, 2), picture.shape)
                 if fitted is not None:
-                    return _in_order(picture, board, _turned(board, fitted))
+                    return _in_order(picture, board.variants, _turned(board, fitted))
             return None
     return None
 
@@ -173,9 +199,11 @@ def _scales(picture: GreyImage) -> tuple[int, ...]:
 def find_circles(picture: GreyImage, board: CircleGrid, lattices: CircleLattices) -> Found | None:
     """The whole grid of circles."""
     for blobs, cells in lattices:
-        fitted = (_fitted(board, which, blobs[b]) for which, b in _layouts(board, cells))
+        fitted = (
+            _fitted(board, which, blobs[b], picture.shape) for which, b in _layouts(board, cells)
+        )
         maps = [(each, 0.0) for each in fitted if each]
-        found = _in_order(picture, board, maps) if maps else None
+        found = _in_order(picture, [board], maps) if maps else None
         if found is not None:
             return found
     return None
@@ -365,10 +393,12 @@ def is_face_up(board: Board, board_map: BoardMap, xy: FloatArray) -> bool:
     return bool((turned > 0.0).all())
 
 
-def _fitted(board: Board, which: NDArray[np.intp], at: FloatArray) -> BoardMap | None:
+def _fitted(
+    board: Board, which: NDArray[np.intp], at: FloatArray, shape: tuple[int, ...]
+) -> BoardMap | None:
     """The map that points of a board lie on, seen from its face."""
     xy = board.points[which, :2]
-    fitted = fit_map(xy, at, spacing(at))
+    fitted = fit_map(xy, at, spacing(at), shape=shape)
     if fitted is None or not is_face_up(board, fitted[0], board.points[:, :2]):
         return None
     return fitted[0] if np.count_nonzero(fitted[1]) >= 0.8 * len(xy) else None
@@ -398,23 +428,40 @@ rows one in the white lowers it by twice that, and in a board that goes on it is
 
 
 def _in_order(
-    picture: GreyImage, board: Board, maps: Iterable[tuple[BoardMap, float]]
+    picture: GreyImage, boards: Sequence[Board], maps: Iterable[tuple[BoardMap, float]]
 ) -> Found | None:
-    """Which way round the grid was found: by colours, and upright where that leaves two ways."""
+    """Which way round the grid was found: by colours, and upright where that leaves two ways.
+
+    ``boards``: with points at the same places, and other colours.
+    """
+    xy = _between(boards[0])
+    whites = [np.where(board.is_black(xy), 0.0, 1.0) for board in boards]
+    best, best_score = None, 0.0
+    for board_map, cost in maps:
+        slopes = board_map.slope(boards[0].points[:, :2], boards[0].cell_m / 10)
+        upright = slopes.mean(axis=0)
+        in_doubt = 1e-3 * float(upright[0, 0] / np.linalg.norm(upright[:, 0]))
+        at = board_map(xy)
+        for board, white in zip(boards, whites, strict=True):
+            score = _colours(picture, at, white) + in_doubt - cost
+            if score > best_score:
+                best, best_score = (board, board_map), score
+    return None if best is None else Found(best[0], np.arange(len(best[0].points)), best[1])
+
+
+def _between(board: Board) -> FloatArray:
+    """Return places ``(M, 2)`` whose colours tell which way round a board is seen."""
+    if isinstance(board, CircleGrid) and board.large_dot_m is not None:
+        # about each corner, what is black of the large dot only
+        radius = (board.large_dot_m + board.diameter_m) / 4
+        angle = 2.0 * np.pi * np.arange(16) / 16
+        corners = board.points[[0, board.columns - 1, -board.columns, -1], None, :2]
+        return (corners + radius * np.stack([np.cos(angle), np.sin(angle)], 1)).reshape(-1, 2)
     step = board.cell_m / 4 * np.array([-1.0, 0.0, 1.0])
     offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
     if not len(board.printed[1]):  # on the lines of a chessboard there is neither black nor white
         offsets = offsets[np.abs(offsets).min(axis=1) > 0.0]
-    xy = (board.points[:, None, :2] + offsets).reshape(-1, 2)
-    white = np.where(board.is_black(xy), 0.0, 1.0)
-    best, best_score = None, 0.0
-    for board_map, cost in maps:
-        upright = board_map.slope(board.points[:, :2], board.cell_m / 10).mean(axis=0)
-        in_doubt = 1e-3 * float(upright[0, 0] / np.linalg.norm(upright[:, 0]))
-        score = _colours(picture, board_map(xy), white) + in_doubt - cost
-        if score > best_score:
-            best, best_score = board_map, score
-    return None if best is None else Found(np.arange(len(board.points)), best)
+    return np.asarray((board.points[:, None, :2] + offsets).reshape(-1, 2))
 
 
 def _colours(picture: GreyImage, px: FloatArray, white: FloatArray) -> float:

@@ -59,7 +59,7 @@ def find_round_targets(
             start = _turned(grey, board, ellipse)
             aligned = None if start is None else _aligned(picture, board, ellipse, start)
             if aligned is not None and _has_squares(grey, board, aligned) == squares:
-                found.append(Found(np.arange(len(board.points)), aligned))
+                found.append(Found(board, np.arange(len(board.points)), aligned))
     return found
 
 

@@ -76,13 +76,58 @@ def test_charuco_is_that_of_opencv(legacy):
 
 
 def test_grid_is_that_of_opencv():
-    board = BOARDS["apriltag-grid"]
+    board = make_board(
+        "aruco-grid", columns=5, rows=4, spacing_m=0.03, marker_m=0.024, dictionary="4x4_50"
+    )
     theirs = cv2.aruco.GridBoard((5, 4), 0.024, 0.006, board.markers)
     np.testing.assert_allclose(
         np.array(theirs.getObjPoints()).reshape(-1, 3), board.points, atol=1e-7
     )
-    picture = board_picture(board, 1e4 / 3)
+    picture = board_picture(board, 5e3)
     np.testing.assert_array_equal(picture, theirs.generateImage(picture.shape[::-1]))
+
+
+TAG_0 = 0xD5D628584
+"""First tag of 36h11, its 36 bits row by row from the left upper one, white bits set.
+
+Source: Olson, AprilTag: a robust and flexible visual fiducial system, ICRA 2011, ``Tag36h11`` of
+the AprilTags C++ library, which Kalibr's ``kalibr_create_target_pdf`` prints.
+"""
+
+
+@pytest.mark.parametrize("kind", ["apriltag-grid", "kalibr-aprilgrid"])
+def test_tags_are_upright_as_april_robotics_and_kalibr_print_them(kind):
+    board = BOARDS[kind]
+    cells = board.border_bits * 2 + 6
+    side = board.marker_m / cells
+    where = side * (np.arange(6) + board.border_bits + 0.5)
+    xy = board.marker_corners[0, 0] + np.stack(np.meshgrid(where, where), axis=-1).reshape(-1, 2)
+    bits = "".join("01"[not black] for black in board.is_black(xy))
+    assert int(bits, 2) == TAG_0
+
+
+def test_printed_tags_are_upright_for_another_decoder():
+    """That of AprilRobotics, by the package pupil-apriltags: from the left lower corner on."""
+    decoders = pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed")
+    board = make_board("apriltag-grid", columns=3, rows=2, spacing_m=0.03, marker_m=0.024)
+    picture = board_picture(board, 4e3, 0.02)
+    tags = decoders.Detector(families="tag36h11").detect(picture)
+    assert [tag.tag_id for tag in tags] == list(range(6))
+    for tag, corners in zip(tags, board.marker_corners, strict=True):
+        np.testing.assert_allclose(tag.corners, 4e3 * (corners[[3, 2, 1, 0]] + 0.02), atol=1.5)
+
+
+@pytest.mark.parametrize("turn", [0, 2])
+def test_apriltags_are_read_upright_and_as_opencv_draws_them(turn):
+    board = BOARDS["apriltag-grid"]
+    picture = np.full((5 * 150, 6 * 150), 255, np.uint8)
+    for number, corner in enumerate(5e3 * board.marker_corners[:, 0]):
+        tag = np.rot90(board.markers.generateImageMarker(number, 120), turn)
+        x, y = np.rint(corner).astype(int) + 75
+        picture[y : y + 120, x : x + 120] = tag
+    sighting = detect_board(cv2.GaussianBlur(picture, (0, 0), 1.0), board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    np.testing.assert_allclose(sighting.pixels, 75 + 5e3 * board.points[:, :2], atol=0.03)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,253 @@
+"""Agreement of a picture with the description of a board, where the board was found.
+
+The lattice of a board says what would be printed beyond it, if it were larger, and in each of its
+rows and columns. A picture of a larger board shows the first, one of a smaller board lacks some of
+the second.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.se3 import BoolArray, FloatArray
+from calib.vision.boards.board import (
+    AprilTagGrid,
+    GridBoard,
+    KalibrAprilGrid,
+    MarkerBoard,
+    MarkerGrid,
+)
+from calib.vision.boards.board_map import BoardMap
+from calib.vision.boards.finding import turns_of
+from calib.vision.camera.edges import read_grey
+
+_PER_CELL = 6
+"""Grey levels that are read across a cell of the lattice, and down."""
+
+_NEAR = 2.2
+"""Distance of cells from points that were seen, in cells: further on the map is not known."""
+
+_GOES_ON = 0.5
+"""Correlation with the pattern above which it is there."""
+
+_AT_EDGE = 2
+"""Of the grey levels down a cell, those that are read first: beyond them the paper may end."""
+
+_CONTRAST = 0.25
+"""Standard deviation of grey levels beyond the board, in parts of the contrast of its edges, of a
+pattern."""
+
+_PAPER = 0.3
+"""Difference from white, in parts of the contrast, of paper without a pattern."""
+
+_LEAST_CELLS = 3
+"""Cells of a side that have to be seen, for it to be judged."""
+
+CLIPPED_ROW = 250.0
+"""Grey level above which a row may be there, and be hidden by the light."""
+
+SIDE_OFF, SIDE_OFF_PX = 0.02, 0.2
+"""Difference of the side of a marker in a grid, in parts of it, and of an edge of it [px], that
+neither ink nor light makes."""
+
+
+def disagreement(
+    grey: NDArray[np.float32],
+    board: GridBoard,
+    board_map: BoardMap,
+    which: NDArray[np.intp],
+    px: FloatArray,
+    levels: tuple[float, float],
+) -> str:
+    """Return in words what of the picture is not as described, or nothing.
+
+    Parameters
+    ----------
+    which, px : ndarray (K,), (K, 2)
+        Points of the board that were seen, and where.
+    levels : tuple of float
+        Grey levels of black and white.
+    """
+    seen = board.points[which, :2]
+    if isinstance(board, MarkerBoard) and _shows_others(grey, board, board_map, seen, levels):
+        return OTHER_MARKERS
+    size = _size_of_misfit(grey, board, board_map, seen, levels)
+    if size:
+        return f"a {size} board"
+    if not isinstance(board, MarkerGrid):
+        return ""
+    if (_squares_between(grey, board, board_map, seen) > 0.5) != board.is_kalibr:
+        kinds = "no black squares", AprilTagGrid.name, "black squares", KalibrAprilGrid.name
+        return "{} between the markers (kind {})".format(*kinds[2 * (not board.is_kalibr) :][:2])
+    off = _side_of_markers_off(board, which, px, board_map)
+    return f"markers of {(1.0 + off) * board.marker_m / board.spacing_m:.3f} of the spacing" * bool(
+        off
+    )
+
+
+def _size_of_misfit(
+    grey: NDArray[np.float32],
+    board: GridBoard,
+    board_map: BoardMap,
+    seen: FloatArray,
+    levels: tuple[float, float],
+) -> str:
+    """Return "larger" or "smaller" if the board in the picture is that, and else nothing."""
+    cells, places, black = _lattice_of(board)
+    near = _near(cells.reshape(-1, 2), seen, board.step_m).reshape(cells.shape[:2])
+    at, inside = read_grey(grey, board_map(places))  # (rows, columns, samples)
+    usable: BoolArray = np.asarray((inside & near[..., None]).all(axis=2))
+    dark, light = levels
+    for side in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
+        there = usable[side]
+        if np.count_nonzero(there) >= min(_LEAST_CELLS, len(there)):
+            levels_there = at[side][there]
+            like = _likeness(levels_there, black[side][there])
+            if like > _GOES_ON and levels_there.std() > _CONTRAST * (light - dark):
+                return "larger"
+    if not isinstance(board, MarkerBoard):  # found with all points or not at all
+        return ""
+    own = np.s_[1:-1, 1:-1]
+    fine = (board.rows, board.columns, _PER_CELL, _PER_CELL)
+    for turn in range(4):  # rows from above, columns from the right, rows from below ...
+        rows = zip(
+            np.rot90(usable[own], turn),
+            np.rot90(np.rot90(at[own].reshape(fine), turn), turn, axes=(2, 3)),
+            np.rot90(np.rot90(black[own].reshape(fine), turn), turn, axes=(2, 3)),
+            strict=True,
+        )
+        if any(_ends(before, row, levels) for before, row in pairwise(rows)):
+            return "smaller"
+    return ""
+
+
+_Row = tuple[BoolArray, FloatArray, FloatArray]
+"""Cells of a row that can be judged ``(C,)``, their grey levels ``(C, samples, samples)`` and what
+would be black."""
+
+
+def _ends(before: _Row, row: _Row, levels: tuple[float, float]) -> bool:
+    """Return True if a row shows its pattern, and the next one white where that begins."""
+    dark, light = levels
+    usable, at, black = row
+    at, black = at[:, :_AT_EDGE], black[:, :_AT_EDGE]
+    if not (usable.all() and before[0].all() and (black == 1.0).any(axis=(1, 2)).sum() > 1):
+        return False
+    middle = float(np.median(at))
+    if abs(middle - light) > _PAPER * (light - dark) or middle > CLIPPED_ROW > light:
+        return False  # it may be hidden
+    missing = np.mean(at[black == 1.0] < (dark + light) / 2) < 0.1
+    return bool(missing and _likeness(before[1], before[2]) > _GOES_ON)
+
+
+def _shows_others(
+    grey: NDArray[np.float32],
+    board: MarkerBoard,
+    board_map: BoardMap,
+    seen: FloatArray,
+    levels: tuple[float, float],
+) -> bool:
+    """Return True if markers in the picture have other bits than those described there."""
+    border, count = board.border_bits, board.bits.shape[1]
+    across = (np.arange(border, count - border) + 0.5) / count
+    aside = board.marker_m * np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+    near = _near(board.marker_corners.mean(axis=1), seen, board.step_m, _BESIDE)
+    places = board.marker_corners[near, :1] + aside
+    at, inside = read_grey(grey, board_map(places))
+    clear = inside.all(axis=1) & (at.std(axis=1) > _CONTRAST * (levels[1] - levels[0]))
+    if np.count_nonzero(clear) < _LEAST_OTHERS:
+        return False
+    own = np.s_[border:-border]
+    white = ~board.bits[near][clear][:, own, own]
+    at = at[clear] - at[clear].mean(axis=1, keepdims=True)
+    likeness = []
+    for turn in turns_of(board):
+        bits = np.rot90(white, turn, axes=(1, 2)).reshape(at.shape).astype(float)
+        bits -= bits.mean(axis=1, keepdims=True)
+        sizes = np.linalg.norm(at, axis=1) * np.linalg.norm(bits, axis=1)
+        likeness.append((at * bits).sum(axis=1) / np.maximum(sizes, 1e-9))
+    best = max(likeness, key=lambda each: float(np.median(each)))
+    others = int(np.count_nonzero(best < _LIKE_BITS))
+    return others >= max(_LEAST_OTHERS, _MOST_OTHERS * len(best))
+
+
+OTHER_MARKERS = "markers at other places"
+
+_BESIDE = 0.8
+"""Distance of markers from points that were seen, in cells, whose bits are compared."""
+
+_LIKE_BITS, _LEAST_OTHERS, _MOST_OTHERS = 0.4, 2, 0.25
+"""Correlation of grey levels with the bits of a marker below which it is another, and how many and
+which share of others there may not be. The bits of two markers are correlated by 0.3 at most."""
+
+
+def _squares_between(
+    grey: NDArray[np.float32], board: MarkerGrid, board_map: BoardMap, seen: FloatArray
+) -> float:
+    """Return the share of places between four markers that are as dark as the markers' borders."""
+    cells = _lattice_of(board)[0][1:-1, 1:-1]
+    step, gap = np.array(board.step_m), board.spacing_m - board.marker_m
+    at_marker = np.array([board.marker_m / 2 - 0.25 * gap, 0.0])
+    places = np.stack([cells + step / 2, cells + at_marker, cells + step * [0.5, 0.0]], axis=2)
+    near = _near(places[:, :, 0].reshape(-1, 2), seen, board.step_m).reshape(cells.shape[:2])
+    levels, inside = read_grey(grey, board_map(places[:-1, :-1]))
+    corner, black, white = levels[inside.all(axis=2) & near[:-1, :-1]].T
+    return float(np.mean(corner < (black + white) / 2)) if len(corner) else float(board.is_kalibr)
+
+
+def _side_of_markers_off(
+    board: MarkerGrid, which: NDArray[np.intp], px: FloatArray, board_map: BoardMap
+) -> float:
+    """Return by how much markers are larger than described, in parts; zero where it is not sure."""
+    xy = board.points[which, :2]
+    middles = board.marker_corners.mean(axis=1)[which // 4]
+    slope = board_map.slope(xy, board.cell_m / 10)
+    out = (slope @ (xy - middles)[..., None])[..., 0]
+    part = float(((px - board_map(xy)) * out).sum() / (out**2).sum())
+    half_px = float(np.sqrt(np.median((out**2).sum(axis=1)) / 2.0))
+    return part if abs(part) > SIDE_OFF and abs(part) * half_px > SIDE_OFF_PX else 0.0
+
+
+@lru_cache(maxsize=32)
+def _lattice_of(board: GridBoard) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return middles, places and blackness of the cells of a board and of those about it.
+
+    Arrays ``(rows + 2, columns + 2, 2)``, ``(..., samples, 2)`` and ``(..., samples)``.
+    """
+    step, count = np.array(board.step_m), np.array([board.columns, board.rows])
+    first = board.box.reshape(2, 2).mean(axis=0) - step * count / 2
+    column, row = np.meshgrid(np.arange(-1, count[0] + 1), np.arange(-1, count[1] + 1))
+    corners = first + step * np.stack([column, row], axis=-1)
+    across = (np.arange(_PER_CELL) + 0.5) / _PER_CELL
+    aside = step * np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+    places = corners[..., None, :] + aside
+    # what is beyond is as two cells before it: of two, one is black, or no large dot
+    period = step * np.minimum(count, 2)
+    last = first + step * count
+    under = np.ceil(np.maximum(first - places, 0.0) / period - 1e-9)
+    over = np.ceil(np.maximum(places - last, 0.0) / period - 1e-9)
+    inside = places + period * (under - over)
+    black = board.known_black(inside.reshape(-1, 2)).reshape(places.shape[:-1])
+    return corners + step / 2, places, black
+
+
+def _near(
+    cells: FloatArray, seen: FloatArray, step_m: tuple[float, float], most: float = _NEAR
+) -> BoolArray:
+    from scipy.spatial import cKDTree
+
+    far = np.asarray(cKDTree(seen / step_m).query(cells / step_m)[0])
+    return far < most
+
+
+def _likeness(grey: FloatArray, black: FloatArray) -> float:
+    """Return the correlation of grey levels with a pattern, NaN of it left out."""
+    known = np.isfinite(black)
+    at, white = grey[known], 1.0 - black[known]
+    if len(at) < 8 or at.std() == 0.0 or white.std() == 0.0:
+        return 0.0
+    return float(np.corrcoef(at, white)[0, 1])

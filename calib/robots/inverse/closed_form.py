@@ -26,7 +26,7 @@ from calib.robots.inverse.solutions import (
     close_in,
     pose_error,
 )
-from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
+from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
 _POLISHING = 12
 """Steps: those that arrive take three to eight."""
@@ -248,12 +248,20 @@ def compare(
     return Miss(distance, angle, 1.0 - cosine**2 < STRAIGHT_WRIST**2)
 
 
+_FEW = 40
+"""Postures of which each is held against each other at once."""
+
+
 def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
     """Whether an earlier posture of the same pose is the same, full turns aside: ``(S,)``.
 
     Postures ``(S, n)`` [rad] of poses ``(S,)`` in ascending order.
     """
     count = len(postures)
+    if count <= _FEW:
+        off = np.remainder(postures[:, None] - postures + np.pi, TURN) - np.pi
+        same = (np.abs(off) < SAME_POSTURE_RAD).all(axis=2) & (pose[:, None] == pose)
+        return np.asarray(np.tril(same, -1).any(axis=1))
     first = np.searchsorted(pose, pose)
     same = np.zeros(count, dtype=bool)
     for back in range(1, int((np.arange(count) - first).max(initial=0)) + 1):
@@ -352,13 +360,13 @@ def solve_parallel_arm(
     l2, l3 = np.linalg.norm(upper, axis=1), np.linalg.norm(fore, axis=1)
     more = np.where(line, _into_reach(centre, offset, n, np.abs(l2 - l3), l2 + l3), 0.0)
     turns, q[:, 5] = turns + more, roll - more * np.sign(_dot(a6, n))
-    goal = centre + _rotated(offset, n, more)
+    goal = centre + rotated(offset, n, more)
     cosine = (_dot(goal, goal) - l2**2 - l3**2) / (2.0 * l2 * l3)
     elbow = np.arccos(np.clip(cosine, -1.0, 1.0))
     found = []
     for side in (1.0, -1.0):
         q3 = side * elbow - angle_about(upper, fore, n)
-        q2 = angle_about(upper + _rotated(fore, n, q3), goal, n)
+        q2 = angle_about(upper + rotated(fore, n, q3), goal, n)
         posture = q.copy()
         posture[:, 1:4] = np.column_stack([q2, q3, turns - q2 - q3]) * way
         found.append(posture)
@@ -384,7 +392,7 @@ def _wrist(
     source = np.concatenate([on, beside, beside])
     turns = np.concatenate([np.zeros(len(on)), ahead[beside], ahead[beside] + np.pi])
     n, a5, a6, wanted = n[source], a5[source], a6[source], wanted[source]
-    bend = angle_about(_rotated(a6, n, turns), wanted, _rotated(a5, n, turns))
+    bend = angle_about(rotated(a6, n, turns), wanted, rotated(a5, n, turns))
     q = q[source]
     q[:, 1], q[:, 4] = turns, bend
     q[: len(on), 5] = postures[on, 5]
@@ -423,8 +431,16 @@ def across(v: FloatArray, n: FloatArray) -> FloatArray:
 
 def angle_about(a: FloatArray, b: FloatArray, n: FloatArray) -> FloatArray:
     """Angle (S,) [rad] about n from a to b."""
-    return np.asarray(np.arctan2(_dot(n, np.cross(a, b)), _dot(a, b)))
+    return np.asarray(np.arctan2(_dot(n, _cross(a, b)), _dot(a, b)))
 
 
-def _rotated(v: FloatArray, n: FloatArray, angle: FloatArray) -> FloatArray:
-    return np.asarray((rotation_exp(n * angle[:, None]) @ v[..., None])[..., 0])
+def rotated(v: FloatArray, n: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors (S, 3) turned about unit vectors by angles (S,) [rad]."""
+    along = _dot(v, n)[:, None] * n
+    turned = np.cos(angle)[:, None] * (v - along) + np.sin(angle)[:, None] * _cross(n, v)
+    return np.asarray(along + turned)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

@@ -23,12 +23,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.batch_last import cross
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
-from calib.robots.inverse.closed_form import across, angle_about, compare, repeated
+from calib.robots.inverse.closed_form import across, angle_about, compare, repeated, rotated
 from calib.robots.inverse.ideal import ideals
 from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
-from calib.se3 import BoolArray, FloatArray, IntArray, inverse, rotation_exp
+from calib.se3 import BoolArray, FloatArray, IntArray, inverse
 
 _DEGREE = 8
 _SAMPLES = 2 * _DEGREE + 4
@@ -99,6 +100,12 @@ class OffsetWrist(InverseKinematics):
         self._upper = (self._origins[2] - self._origins[1])[:2]
         self._fore = (self._meeting - self._origins[2])[:2]
         self._l2, self._l3 = float(np.hypot(*self._upper)), float(np.hypot(*self._fore))
+        # parts of the wrist's point and of axis 5 that stay as joint 6 turns back, or go along with
+        # its cosine or its sine: (2, 3, 3)
+        a6 = self._axes[5]
+        moved = np.stack([self._meeting - self._origins[5], self._axes[4]])
+        stays = (moved @ a6)[:, None] * a6
+        self._turning = np.stack([stays, moved - stays, np.cross(moved, a6)], axis=1)
         from_6 = np.cross(self._meeting - self._origins[5], self._axes[5])
         self._offset = float(np.linalg.norm(from_6))
         # without an offset of the shoulder, turned by half a turn it puts axis 4 on the same line
@@ -139,10 +146,13 @@ class OffsetWrist(InverseKinematics):
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         q, of = self._every_branch(T_base_tip)
-        lost = np.setdiff1d(np.arange(len(T_base_tip)), of)
+        answered = np.zeros(len(T_base_tip), dtype=bool)
+        answered[of] = True
+        lost = np.flatnonzero(~answered)
         gap_m = np.zeros(len(T_base_tip))
-        with np.errstate(over="ignore", invalid="ignore"):
-            gap_m[lost] = self._gap(T_base_tip[lost])
+        if len(lost):
+            with np.errstate(over="ignore", invalid="ignore"):
+                gap_m[lost] = self._gap(T_base_tip[lost])
         return q, of, gap_m
 
     def _every_branch(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -205,8 +215,9 @@ class OffsetWrist(InverseKinematics):
 
     def _turned_back(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The wrist's point and axis 5 of the arm at zero, ``(K, 3)``, seen from its tip."""
-        R = rotation_exp(-angle[:, None] * self._axes[5])
-        return R @ (self._meeting - self._origins[5]) + self._origins[5], R @ self._axes[4]
+        turns = np.stack([np.ones(len(angle)), np.cos(angle), np.sin(angle)], axis=1)
+        W, b = turns @ self._turning  # (2, K, 3)
+        return W + self._origins[5], b
 
     def _shoulder(self, W: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The wrist's point about axis 1: from it, along it, and the equation of joint 1.
@@ -217,20 +228,24 @@ class OffsetWrist(InverseKinematics):
         a1, o1 = self._axes[0][:, None], self._origins[0][:, None]
         along = a1 * (a1 * (W - o1)).sum(axis=0)
         away = W - o1 - along
-        AB = np.stack([away[2], np.cross(a1, away, axis=0)[2]])
+        AB = np.stack([away[2], a1[0] * away[1] - a1[1] * away[0]])
         return away, along, AB, self._meeting[2] - o1[2] - along[2]
 
     def _branches(
         self, W: FloatArray, b: FloatArray, root: Callable[[Numbers], Numbers]
     ) -> Iterator[_Branch]:
-        """The four branches, in which the square root of what is negative is as root has it."""
+        """Yield both elbows of both sides of the shoulder, arrays (2 K,), one side after the other.
+
+        The square root of what is negative is as root has it.
+        """
         away, along, (A, B), C = self._shoulder(W)
         square = A * A + B * B
         D = root(square - C * C)
+        away, along, b = (np.concatenate([v, v], axis=1) for v in (away, along, b))
         with np.errstate(divide="ignore", invalid="ignore"):
-            for side in (1.0, -1.0):
-                turn_1 = (A * C + side * B * D) / square, (side * A * D - B * C) / square
-                yield from self._elbows(away, along, b, turn_1, root)
+            AC, BC, AD, BD = (x * y / square for y in (C, D) for x in (A, B))
+            turn_1 = np.concatenate([AC + BD, AC - BD]), np.concatenate([AD - BC, -AD - BC])
+        return self._elbows(away, along, b, turn_1, root)
 
     def _elbows(
         self,
@@ -243,8 +258,8 @@ class OffsetWrist(InverseKinematics):
         """Both branches of joints 2 and 3 with joint 1 at a turn."""
         a1, (cosine, sine) = self._axes[0][:, None], turn_1
         b_along = a1 * (a1 * b).sum(axis=0)
-        u = along + away * cosine - np.cross(a1, away, axis=0) * sine
-        v = b_along + (b - b_along) * cosine - np.cross(a1, b, axis=0) * sine
+        u = along + away * cosine - cross(a1, away) * sine
+        v = b_along + (b - b_along) * cosine - cross(a1, b) * sine
         x, y = (u[k] + self._origins[0][k] - self._origins[1][k] for k in (0, 1))
         f, (a4x, a4y, a4z) = self._fore, self._axes[3]
         l2, l3, right = self._l2**2, self._l3**2, self._axes[3] @ self._axes[4]
@@ -280,18 +295,16 @@ class OffsetWrist(InverseKinematics):
     def _sides(self, W: FloatArray, b: FloatArray) -> list[Numbers]:
         """Product of the misses of both elbows, of each side of the shoulder: two arrays (K,)."""
         square = (self._shoulder(W)[2] ** 2).sum(axis=0)
-        branches = list(self._branches(W, b, _complex_root))
-        return [
-            one.miss * other.miss * (one.p[0] ** 2 + one.p[1] ** 2) * square
-            for one, other in (branches[:2], branches[2:])
-        ]
+        one, other = self._branches(W, b, _complex_root)
+        both = one.miss * other.miss * (one.p[0] ** 2 + one.p[1] ** 2)
+        return list(both.reshape(2, -1) * square)
 
     def _from_joint_6(
         self, G: FloatArray, angle: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Postures ``(4 K, 6)`` without joints 4 and 5, their rows, and what they miss by."""
         branches = list(self._branches(*self._wrist(G, angle), _real_root))
-        q = np.concatenate([self._posture(branch, angle) for branch in branches])
+        q = np.concatenate([self._posture(branch, np.tile(angle, 2)) for branch in branches])
         miss = np.concatenate([branch.miss for branch in branches])
         return q, np.tile(np.arange(len(angle)), 4), miss
 
@@ -309,12 +322,14 @@ class OffsetWrist(InverseKinematics):
     def _with_wrist(self, q: FloatArray, T_wanted: FloatArray) -> FloatArray:
         """Postures with joints 4 and 5, from the rotation that joints 1 to 3 and 6 leave."""
         q = q.copy()
-        for joint, ahead in ((3, 4), (4, 5)):
-            state = self._ideal.forward(q)
-            R = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
-            wanted = (R @ state.axes[:, ahead][..., None])[..., 0]  # where the next axis points
-            axis = state.axes[:, joint]
-            q[:, joint] += angle_about(state.axes[:, ahead], across(wanted, axis), axis)
+        state = self._ideal.forward(q)
+        R = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
+        a4, a5, a6 = (state.axes[:, j] for j in (3, 4, 5))
+        wanted = R @ state.axes[:, 4:].transpose(0, 2, 1)  # where axes 5 and 6 point at last
+        turn = angle_about(a5, across(wanted[..., 0], a4), a4)
+        a5, a6 = rotated(a5, a4, turn), rotated(a6, a4, turn)
+        q[:, 3] += turn
+        q[:, 4] += angle_about(a6, across(wanted[..., 1], a5), a5)
         return q
 
     def _above_base(self, G: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -328,6 +343,8 @@ class OffsetWrist(InverseKinematics):
         W, b = self._wrist(G[row], angle)
         away, along, AB, _ = self._shoulder(W)
         close = (AB**2).sum(axis=0) < (_ABOVE_BASE * (self._l2 + self._l3)) ** 2
+        if not close.any():
+            return np.empty((0, 6)), np.empty(0, dtype=np.intp)
         row, angle = row[close], np.repeat(angle[close], _SWEEP)
         away, along, b = (np.repeat(v[:, close], _SWEEP, axis=1) for v in (away, along, b))
         turn = np.tile(TURN * np.arange(_SWEEP) / _SWEEP, len(row))
@@ -355,12 +372,11 @@ class OffsetWrist(InverseKinematics):
         _, _, (A, B), C = self._shoulder(W)
         size = np.hypot(A, B)
         beside = np.maximum(np.abs(C) - size, 0.0)
-        gap = np.full(W.shape[1], np.inf)
-        for branch in self._branches(W, W, _real_root):
-            far = np.hypot(*branch.p)
-            short = np.maximum(far - self._l2 - self._l3, abs(self._l2 - self._l3) - far)
-            gap = np.fmin(gap, np.hypot(np.maximum(short, 0.0), beside))
-        gap = gap.reshape(-1, _GRID).min(axis=1)
+        branch = next(iter(self._branches(W, W, _real_root)))  # the elbow changes no distance
+        far = np.hypot(*branch.p)
+        short = np.maximum(far - self._l2 - self._l3, abs(self._l2 - self._l3) - far)
+        sides = np.hypot(np.maximum(short, 0.0), np.tile(beside, 2)).reshape(2, -1, _GRID)
+        gap = np.fmin(*sides).min(axis=1)
         return np.where(gap > 0.0, gap, np.nan)
 
 

@@ -17,6 +17,14 @@ if TYPE_CHECKING:
     from posedesign.hand_eye.pairs import Pairs
 
 
+_POSES_ARE = (
+    "In what convention poses are written, with commas between the words. kuka-abc, fanuc-wpr, "
+    "staubli-rxryrz, kawasaki-oat, ur-rotation-vector, abb-quaternion, and of other makers; "
+    "zyx-moving, zyx-fixed and all other orders; rotation-vector, quaternion-wxyz, "
+    "quaternion-xyzw. Then mm or m, deg or rad, inverse."
+)
+
+
 def robot_world(
     pairs: Annotated[
         Path | None,
@@ -65,6 +73,13 @@ def robot_world(
             "are printed too. Where B is gripper2base: with --invert b."
         ),
     ] = "axzb",
+    poses_are: Annotated[
+        str,
+        typer.Option(
+            "--poses-are",
+            help=_POSES_ARE + " Of A, or with a slash of A and of B: kuka-abc/quaternion-xyzw,m.",
+        ),
+    ] = "",
     method: Annotated[
         str,
         typer.Option(help="Methods, with commas between them; papers: those of the papers; all."),
@@ -134,7 +149,9 @@ def robot_world(
     from posedesign.report.pairs import answer_of_pairs, solve_and_draw
 
     named = listed(columns), listed(variables)
-    source = PairSource(pairs, a, b, *named, unit, invert, convention, trust_units, camera)
+    source = PairSource(
+        pairs, a, b, *named, unit, invert, convention, trust_units, camera, poses_are
+    )
     methods = pair_results.methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
     if certify:
@@ -231,23 +248,31 @@ def listed(text: str) -> list[str]:
 
 
 def camera(
-    cell: output.CellFile,
-    pictures: Annotated[
+    cell: Annotated[
         Path,
+        typer.Argument(
+            help="The cell, made with: posedesign new > cell.toml. It may be left out where "
+            "--poses has poses of the flange and --target describes the board."
+        ),
+    ],
+    pictures: Annotated[
+        Path | None,
         typer.Argument(
             help="A folder of pictures of the board that [board] describes; of several cameras a "
             "folder each in it, with the same names for pictures of one stop."
         ),
-    ],
+    ] = None,
     joints: Annotated[
         Path | None,
         typer.Option(
             "--joints",
+            "--poses",
             help="Joints of each picture (j1_deg ..), or poses of the flange (x_mm .. r_deg and "
             "other forms), by the column picture or in the order of the pictures; or a list for "
-            "ROS or RoboDK.",
+            "ROS or RoboDK; poses in YAML or JSON, or a folder with a file for each.",
         ),
     ] = None,
+    poses_are: Annotated[str, typer.Option("--poses-are", help=_POSES_ARE)] = "",
     camera: Annotated[
         output.CameraPlace | None,
         typer.Option(
@@ -271,9 +296,12 @@ def camera(
         ),
     ] = "",
     target: Annotated[
-        Path | None,
-        typer.Option(help="A target of Kalibr (YAML) in place of the board of the cell."),
-    ] = None,
+        str,
+        typer.Option(
+            help="In place of the board of the cell: a target of Kalibr or of robot_cal_tools "
+            "(YAML), or keys as in [board], say kind=chessboard,columns=10,rows=7,square_mm=18."
+        ),
+    ] = "",
     board_errors: Annotated[
         str, typer.Option("--board-errors", help="Of the board: scale, bend_x, bend_y.")
     ] = "",
@@ -317,14 +345,15 @@ def camera(
     """
     from posedesign.cell import Cell
     from posedesign.hand_eye import Asked
+    from posedesign.hand_eye.board_files import board_said, cell_of
     from posedesign.hand_eye.calibration import board_of, result_as_dict
-    from posedesign.hand_eye.lens_files import kalibr_board
     from posedesign.hand_eye.pictures import cameras_in, read_picture_set
     from posedesign.report.hand_eye import answer_of_camera
     from posedesign.workflow import calibrate_from_pictures
 
-    loaded = Cell.load(cell)
-    board = board_of(loaded) if target is None else kalibr_board(target)  # said before all else
+    folder = pictures or cell
+    loaded = cell_of(target) if pictures is None else Cell.load(cell)
+    board = board_said(target) if target else board_of(loaded)  # said before all else
     asked = Asked(
         camera or ("fixed" if loaded.camera_stands else "on-flange"),
         lens_of(lens),
@@ -334,10 +363,15 @@ def camera(
         arm_sigma_of(arm_mm, arm_deg),
         board,
     )
-    results = output.results_in(out, "camera", cell, joints, overwrite=overwrite)
+    table = None if joints is None or joints.is_dir() else joints
+    read = None if pictures is None else cell
+    results = output.results_in(out, "camera", read, table, overwrite=overwrite)
+    robot = None if pictures is None else loaded.robot
     shown = {
-        name: read_picture_set(folder, joints, loaded.robot, order=order, trust_units=trust_units)
-        for name, folder in cameras_in(pictures).items()
+        name: read_picture_set(
+            own, joints, robot, order=order, trust_units=trust_units, poses_are=poses_are
+        )
+        for name, own in cameras_in(folder).items()
     }
     with output.progress("calibrating the camera", with_time_left=True) as advance:
         found, files = calibrate_from_pictures(
@@ -347,7 +381,7 @@ def camera(
         answer_of_camera(found, [str(path) for path in files]),
         found.result.is_ok,
         verbose=verbose,
-        first=output.rehearsed_words(joints),
+        first=output.rehearsed_words(table),
         content=result_as_dict(found),
         as_json=as_json,
     )

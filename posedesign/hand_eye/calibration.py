@@ -22,6 +22,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError
 from calib.hand_eye import ArmErrors, HandEyeResult, Pictures, PlacedFrame, calibrate
+from calib.hand_eye.start import FEWEST_POINTS, board_poses, start_lens
 from calib.identification import DISPLAY
 from calib.lens import Lens, LensName
 from calib.model.context import reading_label
@@ -33,7 +34,13 @@ from calib.robots import (
     posture_of_pose,
     shown_of,
 )
-from calib.se3 import FloatArray, check_transforms, quaternion_from_rotation, wpr_from_rotation
+from calib.se3 import (
+    FloatArray,
+    check_transforms,
+    inverse,
+    quaternion_from_rotation,
+    wpr_from_rotation,
+)
 from calib.vision.boards import Board, BoardSighting, detect_board
 from posedesign.cell import Cell
 from posedesign.cell.data import CameraFound
@@ -46,7 +53,9 @@ from posedesign.files.postures import external_as_dict
 from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pairs.certificate import Camera
+from posedesign.hand_eye.pairs.forms import Poses
 from posedesign.hand_eye.pictures import PictureSet
+from posedesign.hand_eye.readings import FEWEST_PAIRS, Sides, misfit_of, told
 
 Advance = Callable[[str, float], None]
 
@@ -153,7 +162,7 @@ def calibrate_camera(
     """
     board = asked.board or board_of(cell)
     claims = Results.of(out, "camera").claim("computed", *CAMERA_FILES)
-    sets, reasons = [], list[str]()
+    sets, reasons, notes = [], list[str](), list[str]()
     count = sum(len(one.paths) for one in pictures.values())
     for camera, shown in pictures.items():
         _check_poses(cell, shown, asked)
@@ -166,7 +175,9 @@ def calibrate_camera(
                 hint=f"it is described as: {board.words}",
                 name="pictures",
             )
-        sets.append(_seen(cell, shown, board, found.pixels, asked, camera))
+        read = _by_convention(shown, board, found.pixels, asked)
+        notes += read.notes
+        sets.append(_seen(cell, read, board, found.pixels, asked, camera))
         reasons += found.reasons
     advance("camera, board and lens", _DETECTING)
     with_joints = all(shown.postures is not None for shown in pictures.values())
@@ -180,7 +191,6 @@ def calibrate_camera(
         # what the pictures are asked to free is all that may be off then
         arm=None if asked.free or not with_joints else arm_of(cell),
     )
-    notes = tuple(dict.fromkeys(note for shown in pictures.values() for note in shown.notes))
     calibrated = Calibrated(
         result,
         asked,
@@ -188,7 +198,7 @@ def calibrate_camera(
         tuple(reasons),
         np.concatenate([one.postures for one in sets]),
         with_joints,
-        notes,
+        tuple(dict.fromkeys(notes)),
         cell.robot.external,
     )
     _write(calibrated, sets, claims)
@@ -261,6 +271,65 @@ def _check_poses(cell: Cell, shown: PictureSet, asked: Asked) -> None:
             hint="give the joints of each picture",
             name="joints",
         )
+
+
+def _by_convention(shown: PictureSet, board: Board, pixels: FloatArray, asked: Asked) -> PictureSet:
+    """Pictures with the poses of the flange by the convention that they were written in.
+
+    Raises InputError: the pictures do not fit them by the convention that was said, and do by
+    another one; or nobody said it, and the pictures do not tell it.
+    """
+    poses, rows, placed = shown.written, shown.written_rows, shown.T_base_flange
+    if poses is None or rows is None or placed is None:
+        return shown
+    seen = np.isfinite(pixels).all(axis=-1).sum(axis=1) >= FEWEST_POINTS
+    usable = np.flatnonzero(seen & (rows >= 0))
+    if len(usable) < FEWEST_PAIRS or board.ambiguous_half_turn:
+        if not poses.is_said:
+            raise InputError(
+                f"{poses.place.path} does not say what its orientations are, and these pictures "
+                "do not tell it",
+                hint="say it with `poses-are`, say kuka-abc or quaternion-xyzw",
+                name="poses-are",
+            )
+        return shown
+    lens = asked.lens
+    if not isinstance(lens, Lens):
+        lens = start_lens(lens, shown.size_px, board.points, pixels[seen])
+    T_camera_board, good = board_poses(lens, board.points, pixels[usable])
+    usable, T_camera_board = usable[good], T_camera_board[good]
+    in_hand = asked.camera == "on-flange"
+    B = inverse(T_camera_board) if in_hand else T_camera_board
+    flange = poses.some(rows[usable])
+    seen_poses = Poses(B, flange.place, (), (), "", np.zeros((len(B), 0)))
+    sides = _SIDES[asked.camera]
+    flange, _ = told(flange, seen_poses, lambda A, B: (A, B), sides)
+    misfit = misfit_of(flange, seen_poses, lambda A, B: (A, B), sides)
+    if misfit is not None and misfit.explained:
+        raise InputError(misfit.text, name="poses-are")
+    if poses.is_said:
+        return shown
+    whole = poses.turned(flange.turn)
+    T = np.where((rows >= 0)[:, None, None], whole[rows], np.nan)
+    new = [note for note in flange.notes if note not in poses.notes]
+    return replace(shown, T_base_flange=T, notes=(*shown.notes, *new))
+
+
+def _sides(other: str, word: Camera) -> Sides:
+    return Sides(
+        "the pictures and the poses of the flange",
+        "the poses",
+        "the pictures",
+        "if the poses are those of the base in the flange frame (`poses-are` .. inverse), or, as "
+        f"the equations do not tell it from that, the camera is {other} (`camera` {word})",
+    )
+
+
+_SIDES: Mapping[Camera, Sides] = {
+    "on-flange": _sides("fixed and the board on the flange (eye-to-hand)", "fixed"),
+    "fixed": _sides("on the flange and the board stands still (eye-in-hand)", "on-flange"),
+}
+"""What poses of the flange and pictures are called, by where the camera is."""
 
 
 def _seen(

@@ -2,7 +2,9 @@
 
 A table says them by the names of the pictures (column ``picture``), or in their order: the natural
 one of their names (2 before 10), or that of the times in their EXIF. A robot program or a list for
-ROS or RoboDK says them in order. What is taken for granted in this is said in a note.
+ROS or RoboDK says them in order. Files of keys and lists, and folders with a file for each picture
+(:mod:`.pose_files`), say them by names, by the numbers in their names, or in order. What is taken
+for granted in this is said in a note.
 
 Of an arm that moved the table is a record of its joints, or of the poses of its flange, by the
 column ``time_s``, by one clock: rows as they were recorded, and rows of pictures with the time that
@@ -14,7 +16,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PureWindowsPath
 from typing import Literal
 
@@ -34,7 +36,18 @@ from posedesign.files.csv_tables import (
 )
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
-from posedesign.hand_eye.pairs.forms import POSE_COLUMNS, read_poses_of
+from posedesign.files.trees import read_tree
+from posedesign.hand_eye.conventions import Convention, convention_of
+from posedesign.hand_eye.pairs.file import read_numbers
+from posedesign.hand_eye.pairs.forms import (
+    POSE_COLUMNS,
+    Poses,
+    WrittenPoses,
+    pose_columns,
+    read_poses_of,
+)
+from posedesign.hand_eye.pairs.stacks import open_blocks
+from posedesign.hand_eye.pose_files import TREES, natural, read_written, written_tree
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -63,6 +76,10 @@ class PictureSet:
     """(N, 2, n): velocity [rad/s] and acceleration [rad/s²] of the joints, where a record has them;
     of the postures of :func:`calib.robots.flange_robot`, where it is of poses."""
     notes: tuple[str, ...]  # what is odd about them, or was taken for granted, in words
+    written: Poses | None = None
+    """Poses of the flange as they stand in the file, where they are of single pictures."""
+    written_rows: IntArray | None = None
+    """(N,): which of these is that of each picture; -1 where there is none."""
 
 
 def read_picture_set(
@@ -72,6 +89,7 @@ def read_picture_set(
     *,
     order: Order = "name",
     trust_units: bool = False,
+    poses_are: str = "",
 ) -> PictureSet:
     """Read which pictures there are, and the joints or poses that belong to them.
 
@@ -79,14 +97,17 @@ def read_picture_set(
 
     ``pictures``: a folder, or files and folders in any order. ``poses``: a table (CSV) with joint
     columns (:mod:`posedesign.files.postures`) or the pose of the flange (:mod:`.pairs.forms`); a
-    robot program, or a list for ROS or RoboDK, of joint values. Without it the pictures serve the
+    robot program, or a list for ROS or RoboDK, of joint values; a file or a folder of
+    :mod:`.pose_files`. Without it the pictures serve the
     lens only. ``robot``: the arm that joint values are of. ``order`` {"name", "time"}: order of the
     pictures: by name, numbers in it by their value, or by the time in their EXIF. ``trust_units``:
-    do not refuse values that look like those of another unit. Raises FileFormatError: a picture
-    cannot be read, has another size than the others, or is there twice at different poses; rows do
-    not fit the pictures, or hold something else than numbers. InputError: there are no pictures,
-    two have one name, or joint values and no robot.
+    do not refuse values that look like those of another unit. ``poses_are``: convention of the
+    poses of the flange, see :func:`~posedesign.hand_eye.conventions.convention_of`. Raises
+    FileFormatError: a picture cannot be read, has another size than the others, or is there twice
+    at different poses; rows do not fit the pictures, or hold something else than numbers.
+    InputError: there are no pictures, two have one name, or joint values and no robot.
     """
+    said = convention_of(poses_are) if poses_are.strip() else None
     paths, notes = _files_of([pictures] if isinstance(pictures, Path) else pictures, poses)
     heads = _heads_of(paths)
     if order == "time":
@@ -99,7 +120,7 @@ def read_picture_set(
         )
     found = None
     if poses is not None:
-        found = _Poses.read(poses, robot, trust_units).of_pictures(paths, order, notes)
+        found = _Poses.read(poses, robot, trust_units, said).of_pictures(paths, order, notes)
     kept = _without_copies(paths, heads, None if found is None else found.values, notes)
     values = None if found is None else found.values[kept]
     if values is not None:
@@ -114,6 +135,8 @@ def read_picture_set(
         values if found is not None and not found.joints else None,
         found.motion[kept] if found is not None and found.motion is not None else None,
         tuple(notes),
+        None if found is None else found.written,
+        None if found is None else found.rows[kept],
     )
 
 
@@ -128,12 +151,6 @@ def cameras_in(folder: Path) -> dict[str, Path]:
         if inside and not any(entry.suffix.lower() in ENDINGS for entry in entries):
             return {entry.name: entry for entry in inside}
     return {"camera": folder}
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
-    """What names sort by: numbers in them by their value, capitals as small letters."""
-    parts = re.findall(r"[0-9]{1,18}|[^0-9]+", path.name.casefold())
-    return [(0, int(p)) if p[0] in "0123456789" else (1, p) for p in parts], path.name
 
 
 def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], list[str]]:
@@ -160,7 +177,7 @@ def _files_of(given: Iterable[Path], poses: Path | None) -> tuple[list[Path], li
             hint=f"name the folder with the files {' '.join(ENDINGS)}",
             name="pictures",
         )
-    paths = sorted(dict.fromkeys(paths), key=_natural)
+    paths = sorted(dict.fromkeys(paths), key=lambda path: natural(path.name))
     double = [name for name, count in Counter(path.name for path in paths).items() if count > 1]
     if double:
         raise InputError(
@@ -237,13 +254,27 @@ class _Poses:
     notes: tuple[str, ...] = ()
     motion: FloatArray | None = None
     """(R, 2, n): how the joints moved, where the file is a record of them."""
+    written: Poses | None = None  # poses of the flange as they stand
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Which of these is that of each row; -1 where there is none."""
+    called: tuple[str, ...] = ()  # what the poses are called, where that may be their pictures
 
     @classmethod
-    def read(cls, path: Path, robot: Robot | None, trust_units: bool) -> _Poses:
-        """Read a table, or a program of joint values."""
+    def read(
+        cls, path: Path, robot: Robot | None, trust_units: bool, said: Convention | None
+    ) -> _Poses:
+        """Read a table, a program of joint values, or poses in a file or a folder of people."""
+        written = _written(path)
+        # six bare numbers a line of a robot that is known are joint values
+        if written is not None and not (robot and written.is_bare and said is None):
+            return cls._of_people(written, said, trust_units)
         if path.suffix.casefold() not in _TABLES:
             return cls._of_program(path, robot, None)
-        table = read_table(path, loose=True)
+        blocks = open_blocks(path)
+        if blocks is not None:
+            length = said.length if said is not None else ""
+            return cls._of_people(blocks.written("blocks", length), said, trust_units)
+        table = read_numbers(path, bare=True) if said else read_table(path, loose=True)
         columns, notes = table.columns, table.notes
         rows = [row for row in table.rows if row.cells.get("status") not in _NOT_MEASURED]
         if len(rows) < len(table.rows):
@@ -253,6 +284,8 @@ class _Poses:
         if all(is_number(name) for name in columns):
             return cls._of_program(path, robot, "robodk-csv")
         shown = POSE_COLUMNS & {*columns}
+        if not shown and (said or robot is None) and pose_columns(columns, said) is not None:
+            shown = frozenset(name for part in pose_columns(columns, said) or () for name in part)
         needed = () if robot is None else find_form(columns, robot)[1]
         joints = robot is not None and bool({*needed} & {*columns} or not shown)
         if not (joints or shown):
@@ -267,17 +300,20 @@ class _Poses:
         posed = [row for row, is_full in zip(rows, full, strict=True) if is_full]
         if not posed:
             raise FileFormatError("gives no pose in any row", path=path, hint="fill its cells in")
+        poses = None
         if joints and robot is not None:
             found = postures_in_any_form(path, columns, posed, robot, trust_units)
             if shown:
                 notes += (f"{path} gives joints and poses: the joints are taken",)
         else:
-            poses = read_poses_of(path, columns, posed, "", trust_units=trust_units)
+            poses = read_poses_of(path, columns, posed, "", trust_units=trust_units, said=said)
             found, notes = poses.T, notes + poses.notes
         values = np.full((len(rows), *found.shape[1:]), np.nan)
         values[full] = found
         pictures = _pictures_of(path, columns, rows)
-        given = cls(path, joints, values, [row.line for row in rows], pictures, notes)
+        index = np.where(full, np.cumsum(full) - 1, -1)
+        lines = [row.line for row in rows]
+        given = cls(path, joints, values, lines, pictures, notes, None, poses, index)
         if pictures and "time_s" in columns:
             return given._out_of_record(numbers_of(path, rows, ["time_s"])[:, 0])
         return given
@@ -303,11 +339,13 @@ class _Poses:
             )
         find = motion_at if self.joints else _flange_motion_at
         values, motion = find(rise, record, times[named])
-        return replace(self._rows(named), values=values, motion=motion)
+        return replace(self._rows(named), values=values, motion=motion, written=None)
 
     def _rows(self, some: IntArray) -> _Poses:
         lines, pictures = ([of[i] for i in some] for of in (self.lines, self.pictures))
-        return replace(self, values=self.values[some], lines=lines, pictures=pictures)
+        return replace(
+            self, values=self.values[some], lines=lines, pictures=pictures, rows=self.rows[some]
+        )
 
     @classmethod
     def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
@@ -321,13 +359,29 @@ class _Poses:
         from posedesign.programs.registry import read_joints  # all dialects: a tenth of a start
 
         postures, lines = read_joints(path, robot, dialect, hint=hint)
-        return cls(path, True, postures, lines, [])
+        return cls(path, True, postures, lines, [], rows=np.full(len(lines), -1))
+
+    @classmethod
+    def _of_people(cls, file: WrittenPoses, said: Convention | None, trust_units: bool) -> _Poses:
+        poses = file.read(said, trust_units=trust_units)
+        rows = np.arange(len(poses.T))
+        return cls(
+            file.place.path, False, poses.T, [], [], poses.notes, None, poses, rows, file.names
+        )
 
     def of_pictures(self, paths: Sequence[Path], order: Order, notes: list[str]) -> _Poses:
         """The same, a row for each picture."""
         notes += self.notes
         if self.pictures:
             return self._by_name(paths, notes)
+        if self.called:
+            which = _pictures_called(self.called, paths)
+            if which is not None:
+                row_of, how = which
+                if how:
+                    notes.append(f"{self.path}: {how}")
+                picked = _picked(self.values, row_of)
+                return replace(self, values=picked, rows=_index(self.rows, row_of))
         if len(self.values) != len(paths):
             raise FileFormatError(
                 f"has {len(self.values)} rows, and there are {len(paths)} pictures",
@@ -339,10 +393,15 @@ class _Poses:
         by = {"name": "names", "time": "times"}[order]
         notes.append(
             f"{self.path} does not name pictures: its rows are taken in the order of their {by}, "
-            f"from {paths[0].name} in line {self.lines[0]} to {paths[-1].name} in line "
-            f"{self.lines[-1]}"
+            f"from {paths[0].name} in {self._stands(0)} to {paths[-1].name} in {self._stands(-1)}"
         )
         return self
+
+    def _stands(self, k: int) -> str:
+        """Where a row stands, in words."""
+        if self.written is not None and not self.lines:
+            return self.written.place.name(k)
+        return f"line {self.lines[k]}"
 
     def _by_name(self, paths: Sequence[Path], notes: list[str]) -> _Poses:
         index: dict[str, list[int]] = {}
@@ -375,7 +434,8 @@ class _Poses:
             notes.append(f"{self.path}: there is no such picture, passed over: {a_few(lost)}")
         values = _picked(self.values, row_of)
         motion = None if self.motion is None else _picked(self.motion, row_of)
-        return replace(self, values=values, lines=[], pictures=[], motion=motion)
+        rows = _index(self.rows, row_of)
+        return replace(self, values=values, lines=[], pictures=[], motion=motion, rows=rows)
 
     def _fault(self, line: int, message: str) -> FileFormatError:
         return FileFormatError(
@@ -422,6 +482,56 @@ def _picked(rows: FloatArray, which: IntArray) -> FloatArray:
     """Rows by index; NaN where that is below zero."""
     missing = (which < 0).reshape(-1, *[1] * (rows.ndim - 1))
     return np.where(missing, np.nan, rows[which])
+
+
+def _index(rows: IntArray, which: IntArray) -> IntArray:
+    """Rows by index; -1 where that is below zero."""
+    return np.where(which < 0, -1, rows[which]) if len(rows) else which
+
+
+def _written(path: Path) -> WrittenPoses | None:
+    """Poses of a folder, or of a file of keys and lists; None where it is another file."""
+    if path.is_dir():
+        return read_written(path)
+    if path.suffix.casefold() not in TREES:
+        return None
+    try:
+        tree = read_tree(path)
+    except FileFormatError:
+        return None  # who reads programs says better what is wrong
+    return written_tree(path, tree)
+
+
+def _pictures_called(names: Sequence[str], paths: Sequence[Path]) -> tuple[IntArray, str] | None:
+    """The pose of each picture by the names of poses, and what was taken for granted.
+
+    By the names of the pictures, with their endings or without; else by the one number in each
+    name. None where neither tells.
+    """
+    stems = [PureWindowsPath(name).stem.casefold() for name in names]
+    if len({*stems}) < len(stems):
+        return None
+    index = {stem: k for k, stem in enumerate(stems)}
+    row_of = np.array([index.get(path.stem.casefold(), -1) for path in paths])
+    if (row_of >= 0).any():
+        return row_of, ""
+    found = [
+        [re.findall(r"[0-9]{1,18}", name) for name in part]
+        for part in (stems, [path.stem for path in paths])
+    ]
+    if not all(len(numbers) == 1 for part in found for numbers in part):
+        return None
+    of_poses, of_paths = ([int(numbers[0]) for numbers in part] for part in found)
+    sets = {*of_poses}, {*of_paths}
+    unique = len(sets[0]) == len(of_poses) and len(sets[1]) == len(of_paths)
+    # where numbers overlap in part, one side counts from 0 and the other from 1
+    if not unique or not (sets[0] <= sets[1] or sets[1] <= sets[0]):
+        return None
+    by_number = {number: k for k, number in enumerate(of_poses)}
+    row_of = np.array([by_number.get(number, -1) for number in of_paths])
+    first = int(np.flatnonzero(row_of >= 0)[0])
+    how = f"poses belong to pictures by the numbers in their names, {names[row_of[first]]} to "
+    return row_of, how + paths[first].name
 
 
 def _pictures_of(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> list[str]:

@@ -6,9 +6,11 @@ because no X and Z fit. So all conventions that the numbers can have are tried, 
 both, and the other way round, and in other units of length.
 
 The angle between two rotations of A is that between the two of B, whatever X and Z are and
-whichever side is inverted: that leaves a few of some thousand combinations. Those are solved.
-A reading is named where it leaves a quarter of what is left as the poses were read, or less; all
-that leave about as little are named with it, as the pairs do not tell them apart.
+whichever side is inverted: that leaves a few of the combinations of both sides. Those are solved,
+and all with one side read otherwise; places tell conventions apart that differ by the names of the
+axes only. A reading is named where little is left under it, and a quarter of what is left as the
+poses were read, or less; all that leave about as little are named with it, as the pairs do not tell
+them apart, but none that reads more otherwise than is needed.
 """
 
 from __future__ import annotations
@@ -57,8 +59,11 @@ _METHOD = "zhuang"
 _REFERENCES = 5
 """Pairs, spread over the set, that the others are compared with: one alone may be the wrong one."""
 
-_MOST_SOLVED = 48
-"""Combinations of readings that are solved."""
+_MOST_SOLVED = 300
+"""Combinations of readings of both sides that are solved: a dozen of each side turn alike."""
+
+FAIR = 0.15
+"""Turns [rad] and places in parts of the motion, together, that a reading may leave over."""
 
 _NEAR_MISS = 2.0, 0.02
 """Miss over the least one, or in rad, up to which combinations are solved: noise may order them
@@ -109,9 +114,9 @@ class Sides:
     a: str = "A"
     b: str = "B"
     inverse: str = (
-        "with one side the other way round: see `invert`; X and Z change places with the "
+        "with A or, X and Z in each other's place, B inverted: with one side the other way round: "
+        "see `invert`"
     )
-    "choice of the side"
 
 
 PAIRS = Sides()
@@ -128,20 +133,18 @@ def misfit_of(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> Mis
         return None
     some = np.unique(np.linspace(0, len(a.T) - 1, MOST_PAIRS).astype(np.intp))
     read_a, read_b = _readings_of(a, some), _readings_of(b, some)
-    tried = [(x, y, False, 1.0) for x, y in _promising(read_a, read_b)]
-    asread = _scored([("", "", False, 1.0)], read_a, read_b, arrange)[0]
+    asread = _scored([_AS_READ], read_a, read_b, arrange)[0]
     doubtful_turn, doubtful_shift = DOUBTFUL
     if not (asread.turn_rad > doubtful_turn or asread.score - asread.turn_rad > doubtful_shift):
         return None
-    factors = sorted({one / other for one in LENGTHS.values() for other in LENGTHS.values()})
-    tried = [
-        (x, y, inverse, factor)
-        for (x, y, _, _), inverse, factor in product(tried, (False, True), factors)
-    ]
-    found = _scored(tried, read_a, read_b, arrange)
-    fitting = _fitting(asread, found)
-    if fitting:
-        return Misfit(_words_of(asread, fitting, a, b, sides), True, tuple(fitting))
+    both = _promising(read_a, read_b)
+    for tried in (
+        [*_one_side(read_a, read_b), *((x, y, False, 1.0) for x, y in both)],
+        [(x, y, True, 1.0) for x, y in both],
+    ):
+        fitting = _fitting(asread, _scored(tried, read_a, read_b, arrange)) if tried else []
+        if fitting:
+            return Misfit(_words_of(asread, fitting, a, b, sides), True, tuple(fitting))
     A, B = arrange(a.T, b.T)
     miss = turn_miss(A[:, :3, :3], B[:, :3, :3])
     if miss < LARGEST_MISS_RAD:
@@ -149,10 +152,28 @@ def misfit_of(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> Mis
     text = (
         f"between its poses {sides.a} turns otherwise than {sides.b}, by {math.degrees(miss):.3g} "
         "deg (median), where A X = Z B makes their turns equal: are the orientations in the form "
-        "that the names of the columns say, and the rows of A and B in step? No convention of "
-        "either side makes them fit"
+        "that the names of the columns say, and the rows of A and B in step? No other convention "
+        "of either side fits"
     )
     return Misfit(text, explained=False)
+
+
+_Combination = tuple[str, str, bool, float]
+"""Readings of A and B, whether one side is inverted, and the factor of lengths of A."""
+
+_AS_READ: _Combination = ("", "", False, 1.0)
+
+
+def _one_side(a: _Side, b: _Side) -> list[_Combination]:
+    """Return what reads one side otherwise, with one thing more at most."""
+    factors = {one / other for one in LENGTHS.values() for other in LENGTHS.values()}
+    others = [factor for factor in sorted(factors) if not math.isclose(factor, 1.0)]
+    sides = [*((x, "") for x in a.rotations), *(("", y) for y in b.rotations if y)]
+    return [
+        (x, y, inverse, factor)
+        for x, y in sides
+        for inverse, factor in ((False, 1.0), (True, 1.0), *((False, f) for f in others))
+    ]
 
 
 def told(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> tuple[Poses, Poses]:
@@ -175,7 +196,7 @@ def told(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> tuple[Po
     read_a, read_b = _readings_of(a, some), _readings_of(b, some)
     tried = [
         (x, y, False, 1.0)
-        for x, y in _promising(read_a, read_b)
+        for x, y in product(read_a.rotations, read_b.rotations)
         if not ((x and a.is_said) or (y and b.is_said))
     ]
     found = sorted(_scored(tried, read_a, read_b, arrange), key=lambda one: one.score)
@@ -210,20 +231,18 @@ def _read_by(turn: str, poses: Poses, way: str, found: Sequence[Reading]) -> Pos
     if poses.is_said:
         return poses
     turn = turn or poses.turn
-    stands = se3.inverse(poses.T) if poses.is_inverse else poses.T
-    T = se3.transform(READERS[turn](poses.numbers), stands[:, :3, 3])
     other = f", by the next best {found[1].left}" if len(found) > 1 else ""
     note = (
         f"{poses.place.path} does not say what its orientations are: {way}, by which A X = Z B "
         f"leaves {found[0].left} over{other}"
     )
-    T = se3.inverse(T) if poses.is_inverse else T
-    return replace(poses, T=T, turn=turn, is_said=True, notes=(*poses.notes, note))
+    return replace(poses, T=poses.turned(turn), turn=turn, is_said=True, notes=(*poses.notes, note))
 
 
 def _fitting(asread: Reading, found: list[Reading]) -> list[Reading]:
     """Return the readings that fit, the best first, those with the fewest changes only."""
-    fair = [one for one in found if one.changes and one.score < CLEARLY_BETTER * asread.score]
+    most = min(CLEARLY_BETTER * asread.score, FAIR)
+    fair = [one for one in found if one.changes and one.score < most]
     if not fair:
         return []
     best = min(one.score for one in fair)
@@ -279,26 +298,23 @@ def _readings_of(poses: Poses, some: IntArray) -> _Side:
 
 
 def _promising(a: _Side, b: _Side) -> list[tuple[str, str]]:
-    """Return the pairs of readings by which A and B turn most alike."""
-    names_a, names_b = list(a.rotations), list(b.rotations)
-    turns_a = np.stack([_turns(R) for R in a.rotations.values()])
-    turns_b = np.stack([_turns(R) for R in b.rotations.values()])
+    """Return the readings of both sides, each other than it was read, that turn most alike."""
+    names_a, names_b = list(a.rotations)[1:], list(b.rotations)[1:]
+    if not names_a or not names_b or len(a.places) < FEWEST_FOR_BOTH:
+        return []
+    turns_a, turns_b = (
+        np.stack([_turns(side.rotations[name]) for name in names])
+        for side, names in ((a, names_a), (b, names_b))
+    )
     miss = _misses(turns_a[:, None], turns_b[None])
-    if len(a.places) < FEWEST_FOR_BOTH:
-        miss[1:, 1:] = np.inf
     ratio, floor = _NEAR_MISS
     near = miss <= max(ratio * float(miss.min()), floor)
-    near[0, 0] = True
     order = [k for k in np.argsort(miss, axis=None).tolist() if near.flat[k]]
     chosen = [np.unravel_index(k, miss.shape) for k in order[:_MOST_SOLVED]]
-    if not any(x == 0 and y == 0 for x, y in chosen):
-        chosen.append((np.intp(0), np.intp(0)))
     return [(names_a[x], names_b[y]) for x, y in chosen]
 
 
-def _scored(
-    tried: list[tuple[str, str, bool, float]], a: _Side, b: _Side, arrange: Arrange
-) -> list[Reading]:
+def _scored(tried: list[_Combination], a: _Side, b: _Side, arrange: Arrange) -> list[Reading]:
     """Return what A X = Z B leaves over under each reading; medians, as some pairs may be wrong."""
     A = np.stack([a.transforms(x, factor, inverse=inverse) for x, _, inverse, factor in tried])
     B = np.stack([b.transforms(y, 1.0, inverse=False) for _, y, _, _ in tried])
@@ -335,7 +351,10 @@ def _way(one: Reading, a: Poses, b: Poses, sides: Sides) -> str:
         if turn
     ]
     if one.length != 1.0:
-        said.append(f"if lengths of {sides.a} are {_units(one.length)}")
+        said.append(
+            f"if lengths of {sides.a} are {_units(one.length)}, or those of {sides.b} "
+            f"{_units(1.0 / one.length)}"
+        )
     if one.is_inverse:
         said.append(sides.inverse)
     return ", and ".join(said)
@@ -356,8 +375,7 @@ def _change(turn: str, poses: Poses) -> str:
         return (
             f"the rotation stands column by column, or is that of the inverse: `poses-are` {turn}"
         )
-    kind = "rotation vector" if turn == "rotation-vector" else "three angles"
-    return f"the three numbers are the {kind} {named(turn)}: `poses-are` {turn}"
+    return f"the three numbers are {named(turn)}: `poses-are` {turn}"
 
 
 def _units(factor: float) -> str:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -32,7 +32,7 @@ import numpy as np
 
 from calib import se3
 from calib.errors import FileFormatError, InputError, near_names
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.files.csv_tables import Row, check_columns, numbers_of
 from posedesign.hand_eye.conventions import (
     LENGTHS,
@@ -376,6 +376,23 @@ class Poses:
     is_inverse: bool = False  # whether the file was said to have the inverses
     is_said: bool = True  # whether the convention of the orientation was said, or is a guess
 
+    def some(self, rows: IntArray) -> Poses:
+        """Some of them."""
+        place = self.place
+        if place.names:
+            place = replace(place, names=tuple(place.names[i] for i in rows))
+        elif place.lines:
+            place = replace(place, lines=tuple(place.lines[i] for i in rows))
+        names = tuple(self.names[i] for i in rows) if self.names else ()
+        T, numbers = self.T[rows], self.numbers[rows]
+        return replace(self, T=T, numbers=numbers, place=place, names=names)
+
+    def turned(self, turn: str) -> FloatArray:
+        """The transforms ``(N, 4, 4)`` [m] if the orientation is read in another way."""
+        stands = se3.inverse(self.T) if self.is_inverse else self.T
+        T = se3.transform(READERS[turn](self.numbers), stands[:, :3, 3])
+        return se3.inverse(T) if self.is_inverse else T
+
 
 def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
     """The form that the columns with a prefix have."""
@@ -413,6 +430,11 @@ class WrittenPoses:
     names: tuple[str, ...] = ()  # of the poses, or of their pictures
     labels: tuple[str, ...] = ()  # columns of the orientation
     notes: tuple[str, ...] = ()
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether each is six numbers of which nothing is said: they may be joint values."""
+        return self.numbers.shape[1] == 3 and self.convention.turn == UNKNOWN and not self.labels
 
     def read(self, said: Convention | None = None, *, trust_units: bool = False) -> Poses:
         """Read them by the convention of the file, or by one that a person says.
@@ -504,7 +526,7 @@ def read_poses_of(
 
     ``said``: the convention, where the names of the columns do not say it, or say another one.
     """
-    raw = _raw_columns(columns, prefix, said)
+    raw = pose_columns(columns, said, prefix)
     if raw is not None:
         ordered = said is not None and said.turn != UNKNOWN
         written = _written_columns(path, rows, *raw, ordered=ordered)
@@ -567,8 +589,8 @@ _RAW_TURNS = (
 """Names that columns have in lists of people: without a unit, or in a convention that is said."""
 
 
-def _raw_columns(
-    columns: Sequence[str], prefix: str, said: Convention | None
+def pose_columns(
+    columns: Sequence[str], said: Convention | None = None, prefix: str = ""
 ) -> tuple[list[str], list[str]] | None:
     """Columns of position and orientation of a list whose form is said, or that says none.
 

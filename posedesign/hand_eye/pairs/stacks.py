@@ -39,10 +39,12 @@ from posedesign.files.csv_tables import (
     parse_table,
 )
 from posedesign.files.trees import matrix
+from posedesign.hand_eye.conventions import Convention
 from posedesign.hand_eye.pairs.forms import (
     METRES,
     Place,
     Poses,
+    WrittenPoses,
     check_lengths,
     refuse_endless,
     transforms_from_matrices,
@@ -86,6 +88,18 @@ class StackFile:
             check_lengths(place, T[:, :3, 3], unit, f"say `unit` {other}")
         notes = (f"{self.path}, {name}: {note}",) if note else ()
         return Poses(T, place, (), self.notes + notes, "matrix", T[:, :3, :3].reshape(-1, 9))
+
+    def written(self, name: str, length: str = "") -> WrittenPoses:
+        """Transforms of a variable as they stand, in a unit of length that may not be known."""
+        T = self._array(name)
+        place = Place(self.path, self.lines, "" if self.lines else name, self.marks, self.first)
+        return WrittenPoses(
+            place,
+            T[:, :3, 3],
+            T[:, :3, :3].reshape(-1, 9),
+            Convention("matrix", "", length),
+            notes=self.notes,
+        )
 
     def _array(self, name: str) -> FloatArray:
         """Matrices ``(N, 4, 4)`` in the unit of the file."""

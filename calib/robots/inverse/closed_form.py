@@ -123,7 +123,7 @@ class ClosedForm(InverseKinematics):
             mended, source = solve_parallel_arm(self._ideal, q, T_base_tip[of])
         else:
             mended, source = solve_straight_wrist(self._ideal, q, T_base_tip[of], near)
-        mended, of = _each_once(mended, of[source])
+        mended, of = each_once(mended, of[source])
         pose = np.concatenate([pose[~straight], of])
         order = np.argsort(pose, kind="stable")
         return np.concatenate([postures[~straight], mended])[order], pose[order]
@@ -141,41 +141,54 @@ class ClosedForm(InverseKinematics):
 
         Most poses that EAIK has no exact answer for are out of reach and stay so. But on arms
         without a spherical wrist it loses poses with a straight one, and comes close; and all that
-        an ideal arm answers misses a little. Where two answers close in on one posture, or one goes
-        far, two branches merge nearby, and both are sought.
+        an ideal arm answers misses a little.
         """
         start, of = postures[inexact], pose[inexact]
-        q, arrived = self._closed_in(start, T_base_tip[of])
-        order = np.argsort(~arrived, kind="stable")  # the first of equals has arrived
-        order = order[np.argsort(of[order], kind="stable")]
-        again = np.zeros(len(of), dtype=bool)
-        again[order] = repeated(q[order], of[order])
-        far = np.abs(q - start).max(axis=1) > _WENT_FAR_RAD
-        doubtful = near_by[inexact] & (far | again | ~arrived)
-        kept, found = [q[arrived]], [of[arrived]]
-        if doubtful.any():
-            rows = np.tile(of[doubtful], 2)
-            starts = both_sides(self._chain, start[doubtful], T_base_tip[of[doubtful]])
-            q, arrived = self._closed_in(starts, T_base_tip[rows])
-            kept.append(q[arrived])
-            found.append(rows[arrived])
         touched = np.zeros(len(T_base_tip), dtype=bool)
         touched[of] = True
+        q, of = polished(self._chain, start, of, T_base_tip, near_by[inexact])
         mixed = exact & touched[pose]
-        q, of = _each_once(
-            np.concatenate([postures[mixed], *kept]), np.concatenate([pose[mixed], *found])
-        )
+        q, of = each_once(np.concatenate([postures[mixed], q]), np.concatenate([pose[mixed], of]))
         alone = exact & ~touched[pose]
         pose = np.concatenate([pose[alone], of])
         order = np.argsort(pose, kind="stable")
         return np.concatenate([postures[alone], q])[order], pose[order]
 
-    def _closed_in(self, q: FloatArray, T_wanted: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return postures ``(S, 6)`` stepped towards their poses, and which have arrived."""
-        free = np.full(self._chain.n, np.inf)
-        q = close_in(self._chain, q, T_wanted, -free, free, _POLISHING)
-        rows = np.arange(len(q))
-        return q, compare(self._chain, q, T_wanted, rows).below(CLOSURE_TOLERANCE)
+
+def polished(
+    chain: SerialChain,
+    start: FloatArray,
+    of: IntArray,
+    T_base_tip: FloatArray,
+    near_by: BoolArray,
+) -> tuple[FloatArray, IntArray]:
+    """Return what starts ``(S, n)`` close in on, some of it more than once.
+
+    Where two starts of a pose close in on one posture, or one goes far or nowhere, two branches
+    merge nearby: both are sought from those that are ``near_by`` ``(S,)`` their poses ``of``
+    ``(S,)``. Postures ``(K, n)`` [rad] and their poses ``(K,)``.
+    """
+    q, arrived = _closed_in(chain, start, T_base_tip[of])
+    order = np.lexsort((~arrived, of))  # the first of equals has arrived
+    again = np.zeros(len(of), dtype=bool)
+    again[order] = repeated(q[order], of[order])
+    far = np.abs(q - start).max(axis=1) > _WENT_FAR_RAD
+    doubtful = near_by & (far | again | ~arrived)
+    if not doubtful.any():
+        return q[arrived], of[arrived]
+    rows = np.tile(of[doubtful], 2)
+    starts = both_sides(chain, start[doubtful], T_base_tip[of[doubtful]])
+    more, closed = _closed_in(chain, starts, T_base_tip[rows])
+    return np.concatenate([q[arrived], more[closed]]), np.concatenate([of[arrived], rows[closed]])
+
+
+def _closed_in(
+    chain: SerialChain, q: FloatArray, T_wanted: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return postures ``(S, n)`` stepped towards their poses, and which have arrived."""
+    free = np.full(chain.n, np.inf)
+    q = close_in(chain, q, T_wanted, -free, free, _POLISHING)
+    return q, compare(chain, q, T_wanted, np.arange(len(q))).below(CLOSURE_TOLERANCE)
 
 
 _TRIED = 64
@@ -208,7 +221,7 @@ def _some_postures(chain: SerialChain) -> FloatArray:
     return np.random.default_rng(0).uniform(-np.pi, np.pi, (_TRIED, chain.n))
 
 
-def _each_once(postures: FloatArray, pose: IntArray) -> tuple[FloatArray, IntArray]:
+def each_once(postures: FloatArray, pose: IntArray) -> tuple[FloatArray, IntArray]:
     """Return postures ``(S, n)`` ordered by their poses ``(S,)``, each once."""
     order = np.argsort(pose, kind="stable")
     postures, pose = postures[order], pose[order]

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from calib.batch_last import cross
 from calib.robots.bounds import TURN, Bounds
 from calib.robots.chain import SerialChain
-from calib.robots.inverse.closed_form import across, angle_about, compare, repeated, rotated
+from calib.robots.inverse.closed_form import across, angle_about, each_once, polished, rotated
 from calib.robots.inverse.ideal import ideals
-from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, close_in
-from calib.se3 import BoolArray, FloatArray, IntArray, inverse
+from calib.robots.inverse.solutions import InverseKinematics
+from calib.se3 import FloatArray, IntArray, inverse
 
 _DEGREE = 8
 _SAMPLES = 2 * _DEGREE + 4
@@ -48,17 +48,14 @@ _MISS = 0.02
 loses half its digits where two branches merge, three quarters where four do, and more of an arm
 that is a little off the one that is solved."""
 
+_NEAR_BY = 2e-3
+"""The same of a branch that may be about to merge with another one."""
+
 _ABOVE_BASE = 2e-3
 """Distance of the wrist's point from axis 1, of the arm's length, below which joint 1 is swept."""
 
 _SWEEP = 48
 """Angles of joint 1 there."""
-
-_WENT_FAR_RAD = 0.02
-"""Step from a start to the posture that it closes in on that is worth looking on its other side."""
-
-_POLISHING = 20
-"""Steps: those that arrive take one to five, and near-singular ones more."""
 
 _PARALLEL = 1e-9
 """Sine below which axes of a description are parallel, and gap [m] below which they meet."""
@@ -165,33 +162,11 @@ class OffsetWrist(InverseKinematics):
         q, of, miss = self._from_joint_6(G[pose], angle)
         kept = np.abs(miss) < _MISS
         above, pose_above = self._above_base(G[within])
-        pose_above = within[pose_above]
-        q, of = np.concatenate([q[kept], above]), np.concatenate([pose[of[kept]], pose_above])
-        start = self._with_wrist(q, T_base_tip[of])
-        q, exact = self._closed_in(start, of, T_base_tip)
-        went = q - start
-        far = np.flatnonzero(np.abs(went).max(axis=1) > _WENT_FAR_RAD)
-        if len(far):  # two postures merge nearby, and only one of them was closed in on
-            again = np.concatenate([start[far] - went[far], start[far] + 3.0 * went[far]])
-            rows = np.tile(of[far], 2)
-            more, arrived = self._closed_in(again, rows, T_base_tip)
-            q, of = np.concatenate([q, more]), np.concatenate([of, rows])
-            exact = np.concatenate([exact, arrived])
-        q, of = q[exact], of[exact]
-        order = np.argsort(of, kind="stable")
-        q, of = q[order], of[order]
-        fresh = ~repeated(q, of)
-        return q[fresh], of[fresh]
-
-    def _closed_in(
-        self, q: FloatArray, of: IntArray, T_base_tip: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Postures ``(S, 6)`` that miss their poses, stepped until they do not; which arrived."""
-        exact = compare(self._chain, q, T_base_tip, of).below(0.01 * CLOSURE_TOLERANCE)
-        off, free, q = np.flatnonzero(~exact), np.full(6, np.inf), q.copy()
-        q[off] = close_in(self._chain, q[off], T_base_tip[of[off]], -free, free, _POLISHING)
-        exact[off] = compare(self._chain, q[off], T_base_tip, of[off]).below(CLOSURE_TOLERANCE)
-        return q, exact
+        start = np.concatenate([q[kept], above])
+        of = np.concatenate([pose[of[kept]], within[pose_above]])
+        near_by = np.concatenate([np.abs(miss[kept]) < _NEAR_BY, np.ones(len(above), dtype=bool)])
+        start = self._with_wrist(start, T_base_tip[of])
+        return each_once(*polished(self._chain, start, of, T_base_tip, near_by))
 
     def _moved(self, T_base_tip: FloatArray) -> FloatArray:
         """What joints 1 to 6 do to the tip at zero, ``(N, 3, 4)``, in the frame of axis 2."""

@@ -16,7 +16,7 @@ from calib.errors import FileFormatError
 from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
-from posedesign.programs.language import Language, Statement, lines_of
+from posedesign.programs.language import Language, Line, Statement, lines_of
 from posedesign.programs.numbering import Named, Numbering
 from posedesign.programs.program import Form, PoseProgram, ProgramOptions
 from posedesign.programs.reading import (
@@ -199,79 +199,41 @@ def as_moved(
     return out if len(listed) == len(found) else list(found), [*lost.values()]
 
 
-Variables = dict[str, Sequence[str] | None]
-"""Texts of the values of joint variables; None: it had some, and may have others now."""
-
-
-_VARIABLE = re.compile(r"\b[a-z]\w*[!#%$&]?(?:\[\d+\])?", re.I)
-
-
-def _indented(statements: Sequence[Statement]) -> Iterator[bool]:
-    return (s.text[:1].isspace() for s in statements)
-
-
-def _various(
-    statements: Iterable[tuple[Statement, bool]], change: Callable[[Statement, Variables], None]
-) -> dict[str, None]:
-    """Variables whose value depends on what was run before, by `within` of `in_moves`."""
-    variables: Variables = {}
-    given: dict[str, set[tuple[str, ...]]] = {}
-    inside: set[str] = set()
-    for s, within in statements:
-        change(s, variables)
-        names = {*_VARIABLE.findall(s.text), *_VARIABLE.findall(s.text.lower())}
-        for name in names:
-            if name in variables or name in given:
-                given.setdefault(name, set()).add(tuple(variables.get(name) or ()))
-        inside |= names if within else set()
-    return dict.fromkeys(n for n, values in given.items() if len(values) > 1 and n in inside)
-
-
 def in_moves(
-    language: Language,
-    targets: Callable[[Statement, Variables], Iterator[Sequence[str] | str]],
-    change: Callable[[Statement, Variables], None],
-    of: tuple[str, str],
-    code: Callable[[str], str] = str,
-    within: Callable[[Sequence[Statement]], Iterable[bool]] = _indented,
+    events: Callable[[str], Iterable[Event]],
+    remarks: Callable[[str], Iterable[Line]],
+    maker: str,
 ) -> Callable[[bytes, Path], RecordedProgram]:
     """A reader of programs in whose moves the positions stand.
 
     The first behind a remark of a pose has its number; others come behind all that are planned.
-    A variable with several values, of which a branch, a loop or a function knows, has none here.
+    Moves of which the text does not tell where they go are said to be unread.
 
     Parameters
     ----------
-    targets : callable
-        Texts of the values of each position that a statement moves to, or why it is not read.
-    change : callable
-        Takes what a statement says of variables.
-    of : (str, str)
-        What remarks begin with, and the maker.
-    code : callable
-        What of a text is read.
-    within : callable
-        Whether each statement is in a branch, a loop or a function.
+    events : callable
+        What the steps of a text do.
+    remarks : callable
+        Remarks of a text that are lines of their own.
+    maker : str
+        Whose controllers run the programs.
     """
-    remark, maker = of
 
     def read(data: bytes, path: Path) -> RecordedProgram:
-        text = code(text_of(data, path))
+        text = text_of(data, path)
         notes = Notes()
-        for line in lines_of(text):
-            if line.text[: len(remark)] == remark:
-                notes.take(line.row, line.text[len(remark) :])
+        for line in remarks(text):
+            notes.take(line.row, line.text)
         found: list[Stored] = []
-        statements = language.statements(text)
-        various = _various(zip(statements, within(statements), strict=True), change)
-        variables: Variables = dict(various)
-        for s in statements:
-            for target in targets(s, variables):
-                if isinstance(target, str):
-                    refuse(target, path, s.row)
-                found.append(Stored("", s.row, target))
-            change(s, variables)
-            variables |= various
+        unread: list[FileFormatError] = []
+        for at in follow(events(text)):
+            if at.values is None:
+                hint = "move to a list of numbers"
+                unread.append(FileFormatError(at.fault, path=path, row=at.row, hint=hint))
+            else:
+                found.append(Stored("", at.row, at.values.texts))
+        for error in unread if not found else ():
+            raise error
         for fault in (e for errors in carried_in(found, path).values() for e in errors.values()):
             raise fault
         mark = notes.mark or PlanMark()
@@ -288,9 +250,20 @@ def in_moves(
                 *(own or free, notes.names.get(own, ""), p.line), **joints_of(p, path)
             )
         positions = tuple(position for _, position in sorted(chosen.items()))
-        return RecordedProgram(path.stem, "", mark, positions, maker)
+        return RecordedProgram(path.stem, "", mark, positions, maker, unread=tuple(unread))
 
     return read
+
+
+def remark_lines(begin: str) -> Callable[[str], Iterator[Line]]:
+    """Find the lines of a text that are remarks, without what remarks begin with."""
+
+    def remarks(text: str) -> Iterator[Line]:
+        for line in lines_of(text):
+            if line.text.startswith(begin):
+                yield Line(line.row, line.text[len(begin) :])
+
+    return remarks
 
 
 @dataclass
@@ -360,15 +333,11 @@ def judged(
     language: Language,
     kinds: tuple[str, ...],
     check: Callable[[list[Statement]], Iterator[Problem]],
-    code: Callable[[str], str] = str,
 ) -> Callable[[bytes, Path], list[Problem]]:
-    """The rules of files that are checked by their statements; one of these kinds is a program.
-
-    ``code`` is what of a text is checked.
-    """
+    """The rules of files that are checked by their statements; one of these kinds is a program."""
 
     def problems(data: bytes, path: Path) -> list[Problem]:
-        statements = language.statements(code(data.decode("latin-1").replace("\r", "")))
+        statements = language.statements(data.decode("latin-1").replace("\r", ""))
         if not any(s.kind in kinds for s in statements):
             return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
         return told(check(statements), check_bytes(data, CONTROL))

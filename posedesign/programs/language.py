@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
-from typing import Any, TypeGuard
+from typing import Any, TypeGuard, TypeVar
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
 from lark.lexer import PatternStr, TerminalDef
@@ -147,9 +147,8 @@ def text_of(node: Node) -> str:
 
 Build = Callable[[Sequence[str]], Any]
 
-_shared: ContextVar[dict[tuple[int, str], list[Statement]] | None] = ContextVar(
-    "_shared", default=None
-)
+T = TypeVar("T")
+_shared: ContextVar[dict[Hashable, Any] | None] = ContextVar("_shared", default=None)
 
 
 @contextmanager
@@ -160,6 +159,17 @@ def shared_statements() -> Iterator[None]:
         yield
     finally:
         _shared.reset(before)
+
+
+def shared(key: Hashable, make: Callable[[], T]) -> T:
+    """What is made of a key, once inside of `shared_statements`."""
+    known = _shared.get()
+    if known is None:
+        return make()
+    if key not in known:
+        known[key] = make()
+    made: T = known[key]
+    return made
 
 
 NOTHING: Tree[Token] = Tree("fault", [])  # what a grammar makes of a statement that is none
@@ -221,13 +231,7 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
-        shared = _shared.get()
-        if shared is None:
-            return self._parse_all(text)
-        key = id(self), text
-        if key not in shared:
-            shared[key] = self._parse_all(text)
-        return shared[key]
+        return shared((id(self), text), lambda: self._parse_all(text))
 
     def _parse_all(self, text: str) -> list[Statement]:
         lines = self.divided(text) if self.divided else lines_of(text, indented=self.indented)

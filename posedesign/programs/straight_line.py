@@ -87,6 +87,7 @@ def follow(events: Iterable[Event], known: Mapping[str, Values | None] = {}) -> 
     listed = list(events)
     uncertain = _uncertain(listed, known)
     state: dict[str, Values | None] = {**known, **dict.fromkeys(uncertain)}
+    own = {_array(n) for n in [*known, *(e.name for e in listed if isinstance(e, Give))]}
     for event in listed:
         if isinstance(event, Give):
             if event.name not in uncertain:
@@ -100,7 +101,7 @@ def follow(events: Iterable[Event], known: Mapping[str, Values | None] = {}) -> 
         else:
             name = event.target
             value = state.get(name, state.get(_array(name)) if "[" in name else None)
-            if value is None and (name in state or _array(name) in state):
+            if value is None and _array(name) in own:
                 yield Reached(event.row, name, None, f"{name} is changed by the program")
             elif value is not None:
                 yield Reached(event.row, name, value)

@@ -30,11 +30,12 @@ from lark import Token, Tree
 from posedesign.programs import joint_programs as joints
 from posedesign.programs import language
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing, Variables, check_range
+from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing, check_range
 from posedesign.programs.language import Block, Language, Statement, nodes, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
+from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases
 
 LANGUAGE = Language(
@@ -49,6 +50,8 @@ _JOINT = re.compile(r"(\bmove\b.*|=.*)\bj *\(")
 _FIRST = re.compile(r"([#*]?[a-z]\w*)(?! *[,@)\]])")
 _NAME = re.compile(r"\b[a-z]\w*[!#%$&]?")
 _JOINTS = re.compile(r"\bj *\(")
+_DEFINED = re.compile(r"#define +(\w+) .*\bj *\(")
+_ELEMENT = re.compile(r"\w+[!#%$&]?(\[\d+\])?")
 
 _WORDS = """sub end program move delay set reset call takearm givearm speed dim if then else elseif
 for next do loop while wend select case keep"""
@@ -79,34 +82,6 @@ def _targets(s: Statement) -> Iterator[tuple[str, str, list[str] | None]]:
         yield how, text_of(next(nodes(target, "sum"))), _joints_in(target)
 
 
-def _bases(variables: Variables) -> set[str]:
-    """Names of the variables, without an index; those of the controller are not told of."""
-    return {name.partition("[")[0] for name in variables} - {"j"}
-
-
-def _change(s: Statement, variables: Variables) -> None:
-    """Take the values that a statement gives to variables, and forget those it may change."""
-    text = s.text.lower()
-    if s.fault or s.kind in ("other", "call", "single"):
-        words = set(_NAME.findall(text))
-        variables |= dict.fromkeys(v for v in variables if v.partition("[")[0] in words)
-        variables |= dict.fromkeys(re.findall(r"#define +(\w+) .*\bj *\(", text))
-    trees = subtrees(s.tree)
-    for k, place in enumerate(trees if s.kind in ("assign", "dim") else ()):
-        if place.data != "place":
-            continue
-        name, value = text_of(place).lower(), next(iter(trees[k + 1 : k + 2]), place)
-        base, _, index = name.partition("[")
-        values = _joints_in(value, name) if value.data == "sum" else None
-        if index and not index[:-1].isdigit():
-            variables |= dict.fromkeys(v for v in variables if v.partition("[")[0] == base)
-            values = None
-        if value.data != "sum":
-            variables.pop(name, None)
-        elif values or name in variables or _JOINTS.search(text_of(value).lower()):
-            variables[name] = values
-
-
 def _within(statements: Sequence[Statement]) -> Iterator[bool]:
     """Whether each statement is in a branch, a loop or another routine than the first."""
     jumps, depth = any(re.search(r"\bgo(to|sub)\b", s.text, re.I) for s in statements), 0
@@ -116,24 +91,48 @@ def _within(statements: Sequence[Statement]) -> Iterator[bool]:
         yield jumps or depth > 0 or s.kind == "single"
 
 
-def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
-    """Joint values that a statement moves to, or why they are not read."""
-    low = s.text.lower() if s.fault or s.kind == "single" else ""
-    moved = set(_NAME.findall(low)) & _bases(variables) if _MOVE.search(low) else ()
-    if moved or _JOINT.search(low):
-        yield f"a position cannot be read: {s.fault or 'nobody knows whether it is moved to'}"
-    for _, target, given in _targets(s):
-        name = target.lower()
-        values = given or variables.get(name) or ()
-        computed = not values and (
-            name in variables
-            or _JOINTS.search(name)
-            or set(_NAME.findall(name)) & _bases(variables)
-        )
-        if computed or not all(map(PLAIN.fullmatch, values)):
-            yield f"{s.text[:60]!a}: no list of numbers"
-        elif values:
-            yield values
+def _given(s: Statement) -> Iterator[tuple[str, str, list[str] | None, str]]:
+    """Variables that a statement gives values: name, index, joint values, and the expression."""
+    trees = subtrees(s.tree)
+    for k, place in enumerate(trees if s.kind in ("assign", "dim") else ()):
+        value = next(iter(trees[k + 1 : k + 2]), place)
+        if place.data == "place" and value.data == "sum":
+            name = text_of(place).lower()
+            base, _, index = name.partition("[")
+            yield base, index[:-1], _joints_in(value, name), text_of(value).lower()
+
+
+def _events(text: str) -> Iterator[Event]:
+    """What the steps give to joint variables, and where they move."""
+    statements = LANGUAGE.statements(text)
+    own = {
+        base for s in statements for base, _, given, e in _given(s) if given or _JOINTS.search(e)
+    }
+    own |= {name for s in statements for name in _DEFINED.findall(s.text.lower())}
+    own -= {"j"}  # of the controller
+    for s, inside in zip(statements, _within(statements), strict=True):
+        low = s.text.lower() if s.fault or s.kind == "single" else ""
+        named = {*_NAME.findall(low)} & own
+        if (_MOVE.search(low) and named) or _JOINT.search(low):
+            reason = s.fault or "nobody knows whether it is moved to"
+            yield Go(s.row, "", inside, f"a position cannot be read: {reason}")
+        for target, given in [(text.lower(), given) for _, text, given in _targets(s)]:
+            base, computed = target.partition("[")[0], {*_NAME.findall(target)} & own
+            if given and all(map(PLAIN.fullmatch, given)):
+                yield Go(s.row, Values(s.row, tuple(given)), inside)
+            elif base in own and _ELEMENT.fullmatch(target):
+                yield Go(s.row, target, inside)
+            elif given or computed or _JOINTS.search(target):
+                yield Go(s.row, "", inside, f"{s.text[:60]!a}: no list of numbers")
+        if s.fault or s.kind in ("other", "call", "single"):  # may change what it names
+            names = {*_NAME.findall(s.text.lower())} & own
+            yield from (Give(s.row, name, None, inside) for name in sorted(names))
+        for base, index, given, _ in _given(s):
+            plain = given and all(map(PLAIN.fullmatch, given))
+            name = f"{base}[{index}]" if index.isdigit() else base
+            if base in own:
+                value = Values(s.row, tuple(given)) if plain and given else None
+                yield Give(s.row, name, None if index and name == base else value, inside)
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
@@ -184,7 +183,7 @@ class DensoPac(JointDialect):
         bare=("  Call {call}",),
     )
     head = ("  TakeArm Keep = 0", "  Speed {percent}")
-    reader = joints.in_moves(LANGUAGE, _moved_to, _change, ("'", "denso"), within=_within)
+    reader = joints.in_moves(_events, joints.remark_lines("'"), "denso")
     rules = joints.judged(LANGUAGE, ("sub", "program"), _check)
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:

@@ -7,209 +7,341 @@ typed, or taught, into the moves: the language keeps none. Speeds are percents o
 joint's. Nothing was loaded on a controller.
 
 Read are the joint values that ``movej`` and ``amovej`` go to: ``posj`` or a list of six, there or
-in a variable. Computed and relative moves are refused. Poses (``posx``) say no posture: left out.
+in a variable. Computed and relative moves are unread. Poses (``posx``) say no posture: left out.
 
-Rules: ``syntax``, ``indent``: Python as in the grammar. ``name``: functions and variables are
-known; others are noted where they are not nearly known. ``arguments``: functions have those that
-they take. ``position``, ``range``: ``posj`` has six numbers within +-720 deg, outputs are from 1 to
-16; moves to computed positions are noted. ``standstill``, ``wait-to-measure``: a move that is not
-blended, and a wait, before an output is set or a function of the program called.
+Rules: ``syntax``, ``indent``: Python, as Python's own parser has it. ``name``: functions and
+variables are known; others are noted where they are not nearly known. ``arguments``: functions have
+those that they take. ``position``, ``range``: ``posj`` has six numbers within +-720 deg, outputs
+are from 1 to 16, times are not negative; moves to computed positions are noted. ``standstill``,
+``wait-to-measure``: a move that is not blended, and a wait, before an output is set or a function
+of the program called.
+
+Sources: Doosan's doosan-robot2, DSR_ROBOT2.py (functions and parameters); programs of pendants and
+people in public repositories; visose/Robots, DrlPostProcessor.cs.
 """
 
 from __future__ import annotations
 
+import ast
+import builtins
+import math
 import re
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-
-from lark import Token, Tree
+from pathlib import Path
 
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language
+from posedesign.programs import language, signatures
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import PLAIN, Variables
-from posedesign.programs.language import Statement, nodes, subtrees, text_of
+from posedesign.programs.language import Line
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Problem
-from posedesign.programs.rules import measuring
+from posedesign.programs.rules import CONTROL, check_bytes, measuring, told
+from posedesign.programs.signatures import Argument
+from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases
 
-_MOVES = ("movej", "amovej")
-_MOTION = "pos vel acc time radius mod ra v a t r"
-_ONE = "wait:time tp_log:message sub_program_run:name set_velj:vel set_accj:acc"
-_FUNCTIONS = {
-    **dict.fromkeys(_MOVES, (1, 3, _MOTION)),
-    **dict.fromkeys(("movel", "amovel"), (1, 3, _MOTION + " ref app_type")),
-    "str": (1, 3, ""),
-    **{name: (1, 1, given) for name, given in (one.split(":") for one in _ONE.split())},
-    "posj": (0, 6, ""),
-    "posx": (0, 8, ""),
-    "mwait": (0, 1, "time"),
-    "set_digital_output": (1, 2, "index val time val2"),
-    "tp_popup": (1, 3, "message pm_type button_type"),
-    "get_current_posj": (0, 0, ""),
-}
-"""Least and most positional arguments, and the names of arguments."""
+SIGNATURES = signatures.table("""
+movej,amovej pos:joints vel/v? acc/a? time/t? radius/r? mod? ra?
+movel,amovel pos vel/v? acc/a? time/t? radius/r? ref? mod? ra? app_type?
+movejx,amovejx pos vel/v? acc/a? time/t? radius/r? ref? mod? ra? sol?:whole[0,7]
+str object encoding? errors?
+wait time:number[0,]
+tp_log message
+sub_program_run name:text
+set_velj vel
+set_accj acc
+posj J1? J2? J3? J4? J5? J6?
+posx X? Y? Z? A? B? C? sol? turn?
+mwait time?:number[0,]
+set_digital_output index:whole[1,16] val? time?:number[0,] val2?
+tp_popup message pm_type? button_type?
+get_current_posj
+""")
+"""Functions and their arguments; a position may also be one list of all its numbers."""
 
+_MOVES = ("movej", "amovej")
 _WORDS = """def if elif else while for try except return pass break continue from import in and or
 not on"""
-_RESERVED = frozenset(map(str.upper, [*_FUNCTIONS, *_WORDS.split()]))
-_NAMES = """ON OFF True False None len range print float int list abs round min max sum time open
-type exit set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec amovec
-moveb amoveb movesx movesj amovesx posb trans fkin ikin set_tool set_tcp get_digital_inputs"""
-_NAMED = ("name", "owner")
-_PURE = {*_FUNCTIONS, *_NAMES.split()}  # they change no list that they are given
+_RESERVED = frozenset(map(str.upper, [*SIGNATURES, *_WORDS.split()]))
+_NAMES = """ON OFF set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec
+amovec moveb amoveb movesx movesj amovesx posb trans fkin ikin set_tool set_tcp get_digital_inputs
+"""
+_PURE = {*SIGNATURES, *_NAMES.split(), *dir(builtins)}  # they change no list that they are given
+_LITERAL = (ast.Constant, ast.List, ast.Tuple, ast.UnaryOp)
+_MOST_CHARACTERS = 3_000_000  # of a program that is parsed: ten times those of 10,000 poses
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
-_QUOTED = re.compile(r"""(?<!")"[^"\n]+"|(?<!')'[^'\n]+'""")
-_ASKED = re.compile(r"([^\W\d]\w*)\s*\.\s*\w+\s*\(")  # a method may change what it is of
-_ADDED = re.compile(r"""" *\+ *\([^"'()]*(\([^"'()]*\))?\)""")  # to a text, what may be none
-_FORMATS = re.compile(r'"[^"%]*" *%|\) *% *"')  # a text without a place for what is formatted
-_JOINT = re.compile(r"""\b(a?movej|posj)\b|\"{3}|'{3}""")
-_BLOCK = re.compile(r"""(?P<mark>\"{3}|'{3})(?s:.*?)(?P=mark)|"[^"\n]*"|'[^'\n]*'|#[^\n]*""")
-_OPEN = language.open_lines("#", quoted=r"""("[^"\n]*"|'[^'\n]*')""", brackets="() [] {}")
-LANGUAGE = language.Language(__package__ or "", _OPEN, signed=True, letters=r"\w", indented=True)
+_Step = tuple[ast.stmt, list[ast.AST], bool]
+"""A statement, the expressions in it but for those of its blocks, and whether it is inside of one
+that may not be run, or not then."""
 
 
-def _without_blocks(text: str) -> str:
-    """A text with nothing in the quotations of many lines, and its lines where they were."""
-
-    def emptied(found: re.Match[str]) -> str:
-        if not found["mark"]:
-            return found[0]
-        before = text[text.rfind("\n", 0, found.start()) + 1 : found.start()]
-        return ('""' if before.strip() else "pass") + "\n" * found[0].count("\n")
-
-    return _BLOCK.sub(emptied, text)
+def _tree(text: str) -> ast.Module | Problem:
+    """The program as Python has it, or why it is none."""
+    return language.shared(("drl", text), lambda: _parsed(text))
 
 
-def _calls(s: Statement) -> list[tuple[str, list[Tree[Token]]]]:
-    """Names of the functions that a statement calls, and their arguments."""
-    return [(str(t.children[0]), subtrees(subtrees(t)[0])) for t in nodes(s.tree, "invoke")]
+def _parsed(text: str) -> ast.Module | Problem:
+    if len(text) > _MOST_CHARACTERS:
+        return Problem(1, "syntax", "the program is too long to be read")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of backslashes in texts
+            return ast.parse(text)
+    except SyntaxError as error:
+        rule = "indent" if isinstance(error, IndentationError) else "syntax"
+        return Problem(error.lineno or 1, rule, f"{error.msg}"[:200])
+    except (ValueError, RecursionError, MemoryError, OverflowError):
+        return Problem(1, "syntax", "no program that can be read")
 
 
-def _given(arguments: list[Tree[Token]], place: int, name: str) -> list[Tree[Token]]:
-    """Values of the argument in this place, and of those with this name."""
-    placed = [a for a in arguments[place : place + 1] if a.data == "argument"]
-    named = [a for a in arguments if a.data == "keyword" and a.children[0] == name]
-    return [subtrees(a)[-1] for a in placed + named]
+def _steps(tree: ast.Module) -> Iterator[_Step]:
+    """Statements in the order of the file."""
+    waiting: list[tuple[ast.AST, bool]] = [(s, False) for s in reversed(tree.body)]
+    while waiting:
+        node, inside = waiting.pop()
+        parts = list(ast.iter_child_nodes(node))
+        blocks = [p for p in parts if isinstance(p, (ast.stmt, ast.excepthandler, ast.match_case))]
+        if isinstance(node, ast.stmt):
+            own = [x for p in parts if p not in blocks for x in ast.walk(p)]
+            yield node, own, inside
+        waiting += [(block, True) for block in reversed(blocks)]
 
 
-def _is_relative(arguments: list[Tree[Token]]) -> bool:
+def _calls(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, ast.Call]]:
+    """Calls of functions by their names."""
+    for node in nodes:
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            yield node.func.id, node
+
+
+def _number(node: ast.AST) -> str:
+    """Text of a number that stands there; empty for anything else."""
+    sign = ""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
+        sign, node = "-" * isinstance(node.op, ast.USub), node.operand
+    if not isinstance(node, ast.Constant) or type(node.value) not in (int, float):
+        return ""
+    text = repr(node.value)
+    return sign + (f"{float(text):.15f}" if "e-" in text else text)[:99]
+
+
+def _joints_in(node: ast.AST | None, *, aliases: bool = True) -> Values | str:
+    """Joint values that an expression is, or the name of the variable; empty for anything else."""
+    if isinstance(node, ast.Name):
+        return node.id if aliases else ""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "posj":
+        if len(node.args) == 1 and not node.keywords:
+            return _joints_in(node.args[0], aliases=aliases)
+        listed = [] if node.keywords else node.args
+    else:
+        listed = node.elts if isinstance(node, ast.List) else []
+    texts = tuple(map(_number, listed))
+    return Values(listed[0].lineno, texts) if texts and all(texts) else ""
+
+
+def _argument(call: ast.Call, name: str) -> ast.expr | None:
+    """The argument of a move of this name."""
+    given = [Argument("", k.arg or "") for k in call.keywords]
+    placed = [Argument("")] * len(call.args)
+    pairs = SIGNATURES["movej"].named([*placed, *given])
+    values = [*call.args, *(k.value for k in call.keywords)]
+    found = (v for (p, _), v in zip(pairs, values, strict=False) if p.name == name)
+    return next(found, None)
+
+
+def _is_relative(call: ast.Call) -> bool:
     """Whether a move goes on from where the arm stands, or may."""
-    return bool({*map(text_of, _given(arguments, 5, "mod"))} - {"0", "DR_MV_MOD_ABS"})
+    mode = _argument(call, "mod")
+    return mode is not None and ast.unparse(mode) not in ("0", "DR_MV_MOD_ABS")
 
 
-def _joints_in(tree: Tree[Token], variables: Variables) -> Sequence[str] | None:
-    """Texts of the joint values that an expression is; None: it is computed, or not known here."""
-    values = subtrees(tree)
-    if tree.data == "name":
-        return variables.get(text_of(tree))
-    if tree.data == "invoke" and tree.children[0] == "posj":
-        values = [subtrees(a)[-1] for a in subtrees(values[0])]
-        if len(values) == 1:
-            return _joints_in(values[0], variables)
-    elif tree.data != "list":
-        return None
-    texts = [text_of(value) for value in values]
-    return texts if texts and all(map(PLAIN.fullmatch, texts)) else None
+def _remarks(text: str) -> Iterator[Line]:
+    """Remarks that are lines of their own, and stand in no text of many lines."""
+    tree = _tree(text)
+    quoted: set[int] = set()
+    quotes = '"""' in text or "'''" in text
+    for node in ast.walk(tree) if isinstance(tree, ast.Module) and quotes else ():
+        if isinstance(node, (ast.Constant, ast.JoinedStr)) and node.end_lineno:
+            quoted |= {*range(node.lineno + 1, node.end_lineno + 1)}
+    return (line for line in joints.remark_lines("#")(text) if line.row not in quoted)
 
 
-def _moved_to(s: Statement, variables: Variables) -> Iterator[Sequence[str] | str]:
-    """Joint values that a statement moves to, or why they are not read."""
-    if s.fault and _JOINT.search(_QUOTED.sub("", s.text)):
-        yield f"a position cannot be read: {s.fault}"
-    said = " ".join(s.text.split())[:60]
-    for arguments in [arguments for name, arguments in _calls(s) if name in _MOVES]:
-        target = next(iter(_given(arguments, 0, "pos")), None)
-        values = _joints_in(target, variables) if target else None
-        if _is_relative(arguments):
-            yield f"{said!a}: is relative to where the arm stands"
-        elif values:
-            yield values
-        elif not target or (target.data, target.children[0]) != ("invoke", "posx"):
-            yield f"{said!a}: no list of numbers"
-
-
-def _change(s: Statement, variables: Variables) -> None:
-    """Take the values that a statement gives to variables, and forget those it may change."""
-    if not variables and s.kind == "call" and not s.text[:1].isspace():
+def _events(text: str) -> Iterator[Event]:
+    """What the steps give to variables, and where they move."""
+    tree = _tree(text)
+    if isinstance(tree, Problem):
+        yield Go(tree.line, "", fault=f"a position cannot be read: {tree.message}")
         return
-    given = [trees for name, trees in _calls(s) if name not in _PURE]
-    given += [subtrees(t) for t in nodes(s.tree, "trailer") if t.children[:1] != ["format"]]
-    changed = _ASKED.findall(_QUOTED.sub("", s.text))
-    changed += map(text_of, nodes(s.tree, "parameter", "owner"))
-    changed += [text_of(n) for trees in given for tree in trees for n in nodes(tree, "name")]
-    changed += [str(c).rstrip("= ") for c in s.tree.children if str(c)[-1:] == "="]
-    names = re.findall(r"\w+", s.text)
-    for name in names if s.fault or s.kind == "import_" else changed:
-        if variables.get(name, ()) is not None:
-            variables.pop(name, None)
-    # what a function changes it changes when it is called: nobody knows such a list any more
-    if re.match(r"\s+(global\b|\w+ *[\[.])", s.text):
-        variables |= dict.fromkeys(names if s.kind == "global" else names[:1])
-    match s.tree.children:
-        # a name of another list is none: what changes that one changes it, too
-        case Tree(data="places", children=[Tree() as place]), Token(value="="), Tree() as value:
-            if variables.get(text_of(place), ()) is not None:
-                variables |= {text_of(place): v for v in [_joints_in(value, {})] if v}
+    for step, nodes, inside in _steps(tree):
+        for name, call in _calls(nodes):
+            if name in _MOVES:
+                yield from _move(call, inside)
+        names = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        match step:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                given = _joints_in(value, aliases=False)
+                yield Give(step.lineno, name, given if isinstance(given, Values) else None, inside)
+                names -= {name}
+        # what it may change otherwise
+        for node in nodes:
+            match node:
+                case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr=attr)):
+                    names |= {name} if attr != "format" else set()
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in _PURE:
+                names |= {n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)}
+                kept = (n for k in node.keywords for n in ast.walk(k.value))
+                names |= {n.id for n in kept if isinstance(n, ast.Name)}
+            if isinstance(node, (ast.Subscript, ast.Attribute, ast.Starred)):
+                stored = isinstance(node.ctx, (ast.Store, ast.Del))
+                names |= {node.value.id} if stored and isinstance(node.value, ast.Name) else set()
+            names |= {node.arg} if isinstance(node, ast.arg) else set()
+            names |= {(node.asname or node.name)} if isinstance(node, ast.alias) else set()
+        names |= {*step.names} if isinstance(step, ast.Global) else set()
+        yield from (Give(step.lineno, name, None, inside) for name in sorted(names))
 
 
-def _check(statements: list[Statement]) -> Iterator[Problem]:
-    own = {s.word("NAME") for s in statements if s.kind == "define"}
-    known = {*_PURE, *own}
-    known |= {w for s in statements if s.kind in ("import_", "global") for w in s.words("NAME")}
-    for s in statements:
-        known |= {text_of(n) for n in nodes(s.tree, "parameter", *_NAMED * (s.kind == "assign"))}
-    meant = " ".join([*known, _WORDS, *(named for _, _, named in _FUNCTIONS.values())])
-    standing = joints.Standing(("mwait", "wait"))
-    for s in statements:
-        if s.fault:
-            level = joints.level_of(re.split(r"\W", s.text.strip())[0], meant)
-            said = any(name in s.text for name in {*_FUNCTIONS, *own} - {"str"})
-            yield Problem(s.row, "syntax", s.fault, "error" if said else level)
-        called = _calls(s)
-        for name in {*(text_of(n) for n in nodes(s.tree, *_NAMED)), *dict(called)} - known:
-            if not re.fullmatch(r"DR_[A-Z_\d]+", name):
-                level = joints.level_of(name, meant, name * name[-1].isdigit())  # P_2 is not P_1
-                yield Problem(s.row, "name", f"{name[:40]} is not known", level)
-        if s.kind == "call" and not any(nodes(s.tree, "arguments")):
-            yield measuring(s.row, "name", "a name alone does nothing")
-        if _ADDED.search(s.text):
-            yield measuring(s.row, "arguments", "a number cannot be added to a text")
-        if _FORMATS.search(s.text):
-            yield Problem(s.row, "arguments", "% formats nothing")
-        for name, arguments in called:
-            yield from _check_call(s.row, name, arguments)
-            moves = re.fullmatch(r"a?move\w*", name) is not None
-            blended = re.search(r"\br(?:adius)? *= *(?![0.]+\b)", s.text) is not None
-            stops = name == "mwait" or (name[0] == "m" and moves and not blended)
-            measures = name in own | {"sub_program_run"}
-            measures |= name == "set_digital_output" and "OFF" not in s.text
-            yield from standing.check(s.row, moves, stops, name == "wait", measures)
-    yield from language.indent_faults(statements, "define", "block")
+def _move(call: ast.Call, inside: bool) -> Iterator[Event]:
+    target, said = _argument(call, "pos"), " ".join(ast.unparse(call).split())[:60]
+    goes = _joints_in(target)
+    if _is_relative(call):
+        yield Go(call.lineno, "", inside, f"{said!a}: is relative to where the arm stands")
+    elif goes:
+        yield Go(call.lineno, goes, inside)
+    elif not (isinstance(target, ast.Call) and getattr(target.func, "id", "") == "posx"):
+        yield Go(call.lineno, "", inside, f"{said!a}: no list of numbers")
 
 
-def _check_call(row: int, name: str, arguments: list[Tree[Token]]) -> Iterator[Problem]:
-    least, most, named = _FUNCTIONS.get(name, (0, len(arguments), ""))
-    words = [str(a.children[0]) for a in arguments if a.data == "keyword"]
-    values = [text_of(a) for a in arguments if a.data == "argument"]
-    goes = name in _MOVES or (name == "posj" and len(arguments) == 1)
-    known = [t for t in _given(arguments, 0, "pos") if t.data not in ("expr", "operand", "number")]
-    if goes and (not known or _is_relative(arguments)):
+def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
+    """Problems in the content of a file; never fails."""
+    tree = _tree(data.decode("latin-1").replace("\r", ""))
+    if isinstance(tree, Problem):
+        return told([tree], check_bytes(data, CONTROL))
+    does = (ast.Assign, ast.AnnAssign, ast.FunctionDef)
+    if not any(
+        isinstance(s, does) or isinstance(getattr(s, "value", 0), ast.Call) for s in tree.body
+    ):
+        return [Problem(1, "syntax", "there is no call and no function in it")]
+    return told(_Checker(tree).check(), check_bytes(data, CONTROL))
+
+
+class _Checker:
+    """The statements of a program, and what is known of its names."""
+
+    def __init__(self, tree: ast.Module) -> None:
+        self.steps = list(_steps(tree))
+        nodes = [node for step, own, _ in self.steps for node in (step, *own)]
+        self.own = {node.name for node in nodes if isinstance(node, _FUNCTIONS)}
+        self.known = {*_PURE, *self.own}
+        self.texts_of: dict[str, set[str]] = {}  # kinds of the values of names
+        for node in nodes:
+            match node:
+                case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
+                    self.known.add(name)
+                case ast.alias(name=name, asname=other):
+                    self.known.add(other or name.partition(".")[0])
+                case ast.Global(names=names) | ast.Nonlocal(names=names):
+                    self.known |= {*names}
+                case ast.ExceptHandler(name=str(name)):
+                    self.known.add(name)
+        self.known |= {h.name for s, *_ in self.steps for h in getattr(s, "handlers", ()) if h.name}
+        named = (n for s in SIGNATURES.values() for p in s.parameters for n in p.names)
+        self.meant = " ".join([*self.known - {*dir(builtins)}, _WORDS, *named])
+        self.numbers = {
+            a.arg
+            for step, *_ in self.steps
+            if isinstance(step, ast.FunctionDef)
+            for a, value in zip(step.args.args[::-1], step.args.defaults[::-1], strict=False)
+            if _number(value)
+        }
+
+    def check(self) -> Iterator[Problem]:
+        standing = joints.Standing(("mwait", "wait"))
+        for step, nodes, _ in self.steps:
+            row, called = step.lineno, list(_calls(nodes))
+            loads = (n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
+            for name in sorted({*loads} - self.known):
+                if not re.fullmatch(r"DR_[A-Z_\d]+", name):
+                    level = joints.level_of(name, self.meant, name * name[-1].isdigit())
+                    yield Problem(row, "name", f"{name[:40]} is not known", level)  # P_2 is not P_1
+            if isinstance(step, ast.Expr) and isinstance(step.value, (ast.Name, ast.Attribute)):
+                yield measuring(row, "name", "a name alone does nothing")
+            yield from self._check_texts(row, nodes)
+            for name, call in called:
+                yield from _check_call(row, name, call)
+                moves = re.fullmatch(r"a?move\w*", name) is not None
+                radius = next((k.value for k in call.keywords if k.arg in ("r", "radius")), None)
+                blended = radius is not None and float(_number(radius) or 1) != 0
+                stops = name == "mwait" or (name[0] == "m" and moves and not blended)
+                measures = name in self.own | {"sub_program_run"}
+                measures |= name == "set_digital_output" and "OFF" not in ast.unparse(call)
+                yield from standing.check(row, moves, stops, name == "wait", measures)
+
+    def _check_texts(self, row: int, nodes: Iterable[ast.AST]) -> Iterator[Problem]:
+        for node in nodes:
+            if isinstance(node, ast.UnaryOp) and _is_text(node.operand):
+                yield Problem(row, "arguments", "a text has no sign and is no condition")
+            if not isinstance(node, ast.BinOp):
+                continue
+            left, right = node.left, node.right
+            text = next((t for t in (left, right) if _is_text(t)), None)
+            other = right if text is left else left
+            number = bool(_number(other)) or getattr(other, "id", "") in self.numbers
+            if isinstance(node.op, ast.Add) and text is not None and number:
+                yield measuring(row, "arguments", "a number cannot be added to a text")
+            formats = text is left and "%" in str(getattr(text, "value", "%"))
+            if isinstance(node.op, ast.Mod) and text is not None and not formats:
+                yield Problem(row, "arguments", "% formats nothing")
+
+
+def _is_text(node: ast.AST) -> bool:
+    made = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "str"
+    return (
+        made
+        or isinstance(node, ast.JoinedStr)
+        or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+    )
+
+
+def _kind(node: ast.expr) -> tuple[str, float]:
+    """Kind and number of an argument, as far as the text tells."""
+    if text := _number(node):
+        return "number", float(text)
+    if _is_text(node) or (isinstance(node, ast.BinOp) and _kind(node.left)[0] == "text"):
+        return "text", math.nan
+    switched = isinstance(node, ast.BinOp) and {"ON", "OFF"} & {
+        getattr(side, "id", "") for side in (node.left, node.right)
+    }
+    if switched or isinstance(node, (ast.Tuple, ast.Compare, ast.BoolOp, ast.Dict, ast.Set)):
+        return "odd", math.nan
+    return ("list" if isinstance(node, ast.List) else ""), math.nan
+
+
+def _check_call(row: int, name: str, call: ast.Call) -> Iterator[Problem]:
+    signature = SIGNATURES.get(name)
+    goes = name in _MOVES or (name == "posj" and len(call.args) == 1)
+    target = call.args[0] if name == "posj" and call.args else _argument(call, "pos")
+    computed = isinstance(target, ast.Starred) or not isinstance(
+        target, (ast.Call, ast.List, ast.Name)
+    )
+    if goes and (computed or _is_relative(call)):
         yield Problem(row, "position", f"{name}: a computed position is not read back", "note")
-    if any(a.data == "spread" for a in arguments):
+    starred = any(isinstance(a, ast.Starred) for a in call.args) or None in [
+        k.arg for k in call.keywords
+    ]
+    if signature is None or starred:
         return
-    wrong = [word for word in words if name in _FUNCTIONS and word not in named.split()]
-    wrong += [value for value in values if re.match(r".+\WO(N|FF)\b", value)]
-    groups = [t for a in arguments for t in subtrees(a) if t.data == "group"]
-    wrong += ["(,)" for t in groups if name in _FUNCTIONS and len(subtrees(t)) != 1]
-    if wrong or not least <= len(values) + len(words) or len(values) > most:
-        yield Problem(row, "arguments", f"{name[:40]}: {', '.join(wrong)[:40] or 'not so many'}")
-    if name == "posj" and len(values) > 1:
-        yield from joints.check_joints(row, values)
-    if name == "set_digital_output":
-        output = next(filter(PLAIN.fullmatch, values), "1").lstrip("-")
-        yield from joints.check_range(row, output, "number of an output", 1, 16)
+    given = [("", a) for a in call.args] + [(k.arg or "", k.value) for k in call.keywords]
+    arguments = [Argument(ast.unparse(v)[:80], word, *_kind(v)) for word, v in given]
+    odd = next((a for a in arguments if a.kind == "odd"), None)
+    if odd:
+        yield Problem(row, "arguments", f"{name[:40]}: {odd.shown[:40]}")
+        return
+    yield from (Problem(row, rule, said) for rule, said in signature.faults(arguments))
+    if name == "posj" and len(call.args) > 1:
+        yield from joints.check_joints(row, [_number(a) or "?" for a in call.args])
 
 
 class DoosanDrl(joints.JointDialect):
@@ -233,8 +365,8 @@ class DoosanDrl(joints.JointDialect):
         call=("{call}({argument})",),
     )
     limits = replace(joints.LIMITS, outputs=(1, 16))
-    reader = joints.in_moves(LANGUAGE, _moved_to, _change, ("#", "doosan"), _without_blocks)
-    rules = joints.judged(LANGUAGE, ("call", "assign", "define"), _check, _without_blocks)
+    reader = joints.in_moves(_events, _remarks, "doosan")
+    rules = check_doosan_drl
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """The measuring call, and the steps."""

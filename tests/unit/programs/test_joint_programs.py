@@ -122,19 +122,19 @@ def test_poses_of_melfa_are_read() -> None:
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("denso-pac", "2.5", "2_5", "cannot be read"),
+        ("denso-pac", "2.5", "2_5", "cannot stand behind"),
         ("denso-pac", "2.5", "721", "beyond"),
-        ("denso-pac", "2.5", "2.5 * n", "no list of numbers"),
+        ("denso-pac", "2.5", "2.5 * n", "5 plain numbers"),
         ("denso-pac", ", 45, 0)", ")", "has 4 values"),
         (
             *("denso-pac", ", 60, 0, 0 )"),
             *(", 60, 5, 0 )\n  bbb = J(1, 2, 3, 4, 5, 6, 0)\n  Move P, bbb", "differs"),
         ),
-        ("doosan-drl", "132.64", "132_64", "cannot be read"),
+        ("doosan-drl", "132.64", "132_64", "beyond"),
         ("doosan-drl", "132.64", "721", "beyond"),
-        ("doosan-drl", "-0.01)", "-0.01 * 2)", "no list of numbers"),
+        ("doosan-drl", "-0.01)", "-0.01 * 2)", "5 plain numbers"),
         ("doosan-drl", ", -0.01)", ")", "has 5 values"),
-        ("doosan-drl", "[0, 0, 90, 0, 90, 0]", "*given", "no list of numbers"),
+        ("doosan-drl", "[0, 0, 90, 0, 90, 0]", "*given", "is changed by|no list of numbers"),
         ("kawasaki-as", "-91.265190", "-91_265190", "cannot be read"),
         ("kawasaki-as", "-91.265190", "-721", "beyond"),
         ("kawasaki-as", ".JOINTS\n", ".JOINTS\n#START_POS 1 2 3 4 5 6\n", "is there twice"),
@@ -196,7 +196,9 @@ COMPUTED = [
 @pytest.mark.parametrize("lines", COMPUTED)
 def test_a_move_to_what_is_computed_is_refused(lines: str) -> None:
     before = EXPORT["doosan-drl"]
-    with pytest.raises(FileFormatError, match=r"no list of numbers|cannot be read|is relative"):
+    with pytest.raises(
+        FileFormatError, match=r"no list of numbers|cannot be read|is relative|is changed"
+    ):
         parse("doosan-drl", before + lines)
     told = check("doosan-drl", before + lines)
     assert told != check("doosan-drl", before) or "movej(home)" in lines
@@ -229,7 +231,9 @@ LOST = [
 
 @pytest.mark.parametrize("lines", LOST)
 def test_a_move_of_denso_to_what_is_computed_is_refused(lines: str) -> None:
-    with pytest.raises(FileFormatError, match=r"no list of numbers|cannot be read"):
+    with pytest.raises(
+        FileFormatError, match=r"no list of numbers|cannot be read|is changed|is no position"
+    ):
         parse("denso-pac", EXPORT["denso-pac"].replace("GiveArm", lines))
 
 
@@ -389,6 +393,22 @@ movej(home, vel=30, acc=30)
 """,
         [[1, 2, 3, 4, 5, 6]],
     ),
+    (
+        "doosan-drl",
+        """\
+def Spray(value: int, long: bool = True):
+    output = 5
+    if value == 0:
+        set_digital_output(output, 0)
+    else:
+        set_digital_output(output, 1)
+set_velj(50); set_accj(50)
+movejx(posx(400, 0, 500, 0, 180, 0), vel=30, acc=30, sol=2)
+movej(posj(0, 0.00001, 90,
+           0, 90, 0), 30, 30, 0, 0)
+""",
+        [[0, 0.00001, 90, 0, 90, 0]],
+    ),
 ]
 
 
@@ -427,6 +447,9 @@ RULES = [
     ("doosan-drl", "position", "posj(-1.000000, ", "posj("),
     ("doosan-drl", "position", "-1.000000,", "--1.000000,"),
     ("doosan-drl", "range", "(-1.00", "(-721.00"),
+    ("doosan-drl", "range", "wait(1.000)", "wait(-1.000)"),
+    ("doosan-drl", "arguments", "acc=17.19)", "acc=17.19, pos=0)"),
+    ("doosan-drl", "arguments", " + str", " ++ str"),
     ("doosan-drl", "range", "output(5", "output(17"),
     ("doosan-drl", "standstill", "acc=17.19)\nmwait()", "acc=17.19, r=5)"),
     ("doosan-drl", "wait-to-measure", "wait(1.000)", "mwait()"),

@@ -9,7 +9,6 @@ import pytest
 
 from posedesign.programs.abb_rapid.module import LANGUAGE as RAPID
 from posedesign.programs.denso_pac import LANGUAGE as PAC
-from posedesign.programs.doosan_drl import LANGUAGE as DRL
 from posedesign.programs.fanuc_ls.listing import LANGUAGE as TP
 from posedesign.programs.kawasaki_as import LANGUAGE as AS
 from posedesign.programs.kuka_krl.syntax import LANGUAGE as KRL
@@ -24,7 +23,6 @@ from tests.unit.programs.test_all_dialects import written
 LANGUAGES = {
     "abb-rapid": RAPID,
     "denso-pac": PAC,
-    "doosan-drl": DRL,
     "fanuc-ls": TP,
     "kawasaki-as": AS,
     "kuka-krl": KRL,

@@ -39,7 +39,7 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from posedesign.programs import language
+from posedesign.programs import language, signatures
 from posedesign.programs.language import Block, Language, Line, Node, Statement, subtrees, words
 from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import (
@@ -51,6 +51,7 @@ from posedesign.programs.reading import (
 )
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.signatures import Argument
 from posedesign.programs.writing import NameRule
 
 JOINTS = 6
@@ -121,33 +122,37 @@ FUNCTIONS = frozenset(_NAMES.split())
 URCaps are not among them."""
 
 MOVES = ("movej", "movel", "movep")  # that take joints or a pose
-PARAMETERS = {
-    name: (least, tuple(words.split()))
-    for name, least, words in (
-        ("movej", 1, "q a v t r"),
-        ("movel", 1, "pose a v t r"),
-        ("movep", 1, "pose a v r"),
-        ("movec", 2, "pose_via pose_to a v r mode"),
-        ("get_inverse_kin", 1, "x qnear maxPositionError maxOrientationError tcp"),
-        ("pose_trans", 2, "p_from p_from_to"),
-        ("set_tcp", 1, "pose tcp_name"),
-        ("set_payload", 1, "m cog inertia_matrix"),
-        ("sleep", 1, "t"),
-        ("popup", 1, "s title warning error blocking"),
-        ("request_boolean_from_primary_client", 1, "message"),
-        ("textmsg", 1, "s1 s2"),
-        ("sync", 0, ""),
-        ("set_standard_digital_out", 2, "n b"),
-        ("set_digital_out", 2, "n b"),
-        ("get_actual_joint_positions", 0, ""),
-        ("freedrive_mode", 0, "freeAxes feature"),
-        ("end_freedrive_mode", 0, ""),
-        ("write_output_integer_register", 2, "address value"),
-        ("write_output_boolean_register", 2, "address value"),
-        ("write_output_float_register", 2, "address value"),
-    )
-}
-"""Arguments that a call must have, and the names of all that it can have."""
+SIGNATURES = signatures.table("""
+movej q/pose a?:number v?:number t?:number[0,] r?:number[0,]
+movel pose/q a?:number v?:number t?:number[0,] r?:number[0,]
+movep pose/q a?:number v?:number r?:number[0,]
+movec pose_via pose_to a?:number v?:number r?:number[0,] mode?:whole[0,1]
+get_inverse_kin x qnear? maxPositionError? maxOrientationError? tcp?
+pose_trans p_from p_from_to
+set_tcp pose tcp_name?
+set_payload m:number[0,] cog? inertia_matrix?
+sleep t:number[0,]
+stopj,stopl a:number(0,] aRot?
+popup s title? warning? error? blocking?
+request_boolean_from_primary_client message
+textmsg s1 s2?
+sync
+set_standard_digital_out n:number b:flag
+set_configurable_digital_out n:whole[0,7] b:flag
+set_tool_digital_out n:whole[0,1] b:flag
+set_digital_out n:number[0,] b:flag
+get_standard_digital_in,get_configurable_digital_in n:whole[0,7]
+get_actual_joint_positions
+freedrive_mode freeAxes? feature?
+end_freedrive_mode
+write_output_integer_register,write_output_float_register address:whole[0,47] value:number
+write_output_boolean_register address:whole[0,127] value:flag
+read_input_integer_register,read_input_float_register address:whole[0,47]
+read_output_integer_register,read_output_float_register address:whole[0,47]
+read_input_boolean_register,read_output_boolean_register address:whole[0,127]
+""")
+"""Arguments of functions, by the URScript manual of software 5.25: times [s] are not negative, and
+registers those that there are."""
 
 POSES = {
     ("get_inverse_kin", "x"),
@@ -225,12 +230,12 @@ def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
 
 def by_name(name: str, given: Sequence[tuple[str, Node]]) -> dict[str, Node]:
     """Arguments of a function by the names of its parameters; a move has its target as ``q``."""
-    parameters = PARAMETERS[name][1]
-    named = [*parameters, *[""] * len(given)]
-    out = {keyword or named[k]: value for k, (keyword, value) in enumerate(given)}
-    out.pop("", None)
+    pairs = SIGNATURES[name].named(
+        [Argument(str(k), keyword) for k, (keyword, _) in enumerate(given)]
+    )
+    out = {parameter.name: given[int(own.shown)][1] for parameter, own in pairs}
     if name in MOVES and "pose" in out:
-        out.setdefault("q", out.pop("pose"))
+        out["q"] = out.pop("pose")
     return out
 
 

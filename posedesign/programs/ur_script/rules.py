@@ -20,6 +20,7 @@ rule                   what it asks
 ``pose``               a pose has six values, numbers within 10 m and two turns; and no joints where
                        a pose is due
 ``speed``              a > 0 and v > 0 for ``movej``; measuring: up to 40 rad/s2 and 6.3 rad/s
+``range``              times are not negative, and registers those that there are
 ``output``             standard digital outputs are 0 to 7
 ``arm-position``       measuring: no ``movej(p[...])``, ``get_inverse_kin`` has qnear: else the
                        controller chooses the arm position
@@ -33,11 +34,11 @@ rule                   what it asks
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterator, Sequence
-from itertools import pairwise
-from math import radians
 from pathlib import Path
+from typing import Any
 
 from lark import Token, Tree
 
@@ -45,6 +46,7 @@ from posedesign.programs import rules
 from posedesign.programs.language import Node, Statement, block_faults, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
+from posedesign.programs.signatures import Argument, Signature
 from posedesign.programs.ur_script import reader
 from posedesign.programs.ur_script.reader import BLOCKS, JOINTS, MOST_OUTPUT, MOVES, POSES, shown
 
@@ -52,12 +54,11 @@ _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
 
-_MOST_JOINT_RAD = radians(reader.MOST_LIMIT_DEG) + 1e-6
+_MOST_JOINT_RAD = math.radians(reader.MOST_LIMIT_DEG) + 1e-6
 _MOST_M = 10.0
 _MOST_TURN_RAD = 12.6
 _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
 
-_NUMBERS = {*"avtrnm"}  # parameters that are numbers
 _NO_NUMBERS = {"TRUE", "FALSE", "STRING", "comparison", "list", "pose"}
 _NO_WORDS = {"nan", "inf", "none", "null", "true", "false"}
 _SHORTEST = 3  # letters of a name that a misspelt one is told by
@@ -89,17 +90,16 @@ class _Script:
 
     def __init__(self, found: Sequence[Statement]) -> None:
         self.found = found
-        self.functions: dict[str, tuple[int, tuple[str, ...]] | None] = {}
+        self.functions: dict[str, Signature | None] = {}
         self.variables = {"True", "False"}
         for statement in found:
             first = next(iter(statement.tree.children), None)
             if statement.kind in _DEFINES:
                 parameters = [parameter.children for parameter in subtrees(statement.tree)]
-                names = tuple(str(children[0]) for children in parameters)
-                least = sum(len(children) == 1 for children in parameters)
+                own = " ".join(f"{c[0]}{'?' * (len(c) > 1)}" for c in parameters)
                 twice = str(first) in self.functions
-                self.functions[str(first)] = None if twice else (least, names)
-                self.variables.update(names)
+                self.functions[str(first)] = None if twice else Signature.parse(f"{first} {own}")
+                self.variables.update(str(children[0]) for children in parameters)
             elif statement.kind == "assign" and isinstance(first, Token):
                 self.variables.add(str(first))
         self.known = self.functions.keys() | reader.FUNCTIONS
@@ -130,6 +130,7 @@ class _Script:
                 yield from self._check_call(*call)
             for pose in poses:
                 yield from _check_pose(pose, row)
+            yield from _check_operands(statement)
             texts = statement.words("STRING")
             yield from self._check_measuring(calls, texts, row, posed=bool(poses))
         if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:
@@ -153,26 +154,14 @@ class _Script:
     def _check_call(self, name: str, given: list[tuple[str, Node]], row: int) -> Iterator[Problem]:
         if name not in self.known:
             yield from self._unknown(name, row, "function", matters=self._measures)
-        own = name in self.functions
-        signature = self.functions[name] if own else reader.PARAMETERS.get(name)
-        if signature is None:
+        own = self.functions.get(name) if name in self.functions else reader.SIGNATURES.get(name)
+        if own is None:
             return
-        least, parameters = signature
-        keywords = [keyword for keyword, _ in given if keyword]
-        odd = sorted({*keywords} - {*parameters, *(("q", "pose") if name in MOVES else ())})
-        reason = ""
-        if odd:
-            reason = f"{name} has no {odd[0][:30]}"
-        elif len({*keywords}) < len(keywords):
-            reason = f"{name}: an argument is given twice"
-        elif any(a[0] and not b[0] for a, b in pairwise(given)):
-            reason = f"{name}: an argument without a name behind one with"
-        elif not least <= len(given) <= len(parameters):
-            reason = f"{name} has {len(given)} arguments, not {least} to {len(parameters)}"
-        elif not own:
+        arguments = [Argument(shown(v), word, _kind(v), _number(v, math.nan)) for word, v in given]
+        faults = list(own.faults(arguments))
+        yield from (Problem(row, rule, said) for rule, said in faults)
+        if name not in self.functions and not faults:
             yield from _check_values(name, reader.by_name(name, given), row)
-        if reason:
-            yield Problem(row, "arguments", reason)
 
     def _check_measuring(
         self, calls: list[Call], texts: list[str], row: int, *, posed: bool
@@ -224,13 +213,42 @@ def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
     return near
 
 
+_WORD_OF = {"STRING": "text", "TRUE": "flag", "FALSE": "flag", "NUMBER": "number"}
+_KIND_OF = {
+    **dict.fromkeys(("list", "pose"), ""),
+    **dict.fromkeys(("comparison", "negation", "conjunction"), "flag"),
+    **dict.fromkeys(("product", "sign"), "number"),
+}
+
+
+def _kind(node: Node) -> str:
+    """Kind of a value as the text tells it, by the words of `signatures`; else empty."""
+    if isinstance(node, Token):
+        return _WORD_OF.get(node.type, "")
+    if node.data == "group":
+        return _kind(node.children[1])
+    return _KIND_OF.get(node.data, "") or (str(node.data) if node.data in _KIND_OF else "")
+
+
+def _check_operands(statement: Statement) -> Iterator[Problem]:
+    """Rule ``arguments`` of texts and lists where a truth or a number is due."""
+    conditions = statement.tree.children if statement.kind in ("if_", "elif_", "while_") else []
+    truths = [t.children for t in statement.all("negation", "conjunction")]
+    for nodes in (conditions, *truths):
+        wrong = next((n for n in nodes if _kind(n) in ("text", "list", "pose")), None)
+        if wrong is not None:
+            yield Problem(statement.row, "arguments", f"{shown(wrong)[:60]} is no condition")
+    for tree in statement.all("product", "sign"):
+        wrong = next((n for n in tree.children if _kind(n) in ("text", "flag")), None)
+        if wrong is not None:
+            yield Problem(statement.row, "arguments", f"{shown(wrong)[:60]} is no number")
+
+
 def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Problem]:
     for key, value in given.items():
         kind = value.data if isinstance(value, Tree) else value.type
         what = f"{name}: {key} is {shown(value)[:60]}"
-        if key in _NUMBERS and kind in _NO_NUMBERS:
-            yield Problem(row, "arguments", f"{what}, no number")
-        elif kind == "list" and (name, key) in POSES:
+        if kind == "list" and (name, key) in POSES:
             yield Problem(row, "pose", f"{what}, no pose p[...]")
         elif kind == "list" and key in ("q", "qnear"):
             values = _numbers(value)
@@ -281,7 +299,8 @@ def _numbers(node: Node) -> list[float | None]:
     return [_number(child) for child in found]
 
 
-def _number(node: Node | None) -> float | None:
+def _number(node: Node | None, none: Any = None) -> Any:
+    """A number as it stands there; ``none`` for anything else."""
     text = shown(node)
     last = node.children[-1] if isinstance(node, Tree) and node.data == "sign" else node
-    return float(text) if isinstance(last, Token) and last.type == "NUMBER" else None
+    return float(text) if isinstance(last, Token) and last.type == "NUMBER" else none

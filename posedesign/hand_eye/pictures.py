@@ -47,7 +47,7 @@ from posedesign.hand_eye.pairs.forms import (
     read_poses_of,
 )
 from posedesign.hand_eye.pairs.stacks import open_blocks
-from posedesign.hand_eye.pose_files import TREES, natural, read_written, written_tree
+from posedesign.hand_eye.pose_files import STACKS, TREES, natural, read_written, written_tree
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -491,7 +491,7 @@ def _index(rows: IntArray, which: IntArray) -> IntArray:
 
 def _written(path: Path) -> WrittenPoses | None:
     """Poses of a folder, or of a file of keys and lists; None where it is another file."""
-    if path.is_dir():
+    if path.is_dir() or path.suffix.casefold() in STACKS:
         return read_written(path)
     if path.suffix.casefold() not in TREES:
         return None

@@ -40,10 +40,21 @@ from posedesign.files.csv_tables import a_few
 from posedesign.files.trees import matrix, numbers, read_tree
 from posedesign.hand_eye.conventions import UNKNOWN, Convention
 from posedesign.hand_eye.pairs.forms import Place, WrittenPoses
-from posedesign.hand_eye.pairs.stacks import open_blocks
+from posedesign.hand_eye.pairs.stacks import (
+    StackFile,
+    open_blocks,
+    open_mat,
+    open_npz,
+    pick_one,
+    rows_of,
+    vector_of,
+)
 
 TREES = (".yaml", ".yml", ".json", ".xml")
 """Endings of files of keys and lists."""
+
+STACKS = (".npz", ".npy", ".mat")
+"""Endings of files of matrices."""
 
 _TEXTS = (".txt", ".csv", ".dat")
 _MOST_FILES = 20_000
@@ -106,6 +117,9 @@ def read_written(path: Path) -> WrittenPoses:
     """
     if path.is_dir():
         return _of_folder(path)
+    if path.suffix.casefold() in STACKS:
+        file = open_npz(path) if path.suffix.casefold() in (".npz", ".npy") else open_mat(path)
+        return _of_stacks(file)
     written = written_tree(path, read_tree(path))
     if written is None:
         raise FileFormatError(
@@ -114,6 +128,15 @@ def read_written(path: Path) -> WrittenPoses:
             hint="give maps with x y z qx qy qz qw, 4x4 matrices, or six or seven numbers a pose",
         )
     return written
+
+
+def _of_stacks(file: StackFile) -> WrittenPoses:
+    """Return the poses of the flange of a file of matrices."""
+    known = [name for name in ("gripper2base", "base2gripper") if name in file.variables]
+    name = known[0] if known else pick_one(file, "")
+    written = file.written(name)
+    inverse = name == "base2gripper"
+    return replace(written, convention=replace(written.convention, inverse=inverse))
 
 
 def written_tree(path: Path, tree: Any) -> WrittenPoses | None:
@@ -229,7 +252,7 @@ def _stacked(tree: Mapping[str, Any]) -> list[tuple[str, _Pose]]:
         )
         if turns is None or places is None:
             continue
-        R, t = _rows_of(turns, (9, 3)), _rows_of(places, (3,))
+        R, t = rows_of(turns, (9, 3)), rows_of(places, (3,))
         if R is None or t is None or len(R) != len(t):
             continue
         poses = [
@@ -243,43 +266,6 @@ def _stacked(tree: Mapping[str, Any]) -> list[tuple[str, _Pose]]:
 
 
 _INVERTED = ",inverse"
-
-
-def _rows_of(value: Any, counts: Sequence[int]) -> FloatArray | None:
-    """Return a stack of so many numbers each ``(N, count)``; None where it is none."""
-    whole = matrix(value)
-    if whole is not None:
-        for count in counts:
-            if whole.size % count == 0 and count in (whole.shape[1], 3 * whole.shape[1]):
-                return whole.reshape(-1, count)
-        return None
-    if not isinstance(value, list) or not value:
-        return None
-    for count in counts:
-        rows = [_vector(item, count) for item in value]
-        if all(row is not None for row in rows):
-            return np.stack([row for row in rows if row is not None])
-    return None
-
-
-def _vector(value: Any, count: int) -> FloatArray | None:
-    """Return so many numbers of a list, nested or not, or of a matrix of OpenCV."""
-    whole = matrix(value)
-    if whole is not None:
-        return whole.ravel() if whole.size == count else None
-    if isinstance(value, dict):
-        keys = {3: "xyz", 4: "xyzw"}.get(count, "")
-        small = {key.casefold(): v for key, v in value.items()}
-        return numbers([small.get(key) for key in keys], count) if keys else None
-    if count == 9 and isinstance(value, list) and len(value) == 3:
-        return _flat(numbers(value, 3, 3))
-    if count == 3 and isinstance(value, list) and value and isinstance(value[0], list):
-        return _flat(numbers(value, 3, 1))
-    return numbers(value, count)
-
-
-def _flat(array: FloatArray | None) -> FloatArray | None:
-    return None if array is None else array.ravel()
 
 
 def _is_number(value: Any) -> bool:
@@ -318,20 +304,20 @@ def _pose(value: Any, depth: int = 0) -> _Pose | None:
 
 def _of_two(small: Mapping[str, Any]) -> _Pose | None:
     """Return the pose of a map with a position and an orientation."""
-    place = next((p for k in _PLACES if (p := _vector(small.get(k), 3)) is not None), None)
+    place = next((p for k in _PLACES if (p := vector_of(small.get(k), 3)) is not None), None)
     if place is None:
         return None
     for key in _TURNS:
         value = small.get(key)
         if value is None:
             continue
-        matrices = _vector(value, 9)
+        matrices = vector_of(value, 9)
         if matrices is not None:
             return _Pose(place, matrices, "matrix")
-        four = _vector(value, 4)
+        four = vector_of(value, 4)
         if four is not None:
             return _Pose(place, four, "quaternion-xyzw" if isinstance(value, dict) else UNKNOWN)
-        three = _vector(value, 3)
+        three = vector_of(value, 3)
         if three is not None:
             return _Pose(place, three, "rotation-vector" if key in _VECTORS else UNKNOWN)
     return None

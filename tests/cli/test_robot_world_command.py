@@ -347,7 +347,7 @@ shown, and given | p.csv --noise-on shown --noise-deg 1 --noise-mm 1 => finds th
 side of noise | p.csv --noise-on c => '--noise-on'
 half a noise | p.csv --noise-mm 1 => or neither
 no such file | no.csv => no.csv: cannot be read: No such file
-a folder | folder => folder: cannot be read
+a folder | folder => folder: has no files with one pose each
 columns | p.csv --columns qw,qx => cells, 2 are named
 """)
 

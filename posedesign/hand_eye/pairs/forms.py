@@ -387,6 +387,10 @@ class Poses:
         T, numbers = self.T[rows], self.numbers[rows]
         return replace(self, T=T, numbers=numbers, place=place, names=names)
 
+    def inverted(self) -> Poses:
+        """The inverses, of a file that has them the other way round."""
+        return replace(self, T=se3.inverse(self.T), is_inverse=not self.is_inverse)
+
     def turned(self, turn: str) -> FloatArray:
         """The transforms ``(N, 4, 4)`` [m] if the orientation is read in another way."""
         stands = se3.inverse(self.T) if self.is_inverse else self.T

@@ -15,12 +15,13 @@ from calib.robot_world import pairs_from_opencv
 from calib.se3 import FloatArray, inverse
 from posedesign.files.csv_tables import a_few
 from posedesign.files.trees import read_tree
-from posedesign.hand_eye.conventions import Convention, convention_of
+from posedesign.hand_eye.conventions import UNKNOWN, Convention, convention_of
 from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.file import Pairs, joined, read_side, read_sides
-from posedesign.hand_eye.pairs.forms import METRES, Poses
+from posedesign.hand_eye.pairs.forms import METRES, Poses, WrittenPoses
 from posedesign.hand_eye.pairs.samples import Samples, samples_of
 from posedesign.hand_eye.pairs.stacks import (
+    OPENCV_NAMES,
     StackFile,
     open_blocks,
     open_mat,
@@ -29,6 +30,7 @@ from posedesign.hand_eye.pairs.stacks import (
     pick_one,
     pick_two,
 )
+from posedesign.hand_eye.pose_files import read_written, written_tree
 from posedesign.hand_eye.readings import misfit_of, told
 
 Invert = Literal["none", "a", "b", "both"]
@@ -37,7 +39,7 @@ Order = Literal["axzb", "opencv"]
 FEWEST_DISTINCT = 3
 """Pairs below which repetitions are left in, so that the solver says what is wrong with them."""
 
-_STACKS = (".mat", ".npz", ".xml")
+_STACKS = (".mat", ".npz", ".npy", ".xml")
 """Endings of files that hold matrices under names."""
 
 _TREES = (".xml", ".yaml", ".yml", ".json", ".samples")
@@ -165,7 +167,9 @@ class PairSource:
 
     def _sides(self) -> tuple[Poses, Poses]:
         files = [self._opened(path) for path in self._paths]
-        if (self.unit or self.variables) and not any(isinstance(f, StackFile) for f in files):
+        if (self.unit or self.variables) and not any(
+            isinstance(f, StackFile | WrittenPoses) for f in files
+        ):
             raise InputError(
                 "`unit` and `variables` are for files of matrices: MATLAB's, NumPy's, OpenCV's",
                 hint="the unit of a table stands in the names of its columns, samples are in m",
@@ -187,21 +191,40 @@ class PairSource:
             return read_sides(
                 self.pairs, self.columns, trust_units=self.trust_units, said=self._said
             )
-        if file.lines:
+        if isinstance(file, WrittenPoses) or file.lines:
             raise FileFormatError(
                 "holds the poses of one side",
                 path=self.pairs,
                 hint="give it with `a` or `b`, and the other side likewise",
             )
         unit, trust = self._unit_of(self.pairs), self.trust_units
-        a, b = (file.poses(n, unit, trust_units=trust) for n in pick_two(file, self.variables))
-        return a, b
+        names = pick_two(file, self.variables)
+        a, b = (file.poses(n, unit, trust_units=trust) for n in names)
+        return self._by_names(a, b, names)
 
-    def _side(self, k: int, path: Path, file: StackFile | Samples | None) -> Poses:
+    def _by_names(self, a: Poses, b: Poses, names: tuple[str, str]) -> tuple[Poses, Poses]:
+        """A and B of variables that were picked by their names in OpenCV, as A X = Z B has them.
+
+        Where a person names them or says what is inverted, that counts.
+        """
+        known = names[0] in OPENCV_NAMES["a"] and names[1] in OPENCV_NAMES["b"]
+        if not known or self.variables or self.invert != "none" or self.convention == "opencv":
+            return a, b
+        inverted_a = OPENCV_NAMES["a"][names[0]]
+        inverted_b = OPENCV_NAMES["b"][names[1]] != (self.camera == "on-flange")
+        note = f"{a.place.path}: A is of {names[0]} and B of {names[1]}, by their names in OpenCV"
+        a = replace(a, notes=(*a.notes, note))
+        return (a.inverted() if inverted_a else a), (b.inverted() if inverted_b else b)
+
+    def _side(self, k: int, path: Path, file: StackFile | Samples | WrittenPoses | None) -> Poses:
         if isinstance(file, Samples):
             raise FileFormatError(
                 "holds both sides", path=path, hint="give it alone, without `a` and `b`"
             )
+        if isinstance(file, WrittenPoses):
+            unit = Convention(UNKNOWN, "", self.unit or "")
+            said = self._said[k] or unit
+            return file.read(said, trust_units=self.trust_units)
         if file is None:
             return read_side(
                 path, "ab"[k], self.columns, trust_units=self.trust_units, said=self._said[k]
@@ -209,17 +232,28 @@ class PairSource:
         name = pick_one(file, self.variables[k] if self.variables else "")
         return file.poses(name, self._unit_of(path), trust_units=self.trust_units)
 
-    def _opened(self, path: Path) -> StackFile | Samples | None:
-        """A file that was looked into; None for a table."""
+    def _opened(self, path: Path) -> StackFile | Samples | WrittenPoses | None:
+        """A file or a folder that was looked into; None for a table."""
+        if path.is_dir():
+            return read_written(path)
         ending = path.suffix.casefold()
         if ending == ".mat":
             return open_mat(path)
-        if ending == ".npz":
+        if ending in (".npz", ".npy"):
             return open_npz(path)
         if ending in _TREES:
             tree = read_tree(path)
             samples = samples_of(tree, path, self.camera, trust_units=self.trust_units)
-            return samples or open_opencv(path, tree)
+            if samples is not None:
+                return samples
+            try:
+                file = open_opencv(path, tree)
+                if file.stacks:
+                    return file
+            except FileFormatError:
+                file = None
+            written = written_tree(path, tree)
+            return written or file or open_opencv(path, tree)
         return open_blocks(path)
 
 

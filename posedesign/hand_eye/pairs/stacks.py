@@ -2,14 +2,17 @@
 
 ==================  ============================================================================
 ``.mat``            MATLAB, version 5 to 7: arrays 4x4xN
-``.npz``            NumPy: arrays Nx4x4 or 4x4xN; without pickles, which would be run
+``.npz .npy``       NumPy: arrays Nx4x4 or 4x4xN; without pickles, which would be run
 ``.xml .yaml``      OpenCV's persistence, and its JSON: a list of 4x4 matrices, or one matrix with
 ``.yml .json``      16 numbers a row, or one with the transforms below each other; so, too, what
                     Python's ``cv2.FileStorage.write`` makes of an array Nx4x4
 text                four numbers a line, each four lines a transform; their count may come first
 ==================  ============================================================================
 
-None of them says its unit of length.
+None of them says its unit of length. In files of NumPy and OpenCV, and in other JSON and YAML,
+rotations Nx3x3 or rotation vectors and translations Nx3 make transforms where they have the names
+``R_gripper2base`` and ``t_gripper2base``, as OpenCV calls them, ``rvec_..`` and ``tvec_..``, or
+``R`` and ``t``: of ``gripper2base``, ``target2cam`` or whatever follows.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from calib import se3
 from calib.errors import FileFormatError, near_names
 from calib.mat_file import LARGEST_MAT_BYTES, Variable, read_variables
 from calib.se3 import FloatArray
@@ -38,7 +42,7 @@ from posedesign.files.csv_tables import (
     numbers_of,
     parse_table,
 )
-from posedesign.files.trees import matrix
+from posedesign.files.trees import matrix, numbers
 from posedesign.hand_eye.conventions import Convention
 from posedesign.hand_eye.pairs.forms import (
     METRES,
@@ -151,7 +155,9 @@ _PYTHON_HINT = "store N transforms as one array of Nx4x4 numbers"
 def open_npz(path: Path) -> StackFile:
     """Look into a file of NumPy's ``savez``."""
     data = read_bytes_bounded(path, most_bytes=LARGEST_MAT_BYTES)
-    variables: dict[str, Variable] = {}
+    arrays: dict[str, Variable | Any] = {}
+    if path.suffix.casefold() == ".npy":
+        data = _as_archive(path, data)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             parts = archive.infolist()
@@ -164,18 +170,70 @@ def open_npz(path: Path) -> StackFile:
             for part in parts:
                 if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ValueError("packed otherwise than NumPy does")
-                variables[part.filename.removesuffix(".npy")] = _numpy_array(archive.read(part))
+                arrays[part.filename.removesuffix(".npy")] = _numpy_array(archive.read(part))
     except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise FileFormatError(
             f"is no file of NumPy's savez, or damaged: {' '.join(str(error).split())[:100]}",
             path=path,
             hint="save it again with numpy.savez(file, A=.., B=..)",
         ) from error
-    return StackFile(path, variables, ("[", "]"), 0, hint=_PYTHON_HINT)
+    given = {name: array for name, array in arrays.items() if not isinstance(array, Variable)}
+    variables = {
+        name: array if isinstance(array, Variable) else _stacked(array)
+        for name, array in arrays.items()
+    }
+    rows = {name: _rows_of_array(array) for name, array in given.items()}
+    return StackFile(path, _joined(rows) | variables, ("[", "]"), 0, hint=_PYTHON_HINT)
 
 
-def _numpy_array(data: bytes) -> Variable:
-    """An array of NumPy; ValueError where its header and its numbers do not fit."""
+def _as_archive(path: Path, data: bytes) -> bytes:
+    """A file of NumPy's ``save`` as one of its ``savez``."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr(f"{path.stem}.npy", data)
+    return stream.getvalue()
+
+
+def _rows_of_array(array: Any) -> FloatArray | None:
+    """Rotations or vectors of an array ``(N, 9)`` or ``(N, 3)``; None where it is neither."""
+    for shape, count in (((3, 3), 9), ((3, 1), 3), ((3,), 3)):
+        if array.ndim == 1 + len(shape) and array.shape[1:] == shape and array.dtype.kind == "f":
+            return np.asarray(array, dtype=float).reshape(-1, count)
+    return None
+
+
+_WORDS = (("r_", "t_"), ("rvec_", "tvec_"), ("rvecs_", "tvecs_"))
+_ALONE = (("r", "t"), ("rvec", "tvec"), ("rvecs", "tvecs"), ("rotations", "translations"))
+"""Beginnings of names of rotations and translations, and names without an end."""
+
+
+def _joined(rows: Mapping[str, FloatArray | None]) -> dict[str, Variable]:
+    """Transforms of rotations ``(N, 9)`` or ``(N, 3)`` and translations ``(N, 3)`` by names."""
+    small = {name.casefold(): found for name, found in rows.items() if found is not None}
+    named = [
+        (name, place + name.removeprefix(turn), name.removeprefix(turn))
+        for turn, place in _WORDS
+        for name in small
+        if name.startswith(turn)
+    ]
+    named += [(turn, place, "poses") for turn, place in _ALONE if turn in small]
+    found: dict[str, Variable] = {}
+    for turn, place, name in named:
+        R, places = small[turn], small.get(place)
+        if places is None or places.shape != (len(R), 3) or name in found:
+            continue
+        R = R.reshape(-1, 3, 3) if R.shape[1] == 9 else se3.rotation_exp(R)
+        T = np.zeros((len(R), 4, 4))
+        T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = R, places, 1.0
+        found[name] = _stacked(T)
+    return found
+
+
+def _numpy_array(data: bytes) -> Any:
+    """An array of NumPy, or its kind where that has no numbers.
+
+    ValueError where its header and its numbers do not fit.
+    """
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     readers = {
@@ -196,7 +254,7 @@ def _numpy_array(data: bytes) -> Variable:
     if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize != len(data) - stream.tell():
         raise ValueError("an array of another size than its header says")
     array = np.frombuffer(data, kind, offset=stream.tell())
-    return _stacked(array.reshape(shape, order="F" if by_columns else "C"))
+    return array.reshape(shape, order="F" if by_columns else "C")
 
 
 def _stacked(array: Any) -> Variable:
@@ -210,6 +268,43 @@ def _stacked(array: Any) -> Variable:
     return Variable(
         "double", array.shape, array.astype(complex if array.dtype.kind == "c" else float)
     )
+
+
+def rows_of(value: Any, counts: Sequence[int]) -> FloatArray | None:
+    """Return a stack of so many numbers each ``(N, count)``; None where it is none."""
+    whole = matrix(value)
+    if whole is not None:
+        for count in counts:
+            if whole.size % count == 0 and count in (whole.shape[1], 3 * whole.shape[1]):
+                return whole.reshape(-1, count)
+        return None
+    if not isinstance(value, list) or not value:
+        return None
+    for count in counts:
+        rows = [vector_of(item, count) for item in value]
+        if all(row is not None for row in rows):
+            return np.stack([row for row in rows if row is not None])
+    return None
+
+
+def vector_of(value: Any, count: int) -> FloatArray | None:
+    """Return so many numbers of a list, nested or not, or of a matrix of OpenCV."""
+    whole = matrix(value)
+    if whole is not None:
+        return whole.ravel() if whole.size == count else None
+    if isinstance(value, dict):
+        keys = {3: "xyz", 4: "xyzw"}.get(count, "")
+        small = {key.casefold(): v for key, v in value.items()}
+        return numbers([small.get(key) for key in keys], count) if keys else None
+    if count == 9 and isinstance(value, list) and len(value) == 3:
+        return _flat(numbers(value, 3, 3))
+    if count == 3 and isinstance(value, list) and value and isinstance(value[0], list):
+        return _flat(numbers(value, 3, 1))
+    return numbers(value, count)
+
+
+def _flat(array: FloatArray | None) -> FloatArray | None:
+    return None if array is None else array.ravel()
 
 
 def open_opencv(path: Path, tree: Any) -> StackFile:
@@ -229,6 +324,11 @@ def open_opencv(path: Path, tree: Any) -> StackFile:
             variables[name] = _stacked(rows.reshape(-1, 4, 4) if fits else arrays[0])
         else:
             variables[name] = Variable("double", (len(found),) * several + arrays[0].shape)
+    stacked = {
+        name: rows_of(value, (9, 3))
+        for name, value in (tree.items() if isinstance(tree, dict) else ())
+    }
+    variables = _joined(stacked) | variables
     if not variables:
         raise FileFormatError(
             "holds no samples of MoveIt or easy_handeye, and no matrix of OpenCV",
@@ -269,10 +369,21 @@ def open_blocks(path: Path) -> StackFile | None:
     return StackFile(path, {"blocks": stack}, lines=starts, notes=table.notes)
 
 
+OPENCV_NAMES = {
+    "a": {"gripper2base": False, "base2gripper": True},
+    "b": {"target2cam": False, "cam2target": True},
+}
+"""OpenCV's names of poses of the flange and of the target in the camera, and whether they are the
+inverse of these."""
+
+
 def pick_two(file: StackFile, variables: Sequence[str]) -> tuple[str, str]:
-    """The variables that are A and B: those that were named, or ``A`` and ``B``."""
+    """The variables that are A and B: those that were named, ``A`` and ``B``, or OpenCV's names."""
     if variables:
         return variables[0], variables[1]
+    known = [next((n for n in names if n in file.stacks), "") for names in OPENCV_NAMES.values()]
+    if all(known):
+        return known[0], known[1]
     if "A" in file.variables and "B" in file.variables:
         return "A", "B"
     two = ",".join(file.stacks[:2]) if len(file.stacks) == 2 else "NAME_OF_A,NAME_OF_B"

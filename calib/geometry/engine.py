@@ -513,10 +513,19 @@ def _many(mesh: Mesh) -> bool:
     return len(mesh.triangles) >= _FINE
 
 
+_MOST_EDGES = 254
+"""Edges that may meet in a vertex of a polytope of coal, which refuses 255 of them."""
+
+
 @once_a_mesh
 def _own_polytope(mesh: Mesh) -> coal.ConvexBase | None:
-    """A fine convex mesh as the polytope that it is the surface of; None of others."""
+    """A fine convex mesh as the polytope that it is the surface of; None of others.
+
+    None, too, where more edges meet in a vertex than coal can count: the hub of a lid.
+    """
     if not (_many(mesh) and is_convex(mesh)):
+        return None
+    if np.bincount(mesh.triangles.ravel()).max() > _MOST_EDGES:  # as many as triangles, of closed
         return None
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(mesh.vertices))

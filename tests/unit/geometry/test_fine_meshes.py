@@ -169,3 +169,19 @@ def test_a_convex_mesh_is_as_its_triangles_are(monkeypatch):
     inside = MeshSurface(mesh).encloses(start) & MeshSurface(mesh).encloses(end)
     assert inside.any()
     assert not crossed[inside].any()
+
+
+@pytest.mark.parametrize("sections", [254, 255, 600])
+def test_the_hub_of_a_lid_may_have_more_edges_than_coal_counts(sections):
+    """A turned part: convex, and all triangles of a lid meet in its middle."""
+    profile = [[0, 0], [0.1, 0], [0.107, 0.05], [0.11, 0.1], [0.107, 0.15], [0.1, 0.2], [0, 0.2]]
+    mesh = as_mesh(trimesh.creation.revolve(np.array(profile), sections=sections))
+    assert len(mesh.triangles) >= engine._FINE
+    assert is_convex(mesh)
+    assert (engine._own_polytope(mesh) is not None) == (sections < 255)
+    bodies = [Body("part", 1, np.eye(4), mesh), Body("ball", 0, np.eye(4), Sphere(0.05))]
+    origins = np.zeros((3, 2, 3))
+    origins[:, 1] = [[0.5, 0.0, 0.1], [0.0, 0.0, 0.4], [0.0, 0.0, 0.1]]
+    found = settled(bodies, Placed(np.tile(np.eye(3), (3, 2, 1, 1)), origins))[:, 0]
+    np.testing.assert_allclose(found[:2], [0.34, 0.15], rtol=0, atol=1e-6)
+    assert found[2] < 0.0

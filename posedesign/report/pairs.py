@@ -64,6 +64,12 @@ _PROOF = {
 """What a proof makes of an answer; its other statuses say it themselves."""
 
 
+_BOTH = (
+    "of A and B both inverted the equations hold as well, with X and Z in each other's place: only "
+    "who made the files knows it"
+)
+
+
 def answer_of_pairs(
     outcomes: Sequence[SolverOutcome],
     camera: Camera = "on-flange",
@@ -79,12 +85,14 @@ def answer_of_pairs(
     first, row = outcomes[0], rows[0]
     figures: dict[str, str] = {}
     if first.result is not None:
+        x, z = (title.partition(": ")[2] for title in (frames.X, frames.Z))
+        figures["frames"] = f"X is {x}, Z is {z}"
         # who asks for OpenCV's names reads these first
         for named in opencv_rows([first]) if opencv else ():
             figures[f"OpenCV's {named['transform']}"] = _six([named[axis] for axis in POSE_AXES])
         for letter, title in (("x", frames.X), ("z", frames.Z)):
-            name, _, words = title.partition(": ")
-            figures[f"{letter.upper()} = {name}"] = f"{_transform(letter, row, first)}, {words}"
+            name = title.partition(": ")[0]
+            figures[f"{letter.upper()} = {name}"] = _transform(letter, row, first)
         figures["left over"] = (
             f"{_shown(row['residual_translation_mm'])} mm, {_shown(row['residual_rotation_deg'])} "
             f"deg rms; of pairs not seen {_shown(row['left_out_translation_mm'])} mm, "
@@ -98,7 +106,8 @@ def answer_of_pairs(
     if pairs is not None:
         misread = [pairs.misread] if pairs.misread else []
         warnings = [*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))]
-    details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _sigma_words(rows)]
+    details = [*noise_judged(outcomes), f"A = {frames.A}; B = {frames.B}", _BOTH]
+    details.append(_sigma_words(rows))
     details += remarks_of(outcomes)
     if first.result is not None:
         for letter, T, title in (("X", first.result.X, frames.X), ("Z", first.result.Z, frames.Z)):

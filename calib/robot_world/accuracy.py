@@ -13,7 +13,7 @@ included. The larger of this and of the covariance by the noise is what is said.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,10 +100,12 @@ def covariance_of(
     as much as maximum likelihood.
     """
     fit = likeliest.fit
+    poses = {} if likeliest.poses is None else {0: likeliest.poses}
     if found.fit is not None:
-        factor = widening(fit, used[None], np.array([excess]), noise_known=given)[0]
+        more = np.array([excess])
+        factor = widening(fit, used[None], more, noise_known=given, poses=poses)[0]
         return np.asarray(fit.covariance[0] * excess**2 * np.outer(factor, factor))
-    factor = widening(fit, used[None])[0] * likeliest.by_poses(given=given)
+    factor = widening(fit, used[None], poses=poses)[0]
     C = propagate(chosen.estimate, pairs.A[0, used], pairs.B[0, used], noise, excess)
     return C * np.outer(factor, factor)
 
@@ -136,22 +138,6 @@ class Likeliest:
         free = np.maximum(3.0 * count - taken - _OF_WEIGHTS, 1.0)
         own = np.diagonal(parts, axis1=1, axis2=2)
         return np.asarray(own.sum(axis=0) ** 2 / (own**2 / free[:, None]).sum(axis=0))
-
-    def by_poses(self, *, given: bool) -> FloatArray:
-        """Factors ``(12,)`` of standard deviations by what pairs of one pose have in common.
-
-        The same for the three numbers of a rotation or translation. A noise that is not ``given``
-        is that of the residuals, which has the deviation of the poses in it.
-        """
-        if self.poses is None:
-            return np.ones(12)
-        rows = self.poses.correlated(self.fit.jacobian[:, :, 0])
-        if not given:
-            rows = rows / np.sqrt(1.0 + np.repeat(self.poses.share, 3))[:, None]
-        rows = rows.reshape(12, -1)
-        alone = inverse_information((rows @ rows.T)[None])[0]
-        ratio = np.diag(self.fit.covariance[0]) / np.diag(alone)
-        return np.asarray(np.sqrt(np.repeat(ratio.reshape(4, 3).mean(axis=1), 3)))
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:
@@ -336,23 +322,25 @@ _LEAST_LEFT = 0.1
 """Least part of the information, in any direction, that counts as left without a run: what stays of
 a direction that only one run shows is no measure of how far X and Z may be off."""
 
+_ROUNDING = 1e-6
+"""Mean square of white rows that are rounding of data without noise."""
+
 _FEWEST_WITNESSES = 4.0
 """Independent pairs that a set is worth at least: of three the noise could not be told."""
 
 
-def _correlation(fit: Fit, trial: int, used: BoolArray) -> float | None:
+def _correlation(white: FloatArray, J: FloatArray, covariance: FloatArray) -> float | None:
     """Correlation of a pair's white rows with those of the next; None where chance may make it.
 
-    Made up for what the fit makes of independent errors. Pairs that are not used ``(N,)`` stand
-    between no neighbours.
+    Made up for what the fit makes of independent errors. Pairs that are not used stand between no
+    neighbours: rows ``(n, 6)`` and derivatives ``(n, 6, 12)`` are those of the others.
     """
-    white, J = fit.rows(trial, used)
     count = len(white)
     variance = float((white**2).sum()) / max(6.0 * count - 12.0, 1.0)
-    if count < FEWEST_PAIRS or variance <= 0.0:
+    if count < FEWEST_PAIRS or variance < _ROUNDING:
         return None
     # residuals are what the errors leave: C = s² (1 - H), so that neighbours have -H in common
-    taken = float(np.einsum("iak,kl,ial->", J[:-1], fit.covariance[trial], J[1:]))
+    taken = float(np.einsum("iak,kl,ial->", J[:-1], covariance, J[1:]))
     alike = float((white[:-1] * white[1:]).sum()) / variance + taken
     products = 6.0 * (count - 1)
     if not alike / np.sqrt(products) > -normal_quantile(CHANCE):
@@ -361,9 +349,17 @@ def _correlation(fit: Fit, trial: int, used: BoolArray) -> float | None:
 
 
 def widening(
-    fit: Fit, used: BoolArray, excess: FloatArray | None = None, *, noise_known: bool = False
+    fit: Fit,
+    used: BoolArray,
+    excess: FloatArray | None = None,
+    *,
+    noise_known: bool = False,
+    poses: Mapping[int, Poses] | None = None,
 ) -> FloatArray:
-    """Factors ``(T, 12)`` of the standard deviations of X and Z by errors that follow each other.
+    """Factors ``(T, 12)`` of the standard deviations of X and Z by errors that are alike.
+
+    By the deviation that pairs of one pose share, and by errors that follow each other. Where the
+    deviations leave nothing that follows, runs are not compared: a run of one pose is no witness.
 
     The same for the three numbers of the rotation, and of the translation, of X and of Z: a
     covariance with rows and columns times these stays one. 1 where residuals do not show any.
@@ -376,23 +372,57 @@ def widening(
         By how much these standard deviations are scaled up already.
     noise_known : bool
         Whether they are by a noise that was given, not by that of the residuals.
+    poses : mapping of int to Poses, optional
+        Of the trials in which pairs of one pose share a deviation.
     """
     factors = np.ones((len(fit.X), 12))
     for trial, own in enumerate(used):
-        correlation = _correlation(fit, trial, own)
+        more = 1.0 if excess is None else float(excess[trial])
+        rows = *fit.rows(trial, own), fit.covariance[trial]
+        shared = None if poses is None else poses.get(trial)
+        if shared is not None:
+            factors[trial] = np.maximum(_by_poses(fit, trial, shared) / more, 1.0)
+            if _correlation(*_decorrelated(fit, trial, own, shared)) is None:
+                continue
+        correlation = _correlation(*rows)
         if correlation is None:
             continue
-        more = 1.0 if excess is None else float(excess[trial])
-        factors[trial] = np.maximum(_of_runs(fit, trial, own) / more, 1.0)
+        of_runs = np.maximum(_of_runs(*rows) / more, 1.0)
         if more > 1.0 or not noise_known:
-            factors[trial] *= _fewer(correlation, int(own.sum()))
+            of_runs *= _fewer(correlation, int(own.sum()))
+        factors[trial] = np.maximum(factors[trial], of_runs)
     return factors
 
 
-def _of_runs(fit: Fit, trial: int, used: BoolArray) -> FloatArray:
+def _by_poses(fit: Fit, trial: int, poses: Poses) -> FloatArray:
+    """Factors ``(12,)`` of standard deviations by what pairs of one pose have in common.
+
+    The same for the three numbers of a rotation or translation.
+    """
+    C = fit.covariance[trial]
+    wider = C @ poses.information(fit.jacobian[:, :, trial]) @ C
+    ratio = np.diag(wider) / np.diag(C)
+    return np.asarray(np.sqrt(np.repeat(ratio.reshape(4, 3).mean(axis=1), 3)))
+
+
+def _decorrelated(
+    fit: Fit, trial: int, used: BoolArray, poses: Poses
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """White rows ``(n, 6)``, derivatives ``(n, 6, 12)`` and covariance, deviations known.
+
+    At the likeliest X and Z by these.
+    """
+    unit = np.repeat(poses.own, 3)[:, None]
+    white = (poses.decorrelated(fit.white[:, trial]) / unit)[:, used]
+    J = (poses.decorrelated(fit.jacobian[:, :, trial]) / unit)[..., used]
+    C = inverse_information(np.tensordot(J, J, axes=((1, 2), (1, 2)))[None])[0]
+    step = C @ np.tensordot(J, white, axes=2)
+    return (white - np.tensordot(step, J, axes=1)).T, J.transpose(2, 1, 0), C
+
+
+def _of_runs(white: FloatArray, J: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations ``(12,)`` by the jackknife over runs, over those by the noise."""
-    white, J = fit.rows(trial, used)
-    root = _root(fit.covariance[trial])
+    root = _root(covariance)
     # in units in which the information on X and Z is the identity
     scores = np.einsum("lc,ial,ia->ic", root, J, white)
     J = J @ root

@@ -36,7 +36,6 @@ from calib.robot_world.errors_of_pairs import (
 from calib.robot_world.estimate import Fit
 from calib.robot_world.noise import perturb
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.poses import Poses
 from calib.robot_world.sizes import Sizes
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -102,7 +101,6 @@ def adjust(
     *,
     weights: FloatArray | None = None,
     sizes: Sizes | None = None,
-    poses: Poses | None = None,
 ) -> Fit:
     """Find the likeliest X and Z of T sets from a start ``(T, 4, 4)``.
 
@@ -115,8 +113,6 @@ def adjust(
     sizes : Sizes, optional
         Sizes of the noise where these are estimated, too. Their model takes the place of the one
         given.
-    poses : Poses, optional
-        Pairs of one set that share a deviation of their pose.
     """
     T, N = pairs.T, pairs.N
     root = None if weights is None else np.sqrt(weights).reshape(-1)
@@ -126,7 +122,7 @@ def adjust(
     pairs = PairSets(_shifted(pairs.A, -base[:, None]), _shifted(pairs.B, -target[:, None]))
     lever = apply_matrix(Z[:, :3, :3], target)
     state = _State(X, _shifted(Z, lever - base), pairs.R_A, pairs.p_A)
-    linear = _linearise(pairs, model, state, root, poses)
+    linear = _linearise(pairs, model, state, root)
     damping, count = np.zeros(T), np.zeros(T, dtype=np.intp)
     moving, stuck = np.ones(T, dtype=bool), np.zeros(T, dtype=bool)
     unit = np.ones((T, 12))
@@ -139,18 +135,18 @@ def adjust(
         step, length = _step(linear, damping, T, N)
         step[~moving] = 0.0
         count += moving
-        tried = _moved(pairs, model, state, linear, step, root, poses)
+        tried = _moved(pairs, model, state, linear, step, root)
         arrived = (length <= STEP_TOLERANCE) | (np.abs(step / unit).max(axis=-1) <= ROUNDING)
         moving &= ~(arrived & settled)
         if not moving.any():
             state = tried
             break
-        new = _linearise(pairs, model, tried, root, poses)
+        new = _linearise(pairs, model, tried, root)
         worse = moving & ~(new.cost <= linear.cost * (1.0 + _STALLED))
         moving &= ~(worse & (length**2 <= _STALLED * linear.cost))
         if worse.any():
             state = tried.where(~worse, state, N)
-            linear = _linearise(pairs, model, state, root, poses)
+            linear = _linearise(pairs, model, state, root)
         else:
             state, linear = tried, new
         grown = np.maximum(damping * _DAMPING_FACTOR, _DAMPING)
@@ -208,7 +204,6 @@ def _linearise(
     model: ErrorModel,
     state: _State,
     root: FloatArray | None,
-    poses: Poses | None = None,
 ) -> _Linear:
     """Rows at the true poses that a state implies."""
     R_X, p_X, R_Z, p_Z = _frames(pairs, state)
@@ -235,8 +230,6 @@ def _linearise(
     white, jacobian = errors.whiten(e), errors.whiten(J)
     if root is not None:
         white, jacobian = root * white, root * jacobian
-    if poses is not None:
-        white, jacobian = poses.decorrelated(white), poses.decorrelated(jacobian)
     cost = (white * white).sum(axis=0).reshape(pairs.T, pairs.N).sum(axis=-1)
     return _Linear(white, jacobian, errors, cost)
 
@@ -308,15 +301,12 @@ def _moved(
     linear: _Linear,
     step: FloatArray,
     root: FloatArray | None,
-    poses: Poses | None,
 ) -> _State:
     """State after a step: X and Z, and the true A that are the likeliest with them."""
     X, Z = perturb(np.stack([state.X, state.Z]), step.reshape(-1, 2, 6).swapaxes(0, 1))
     if not (model.on_A and model.on_B):
         return _State(X, Z, state.R_A, state.p_A)
     white = linear.white + (linear.jacobian * pairs.spread(step.T)[:, None]).sum(axis=0)
-    if poses is not None:
-        white = poses.correlated(white)
     if root is not None:
         white = white / np.where(root > 0.0, root, np.inf)
     a = linear.errors.errors_of_A(white)

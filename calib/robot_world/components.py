@@ -60,6 +60,7 @@ class Component:
     criterion: float  # Akaike's, of all pairs used; the constants that all have in common left out
     make: Callable[[], PairCovariances]  # makes the noise of all pairs
     by_distance: bool  # whether it is of what is seen, by its distance or along the line of sight
+    gain: float = 0.0  # fall of the criterion from that of noise of B, alike in all directions
 
     @cached_property
     def noise(self) -> PairCovariances:
@@ -131,7 +132,7 @@ def explain(
     plain = _criterion(square, np.full(2, 3.0 * used.sum()))
     others = [_shared(A, B, X, Z, used), *_seen(A, B, X, Z, used)]
     best = min(others, key=lambda one: one.criterion)
-    return best if best.criterion < plain - SURELY else None
+    return replace(best, gain=plain - best.criterion) if best.criterion < plain - SURELY else None
 
 
 def allowed(

@@ -4,12 +4,13 @@ An arm stops off in much the same manner each time that it visits a pose, and a 
 error is much the same each time as well. Pairs of one pose then tell less than as many pairs of
 different poses. Rows of a pair are therefore the noise of the pair itself and a deviation of its
 pose, both independent normal numbers. The variances are estimated by restricted maximum likelihood
-(Patterson and Thompson, Biometrika 58, 1971).
+(Patterson and Thompson, Biometrika 58, 1971). They decide how certain X and Z are, not X and Z
+themselves: weights by these variances predicted pairs left out of real sets no better.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,16 +54,14 @@ class Poses:
     share: FloatArray
     """(2,): variance of the deviation of a pose in units of the own noise of its pairs, of rotation
     and of translation."""
+    own: FloatArray = field(default_factory=lambda: np.ones(2))
+    """(2,): standard deviations of the own noise of a pair, of rotation and of translation, over
+    those that the rows are in units of."""
 
     @cached_property
     def counts(self) -> FloatArray:
         """Pairs of each pose ``(G,)``."""
         return np.asarray(self.member.sum(axis=1))
-
-    @property
-    def is_needed(self) -> bool:
-        """Return True if the pairs of a pose share a deviation."""
-        return bool(self.share.any())
 
     def decorrelated(self, rows: FloatArray) -> FloatArray:
         """Make rows ``(..., 6, N)`` independent and of unit variance.
@@ -72,9 +71,11 @@ class Poses:
         """
         return self._with_means(rows, 1.0 / np.sqrt(1.0 + self._more) - 1.0)
 
-    def correlated(self, rows: FloatArray) -> FloatArray:
-        """Undo :meth:`decorrelated`."""
-        return self._with_means(rows, np.sqrt(1.0 + self._more) - 1.0)
+    def information(self, jacobian: FloatArray) -> FloatArray:
+        """Variance ``(12, 12)`` of the gradient by derivatives ``(12, 6, N)`` of the rows."""
+        spread = np.sqrt(1.0 + self._more) - 1.0
+        rows = self._with_means(jacobian, spread) * np.repeat(self.own, 3)[:, None]
+        return np.asarray(np.tensordot(rows, rows, axes=((1, 2), (1, 2))))
 
     @cached_property
     def _more(self) -> FloatArray:
@@ -146,9 +147,7 @@ def is_first(A: FloatArray, B: FloatArray, near: IntArray) -> BoolArray:
     return first
 
 
-def restricted(
-    white: FloatArray, jacobian: FloatArray, *, poses: Poses, own: bool
-) -> tuple[FloatArray, Poses]:
+def restricted(white: FloatArray, jacobian: FloatArray, *, poses: Poses, own: bool) -> Poses | None:
     """Estimate the variances of one set by restricted maximum likelihood.
 
     Parameters
@@ -160,10 +159,8 @@ def restricted(
 
     Returns
     -------
-    scale : ndarray (2,)
-        Factors of the standard deviations of the noise of a pair, of rotation and of translation.
-    poses : Poses
-        The same poses with the shares that were found.
+    Poses or None
+        The same poses with the variances that were found; None where pairs share no deviation.
     """
     from scipy.optimize import minimize
 
@@ -191,9 +188,9 @@ def restricted(
 
         alone = minimize(worse_alone, np.zeros(2), bounds=bounds[:2], method="L-BFGS-B")
         none, least = np.concatenate([alone.x, nothing]), _LIKELIER
-    if worse(none) - found.fun < least:
-        variance, share = parts(none)[0], np.zeros(2)
-    return np.sqrt(variance), replace(poses, share=share)
+    if worse(none) - found.fun < least or not share.any():
+        return None
+    return replace(poses, share=share, own=np.sqrt(variance))
 
 
 class _Sums:

@@ -25,7 +25,7 @@ import numpy as np
 from calib.chance import f_bound, f_tail
 from calib.judgement import Finding, level_of_each
 from calib.robot_world.adjustment import linear_rows
-from calib.robot_world.algebra import unit_diagonal
+from calib.robot_world.algebra import inverse_information, unit_diagonal
 from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.estimate import Fit
 from calib.robot_world.noise import difference, perturb
@@ -126,12 +126,14 @@ class Sequence:
             Pairs of this trial alone, and their errors.
         """
         white, J = fit.rows(trial, used)
+        covariance = fit.covariance[trial]
         if poses is not None:
             poses = Poses(poses.member[:, used], poses.share)
-            white, J = poses.correlated(white.T).T, _by_pairs(poses.correlated, J)
+            own = _by_pairs(poses.decorrelated, J).reshape(-1, 12)
+            covariance = inverse_information((own.T @ own)[None])[0]
         X, Z = fit.X[trial][None], fit.Z[trial][None]
         delayed = partial(_delayed, pairs, model, X, Z, used)
-        return cls(white, J, fit.covariance[trial], np.flatnonzero(used), delayed, poses)
+        return cls(white, J, covariance, np.flatnonzero(used), delayed, poses)
 
     @property
     def is_rounding(self) -> bool:
@@ -281,10 +283,21 @@ class Change:
     @property
     def criterion(self) -> float:
         """Schwarz's criterion of the rows, but for what all changes have in common."""
-        count = self._left.size
         square = max(float((self._left**2).sum()), _TINY)
-        more = self.estimate.size * float(np.log(count)) + 2.0 * float(np.log(self._tried))
-        return float(count * np.log(square) + more)
+        return float(self._left.size * np.log(square)) + self._cost
+
+    @property
+    def _cost(self) -> float:
+        """Penalty of Schwarz's criterion for the numbers of the change and the steps tried."""
+        count = float(np.log(self._left.size))
+        return float(self.estimate.size * count + 2.0 * np.log(self._tried))
+
+    @property
+    def gain(self) -> float:
+        """Fall of Schwarz's criterion by the change, of as many rows as are independent."""
+        squares = [max(float((rows**2).sum()), _TINY) for rows in (self._left, self._one.own[0])]
+        fall = float(np.log(squares[1] / squares[0]))
+        return float(self._alike * self._left.size * fall - self._cost)
 
     def explains_more_than(self, other: Change) -> bool:
         """Return True if the change is told beside another one."""

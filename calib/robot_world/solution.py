@@ -13,7 +13,7 @@ from calib.robot_world import identifiability
 from calib.robot_world.accuracy import Likeliest
 from calib.robot_world.adjustment import adjust, linear_rows
 from calib.robot_world.closed_form import residual_rows
-from calib.robot_world.components import Component, allowed, explain, settled
+from calib.robot_world.components import SURELY, Component, allowed, explain, settled
 from calib.robot_world.diagnosis import standing_out, suspicions
 from calib.robot_world.estimate import Estimate
 from calib.robot_world.methods import Method, find_method
@@ -32,10 +32,6 @@ from calib.robot_world.scale import (
 from calib.robot_world.sequence import Change, Sequence
 from calib.robot_world.sizes import estimated_model
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-_POSE_ROUNDS, _POSE_SETTLED = 20, 1e-5
-"""Rounds of X and Z and of the variances of pairs and poses at most, and the relative change of the
-variances that counts as none."""
 
 _BACK_ROUNDS = 3
 """Times that a robust method takes poses back."""
@@ -162,12 +158,13 @@ class Solution:
     def other_noise(self) -> Component | None:
         """Noise that the residuals show, where it is not that of B alike in all directions.
 
-        None where the pairs do not belong together, where they tell a cause of what noise of B
-        leaves, where a few of them that are far off show it alone, and where the translations of B
+        None where the pairs do not belong together, where a cause explains as much of what noise of
+        B leaves, where a few pairs that are far off show it alone, and where the translations of B
         may have another scale: what that leaves is no noise, though it grows with the distance.
         """
         X, Z, used = self.found.X, self.found.Z, self.used
-        if not self.is_sound or self._explained() is None or self.causes:
+        explained = self._explained()
+        if not self.is_sound or explained is None or self._has_rival(explained):
             return None
         shown = settled(self.pairs, X, Z, used, widening() if self.method.robust else 1.0)
         if shown is None:
@@ -188,10 +185,18 @@ class Solution:
         moved = []
         for other in allowed(self.pairs.A[0], self.pairs.B[0], X[0], Z[0], self._of_poses):
             model = other.noise.model(self.pairs)
-            fit = adjust(self.pairs, model, X, Z, weights=weights, poses=self.poses)
+            fit = adjust(self.pairs, model, X, Z, weights=weights)
             off = np.concatenate([difference(fit.X[0], X[0]), difference(fit.Z[0], Z[0])])
             moved.append((other.name, off))
         return tuple(moved)
+
+    def _has_rival(self, noise: Component) -> bool:
+        """Return True if a cause may have made the residuals that another noise explains.
+
+        A wrong scale makes residuals that look like noise of depth in every respect but one: the
+        pairs tell the scale. A step, a drift or a delay has to explain as much as the noise.
+        """
+        return any(one.is_of_scale or one.gain > noise.gain - SURELY for one in self.causes)
 
     @property
     def _of_poses(self) -> BoolArray:
@@ -214,12 +219,11 @@ def _likeliest(pairs: PairSets, used: bytes) -> tuple[Estimate, Poses | None]:
     """The likeliest X and Z of the pairs used of one set, and the noise of B."""
     kept = np.frombuffer(used, dtype=bool)
     method = find_method("ml")
-    (near,) = near_pairs(pairs.A)
-    if kept.all():
-        found = method.run(pairs, None)
-        return (found, None) if not near.size else by_pose(method, pairs, None, found, kept, near)
     found = method.run(PairSets(pairs.A[:, kept], pairs.B[:, kept]), None)
-    return by_pose(method, pairs, None, found, kept, near)
+    if not kept.all():
+        found = refitted(method, pairs, None, found, kept)
+    (near,) = near_pairs(pairs.A)
+    return found, deviation_of_poses(method, found, kept, near)
 
 
 def find_solution(
@@ -260,8 +264,10 @@ def find_solution(
             if not motion.is_misfit(*kept.residual_rms(X[None], Z[None]))[0]
         )
     poses = None
-    if method.likelihood and (near.size or not first.all()):
-        found, poses = by_pose(method, pairs, noise, found, used, near)
+    if method.likelihood and near.size:
+        if not once.all():
+            found = refitted(method, pairs, noise, found, used)
+        poses = deviation_of_poses(method, found, used, near)
         if method.robust and poses is not None:
             found, poses, used = with_poses_back(
                 method, pairs, noise, found, used, near, poses, once
@@ -302,8 +308,11 @@ def with_poses_back(
         part = every.member[missing] / every.counts[missing][:, None]
         white, J = linear_rows(pairs, model, fit.X, fit.Z)
         means, slopes = part @ white[:, 0].T, np.einsum("gn,pan->gap", part, J[:, :, 0])
-        spread = slopes @ fit.covariance[0] @ np.swapaxes(slopes, 1, 2)
+        C = fit.covariance[0]
+        C = C @ shared.information(fit.jacobian[:, :, 0]) @ C
+        spread = slopes @ C @ np.swapaxes(slopes, 1, 2)
         own = np.repeat(shared.share, 3) + 1.0 / every.counts[missing][:, None]
+        own = own * np.repeat(shared.own, 3) ** 2
         spread += own[:, :, None] * np.eye(6)
         square = (means * np.linalg.solve(spread, means[..., None])[..., 0]).sum(axis=1)
         bound = 6.0 * f_bound(CHANCE, 6.0, max(6.0 * len(shared.counts) - 12.0, 1.0))
@@ -311,56 +320,47 @@ def with_poses_back(
         if not back.any():
             break
         used = used | back
-        found, shared = by_pose(method, pairs, noise, found, used, near)
+        found = refitted(method, pairs, noise, found, used)
+        shared = deviation_of_poses(method, found, used, near)
     return found, shared, used
 
 
-def by_pose(
-    method: Method,
-    pairs: PairSets,
-    noise: Noise | None,
-    found: Estimate,
-    used: BoolArray,
-    near: IntArray,
-) -> tuple[Estimate, Poses | None]:
-    """Adjust one set again with a deviation of each pose, where poses come back.
+def refitted(
+    method: Method, pairs: PairSets, noise: Noise | None, found: Estimate, used: BoolArray
+) -> Estimate:
+    """Adjust one set again from the pairs used ``(N,)``, with rows for all of its pairs."""
+    weights = used[None].astype(float)
+    sigma = None
+    if noise is None:
+        larger = widening() if method.robust else 1.0
+        fit, sigma = with_estimated_noise(pairs, found.X, found.Z, weights, larger)
+    else:
+        fit = adjust(pairs, noise.model(pairs), found.X, found.Z, weights=weights)
+    return as_estimate(fit, sigma, weights)
+
+
+def deviation_of_poses(
+    method: Method, found: Estimate, used: BoolArray, near: IntArray
+) -> Poses | None:
+    """Estimate the deviation that pairs of one pose share; None where there is none.
 
     Parameters
     ----------
     found : Estimate
-        The likeliest X and Z by independent errors.
+        The likeliest X and Z of one set by independent errors.
     used : ndarray of bool (N,)
         Pairs that count.
     near : ndarray (k, 2)
         See :func:`~calib.robot_world.poses.near_pairs`.
     """
-    poses = poses_of(near, used)
-    weights = used[None].astype(float)
+    poses, fit = poses_of(near, used), found.fit
+    if poses is None or fit is None:
+        return None
+    white, jacobian = fit.white[:, 0], fit.jacobian[:, :, 0]
+    if found.sigma is None:
+        return restricted(white, jacobian, poses=poses, own=False)
     larger = widening() if method.robust else 1.0
-    X, Z, sigma = found.X, found.Z, None
-    if noise is None:
-        fit, sigma = with_estimated_noise(pairs, X, Z, weights, larger)
-    else:
-        fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
-    if poses is not None:
-        first = fit, sigma
-        for _ in range(_POSE_ROUNDS):
-            rows = (poses.correlated(part[..., 0, :]) for part in (fit.white, fit.jacobian))
-            scale, again = restricted(*rows, poses=poses, own=sigma is not None)
-            change = np.abs((1.0 + again.share) / (1.0 + poses.share) - 1.0).max()
-            poses = again
-            if noise is None and sigma is not None:
-                sigma = sigma * (scale * larger)[:, None]
-                model = estimated_model(pairs, sigma)
-            elif noise is not None:
-                model = noise.model(pairs)
-            fit = adjust(pairs, model, fit.X, fit.Z, weights=weights, poses=poses)
-            if change < _POSE_SETTLED or not poses.is_needed:
-                break
-        if not poses.is_needed:
-            poses, (fit, sigma) = None, first
-    kept = None if used.all() and found.weights is None else weights
-    return as_estimate(fit, sigma, kept), poses
+    return restricted(larger * white, larger * jacobian, poses=poses, own=True)
 
 
 def enough_agree(used: BoolArray) -> BoolArray:

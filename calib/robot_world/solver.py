@@ -24,9 +24,10 @@ from calib.robot_world.results import RobotWorldResult, too_uncertain
 from calib.robot_world.sequence import FEWEST_FOR_STEPS, may_drift
 from calib.robot_world.solution import (
     Solution,
-    by_pose,
+    deviation_of_poses,
     enough_agree,
     find_solution,
+    refitted,
     with_poses_back,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -245,7 +246,7 @@ def _batch(chosen: Method, motion: Motion, asked: Noise | NoiseShown | None) -> 
             if chi2 is not None:
                 chi2[usable] = found.fit.cost
                 _, excess = judged(found.fit.cost, 6 * used.sum(axis=-1) - 12)
-            factor = widening(found.fit, used, excess, noise_known=noise is not None)
+            factor = widening(found.fit, used, excess, noise_known=noise is not None, poses=poses)
             factor *= excess[:, None]
             covariance[usable] *= factor[:, :, None] * factor[:, None]
             uncertain[usable] = too_uncertain(covariance[usable], kept.size)
@@ -283,7 +284,10 @@ def _by_poses(
             used[trial] &= first
         own = np.array([trial])
         sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
-        again, shared = by_pose(chosen, sets, noise, found.of(own), used[trial], near)
+        again = found.of(own)
+        if not first.all():
+            again = refitted(chosen, sets, noise, again, used[trial])
+        shared = deviation_of_poses(chosen, again, used[trial], near)
         if chosen.robust and shared is not None:
             again, shared, used[trial] = with_poses_back(
                 chosen, sets, noise, again, used[trial], near, shared, first

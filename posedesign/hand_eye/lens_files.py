@@ -12,6 +12,11 @@ model        ROS                 Kalibr                 distortion
                                  equidistant
 ===========  ==================  =====================  ==========================================
 
+Files of OpenCV call the matrix, the distortion and the size of the image as their programs like:
+see :data:`_NAMES`. Twelve and fourteen terms of OpenCV have thin prisms and a tilted sensor at
+their end. Lenses with these are refused: projected without them, points lie up to some pixels off.
+So are Kalibr's models ``omni``, ``eucm`` and ``ds``.
+
 Sources: ``sensor_msgs/CameraInfo`` and ``distortion_models.hpp``; the wiki of Kalibr, "yaml
 formats".
 """
@@ -46,6 +51,35 @@ _ROS_MODELS: Mapping[LensName, str] = MappingProxyType(
 _KALIBR_MODELS: Mapping[str, tuple[LensName, int]] = MappingProxyType(
     {"radtan": ("pinhole", 4), "equidistant": ("fisheye", 4), "none": ("pinhole", 0)}
 )
+
+_KALIBR_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "omni": ": one mirror parameter, after Mei",
+        "ds": ": double sphere",
+        "eucm": ": extended unified",
+    }
+)
+"""Models of Kalibr that are not known here, in words."""
+
+_NAMES: Mapping[str, Sequence[str]] = MappingProxyType(
+    {
+        "matrix": ("camera_matrix", "cameramatrix", "intrinsic", "intrinsic_matrix", "k", "mtx"),
+        "distortion": (
+            "distortion_coefficients",
+            "distcoeffs",
+            "dist_coeffs",
+            "distortion",
+            "distortion_coeffs",
+            "dist",
+            "d",
+        ),
+        "size": ("imagesize", "image_size", "resolution", "size"),
+    }
+)
+"""Names of what OpenCV's programs write of a lens, in small letters."""
+
+_PRISM_AND_TILT = ("s1", "s2", "s3", "s4", "tau_x", "tau_y")
+"""OpenCV's terms after the eight of the rational model."""
 
 _TARGETS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = MappingProxyType(
     {
@@ -104,8 +138,17 @@ def read_lens(path: Path) -> Lens:
     found = tree if isinstance(tree, dict) else {}
     if isinstance(found.get("lens"), dict):
         return _own_lens(path, found["lens"])
-    if "camera_matrix" in found and "image_width" in found:
-        return _ros_lens(path, found)
+    small = {key.casefold(): value for key, value in found.items()}
+    if any(name in small for name in _NAMES["matrix"]):
+        return _ros_lens(path, small)
+    if isinstance(small.get("intrinsics"), dict):
+        raise FileFormatError(
+            "gives focal lengths and centre, but no size of the image",
+            path=path,
+            key="intrinsics",
+            hint="write camera_matrix, distortion_coefficients, image_width and image_height; or "
+            "have the lens estimated with the camera",
+        )
     cameras = read_camchain(path)
     if len(cameras) > 1:
         raise FileFormatError(
@@ -125,9 +168,16 @@ def _own_lens(path: Path, found: Mapping[str, Any]) -> Lens:
 
 
 def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
-    """Of ROS, or of OpenCV's calibration sample, which names no model."""
+    """Of ROS, or of OpenCV's programs, which name no model; keys in small letters."""
     models = {ros: name for name, ros in _ROS_MODELS.items()}
-    K, terms = (_data_of(found.get(k)) for k in ("camera_matrix", "distortion_coefficients"))
+    matrix, distortion, size = (
+        next((found[name] for name in _NAMES[what] if name in found), None) for what in _NAMES
+    )
+    K, terms = _data_of(matrix), _data_of(distortion)
+    if len(K) == 3 and all(isinstance(row, list) for row in K):
+        K = [value for row in K for value in row]
+    if len(terms) == 1 and isinstance(terms[0], list):
+        terms = terms[0]
     model = models.get(str(found.get("distortion_model")))
     if "distortion_model" not in found:
         fisheye = number(found.get("fisheye_model", 0)) > 0
@@ -140,9 +190,34 @@ def _ros_lens(path: Path, found: Mapping[str, Any]) -> Lens:
             hint=f"known are {', '.join(models)}",
         )
     count = len(DISTORTION[model])
+    _check_more_terms(path, terms, model)
     terms = [*terms[:count], *(0.0 for _ in range(count - len(terms)))]
-    size = [found.get("image_width"), found.get("image_height")]
-    return _lens(path, "camera_matrix", model, [K[0], K[4], K[2], K[5], *terms], size)
+    pixels = [found.get("image_width"), found.get("image_height")]
+    if None in pixels:
+        pixels = _data_of(size)
+    return _lens(path, "camera_matrix", model, [K[0], K[4], K[2], K[5], *terms], pixels)
+
+
+def _check_more_terms(path: Path, terms: Sequence[object], model: LensName) -> None:
+    """Refuse terms of distortion that the model does not have, unless they are zero."""
+    count = len(DISTORTION[model])
+    more = numbers(list(terms[count:]), len(terms) - count) if len(terms) > count else np.zeros(0)
+    if more is not None and not more.any():
+        return
+    names = (*DISTORTION["rational"], *_PRISM_AND_TILT)
+    shown = ", ".join(f"{name} = {value}" for name, value in zip(names, terms, strict=False))
+    said = f"has {len(terms)} terms of distortion, and a {model} lens has {count}"
+    if model != "fisheye" and count < len(terms) <= len(names):
+        said += f" ({shown})"
+    raise FileFormatError(
+        said,
+        path=path,
+        key="distortion_coefficients",
+        hint="calibrate it without thin prism and tilted sensor, CALIB_RATIONAL_MODEL alone, or "
+        "have it estimated with the camera: `lens` rational",
+        value=len(terms),
+        bound=count,
+    )
 
 
 def _data_of(matrix: object) -> list[Any]:
@@ -202,10 +277,11 @@ def _kalibr_lens(path: Path, name: str, camera: Mapping[str, Any]) -> Lens:
     kind, distorted = (str(camera.get(f"{what}_model"))[:40] for what in ("camera", "distortion"))
     if kind != "pinhole" or distorted not in _KALIBR_MODELS:
         raise FileFormatError(
-            f"is of the model {kind} with {distorted}",
+            f"is of the model {kind} with {distorted}{_KALIBR_WORDS.get(kind, '')}",
             path=path,
             key=name,
-            hint="known are pinhole with radtan, equidistant or none",
+            hint="known are pinhole with radtan, equidistant or none: calibrate it as "
+            "pinhole-equi, or have a fisheye lens estimated with the camera",
         )
     model, count = _KALIBR_MODELS[distorted]
     found = numbers(camera["intrinsics"], 4)

@@ -22,6 +22,7 @@ from posedesign.hand_eye.lens_files import (
     read_kalibr_target,
     read_lens,
 )
+from posedesign.hand_eye.pairs.transforms import opencv_matrix
 
 SIZE = (640, 480)
 LINEAR = (800.0, 790.0, 321.0, 242.5)
@@ -235,3 +236,80 @@ def test_files_of_kalibr_that_are_others(tmp_path):
     for key, value in (("tagCols", 6.5), ("tagSize", 0.0), ("tagRows", "many"), ("tagSize", None)):
         said = refused(read_kalibr_target, tmp_path, yaml.safe_dump({**board, key: value}))
         assert f"key {key}: " in said
+
+
+NAMES_OF_OTHERS = {
+    "ROS": ("camera_matrix", "distortion_coefficients", {"image_width": 640, "image_height": 480}),
+    "a program": ("Intrinsic", "Distortion", {"ImageSize": [640, 480]}),
+    "camelCase": ("cameraMatrix", "distCoeffs", {"image_size": [640, 480]}),
+    "letters": ("K", "D", {"resolution": [640, 480]}),
+}
+
+
+@pytest.mark.parametrize("case", NAMES_OF_OTHERS.values(), ids=NAMES_OF_OTHERS)
+@pytest.mark.parametrize("nested", [False, True])
+def test_names_that_programs_of_opencv_write(tmp_path, case, nested):
+    matrix, distortion, size = case
+    K, terms = PINHOLE.to_opencv()
+    given: dict[str, Any] = {
+        matrix: K.tolist() if nested else opencv_matrix(K),
+        distortion: [terms.tolist()] if nested else opencv_matrix(terms[None]),
+        **size,
+    }
+    found = read_lens(write_json_atomic(tmp_path / "lens.json", given))
+    assert found.name == "pinhole"
+    np.testing.assert_allclose(found.values, PINHOLE.values)
+
+
+@pytest.mark.parametrize("count", [8, 12, 14])
+def test_terms_of_opencv_are_read_or_refused(tmp_path, count):
+    """Thin prism and tilt are up to some pixels: they are not dropped."""
+    lens = LENSES["rational"]
+    K, eight = lens.to_opencv()
+    size = {"image_width": 640, "image_height": 480}
+    terms = np.zeros(count)
+    terms[:8] = eight
+
+    def path(terms: FloatArray) -> Path:
+        given = {
+            "camera_matrix": opencv_matrix(K),
+            "distortion_coefficients": opencv_matrix(terms[None]),
+            **size,
+        }
+        return write_json_atomic(tmp_path / "lens.json", given)
+
+    np.testing.assert_allclose(read_lens(path(terms)).values, lens.values)
+    if count == 8:
+        return
+    for k in range(8, count):
+        terms[8:] = 0.0
+        terms[k] = 1e-3
+        with pytest.raises(FileFormatError, match=f"has {count} terms of distortion") as caught:
+            read_lens(path(terms))
+        assert caught.value.hint
+
+
+def test_more_terms_than_a_model_of_ros_has(tmp_path):
+    info = yaml.safe_load(camera_info(PINHOLE))
+    info["distortion_coefficients"] = {"rows": 1, "cols": 8, "data": [0.1] * 8}
+    path = tmp_path / "camera_info.yaml"
+    path.write_text(yaml.safe_dump(info))
+    with pytest.raises(FileFormatError, match="8 terms of distortion, and a pinhole lens has 5"):
+        read_lens(path)
+
+
+@pytest.mark.parametrize(("kind", "word"), [("omni", "mirror"), ("ds", "double"), ("eucm", "unif")])
+def test_models_of_kalibr_that_are_not_known_are_named(tmp_path, kind, word):
+    path = tmp_path / "camchain.yaml"
+    numbers = [0.5, 800.0, 800.0, 320.0, 240.0]
+    camera = {"camera_model": kind, "intrinsics": numbers, "distortion_model": "none"}
+    path.write_text(yaml.safe_dump({"cam0": {**camera, "resolution": [640, 480]}}))
+    with pytest.raises(FileFormatError, match=word):
+        read_lens(path)
+
+
+def test_a_lens_without_a_size_is_named(tmp_path):
+    path = tmp_path / "camera_intr.yaml"
+    path.write_text("intrinsics:\n  fx: 1400.0\n  fy: 1400.0\n  cx: 800.0\n  cy: 600.0\n")
+    with pytest.raises(FileFormatError, match="no size of the image"):
+        read_lens(path)

@@ -89,6 +89,7 @@ class Dialect:
             told = self.judge_data(data, path) if self.controlled else []
             wrong = next((problem for problem in told if problem.level == "error"), None)
         if wrong is not None:
+            program.whole()
             reason, hint = f"{wrong.message} [{wrong.rule}]", "the controller would refuse it"
             raise FileFormatError(reason, path=path, row=wrong.line, hint=hint)
         return program

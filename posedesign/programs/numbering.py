@@ -104,18 +104,28 @@ class Numbering:
         ``transforms`` makes poses ``(N, 4, 4)`` [m] of their numbers; ``unread``: what is read of
         no position.
 
-        Raises FileFormatError: a position is none, or an external axis moves from one to the other.
+        What is no position is unread. Raises FileFormatError: there is no other.
         """
         name, title, maker = named
-        numbered = self.of(stored, path)
-        values = [position.numbers(path) for _, position in numbered]
+        numbered, values, details, lost = [], [], [], list(unread)
+        for n, p in self.of(stored, path):
+            try:
+                given, more = p.numbers(path), p.details(path)
+            except FileFormatError as error:
+                lost.append(error)  # of this position alone
+                continue
+            numbered.append((n, p))
+            values.append(given)
+            details.append(more)
+        for fault in lost if not numbered else ():
+            raise fault
         own = [position for _, position in numbered if not position.other]
         rests = own or [p for _, p in numbered]
         carried = carried_off((axis for p in rests for axis in p.external), path)
         posed = [v for v, (_, p) in zip(values, numbered, strict=True) if p.cartesian]
         poses = iter(transforms(posed))
         positions = []
-        for (n, p), given in zip(numbered, values, strict=True):
+        for (n, p), given, more in zip(numbered, values, details, strict=True):
             of: dict[str, Any] = {}
             of["T_user_tool" if p.cartesian else "shown_deg"] = (
                 next(poses) if p.cartesian else np.array(given)
@@ -126,13 +136,13 @@ class Numbering:
                 number(text, f"{label}: {axis}", path, row, MOST_EXTERNAL)
                 for label, axis, text, row in p.external
             )
-            positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
+            positions.append(RecordedPosition(n, p.name, p.line, **of, **more))
         untouched = self.is_untouched(stored)
         mark = self.mark or PlanMark()
         return RecordedProgram(
             *(name, title, mark, tuple(positions), maker),
             empty_registers=untouched,
-            unread=tuple(unread),
+            unread=tuple(lost),
         )
 
     def of(self, positions: Sequence[P], path: Path | str) -> list[tuple[int, P]]:

@@ -33,7 +33,9 @@ rule                       what it asks
 ``first-move``          m  the first motion is PTP, and to a position that says all: the controller
                            goes there in block coincidence
 ``motion``                 LIN, CIRC and SPL go to poses
-``speed``                  PTP velocities and accelerations from 1 to 100 percent
+``speed``                  PTP and axis velocities and accelerations from 1 to 100 percent, those
+                           of paths above 0; indices of $VEL_AXIS and $ACC_AXIS from 1 to 6
+``loop``                   an endless loop moves, waits, or is left
 ``frame-value``            tools and bases from 0; m: tools to 16, bases to 32; a value of $TOOL or
                            $BASE has all of X Y Z A B C
 ``initialised``         m  BAS(#INITMOV,0) before the first motion
@@ -49,13 +51,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
-from posedesign.programs import rules
+from posedesign.programs import rules, signatures
 from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
 from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
@@ -63,6 +65,7 @@ from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.sets import set_mark
+from posedesign.programs.signatures import Argument
 
 MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
 """Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
@@ -123,6 +126,28 @@ _GLOBALS = _STATES | _words(
     """XHOME HOME FHOME PDEFAULT TOOL_DATA BASE_DATA LOAD_DATA SVEL_JOINT STOOL SBASE SLOAD
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
+SETTINGS = signatures.table("""
+$VEL_AXIS,$ACC_AXIS,$VEL_EXTAX,$ACC_EXTAX index:whole[1,6] value:number[1,100]
+$VEL.CP,$ACC.CP,$VEL.ORI1,$VEL.ORI2,$ACC.ORI1,$ACC.ORI2 value:number(0,]
+$OV_PRO value:number[0,100]
+$ADVANCE value:whole[0,5]
+BAS(#VEL_CP),BAS(#ACC_CP) value(0,]
+BAS(#VEL_PTP),BAS(#ACC_PTP),BAS(#PTP_PARAMS) value[1,100]
+""")
+"""What system variables and commands of BAS are given (KUKA, system variables, KSS 8.3)."""
+
+_DATA_SETTINGS: dict[str, dict[str, tuple[float, float]]] = {
+    "PDAT": {"VEL": (1, 100), "ACC": (1, 100)},
+    "LDAT": {"VEL": (1e-9, 10), "ACC": (1, 1000)},
+}
+"""Ranges of the numbers in the data of inline forms [percent; of VEL of LDAT m/s]."""
+
+_DOES = _words(
+    """motion spline call wait_sec wait_for halt goto return_ trigger interrupt asynchronous analog
+    brake"""
+)
+"""Statements of a loop that is not idle, or ends."""
+_NUMBERED = re.compile(r"X?P\d+")
 _LARGEST = {"S": 31, "T": 63}
 _WHOLE = ("[]", ",]")  # how indices of a whole array or of one of its rows end
 _FRAMES = {"TOOL": krl.MOST_TOOL, "BASE": krl.MOST_BASE}
@@ -135,12 +160,14 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
     module = _Module(data)
     other, missing = _companion(path, module)
     dat, src = (module, other) if module.is_data else (other, module)
+    blocks = list(block_faults(module.statements, _BLOCKS))
     return rules.told(
         rules.syntax(module.statements),
         rules.check_bytes(module.text.encode("latin-1"), _CONTROL, _NOT_ASCII),
         _check_length(module),
         _check_module(module, path),
-        block_faults(module.statements, _BLOCKS),
+        blocks,
+        () if blocks else _check_loops(module.statements),
         _check_places(module),
         _check_words(module, other),
         _check_positions(module),
@@ -256,6 +283,22 @@ def _check_module(module: _Module, path: Path) -> Iterator[Problem]:
     if module.name.upper() != path.stem.upper():
         # a file that was renamed on its way runs under its own name
         yield measuring(first.row, "module-name", f"{module.name} in the file {path.name}")
+
+
+def _check_loops(statements: Sequence[Statement]) -> Iterator[Problem]:
+    """Rule ``loop``: an endless loop moves, waits, or is left."""
+    opened: list[tuple[Statement, bool]] = []
+    for s in statements:
+        if s.kind in ("loop", "while_", "repeat"):
+            opened.append((s, s.kind == "loop" or text_of(s.tree).upper() == "TRUE"))
+        elif s.kind in ("endloop", "endwhile", "until") and opened:
+            begin, endless = opened.pop()
+            if endless or (s.kind == "until" and text_of(s.tree).upper() == "FALSE"):
+                yield Problem(begin.row, "loop", "an endless loop without a motion or a wait")
+        elif s.kind in _DOES or s.fault or (s.kind == "simple" and s.text[:4].upper() != "SKIP"):
+            opened = [(begin, False) for begin, _ in opened]
+            if s.kind not in ("fault", "simple"):
+                opened = []
 
 
 def _check_places(module: _Module) -> Iterator[Problem]:
@@ -375,8 +418,29 @@ def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
     variable, value = map(krl.key_of, statement.tree.children)
     node = statement.tree.children[1]
     given = _is_constant(node) or is_a(node, "function") or value.endswith(_WHOLE)
+    states = {name.partition("[")[0] for name in (variable, value)} & _STATES
+    if len(states) == 2:
+        yield Problem(statement.row, "form", f"{value} is none of {variable}")
+    yield from _check_value(statement.row, variable, statement.tree.children[1])
     if variable.endswith(_WHOLE) and not given:
         yield Problem(statement.row, "constant", "a whole array is given one value")
+
+
+def _check_value(row: int, variable: str, node: Node) -> Iterator[Problem]:
+    """What a system variable, or a command of BAS, is given."""
+    name, _, index = variable.partition("[")
+    signature = SETTINGS.get(name)
+    if signature is None:
+        return
+    texts = [index[:-1]] * (signature.parameters[0].name == "index") + [text_of(node)]
+    kind = "text" if _is_constant(node) else ""
+    numbers = [krl.as_number(text) for text in texts]
+    given = [
+        Argument(text, kind="number" if math.isfinite(n) else kind, number=n)
+        for text, n in zip(texts, numbers, strict=True)
+    ]
+    for rule, said in signature.faults(given):
+        yield Problem(row, "speed" if rule == "range" else "constant", said)
 
 
 def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]:
@@ -405,8 +469,11 @@ def _form_fault(of_type: str, name: str, text: str) -> str:
     if name not in known:
         return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
     pattern, said = _FORM_VALUES.get(name, (rf"(?!.{{41}}){krl.NUMBER}", "a number"))
-    fits = re.fullmatch(pattern, text, re.IGNORECASE | re.ASCII | re.DOTALL)
-    return "" if fits else f"is {text[:20]}, not {said}"
+    if not re.fullmatch(pattern, text, re.IGNORECASE | re.ASCII | re.DOTALL):
+        return f"is {text[:20]}, not {said}"
+    least, most = _DATA_SETTINGS.get(of_type, {}).get(name, (-math.inf, math.inf))
+    outside = not least <= krl.as_number(text) <= most if math.isfinite(most) else False
+    return f"is {text[:20]}, not {least:g} to {most:g}" if outside else ""
 
 
 def _check_positions(module: _Module) -> Iterator[Problem]:
@@ -428,6 +495,8 @@ def _check_positions(module: _Module) -> Iterator[Problem]:
             yield measuring(row, "position-format", f"{listed}: the others stay as they are")
         for name, text in fields:
             fault, level = _number_fault(name, text, module.is_data)
+            if "beyond" in fault and module.is_data and not _NUMBERED.fullmatch(variable):
+                level = "note"  # files of the controller itself have such values for no position
             if fault:
                 yield Problem(row, "number", f"{label}: {name} {text[:30]!a} {fault}", level)
 
@@ -460,14 +529,14 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
             if re.fullmatch(r"X?P\d+", variable) and variable not in used:
                 yield measuring(row, "position-used", f"{variable} is never used")
     known = {*src.names, *dat.names, *_GLOBALS}
-    sizes = {
-        str(item.children[0]).upper(): int(size[1:-1])
-        for declaring in (dat, src)
-        for statement in declaring.of_kind("declaration")
-        for item in krl.items_of(statement)
-        if re.fullmatch(r"\[[0-9]{1,7}\]", size := krl.size_of(item))
-    }
-    for statement in module.of_kind("motion", "assignment", "call"):
+    shared = {name: n for s in dat.of_kind("declaration") for name, n in _sizes(s)}
+    sizes = dict(shared)
+    for statement in module.of_kind("motion", "assignment", "call", "declaration", *BEGINS):
+        if statement.kind in BEGINS:
+            sizes = dict(shared)  # what a routine declares is its own
+        elif statement.kind == "declaration":
+            sizes |= _sizes(statement)
+            continue
         for node in statement.all("variable") if sizes else ():
             found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(node))
             most = sizes.get(found[1]) if found else None
@@ -478,6 +547,13 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
                 # it may be global, of a file that is not here
                 known.add(name.upper())
                 yield measuring(statement.row, "position-defined", f"{name[:40]} is not defined")
+
+
+def _sizes(declaration: Statement) -> Iterator[tuple[str, int | None]]:
+    """Arrays of one dimension that are declared, and their sizes; None where that is no number."""
+    for item in krl.items_of(declaration):
+        size = re.fullmatch(r"\[([0-9]{1,7})\]", krl.size_of(item))
+        yield str(item.children[0]).upper(), int(size[1]) if size else None
 
 
 def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
@@ -498,6 +574,8 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
         elif kind == "motion":
             word, target = krl.word_of(statement), statement.tree.children[1]
             ready |= {name[1:] for name, _ in krl.settings_of(statement)}
+            for name, value in krl.settings_of(statement):
+                yield from _check_value(row, name, value)
             fields = {*names.get(_target(statement), ())}
             fields |= {name for name, _ in krl.fields_of(target)}
             if not moved:
@@ -543,9 +621,8 @@ def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iter
 
 def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iterator[Problem]:
     value, called = krl.as_number(text), statement.kind == "call"
-    of_ptp = called and name in ("VEL_PTP", "ACC_PTP", "PTP_PARAMS")
-    if of_ptp and not (math.isnan(value) or 1 <= value <= 100):
-        yield Problem(row, "speed", f"{name} {text}: not from 1 to 100 percent")
+    if called and text:
+        yield from _check_value(row, f"BAS(#{name})", krl.arguments_of(statement)[1])
     if name not in _FRAMES:
         return
     is_whole = value >= 0 and value % 1 == 0 if called else text.isdigit()

@@ -124,7 +124,7 @@ def test_poses_of_melfa_are_read() -> None:
     [
         ("denso-pac", "2.5", "2_5", "cannot stand behind"),
         ("denso-pac", "2.5", "721", "beyond"),
-        ("denso-pac", "2.5", "2.5 * n", "5 plain numbers"),
+        ("denso-pac", "2.5", "2.5 * n", "no list of numbers"),
         ("denso-pac", ", 45, 0)", ")", "has 4 values"),
         (
             *("denso-pac", ", 60, 0, 0 )"),
@@ -132,7 +132,7 @@ def test_poses_of_melfa_are_read() -> None:
         ),
         ("doosan-drl", "132.64", "132_64", "beyond"),
         ("doosan-drl", "132.64", "721", "beyond"),
-        ("doosan-drl", "-0.01)", "-0.01 * 2)", "5 plain numbers"),
+        ("doosan-drl", "-0.01)", "-0.01 * 2)", "no list of numbers"),
         ("doosan-drl", ", -0.01)", ")", "has 5 values"),
         ("doosan-drl", "[0, 0, 90, 0, 90, 0]", "*given", "is changed by|no list of numbers"),
         ("kawasaki-as", "-91.265190", "-91_265190", "cannot be read"),

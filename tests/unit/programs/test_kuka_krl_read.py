@@ -279,3 +279,16 @@ def test_a_tool_that_stands_in_the_cell_is_refused() -> None:
     data = "DECL FDAT FP2={TOOL_NO 3,BASE_NO 4,IPO_FRAME #TCP}\nENDDAT"
     with pytest.raises(FileFormatError, match="stands in the cell"):
         parse(SMALL.replace("ENDDAT", data))
+
+
+def test_one_position_that_is_none_is_left_out_alone() -> None:
+    bends = "DECL AXIS BENDS={A1 999,A2 0,A3 0,A4 0,A5 0,A6 0}\n"
+    text = changed(SMALL, "ENDDAT", f"{bends}ENDDAT")
+    program = KukaKrl().parse(text.encode(), Path("CAL.dat"))
+    assert [p.number for p in program.positions] == [1, 2]
+    assert [error.message.partition(": ")[2] for error in program.unread] == [
+        "BENDS: A1 is 999 deg, beyond +-720 deg"
+    ]
+    with pytest.raises(FileFormatError, match="BENDS: A1 is 999"):
+        program.whole()
+    assert not [p for p in KukaKrl().check(text.encode(), Path("CAL.dat")) if p.level == "error"]

@@ -276,6 +276,8 @@ def _with_attributes(tag: bytes, values: dict[str, str]) -> bytes:
 
     def changed(match: re.Match[bytes]) -> bytes:
         key = match[1].decode("ascii", "replace")
+        if key == "quat_xyzw" and "rpy" in values:
+            return b""  # which may not stand beside it
         if key not in left:
             return match[0]
         before = match[0][: match.start(2) - match.start()]

@@ -9,9 +9,9 @@ from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 
+from calib.robots.description.urdf_kinematics import rpy_of as rpy_of
 from calib.robots.description.urdf_kinematics import spread
 from calib.robots.robot import Robot
-from calib.se3 import FloatArray
 
 if TYPE_CHECKING:
     from pinocchio import SE3, Frame
@@ -64,20 +64,6 @@ def urdf_of(robot: Robot, comment: str) -> bytes:
             _add_between(root, name, "fixed", links[frame.parentJoint], frame.name, frame.placement)
     indent(root)
     return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'.encode()
-
-
-def rpy_of(rotation: FloatArray) -> FloatArray:
-    """Roll, pitch, yaw ``(3,)`` [rad] of a rotation ``(3, 3)``: W, P, R to the last digit.
-
-    Also next to pitch +-90 deg, where :func:`calib.se3.wpr_from_rotation` sets R to zero and gives
-    up a nanoradian: there W is arbitrary, and R makes up for whatever it comes out as.
-    """
-    R = rotation
-    w = np.arctan2(R[2, 1], R[2, 2])
-    p = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
-    sw, cw = np.sin(w), np.cos(w)
-    r = np.arctan2(sw * R[0, 2] - cw * R[0, 1], cw * R[1, 1] - sw * R[1, 2])
-    return np.array([w, p, r]) + 0.0
 
 
 def _main_link(frames: Sequence[Frame], joint: int, used: set[str], joint_name: str) -> str:

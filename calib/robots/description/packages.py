@@ -8,8 +8,8 @@ Descriptions come from anywhere and name other files: meshes, included xacros, t
   the folders in these, if it holds a ``package.xml`` or lies in the tree; else the nearest of them
   whose ``package.xml`` says that name, however the folder is called; else one below the folders to
   search: those that were given, then those of ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
-* A file is read only where it lies in the tree or in a package named, once every link and ``..``
-  is resolved.
+* A file is read only where it lies in the tree, in a package named, or, named by its whole path
+  (``file://``), below a folder to search, once every link and ``..`` is resolved.
 """
 
 from __future__ import annotations
@@ -46,11 +46,13 @@ class Packages:
     ----------
     tree : Path
         The folder whose files it may read without naming a package.
+    search : tuple of Path
+        Folders whose files it may name by their whole path (``file://``).
     """
 
     def __init__(self, path: Path, search: Sequence[Path] = ()) -> None:
         self._file = path.resolve()
-        self._search = search
+        self.search = tuple(folder.resolve() for folder in search)
         self.tree = _tree_of(self._file)
 
     def find(self, name: str) -> Path | None:
@@ -83,7 +85,7 @@ class Packages:
         """Folders of packages by the name that their ``package.xml`` says, the nearest of each."""
         found: dict[str, Path] = {}
         near = (f for above in self._file.parents for f in (above, *_folders_in(above)))
-        for folder in (*near, *(f for start in self._search for f in _below(start))):
+        for folder in (*near, *(f for start in self.search for f in _below(start))):
             name = _declared_name(folder)
             if name:
                 found.setdefault(name, folder.resolve())

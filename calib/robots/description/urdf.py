@@ -26,7 +26,12 @@ from calib.errors import RobotModelError, model_error
 from calib.limited import read_bounded, run_limited
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
-from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
+from calib.robots.description.urdf_kinematics import (
+    Kinematics,
+    read_kinematics,
+    shown,
+    without_quaternions,
+)
 from calib.robots.model_chain import RobotDescription
 
 if TYPE_CHECKING:
@@ -41,7 +46,8 @@ class Description:
     """A URDF as text and as a tree, nothing in it checked but that it is one."""
 
     text: bytes  # as it stands in the file; of a xacro, what it expands to
-    root: Element  # the outermost element, name spaces of its elements removed
+    root: Element
+    """The outermost element, name spaces of its elements removed, rotations in roll, pitch, yaw."""
     folders: tuple[Path, ...]  # where the files lie that it may name
     packages: Packages  # those that it may name
     notices: tuple[str, ...]
@@ -122,6 +128,7 @@ def read_description(
             f"the outermost element is <{root.tag}>, not <robot>",
             "is it an SDF or a MuJoCo model? convert it to a URDF first",
         )
+    without_quaternions(root, path)
     return Description(text, root, tuple(folders), known, notices)
 
 

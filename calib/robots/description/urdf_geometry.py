@@ -212,5 +212,5 @@ class _Meshes:
         if scheme == "file":
             host, slash, inner = rest.partition("/")
             if host in ("", "localhost"):
-                return Path(slash + unquote(inner)), self._folders
+                return Path(slash + unquote(inner)), [*self._folders, *self._packages.search]
         raise _NoMesh("mesh not a file", name)

@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
+import numpy as np
+
 from calib.errors import RobotModelError, model_error, near_names
+from calib.se3 import FloatArray, rotation_from_quaternion
 
 MOST_LINKS = 1000
 """Cells of several arms have some two hundred; the reader behind Pinocchio calls itself for each
@@ -103,6 +106,57 @@ def printable(text: str) -> str:
 def spread(values: list[float]) -> str:
     """Numbers as a URDF has them, with every digit."""
     return " ".join(map(repr, values))
+
+
+def rpy_of(rotation: FloatArray) -> FloatArray:
+    """Roll, pitch, yaw ``(3,)`` [rad] of a rotation ``(3, 3)``: W, P, R to the last digit.
+
+    Also next to pitch +-90 deg, where :func:`calib.se3.wpr_from_rotation` sets R to zero and gives
+    up a nanoradian: there W is arbitrary, and R makes up for whatever it comes out as.
+    """
+    R = rotation
+    w = np.arctan2(R[2, 1], R[2, 2])
+    p = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
+    sw, cw = np.sin(w), np.cos(w)
+    r = np.arctan2(sw * R[0, 2] - cw * R[0, 1], cw * R[1, 1] - sw * R[1, 2])
+    return np.array([w, p, r]) + 0.0
+
+
+def without_quaternions(root: Element, path: Path) -> None:
+    """Write ``<origin quat_xyzw>``, which URDF has from version 1.1 on, as roll, pitch and yaw.
+
+    Everywhere in a description, in place: in joints, masses and shapes.
+
+    Raises
+    ------
+    RobotModelError
+        A quaternion is not four finite numbers, stands beside an rpy, or in a file of version 1.0,
+        in which it means nothing to other readers.
+    """
+    for element in root.iter():
+        origin = element.find("origin")
+        if origin is None or (text := origin.attrib.pop("quat_xyzw", None)) is None:
+            continue
+        of = f"<{element.tag}> {shown(element.get('name', ''))}"
+        values = numbers(text)
+        why, hint = "", ""
+        if len(values) != 4 or not any(values):
+            why, hint = "not four finite numbers that are a rotation", "correct it"
+        elif "rpy" in origin.attrib:
+            why, hint = f"and rpy={shown(origin.get('rpy'))}", "leave one of them out"
+        elif (root.get("version") or "1.0") not in _WITH_QUATERNIONS:
+            hint = 'if the quaternion is meant, write <robot version="1.1">'
+            why = "which URDF 1.0 does not have: others would read no rotation"
+        if why:
+            raise model_error(
+                path, f"an origin of {of} has quat_xyzw={shown(text)}, {why}", hint, "quat_xyzw"
+            )
+        x, y, z, w = values
+        R = rotation_from_quaternion(np.array([w, x, y, z]) / max(map(abs, values)))
+        origin.set("rpy", spread(rpy_of(R).tolist()))
+
+
+_WITH_QUATERNIONS = ("1.1", "1.2")
 
 
 def _add_joint(joint: Element, out: Kinematics, path: Path) -> None:

@@ -307,6 +307,19 @@ def test_only_origins_of_moved_joints_change_in_a_file(tmp_path, source):
     assert lines[14].endswith(added[1])
 
 
+def test_a_quaternion_gives_way_to_roll_pitch_and_yaw(tmp_path):
+    source = tmp_path / "in.urdf"
+    text = FILE.replace(b"rpy='0.1 0 0'", b"quat_xyzw='0.1 0 0 0.9'")
+    source.write_bytes(text.replace(b'name="small"', b'name="small" version="1.1"'))
+    robot = Robot.from_urdf(source)
+    model = model_of(robot, ZeroOffsets(robot, ["a1"]))
+    x = model.nominal.copy()
+    x[0] = 0.01
+    content = corrected_urdf(corrected_robot(model, x), source)
+    assert b"quat_xyzw" not in content
+    assert_stands_as(read_back(content, tmp_path, robot), model, x)
+
+
 def test_a_name_space_is_kept(tmp_path):
     text = FILE.decode("latin-1").replace("<?xml version='1.0' encoding='ISO-8859-1'?>", "")
     for tag in ("robot", "joint", "link", "parent", "child", "axis", "limit", "origin"):

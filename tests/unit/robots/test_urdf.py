@@ -10,6 +10,7 @@ import pytest
 from calib import Robot
 from calib.errors import RobotModelError
 from calib.robots.description import urdf
+from calib.se3 import rotation_from_quaternion
 
 LIMIT = '<limit lower="-1" upper="1.5" velocity="2" effort="1"/>'
 
@@ -407,3 +408,43 @@ def test_a_file_without_end_is_not_read_to_it(monkeypatch, tmp_path):
     path.write_text(f'<robot name="arm">{ABC}{J1}{J2}{" " * 1000}</robot>')
     with pytest.raises(RobotModelError, match="too large for a description"):
         Robot.from_urdf(path)
+
+
+QUARTER = 'quat_xyzw="0.1 -0.3 0.5 0.7"'  # of no unit length
+
+
+def as_version_1_1(inside: str) -> str:
+    return f'<?xml version="1.0"?><robot name="arm" version="1.1">{inside}</robot>'
+
+
+def test_origins_may_turn_by_quaternions(read):
+    """As Pinocchio reads the same file, masses and shapes as well."""
+    box = f'<collision><origin xyz="0 0 1" {QUARTER}/><geometry><sphere radius="1"/></geometry>'
+    inside = inertial(origin=f'<origin xyz="1 2 3" {QUARTER}/>') + box + "</collision>"
+    inside = inside.replace('ixx="1"', 'ixx="2"')
+    turned = (J1 + J2).replace('rpy="0 0.2 0"', QUARTER)
+    text = as_version_1_1(link("a") + link("b", inside) + link("c") + turned)
+    robot, model = read(text), pin.buildModelFromXML(text)
+    for one, other in zip(robot.model.jointPlacements, model.jointPlacements, strict=True):
+        np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=1e-12)
+    one, other = robot.model.inertias[1], model.inertias[1]
+    np.testing.assert_allclose(one.inertia, other.inertia, rtol=0, atol=1e-12)
+    R = rotation_from_quaternion([0.7, 0.1, -0.3, 0.5])
+    np.testing.assert_allclose(robot.bodies[0].T_link_body[:3, :3], R, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("version", "origin", "why"),
+    [
+        ("", QUARTER, "URDF 1.0 does not have"),
+        ('version="1.0"', QUARTER, "URDF 1.0 does not have"),
+        ('version="1.2"', f'{QUARTER} rpy="0 0 0"', "and rpy='0 0 0'"),
+        ('version="1.2"', 'quat_xyzw="0 0 0 0"', "not four finite numbers that are a rotation"),
+        ('version="1.2"', 'quat_xyzw="0 0 1"', "not four finite numbers that are a rotation"),
+        ('version="1.2"', 'quat_xyzw="0 0 nan 1"', "not four finite numbers"),
+    ],
+)
+def test_quaternions_that_mean_nothing_are_refused(read, version, origin, why):
+    joints = J1 + J2.replace('rpy="0 0.2 0"', origin)
+    with pytest.raises(RobotModelError, match=f"an origin of <joint> 'j2' has quat_xyzw=.*{why}"):
+        read(f'<?xml version="1.0"?><robot name="arm" {version}>{ABC}{joints}</robot>')

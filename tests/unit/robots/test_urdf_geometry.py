@@ -350,3 +350,19 @@ def test_folders_to_search_for_packages(elsewhere, meshes_read, monkeypatch, how
 def test_a_folder_to_search_that_is_none(elsewhere):
     with pytest.raises(RobotModelError, match="where packages are to be searched, is no folder"):
         Robot.from_urdf(elsewhere, packages=[elsewhere])
+
+
+def test_files_by_their_whole_path_may_lie_below_a_folder_to_search(elsewhere, meshes_read):
+    file = elsewhere.parents[2].parent / "two/deep/hands/meshes/m.stl"
+    elsewhere.write_text(arm(b=mesh(f"file://{file}")))
+    robot = Robot.from_urdf(elsewhere, tip="tool")
+    assert not robot.bodies
+    assert "mesh outside of its package" in robot.notices[0]
+    robot = Robot.from_urdf(elsewhere, tip="tool", packages=[file.parents[2]])
+    assert [body.name for body in robot.bodies] == ["b"]
+    # no way out of the folder
+    robot = Robot.from_urdf(elsewhere, tip="tool", packages=[file.parents[3] / "deep/hands/.."])
+    assert [body.name for body in robot.bodies] == ["b"]
+    (file.parent / "out.stl").symlink_to("/etc/passwd")
+    elsewhere.write_text(arm(b=mesh(f"file://{file.parent}/out.stl")))
+    assert not Robot.from_urdf(elsewhere, tip="tool", packages=[file.parents[2]]).bodies

@@ -25,11 +25,13 @@ motion groups than the first. The layout is that of public backups::
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from calib.errors import FileFormatError
 from posedesign.programs import reading
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import LANGUAGE, Group, Listing, read_listing
@@ -51,6 +53,7 @@ EXTENDED = ("E1", "E2", "E3")
 RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_GIVEN = re.compile(r"\s*P ?\[(?: ?(\d{1,9})(?=[^\w]))?[^=]*\] *(?:\.\w+ *)?=")
 _INCREMENT = re.compile(r"\b(INC|INK)\b")
 _NUMBERED = re.compile(r"PR?\[(\d+)\]")
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
@@ -68,6 +71,11 @@ class _Stored(Stored):
     @property
     def cartesian(self) -> bool:
         return self.group.config is not None or bool({*PLACE, *TURN} & self.group.fields.keys())
+
+    @property
+    def is_taught(self) -> bool:
+        """Whether it has any value of its own."""
+        return any(self.group.has_value(name) for name in (*JOINTS, *PLACE, *TURN))
 
     @property
     def external(self) -> list[tuple[str, str, str, int]]:
@@ -120,20 +128,26 @@ class _Stored(Stored):
 
 
 def _program(
-    named: tuple[str, str], mark: PlanMark | None, stored: dict[str, _Stored], path: Path | str
+    named: tuple[str, str],
+    mark: PlanMark | None,
+    stored: dict[str, _Stored],
+    path: Path | str,
+    unread: Sequence[FileFormatError] = (),
 ) -> RecordedProgram:
     """The program of a name and a comment with its positions, by their labels.
 
     Raises FileFormatError: a position is none, or an extended axis is not there in all of them.
     """
     axes = {label: p.group.fields.keys() & EXTENDED for label, p in stored.items()}
-    first = next(iter(stored))
-    for label, p in stored.items():
+    taught = {label: p for label, p in stored.items() if p.is_taught}
+    first = next(iter(taught), "")
+    for label, p in taught.items():
         for axis in sorted(axes[label] ^ axes[first]):
             refuse(f"{label}: {axis} is not there as in {first}", path, p.group.row)
     names = {int(label[label.index("[") + 1 : -1]): p.name for label, p in stored.items()}
     numbering = Numbering(_NUMBERED, mark=mark, names=names)
-    return numbering.program((*named, "fanuc"), [*stored.values()], reading.poses_of, path)
+    given = [*stored.values()]
+    return numbering.program((*named, "fanuc"), given, reading.poses_of, path, unread)
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
@@ -161,24 +175,49 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     )
     # a rail may be another motion group, and a positioner carries the target: no axes of the arm's
     moved = carried_off(others, path)
+    lost: dict[str, tuple[str, int]] = {}
     for line in listing.instructions if _INCREMENT.search(text) else ():
         targets = line.statement.all("target") if _INCREMENT.search(line.code) else ()
         for label in (f"P[{next(nodes(tree, 'index')).children[0]}]" for tree in targets):
             if label in stored and line.kind == "motion":
-                reason = f"moves by an increment (INC): {label} is no position"
-                refuse(reason, path, line.row, "store the position itself")
+                lost[label] = f"moves by an increment (INC): {label} is no position", line.row
+    if "=" in text[text.find("/MN") :]:
+        lost |= _changed(listing)
+    unread = [
+        FileFormatError(reason, path=path, row=row, hint="store the position itself")
+        for label, (reason, row) in lost.items()
+        if stored.pop(label, None)
+    ]
+    for error in unread if not stored else ():
+        raise error
     named = ("COMMENT", "KOMMENTAR")
     comment = next((text for _, key, text in listing.attributes if key in named), '""')
     marked = (_MARK.fullmatch(line.text) for line in listing.lines)
     marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), None)
-    read = _program((name, comment.split('"')[1].strip()), mark, stored, path)
+    read = _program((name, comment.split('"')[1].strip()), mark, stored, path, unread)
     strange = {
         n: {len(EXTENDED) + k: e for k, e in moved.get(f"P[{n}]", {}).items()}
         for n in (p.number for p in read.positions)
     }
     positions = (replace(p, carried={**p.carried, **strange[p.number]}) for p in read.positions)
     return replace(read, positions=tuple(positions))
+
+
+def _changed(listing: Listing) -> dict[str, tuple[str, int]]:
+    """Positions that an instruction gives other values, and a motion goes to: why not read."""
+    given = [_GIVEN.match(line.code) for line in listing.instructions]
+    if not any(given):
+        return {}
+    found: dict[str, tuple[str, int]] = {}
+    whole = any(own and not own[1] for own in given)  # a register chooses which
+    names = {f"P[{int(own[1])}]" for own in given if own and own[1]}
+    for line in listing.instructions:
+        for tree in line.statement.all("target") if line.kind == "motion" else ():
+            label = f"P[{next(nodes(tree, 'index')).children[0]}]"
+            if str(tree.children[0]) == "P" and (whole or label in names):
+                found.setdefault(label, (f"{label} is changed by the program", line.row))
+    return found
 
 
 def _name(listing: Listing, path: Path | str) -> str:

@@ -286,7 +286,8 @@ def _check_group(position: Position, group: Group) -> Iterator[Problem]:
             wanted = "mm" if far else "deg"
             reason = f"{said} is in {unit or 'no unit'}, not in {wanted}"
             # a gantry's first joints are in millimetres
-            level = "measuring" if name in JOINTS and unit else "error"
+            untaught = any(value.startswith("*") for value, _ in group.fields.values())
+            level = "measuring" if (name in JOINTS and unit) or untaught else "error"
             yield Problem(at, "unit", reason, level)
         elif len(text) > 20 or abs(float(text)) > (180.0 if name in TURN else most):
             yield Problem(at, "range", f"{said} is {text[:20]}")

@@ -10,6 +10,7 @@ import pytest
 
 from calib.errors import FileFormatError, InputError, UnreachableError
 from posedesign.programs import DIALECTS, Arm, ProgramPose, RecordedProgram, postures_of, read
+from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls, parse_registers
 from tests.unit.programs.dialects import arm_of, changed, export, program_of, refused
 
@@ -250,3 +251,38 @@ def test_without_a_configuration_the_plan_settles_which_posture_is_meant() -> No
         postures_of(positions, ARM)
     found = postures_of(positions, ARM, POSTURES + np.deg2rad(0.5))
     np.testing.assert_allclose(found, POSTURES, atol=2e-3)
+
+
+UNTAUGHT = """P[2]{
+   GP1:
+\tUF : F, UT : F,\tCONFIG : '   , , , , ',
+\tX = ********  mm,\tY = ********  mm,\tZ = ********  mm,
+\tW = ********  deg,\tP = ********  deg,\tR = ********  deg,
+\tE1=     0.000
+};
+"""
+
+
+def test_an_untaught_position_spoils_no_other() -> None:
+    text = SMALL.replace("/END", UNTAUGHT + "/END")
+    program = FanucLs().parse(text.encode(), Path("CAL.LS"))
+    assert [p.number for p in program.positions] == [1]
+    assert "P[2]: X has no value" in program.unread[0].message
+    assert [p for p in FanucLs().check(text.encode(), Path("CAL.LS")) if p.level == "error"] == []
+
+
+@pytest.mark.parametrize("change", ["P[2]=LPOS", "P[2]=PR[3]"])
+def test_a_position_that_the_program_changes_is_unread(change: str) -> None:
+    move = "   1:J P[1] 10% FINE    ;\n"
+    moves = f"{move}   2:  {change} ;\n   3:J P[2] 10% FINE    ;\n"
+    text = SMALL.replace(move, moves).replace("/END", SECOND + "/END")
+    program = FanucLs().parse(text.encode(), Path("CAL.LS"))
+    assert 2 not in [p.number for p in program.positions]
+    assert "P[2] is changed by the program" in " ".join(e.message for e in program.unread)
+    assert len(parse(text.replace("3:J P[2]", "3:J P[1]")).positions) == 2
+
+
+def test_words_of_german_controllers() -> None:
+    move = "   1:J P[1] 10% FINE    ;"
+    text = SMALL.replace(move, "   1:L P[1] 10mm/sec FINE WKZ_Offset,PR[3]    ;")
+    assert [p for p in FanucLs().check(text.encode(), Path("CAL.LS")) if p.level == "error"] == []

@@ -467,6 +467,9 @@ class BoardSection(Section):
     ``round-target`` has neither columns nor rows."""
     rows: Across | None = None
     """The same, down."""
+    inner_corners: tuple[Across, Across] | None = None
+    """In place of columns and rows of ``charuco`` and ``chessboard``: corners between squares,
+    across and down, one less than squares. A chessboard of 10 x 7 squares has [9, 6]."""
     square_mm: Size | None = None
     """Side of the squares of ``charuco`` and ``chessboard``."""
     spacing_mm: Size | None = None
@@ -476,6 +479,9 @@ class BoardSection(Section):
     """Side of the black square of a marker."""
     diameter_mm: Size | None = None
     """Of circles, where half the distance of neighbours is the default; of a ``round-target``."""
+    large_dot_mm: Size | None = None
+    """Diameter of the left upper circle of a grid that marks one corner by a larger dot. Turn the
+    board until that dot is left above, then count columns and rows."""
     dictionary: Name | None = None
     """Dictionary of the markers as OpenCV names it, DICT_5X5_100 or 5x5_100; that of
     ``apriltag-grid`` and ``kalibr-aprilgrid`` is 36h11 by default."""

@@ -25,14 +25,18 @@ from calib.vision.boards.board_map import BoardMap
 from calib.vision.boards.finding import turns_of
 from calib.vision.camera.edges import read_grey
 
-_PER_CELL = 6
-"""Grey levels that are read across a cell of the lattice, and down."""
+_ACROSS = np.array([0.06, 0.17, 0.33, 0.5, 0.67, 0.83, 0.94])
+"""Places across a cell of the lattice, and down, at which grey levels are read. The second one is
+in the border of the markers of grids."""
 
 _NEAR = 2.2
 """Distance of cells from points that were seen, in cells: further on the map is not known."""
 
 _GOES_ON = 0.5
 """Correlation with the pattern above which it is there."""
+
+_MOST_OF_ROW = 0.6
+"""Share of a row that has to be seen, for the board to end before it."""
 
 _AT_EDGE = 2
 """Of the grey levels down a cell, those that are read first: beyond them the paper may end."""
@@ -61,6 +65,7 @@ def disagreement(
     board_map: BoardMap,
     which: NDArray[np.intp],
     px: FloatArray,
+    good: BoolArray,
     levels: tuple[float, float],
 ) -> str:
     """Return in words what of the picture is not as described, or nothing.
@@ -68,11 +73,13 @@ def disagreement(
     Parameters
     ----------
     which, px : ndarray (K,), (K, 2)
-        Points of the board that were seen, and where.
+        Points of the board whose edges were seen, and where.
+    good : ndarray (K,)
+        Points of these that lie on the map.
     levels : tuple of float
         Grey levels of black and white.
     """
-    seen = board.points[which, :2]
+    seen = board.points[which[good], :2]
     if isinstance(board, MarkerBoard) and _shows_others(grey, board, board_map, seen, levels):
         return OTHER_MARKERS
     size = _size_of_misfit(grey, board, board_map, seen, levels)
@@ -100,7 +107,8 @@ def _size_of_misfit(
     cells, places, black = _lattice_of(board)
     near = _near(cells.reshape(-1, 2), seen, board.step_m).reshape(cells.shape[:2])
     at, inside = read_grey(grey, board_map(places))  # (rows, columns, samples)
-    usable: BoolArray = np.asarray((inside & near[..., None]).all(axis=2))
+    readable = inside & near[..., None]
+    usable: BoolArray = np.asarray(readable.all(axis=2))
     dark, light = levels
     for side in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
         there = usable[side]
@@ -112,36 +120,39 @@ def _size_of_misfit(
     if not isinstance(board, MarkerBoard):  # found with all points or not at all
         return ""
     own = np.s_[1:-1, 1:-1]
-    fine = (board.rows, board.columns, _PER_CELL, _PER_CELL)
+    fine = (board.rows, board.columns, len(_ACROSS), len(_ACROSS))
     for turn in range(4):  # rows from above, columns from the right, rows from below ...
         rows = zip(
-            np.rot90(usable[own], turn),
+            np.rot90(np.rot90(readable[own].reshape(fine), turn), turn, axes=(2, 3)),
             np.rot90(np.rot90(at[own].reshape(fine), turn), turn, axes=(2, 3)),
             np.rot90(np.rot90(black[own].reshape(fine), turn), turn, axes=(2, 3)),
             strict=True,
         )
-        if any(_ends(before, row, levels) for before, row in pairwise(rows)):
+        # the gap of a grid is white, and in Kalibr's the squares of the row before are in it
+        edge = np.s_[1:_AT_EDGE] if isinstance(board, MarkerGrid) else np.s_[:_AT_EDGE]
+        if any(_ends(before, row, levels, edge) for before, row in pairwise(rows)):
             return "smaller"
     return ""
 
 
 _Row = tuple[BoolArray, FloatArray, FloatArray]
-"""Cells of a row that can be judged ``(C,)``, their grey levels ``(C, samples, samples)`` and what
-would be black."""
+"""Places in cells of a row ``(C, samples, samples)``: can they be judged, their grey levels, and
+what would be black."""
 
 
-def _ends(before: _Row, row: _Row, levels: tuple[float, float]) -> bool:
+def _ends(before: _Row, row: _Row, levels: tuple[float, float], edge: slice) -> bool:
     """Return True if a row shows its pattern, and the next one white where that begins."""
     dark, light = levels
-    usable, at, black = row
-    at, black = at[:, :_AT_EDGE], black[:, :_AT_EDGE]
-    if not (usable.all() and before[0].all() and (black == 1.0).any(axis=(1, 2)).sum() > 1):
+    usable = before[0].all(axis=(1, 2)) & row[0][:, edge].all(axis=(1, 2))
+    at, black = (each[usable, edge] for each in row[1:])
+    if usable.mean() < _MOST_OF_ROW or (black == 1.0).any(axis=(1, 2)).sum() < 2:
         return False
-    middle = float(np.median(at))
+    should_be_black = at[black == 1.0]
+    middle = float(np.median(should_be_black))
     if abs(middle - light) > _PAPER * (light - dark) or middle > CLIPPED_ROW > light:
         return False  # it may be hidden
-    missing = np.mean(at[black == 1.0] < (dark + light) / 2) < 0.1
-    return bool(missing and _likeness(before[1], before[2]) > _GOES_ON)
+    missing = np.mean(should_be_black < (dark + light) / 2) < 0.1
+    return bool(missing and _likeness(before[1][usable], before[2][usable]) > _GOES_ON)
 
 
 def _shows_others(
@@ -207,7 +218,7 @@ def _side_of_markers_off(
     middles = board.marker_corners.mean(axis=1)[which // 4]
     slope = board_map.slope(xy, board.cell_m / 10)
     out = (slope @ (xy - middles)[..., None])[..., 0]
-    part = float(((px - board_map(xy)) * out).sum() / (out**2).sum())
+    part = float(np.median(((px - board_map(xy)) * out).sum(axis=1) / (out**2).sum(axis=1)))
     half_px = float(np.sqrt(np.median((out**2).sum(axis=1)) / 2.0))
     return part if abs(part) > SIDE_OFF and abs(part) * half_px > SIDE_OFF_PX else 0.0
 
@@ -222,8 +233,7 @@ def _lattice_of(board: GridBoard) -> tuple[FloatArray, FloatArray, FloatArray]:
     first = board.box.reshape(2, 2).mean(axis=0) - step * count / 2
     column, row = np.meshgrid(np.arange(-1, count[0] + 1), np.arange(-1, count[1] + 1))
     corners = first + step * np.stack([column, row], axis=-1)
-    across = (np.arange(_PER_CELL) + 0.5) / _PER_CELL
-    aside = step * np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+    aside = step * np.stack(np.meshgrid(_ACROSS, _ACROSS), axis=-1).reshape(-1, 2)
     places = corners[..., None, :] + aside
     # what is beyond is as two cells before it: of two, one is black, or no large dot
     period = step * np.minimum(count, 2)

@@ -27,7 +27,7 @@ neighbours: a lens bends by less, and a point that is further off is nearer to a
 _SIGMAS = 5.0
 """Standard deviations beyond which a point is another."""
 
-_ROUGH = 0.15
+ROUGH, ROUGH_MARKERS = 0.06, 0.15
 """Distance from the map of rough points that are the board's, in parts of the distance of
 neighbours: paper is not flat, and corners of small markers are off by a pixel."""
 
@@ -99,6 +99,7 @@ def fit_map(
     near_px: float,
     *,
     refined: bool = False,
+    rough: float = ROUGH,
     shape: tuple[int, ...] | None = None,
     fisheye: Fisheye | None = None,
 ) -> tuple[BoardMap, BoolArray] | None:
@@ -112,6 +113,8 @@ def fit_map(
         Distance of neighbours in the picture.
     refined : bool
         The points are known to a fraction of a pixel.
+    rough : float
+        Distance from the map of points that are not refined, in parts of ``near_px``.
     shape : tuple of int, optional
         Height and width of the picture. Fisheye lenses are tried where they are given and many
         points keep to no map without.
@@ -125,7 +128,8 @@ def fit_map(
     """
     if len(xy) < 4:
         return None
-    best = _fit_robustly(xy, px, near_px, refined, fisheye)
+    floor = _FLOOR_PX if refined else max(rough * near_px, 1.0)
+    best = _fit_robustly(xy, px, near_px, floor, refined, fisheye)
     if shape is None or fisheye is not None or len(xy) < 16:
         return best
     middle = np.array([shape[1], shape[0]]) / 2.0 - 0.5
@@ -133,14 +137,19 @@ def fit_map(
         if best is not None and best[1].mean() > _MOST:
             return best
         lens = Fisheye(middle, part / float(middle @ middle))
-        other = _fit_robustly(xy, px, near_px, refined, lens)
+        other = _fit_robustly(xy, px, near_px, floor, refined, lens)
         if other is not None and (best is None or other[1].sum() > best[1].sum()):
             best = other
     return best
 
 
 def _fit_robustly(
-    xy: FloatArray, px: FloatArray, near_px: float, refined: bool, fisheye: Fisheye | None
+    xy: FloatArray,
+    px: FloatArray,
+    near_px: float,
+    floor: float,
+    refined: bool,
+    fisheye: Fisheye | None,
 ) -> tuple[BoardMap, BoolArray] | None:
     straight = px if fisheye is None else fisheye.straight(px)
     first, kept = cv2.findHomography(
@@ -149,7 +158,6 @@ def _fit_robustly(
     if first is None or kept is None:
         return None
     inside = kept.ravel() > 0
-    floor = _FLOOR_PX if refined else max(_ROUGH * near_px, 1.0)
     found: BoardMap | None = None
     for k in range(_ROUNDS):
         if np.count_nonzero(inside) < 4:

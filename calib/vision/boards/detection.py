@@ -30,6 +30,7 @@ from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
     CircleLattices,
     Found,
+    circles_shown,
     find_chessboard,
     find_circles,
     find_markers,
@@ -37,7 +38,7 @@ from calib.vision.boards.finding import (
     is_face_up,
     match_markers,
     points_near,
-    shows_squares,
+    squares_shown,
 )
 from calib.vision.boards.layouts import another_layout, side_of_markers
 from calib.vision.boards.round_target import find_round_targets
@@ -196,9 +197,7 @@ def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
                 which = points_near(board, which[good][inside])
                 xy = board.points[which, :2]
             measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
-    good = good.copy()
-    good[good] = inside
-    return _judged(grey, board, which, replace(measured, good=good), board_map)
+    return _judged(grey, board, which, measured, inside, board_map)
 
 
 def _judged(
@@ -206,9 +205,13 @@ def _judged(
     board: Board,
     which: NDArray[np.intp],
     measured: Refined,
+    inside: NDArray[np.bool_],
     board_map: BoardMap,
 ) -> BoardSighting | None:
-    good, xy = measured.good, board.points[which, :2]
+    sharp, xy = measured.good, board.points[which, :2]
+    good = sharp.copy()
+    good[sharp] = inside
+    measured = replace(measured, good=good)
     least = LEAST_POINTS
     if not isinstance(board, MarkerBoard):
         least = max(least, int(np.ceil(LEAST_SHARE * len(xy))))
@@ -223,7 +226,9 @@ def _judged(
     failed = partial(BoardSighting.failed, board, sharpness_px=width)
     dark, light = (float(np.median(each[good])) for each in (measured.dark, measured.light))
     if isinstance(board, GridBoard):
-        said = disagreement(grey, board, board_map, which[good], measured.px[good], (dark, light))
+        said = disagreement(
+            grey, board, board_map, which[sharp], measured.px[sharp], inside, (dark, light)
+        )
         if said:
             words = said if said == OTHER_MARKERS else _not_the(board, said)
             return failed("another board", words)
@@ -371,22 +376,21 @@ def _other_markers(picture: GreyImage, board: MarkerBoard) -> str:
 
 
 def _other_size(picture: GreyImage, board: Board, lattices: CircleLattices) -> str:
-    """A board of a size near to it that the picture shows, in words."""
-    if not isinstance(board, (Chessboard, CircleGrid)):
+    """A board of another size, or of circles in another order, that the picture shows, in words."""
+    if isinstance(board, Chessboard):
+        size = squares_shown(picture, max(min(board.columns, board.rows) - 3, 3))
+        if size and sorted(size) != sorted((board.columns, board.rows)):
+            size = size if (size[0] < size[1]) == (board.columns < board.rows) else size[::-1]
+            return _not_the(board, f"a chessboard of {size[0]} x {size[1]} squares or more")
+    shown = circles_shown(lattices) if isinstance(board, CircleGrid) else None
+    if shown is None or not isinstance(board, CircleGrid):
         return ""
-    columns, rows = board.columns, board.rows
-    if isinstance(board, Chessboard) and not shows_squares(picture, min(columns, rows) - 1):
+    kind, columns, rows = shown
+    if kind is type(board) and sorted((columns, rows)) == sorted((board.columns, board.rows)):
         return ""
-    near = [(columns - i, rows - j) for i in range(2) for j in range(2) if i or j]
-    for size in [*near, (columns + 1, rows + 1), (rows, columns)]:
-        try:
-            other = replace(board, columns=size[0], rows=size[1])
-        except InputError:
-            continue
-        found = None if size == (columns, rows) else sight(picture, other, lattices=lattices)
-        if found is not None and found.is_ok:
-            return f"the picture shows a {other.words}, not of {columns} x {rows}: correct them"
-    return ""
+    if kind is CircleGrid and board.columns < board.rows:
+        columns, rows = rows, columns
+    return _not_the(board, f"the {kind.name} of {columns} x {rows}")
 
 
 def _found_smaller(picture: GreyImage, board: Board) -> BoardSighting | None:

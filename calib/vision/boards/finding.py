@@ -26,7 +26,7 @@ from calib.vision.boards.board import (
     KalibrAprilGrid,
     MarkerBoard,
 )
-from calib.vision.boards.board_map import BoardMap, fit_map, spacing
+from calib.vision.boards.board_map import ROUGH_MARKERS, BoardMap, fit_map, spacing
 from calib.vision.camera.rendering import GreyImage
 
 SMALLEST_MARKER_PX = 10.0
@@ -126,7 +126,7 @@ def match_markers(
     xy, best = board.marker_corners[index].reshape(-1, 2), None
     for turn in turns_of(board):
         px = known.turned(turn).corners.reshape(-1, 2)
-        fitted = fit_map(xy, px, known.side_px, shape=shape)
+        fitted = fit_map(xy, px, known.side_px, rough=ROUGH_MARKERS, shape=shape)
         if fitted is not None and (best is None or fitted[1].sum() > best[1].sum()):
             best = fitted
             if best[1].mean() > 0.9:
@@ -184,12 +184,16 @@ def find_chessboard(picture: GreyImage, board: Chessboard, *, thoroughly: bool) 
     return None
 
 
-def shows_squares(picture: GreyImage, across: int) -> bool:
-    """Whether there are so many squares of a chessboard, across and down, or more."""
-    size = (max(across - 1, 3),) * 2
+def squares_shown(picture: GreyImage, least: int) -> tuple[int, int] | None:
+    """Return columns and rows of squares of a chessboard with so many inner corners or more."""
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_LARGER
-    shown = (picture if scale == 1 else halved(picture) for scale in _scales(picture))
-    return any(cv2.findChessboardCornersSB(each, size, flags=flags)[0] for each in shown)
+    for scale in _scales(picture):
+        shown = picture if scale == 1 else halved(picture)
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(shown, (least, least), flags)
+        if found:
+            rows, columns = np.asarray(meta).shape[:2]
+            return columns + 1, rows + 1
+    return None
 
 
 def _scales(picture: GreyImage) -> tuple[int, ...]:
@@ -336,6 +340,21 @@ def _grown(places: _Places, seed: int, basis: Sequence[complex]) -> Cells:
                 used.add(found)
                 queue.append(there)
     return cells
+
+
+def circles_shown(lattices: CircleLattices) -> tuple[type[CircleGrid], int, int] | None:
+    """Return kind, columns and rows of a grid that the circles of a picture fill whole."""
+    for _, cells in lattices:
+        places = np.array(list(cells))
+        for turn in _TURNS if len(places) >= _FEWEST_BLOBS else ():
+            at = places @ turn
+            columns, rows = (np.ptp(at, axis=0) + 1).tolist()
+            if columns * rows == len(at) and columns >= rows >= 3:
+                return CircleGrid, columns, rows
+            wide, rows = (np.ptp(at @ [[1, 1], [1, -1]], axis=0) + 1).tolist()
+            if min(wide // 2, rows) >= 3 and wide * rows == 2 * len(at) and wide < rows:
+                return AsymmetricCircleGrid, wide // 2, rows
+    return None
 
 
 def _layouts(board: CircleGrid, cells: Cells) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:

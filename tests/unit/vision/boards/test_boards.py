@@ -1,5 +1,7 @@
 """Boards, against OpenCV's own, and found in pictures that OpenCV warps."""
 
+import re
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -11,6 +13,7 @@ from calib.lens import Lens
 from calib.se3 import transform
 from calib.vision.boards import board_picture, detect_board, make_board
 from calib.vision.boards.finding import dark_ellipses
+from calib.vision.boards.picture import BoardPlate
 from tests.board_pictures import BOARDS, Camera
 
 
@@ -252,6 +255,169 @@ def test_an_aprilgrid_of_kalibr_is_found_whichever_way_its_tags_are_turned(turn)
     np.testing.assert_allclose(sighting.pixels[sighting.seen], wanted[sighting.seen], atol=0.03)
 
 
+def charuco(columns, rows, *, legacy=False, marker_m=0.021):
+    return make_board(
+        "charuco", columns=columns, rows=rows, square_m=0.03, marker_m=marker_m,
+        dictionary="5x5_100", legacy=legacy,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("shown", [(7, 5, False), (8, 6, False), (8, 6, True)])
+@pytest.mark.parametrize(
+    ("columns", "rows", "legacy"),
+    [(-1, -1, False), (1, 1, False), (1, 0, False), (-1, 0, False), (0, -1, False), (0, -1, True)],
+)
+def test_a_charuco_of_another_layout_is_named_with_the_one_that_fits(shown, columns, rows, legacy):
+    """Markers of some rows lie as described: they were taken, and all points were a square off."""
+    board = charuco(shown[0], shown[1], legacy=shown[2])
+    picture, _ = picture_of(board)
+    assert detect_board(picture, board).is_ok
+    wrong = charuco(shown[0] + columns, shown[1] + rows, legacy=legacy != shown[2])
+    sighting = detect_board(picture, wrong)
+    assert sighting.status == "another board"
+    if "smaller" not in sighting.message:
+        assert f"{shown[0]} columns and {shown[1]} rows or more" in sighting.message
+        assert ("(legacy)" in sighting.message) == shown[2]
+
+
+def test_a_charuco_of_more_rows_than_the_picture_shows_is_named():
+    """Its markers are numbered alike, so none of them tells."""
+    picture, _ = picture_of(charuco(7, 5), margin=0.8)
+    sighting = detect_board(picture, charuco(7, 6))
+    assert sighting.status == "another board"
+    assert "a smaller board" in sighting.message
+
+
+def test_the_legacy_pattern_is_told():
+    picture, _ = picture_of(charuco(8, 6, legacy=True))
+    sighting = detect_board(picture, charuco(8, 6))
+    assert sighting.status == "another board"
+    assert "(legacy)" in sighting.message
+
+
+def test_the_size_of_the_markers_of_a_charuco_is_told():
+    picture, _ = picture_of(charuco(7, 5))
+    sighting = detect_board(picture, charuco(7, 5, marker_m=0.0255))
+    assert re.search(r"markers of 0\.(69|7\d) of a square", sighting.message)
+
+
+@pytest.mark.parametrize("kind", ["aruco-grid", "apriltag-grid", "kalibr-aprilgrid"])
+@pytest.mark.parametrize(
+    ("columns", "rows", "spacing", "said"),
+    [
+        (4, 4, 1.0, "5 columns and 4 rows"),
+        (6, 4, 1.0, "5 columns and 4 rows"),
+        (5, 3, 1.0, "5 columns and 4 rows"),
+        (5, 5, 1.0, "a smaller board"),
+        (5, 4, 1.25 / 1.3, "of the spacing"),
+        (5, 4, 1.4 / 1.3, "of the spacing"),
+    ],
+)
+def test_a_grid_of_markers_of_another_layout_is_named(kind, columns, rows, spacing, said):
+    step = 0.026
+    usual = {"marker_m": 0.02, "dictionary": "4x4_50" if kind == "aruco-grid" else "36h11"}
+    board = make_board(kind, columns=5, rows=4, spacing_m=step, **usual)
+    picture, _ = picture_of(board, px=960, margin=3.0)
+    assert detect_board(picture, board).is_ok
+    wrong = make_board(kind, columns=columns, rows=rows, spacing_m=spacing * step, **usual)
+    sighting = detect_board(picture, wrong)
+    assert sighting.status == "another board"
+    assert said in sighting.message
+
+
+@pytest.mark.parametrize("kind", ["apriltag-grid", "kalibr-aprilgrid"])
+def test_grids_of_tags_with_and_without_squares_are_told_apart(kind):
+    size = {"columns": 5, "rows": 4, "spacing_m": 0.026, "marker_m": 0.02}
+    picture, _ = picture_of(make_board(kind, **size), px=960)
+    other = {"apriltag-grid", "kalibr-aprilgrid"} - {kind}
+    sighting = detect_board(picture, make_board(other.pop(), **size))
+    assert sighting.status == "another board"
+    assert kind in sighting.message
+
+
+def test_a_mirrored_picture_is_named():
+    picture, _ = picture_of(BOARDS["charuco"])
+    sighting = detect_board(np.ascontiguousarray(picture[:, ::-1]), BOARDS["charuco"])
+    assert sighting.status == "another board"
+    assert "mirrored" in sighting.message
+
+
+@pytest.mark.parametrize("kind", ["circles", "asymmetric-circles"])
+def test_white_circles_on_black_are_found(kind):
+    picture, truth = picture_of(BOARDS[kind])
+    sighting = detect_board(255 - picture, BOARDS[kind])
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert np.sqrt(np.mean((sighting.pixels - truth) ** 2)) < 0.05
+
+
+@pytest.mark.parametrize("size", [(10, 10), (7, 5)])
+def test_a_large_dot_tells_which_way_up_a_grid_of_circles_is(size):
+    board = make_board(
+        "circles", columns=size[0], rows=size[1], spacing_m=0.02, diameter_m=0.01,
+        large_dot_m=0.015,
+    )  # fmt: skip
+    picture, truth = picture_of(board, px=960)
+    for _ in range(4):
+        sighting = detect_board(picture, board)
+        assert (sighting.status, sighting.message) == ("ok", "")
+        assert np.sqrt(np.mean((sighting.pixels - truth) ** 2)) < 0.1
+        width = picture.shape[1]
+        picture = np.ascontiguousarray(np.rot90(picture))
+        truth = np.stack([truth[:, 1], width - truth[:, 0]], axis=1)
+
+
+@pytest.mark.parametrize("size", [(10, 8), (9, 7)])
+def test_a_chessboard_that_begins_with_white_is_found(size):
+    """No turn of it makes its left upper square black: both counts are even, or both odd."""
+    board = made("chessboard", *size)
+    picture, truth = picture_of(replace(board, white_first=True))
+    sighting = detect_board(picture, board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    off = [sighting.pixels - way for way in (truth, truth[::-1])]
+    assert min(np.abs(each).max() for each in off) < 0.2
+
+
+@pytest.mark.parametrize("kind", ["charuco", "chessboard", "aruco-grid"])
+def test_a_lens_out_of_focus_is_no_reason_to_refuse_points_that_fit(kind):
+    picture, truth = picture_of(BOARDS[kind], blur_px=4.5, px=1280)
+    sighting = detect_board(picture, BOARDS[kind])
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert sighting.sharpness_px > 9.0
+    assert np.sqrt(np.mean((sighting.pixels - truth)[sighting.seen] ** 2)) < 0.3
+
+
+@pytest.mark.parametrize("kind", ["charuco", "aruco-grid", "chessboard", "circles"])
+def test_boards_are_found_in_pictures_of_a_fisheye_lens(kind):
+    """Equidistant, 0.5 m of board from a hand's breadth: its corners are 50 deg off the axis."""
+    board, size, focal = BOARDS[kind], np.array([960, 720]), 330.0
+    middle = board.outline.mean(axis=0)
+    turn = cv2.Rodrigues(np.array([0.1, -0.15, 0.05]))[0]
+    shift = np.array([0.0, 0.0, 0.5 * max(board.size_m)]) - turn @ middle
+    x, y = np.meshgrid(*((np.arange(2 * side) + 0.5) / 2 for side in size))
+    off = (np.stack([x, y], axis=-1) - size / 2) / focal
+    angle = np.linalg.norm(off, axis=-1, keepdims=True)
+    rays = np.concatenate([off * np.sin(angle) / angle, np.cos(angle)], axis=-1)
+    across, origin = rays @ turn, -shift @ turn
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = (origin - across * origin[2] / across[..., 2:])[..., :2]
+    at[across[..., 2] < 0.05] = 99.0
+    grey = BoardPlate(board, 0.02).pattern(at * [1.0, -1.0])
+    grey = 230 * np.where(np.isfinite(grey), grey, 0.4)
+    picture = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
+    picture = np.rint(cv2.GaussianBlur(picture, (0, 0), 0.8)).astype(np.uint8)
+    seen = board.points @ turn.T + shift
+    flat = np.linalg.norm(seen[:, :2], axis=1, keepdims=True)
+    truth = size / 2 + focal * np.arctan2(flat, seen[:, 2:]) * seen[:, :2] / flat
+    sighting = detect_board(picture, board)
+    assert (sighting.status, sighting.message) == ("ok", "")
+    assert sighting.seen.mean() > 0.7
+    error = min(
+        np.sqrt(np.mean((sighting.pixels - way)[sighting.seen] ** 2))
+        for way in (truth, truth[::-1])
+    )
+    assert error < 0.15
+
+
 def test_a_part_of_a_board_with_markers_is_enough():
     board = BOARDS["charuco"]
     picture, truth = picture_of(board)
@@ -373,6 +539,9 @@ def test_light_is_named():
         ({"square_m": 25.0}, r"square_m of the board is 25000 mm \(.* from 0.1 mm to 10 m"),
         ({"columns": None}, "a charuco needs columns"),
         ({"kind": "round-target", "diameter_m": 0.1}, "a round-target has no columns"),
+        ({"inner_corners": [8, 6]}, "8 x 6 inner corners are 9 x 7 squares"),
+        ({"inner_corners": [7]}, "give two numbers"),
+        ({"kind": "circles", "inner_corners": [7, 5]}, "a circles has no inner_corners"),
     ],
 )
 def test_a_board_that_cannot_be_is_refused(given, said):
@@ -382,6 +551,11 @@ def test_a_board_that_cannot_be_is_refused(given, said):
     }  # fmt: skip
     with pytest.raises(InputError, match=said):
         make_board(**usual | given)
+
+
+def test_inner_corners_are_one_less_than_squares():
+    board = make_board("chessboard", inner_corners=[9, 6], square_m=0.018)
+    assert (board.columns, board.rows) == (10, 7)
 
 
 def test_half_turns_are_known():

@@ -24,7 +24,8 @@ Mitsubishi, KUKA, Epson, Kawasaki, Comau, Doosan and Stäubli; uFactory's manual
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from types import MappingProxyType
@@ -46,6 +47,9 @@ RADIANS: Mapping[str, float] = MappingProxyType({"deg": np.pi / 180.0, "rad": 1.
 
 INVERSE = "inverse"
 """Word for the pose of the base in the flange frame, or in general the inverse of the pose."""
+
+AS_THEY_STAND = "as-they-stand"
+"""Word for numbers whose names do not say the axes, though they look like it."""
 
 UNKNOWN = "unknown"
 """Word for three or four numbers of which nobody says what they are."""
@@ -127,11 +131,13 @@ class Convention:
     angle: str = ""  # {"deg", "rad", ""}
     length: str = ""  # one of :data:`LENGTHS`
     inverse: bool = False
+    as_they_stand: bool = False  # whether names of columns are no names of axes
 
     @property
     def words(self) -> str:
         """The words that say it."""
         parts = [self.turn, self.angle, self.length, INVERSE if self.inverse else ""]
+        parts.append(AS_THEY_STAND if self.as_they_stand else "")
         return ",".join(part for part in parts if part)
 
 
@@ -167,8 +173,8 @@ MAKERS: Mapping[str, Convention] = MappingProxyType(
 def convention_of(words: str) -> Convention:
     """Return the convention that words with commas between them say.
 
-    One word is of a maker or names an orientation. ``deg``, ``rad``, the units of length and
-    ``inverse`` may follow, and count more than what the maker shows.
+    One word is of a maker or names an orientation. ``deg``, ``rad``, the units of length,
+    ``inverse`` and ``as-they-stand`` may follow, and count more than what the maker shows.
 
     Raises InputError: a word that is not known, or no orientation.
     """
@@ -184,10 +190,10 @@ def convention_of(words: str) -> Convention:
                     value=words,
                 )
             found = MAKERS.get(word) or Convention(word)
-        elif word in (*RADIANS, *LENGTHS, INVERSE):
+        elif word in (*RADIANS, *LENGTHS, INVERSE, AS_THEY_STAND):
             more.append(word)
         else:
-            known = (*MAKERS, *READERS, *RADIANS, *LENGTHS, INVERSE)
+            known = (*MAKERS, *READERS, *RADIANS, *LENGTHS, INVERSE, AS_THEY_STAND)
             raise InputError(
                 f"`poses-are` {word!r} is not known",
                 hint=near_names(word, known),
@@ -199,6 +205,8 @@ def convention_of(words: str) -> Convention:
     for word in more:
         if word == INVERSE:
             found = replace(found, inverse=True)
+        elif word == AS_THEY_STAND:
+            found = replace(found, as_they_stand=True)
         elif word in RADIANS:
             found = replace(found, angle=word)
         else:
@@ -212,26 +220,39 @@ def named(turn: str) -> str:
     return f"{turn} ({', '.join(makers)})" if makers else turn
 
 
-def check_labels(turn: str, labels: Iterable[str]) -> None:
-    """Check that numbers that are named by their axes stand in the order of an orientation.
+def labels_fit(turn: str, labels: Iterable[str]) -> bool:
+    """Return True if numbers named by their axes stand in the order of an orientation.
 
-    ``labels``: ``rx ry rz`` in the order of the file.
+    ``labels``: ``rx ry rz`` in the order of the file; True where they name no axes.
+    """
+    axes = _axes(labels)
+    order = "xyz" if turn.endswith(_OF_AXES) else turn.partition("-")[0]
+    return turn not in _EULER or len({*order}) < 3 or order == axes or {*axes} != {*"xyz"}
+
+
+def check_labels(turn: str, labels: Sequence[str]) -> None:
+    """Check that numbers that are named by their axes stand in the order of an orientation.
 
     Raises InputError: the first number is named after another axis than the first of the angles.
     """
-    axes = "".join(label.lower().removeprefix("r")[:1] for label in labels)
-    order = "xyz" if turn.endswith(_OF_AXES) else turn.partition("-")[0]
-    if turn not in _EULER or len(set(order)) < 3 or order == axes:
+    if labels_fit(turn, labels):
         return
-    if {*axes} != {*"xyz"}:
-        return
-    meant = _same_by_labels(turn, axes)
+    axes, first = _axes(labels), "x" if turn.endswith(_OF_AXES) else turn[0]
     raise InputError(
-        f"`poses-are` {turn} has the first number about {order[0]}, and it is called r{axes[0]}",
-        hint=f"say {meant} if the names are right, else rename the columns to a, b, c",
+        f"`poses-are` {turn} has the first number about {first}, and it is called r{axes[0]}",
+        hint=f"say {_same_by_labels(turn, axes)} if the names are right, else {turn},"
+        f"{AS_THEY_STAND}",
         name="poses-are",
         value=turn,
     )
+
+
+def _axes(labels: Iterable[str]) -> str:
+    """Return the axes that labels name: ``xyz`` of ``rx_deg ry_deg rz_deg``."""
+    found = [
+        re.fullmatch(r"(?:[ab]_)?r([xyz])(?:_deg|_rad)?", label.casefold()) for label in labels
+    ]
+    return "".join(match[1] if match else "?" for match in found)
 
 
 def _same_by_labels(turn: str, axes: str) -> str:

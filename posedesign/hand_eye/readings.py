@@ -26,7 +26,14 @@ from calib import se3
 from calib.errors import InputError
 from calib.robot_world import residuals, solve_batch
 from calib.se3 import FloatArray, IntArray
-from posedesign.hand_eye.conventions import LENGTHS, READERS, named, same_count
+from posedesign.hand_eye.conventions import (
+    AS_THEY_STAND,
+    LENGTHS,
+    READERS,
+    labels_fit,
+    named,
+    same_count,
+)
 from posedesign.hand_eye.pairs.forms import Poses
 
 FEWEST_PAIRS = 5
@@ -375,7 +382,8 @@ def _change(turn: str, poses: Poses) -> str:
         return (
             f"the rotation stands column by column, or is that of the inverse: `poses-are` {turn}"
         )
-    return f"the three numbers are {named(turn)}: `poses-are` {turn}"
+    stand = "" if labels_fit(turn, poses.labels) else f",{AS_THEY_STAND}"
+    return f"the three numbers are {named(turn)}: `poses-are` {turn}{stand}"
 
 
 def _units(factor: float) -> str:

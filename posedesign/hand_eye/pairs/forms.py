@@ -375,6 +375,7 @@ class Poses:
     numbers: FloatArray  # (N, 3) or (N, 4) or (N, 9): the orientation as it stands; angles in rad
     is_inverse: bool = False  # whether the file was said to have the inverses
     is_said: bool = True  # whether the convention of the orientation was said, or is a guess
+    labels: tuple[str, ...] = ()  # columns of the orientation, in order
 
     def some(self, rows: IntArray) -> Poses:
         """Some of them."""
@@ -450,6 +451,8 @@ class WrittenPoses:
         """
         given = said or self.convention
         turn = self._turn(given.turn)
+        if not given.as_they_stand:
+            check_labels(turn, self.labels)
         length = self.convention.length or given.length
         angle = self.convention.angle or given.angle
         notes = list(self.notes)
@@ -478,7 +481,15 @@ class WrittenPoses:
         if given.inverse:
             T = se3.inverse(T)
         return Poses(
-            T, self.place, self.names, tuple(notes), taken, numbers, given.inverse, turn != UNKNOWN
+            T,
+            self.place,
+            self.names,
+            tuple(notes),
+            taken,
+            numbers,
+            given.inverse,
+            turn != UNKNOWN,
+            self.labels,
         )
 
     def _turn(self, said: str) -> str:
@@ -494,8 +505,6 @@ class WrittenPoses:
                 hint=f"with {count} numbers are {', '.join(same_count(count)[:5])} ..",
                 name="poses-are",
             )
-        if self.labels:
-            check_labels(turn, self.labels)
         return turn
 
     def _length_by_size(self) -> str:
@@ -562,7 +571,8 @@ def read_poses_of(
         check_lengths(place, p, form.unit, f"call the columns {named}", what)
     names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
     notes = (f"{path}, {turns[0]} ..: {note}",) if note else ()
-    return Poses(se3.transform(R, p), place, names, notes, READ_AS[kind], numbers)
+    T = se3.transform(R, p)
+    return Poses(T, place, names, notes, READ_AS[kind], numbers, labels=turns)
 
 
 _RAW_PLACES = tuple(

@@ -14,14 +14,15 @@ joint, whose offsets are not identified but whose loss would still scatter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from itertools import islice, pairwise, product
 
 import numpy as np
 
 from calib.robots import Robot
-from calib.robots.move_times import ACCELERATION_S, moving_time_s
+from calib.robots.move_times import ACCELERATION_S, move_times, moving_time_s
 from calib.se3 import BoolArray, FloatArray
 from posedesign.constraints import Checker, MotionChecker, nearest_postures
 
@@ -30,6 +31,10 @@ RETREATS_M = (0.1, 0.2, 0.4)
 
 Leg = tuple[FloatArray, FloatArray]
 """From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
+
+AT_FIRST = 32
+"""Motions from the nearest other poses that are checked where a way over other poses is looked for;
+twice as many each time that there is none."""
 
 COMES_M = 0.01
 """How far what slides goes along with an approach: the lost motion of a rack is tenths of a
@@ -62,7 +67,11 @@ class KnownMotions:
         self._base = base
         self._speeds = speeds
         self._reasons: dict[frozenset[bytes], str] = {}
-        self._checked: dict[bytes, set[bytes]] = {}  # the other ends of each posture's motions
+        # the other ends of the motions of each posture: clear ones, blocked ones, and those of the
+        # blocked ones that a detour is known for
+        self._clear: dict[bytes, set[bytes]] = {}
+        self._shut: dict[bytes, set[bytes]] = {}
+        self._led_round: dict[bytes, set[bytes]] = {}
         self._detours: dict[frozenset[bytes], list[FloatArray] | None] = {}
         self._retreats: dict[bytes, list[FloatArray]] = {}
 
@@ -72,9 +81,8 @@ class KnownMotions:
         if unknown:
             starts, ends = (np.array(side) for side in zip(*unknown.values(), strict=True))
             self._reasons.update(zip(unknown, self._blocked(starts, ends), strict=True))
-            for a, b in unknown.values():
-                self._checked.setdefault(a.tobytes(), set()).add(b.tobytes())
-                self._checked.setdefault(b.tobytes(), set()).add(a.tobytes())
+            for edge, (a, b) in unknown.items():
+                _join(self._shut if self._reasons[edge] else self._clear, a, b)
         return bool(unknown)
 
     def reason(self, start: FloatArray, end: FloatArray) -> str:
@@ -83,41 +91,48 @@ class KnownMotions:
 
     def blocked(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """Motions ``(K, K)`` from each of ``(K, n)`` to each of ``(K, n)`` known to be blocked."""
-        leave, enter = _rows(starts), _rows(ends)
+        enter = _rows(ends)
         found = np.zeros((len(starts), len(ends)), dtype=bool)
-        for one, other in self._motions_between(leave, enter):
-            if self._reasons[frozenset((one, other))]:
-                found[np.ix_(leave[one], enter[other])] = True
+        for one, rows in _rows(starts).items():
+            shut = [
+                row for other in enter.keys() & self._shut.get(one, set()) for row in enter[other]
+            ]
+            found[np.ix_(rows, shut)] = True
         return found
-
-    def _motions_between(
-        self, starts: Mapping[bytes, object], ends: Mapping[bytes, object]
-    ) -> Iterator[tuple[bytes, bytes]]:
-        """The motions that were checked from some postures to others."""
-        for one in starts:
-            for other in ends.keys() & self._checked.get(one, set()):
-                yield one, other
 
     def through(
         self, start: FloatArray, end: FloatArray, others: Sequence[FloatArray]
     ) -> list[FloatArray] | None:
         """Postures to pass from one to another; none for a clear way, None without any.
 
-        A detour where there is one, else over other postures, the quickest way that is known.
+        A detour where there is one, else the quickest known way over other postures. Motions from
+        those to the end are checked in batches, the quickest first, until there is a way.
         """
         if not self.reason(start, end):
             return []
         detour = self.detour(start, end)
         if detour is not None:
             return detour
-        self.check([(end, other) for other in others if not np.array_equal(other, end)])
-        return self._over_others([start, *others, end])
+        places = [q for q in others if not np.array_equal(q, end)]
+        if not places:
+            return None
+        quickest = np.argsort(self._times(np.array(places), end), kind="stable").tolist()
+        size, asked = AT_FIRST, 0
+        while asked < len(places):
+            self.check([(end, places[k]) for k in quickest[asked : asked + size]])
+            asked, size = asked + size, 2 * size
+            path = self._over_others([start, *places, end])
+            if path is not None:
+                return path
+        return None
 
     def detour(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
         """Postures to pass through from one to another, the quickest of those that are clear."""
         edge = _edge(start, end)
         if edge not in self._detours:
             self._detours[edge] = self._quickest_detour(start, end)
+            if self._detours[edge] is not None:
+                _join(self._led_round, start, end)
         path = self._detours[edge]
         if path is None:
             return None
@@ -157,29 +172,47 @@ class KnownMotions:
         return stops
 
     def _over_others(self, places: Sequence[FloatArray]) -> list[FloatArray] | None:
-        """The quickest known way from the first to the last place over the others."""
+        """The quickest known way from the first to the last place over the others.
+
+        Followed back from the last place (Dijkstra): where hardly anything leads to it, little is
+        looked at.
+        """
         ends = {places[0].tobytes(): 0, places[-1].tobytes(): len(places) - 1}
         rows = {q.tobytes(): row for row, q in enumerate(places)} | ends
-        onward: dict[int, list[int]] = {row: [] for row in rows.values()}
-        for one, other in self._motions_between(rows, rows):
-            edge = frozenset((one, other))
-            if one != other and not (self._reasons[edge] and not self._detours.get(edge)):
-                onward[rows[one]].append(rows[other])
-        target = len(places) - 1
-        reached: dict[int, tuple[float, list[FloatArray]]] = {0: (0.0, [])}
-        front = [0]
+        last = len(places) - 1
+        best, onward, done = {last: 0.0}, {last: last}, set[int]()
+        front = [(0.0, last)]
         while front:
-            here = front.pop(0)
-            for row in sorted(onward[here]):
-                hop = self._known_hop(places[here], places[row])
-                time = reached[here][0] + self._time([places[here], *hop, places[row]])
-                if time < reached.get(row, (np.inf,))[0]:
-                    passed = [places[here]] if here != 0 else []
-                    reached[row] = time, [*reached[here][1], *passed, *hop]
-                    front.append(row)
-        return reached[target][1] if target in reached else None
+            time, here = heappop(front)
+            if here == 0:
+                break
+            if here in done:
+                continue
+            done.add(here)
+            there = places[here].tobytes()
+            clear = sorted(rows[q] for q in rows.keys() & self._clear.get(there, set()))
+            hops = sorted(rows[q] for q in rows.keys() & self._led_round.get(there, set()))
+            times = self._times(np.array([places[row] for row in clear]), places[here]).tolist()
+            times += [
+                self._time([places[k], *self._hop(places[k], places[here]), places[here]])
+                for k in hops
+            ]
+            for row, hop in zip([*clear, *hops], times, strict=True):
+                if time + hop < best.get(row, np.inf):
+                    best[row], onward[row] = time + hop, here
+                    heappush(front, (time + hop, row))
+        if 0 not in best:
+            return None
+        path, here = list[FloatArray](), 0
+        while here != last:
+            following = onward[here]
+            path += self._hop(places[here], places[following])
+            if following != last:
+                path.append(places[following])
+            here = following
+        return path
 
-    def _known_hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray]:
+    def _hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray]:
         """What leads from one place to another that a way is known to: nothing, or a detour."""
         return (self.detour(start, end) or []) if self.reason(start, end) else []
 
@@ -204,12 +237,22 @@ class KnownMotions:
             self._retreats[q.tobytes()] = list(found.q[found.feasible])
         return self._retreats[q.tobytes()]
 
+    def _times(self, starts: FloatArray, end: FloatArray) -> FloatArray:
+        """Times ``(K,)`` [s] of motions from postures ``(K, n)`` to one."""
+        return move_times(starts.reshape(-1, len(end)) - end, self._speeds, ACCELERATION_S)
+
     def _time(self, path: Sequence[FloatArray]) -> float:
         return moving_time_s(np.array(path), self._speeds, ACCELERATION_S)
 
 
 def _edge(a: FloatArray, b: FloatArray) -> frozenset[bytes]:
     return frozenset((a.tobytes(), b.tobytes()))
+
+
+def _join(ends: dict[bytes, set[bytes]], a: FloatArray, b: FloatArray) -> None:
+    """Add a motion to those of both of its ends."""
+    ends.setdefault(a.tobytes(), set()).add(b.tobytes())
+    ends.setdefault(b.tobytes(), set()).add(a.tobytes())
 
 
 def _rows(postures: FloatArray) -> dict[bytes, list[int]]:

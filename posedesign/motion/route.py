@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,25 +20,22 @@ from calib.robots.move_times import ACCELERATION_S, move_times, moving_time_s
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.constraints import Checker, MotionChecker, Retreat
 from posedesign.motion.known_motions import KnownMotions, Leg, find_approaches
-from posedesign.motion.order import (
-    MANY,
-    legs_of,
-    shortest_order,
-)
+from posedesign.motion.order import OrderSearch, legs_of
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
 
-MOST_ORDERS = 60
+MOST_ORDERS = 8
 """Orders tried while motions turn out to be blocked; each try checks only motions not yet known."""
 
-TRIED_BLINDLY = 3
-"""Orders with blocked motions after which those between all places are checked at once: a cell is
-so narrow then that most of them will be asked for, and together they take less time than a few at a
-time."""
+MOST_SEARCHES = 2
+"""Thorough searches for an order: another one follows where motions of the order of the one before
+turned out to be blocked, and the order was repaired."""
 
-MOST_PLACES = 80
-"""Places between which all motions are checked at once: 3160 of them."""
+NEIGHBOURS = 16
+"""Motions to the nearest places that are checked at once where a motion is blocked: where one way
+is blocked, so may be those that are tried next. The first time, of all places: checks take a tenth
+of the time by hundreds."""
 
 MOTION_SHARE = 1e-3
 """Of the mean time over the joints, added to that of the slowest: of the many orders that take as
@@ -49,9 +45,6 @@ without it a search of limited time returned several of them for 60 and 100 pose
 
 SLIDE_M_S = 1.0
 """Speed of a slide that the description gives none of [m/s]: tracks of arms go 1 to 2 m/s."""
-
-NEIGHBOURS = 16
-"""Motions to the nearest places that are checked, of many places, where a motion is blocked."""
 
 
 class Passing(StrEnum):
@@ -202,7 +195,7 @@ class Router:
         order, fewer = self._clear_order(places, rows), False
         while True:
             cut = self._first_cut(places, order)
-            if cut is None and fewer:  # the library had no turn yet
+            if cut is None and fewer:
                 order, fewer = self._clear_order(places, order), False
                 continue
             if cut is None:
@@ -218,7 +211,8 @@ class Router:
             else:
                 why = self._known.reason(*places.leg(order[cut - 1], node))
                 lost[node - 1] = f"no clear way to it: {why}"
-                order, fewer = self._clear_order(places, order, thorough=False), True
+                moved.clear()  # those after it are come to from another place now
+                fewer = True
         self._led_to.update(postures[row - 1].tobytes() for row in order if row)
         stops = tuple(self._stops(places, order))
         path = np.array([self._start, *(stop.posture for stop in stops)])
@@ -300,69 +294,90 @@ class Router:
         return None
 
     def _place_for(self, places: _Places, order: list[int], node: int) -> int | None:
-        """Where in an order a node can be put with clear motions before and after it."""
-        to = [places.leg(other, node) for other in order]
-        onward = [places.leg(node, other) for other in order]
-        self._known.check([*to, *onward])
-        reachable = [not self._known.reason(*leg) for leg in to]
-        leads_on = [not self._known.reason(*leg) for leg in onward]
-        for place in range(1, len(order) + 1):
-            following = leads_on[place % len(order)] or (place == len(order) and not places.closed)
-            if reachable[place - 1] and following:
-                return place
+        """Where in an order a node costs least with clear motions before and after it.
+
+        The motions are checked in batches, those to the cheapest places first.
+        """
+        before, after = order, [*order[1:], *order[:1]]
+        leave, enter = places.leave, places.enter
+        extra = self._times(leave[before], enter[node])
+        onward = self._times(leave[node], enter[after])
+        onward -= self._times(leave[before], enter[after])
+        if not places.closed:
+            onward[-1] = 0.0
+        options: list[int] = np.argsort(extra + onward, kind="stable").tolist()
+        for first in range(0, len(options), NEIGHBOURS):
+            legs = {
+                k: [places.leg(before[k], node)]
+                + [places.leg(node, after[k])] * (places.closed or k + 1 < len(order))
+                for k in options[first : first + NEIGHBOURS]
+            }
+            self._known.check([leg for both in legs.values() for leg in both])
+            for k, both in legs.items():
+                if not any(self._known.reason(*leg) for leg in both):
+                    return k + 1
         return None
 
     def _through(
         self, places: _Places, rows: Sequence[int], leg: tuple[int, int]
     ) -> list[FloatArray] | None:
         """Postures to pass from one node to another; see :meth:`KnownMotions.through`."""
+        if not self._known.reason(*places.leg(*leg)):
+            return []
         others = [places.leave[row] for row in rows]
         if places.enter is not places.leave:
             others += [places.enter[row] for row in rows if row != 0]
         return self._known.through(*places.leg(*leg), others)
 
-    def _clear_order(self, places: _Places, rows: list[int], *, thorough: bool = True) -> list[int]:
-        """The quickest order found that avoids blocked motions, where there is one.
-
-        The library has its turn when a quick search has found out what is in the way.
-        """
+    def _clear_order(self, places: _Places, rows: list[int]) -> list[int]:
+        """A quick order of some places that avoids blocked motions, where there is one."""
         leave, enter = places.leave[rows], places.enter[rows]
-        cost = self._costs(leave, enter)
-        cost[self._known.blocked(leave, enter)] = np.inf
-        many = len(rows) > MANY
-        turn, failed, order = False, 0, None  # the library's
-        for _ in range(MOST_ORDERS):
-            # of many places the library finds the first order, too
-            order = shortest_order(
-                cost,
-                closed=places.closed,
-                thorough=turn or (many and order is None),
-                before=order if many else None,
-            )
-            steps = legs_of(order, closed=places.closed)
-            legs = [places.leg(rows[i], rows[j]) for i, j in steps]
-            asked = self._known.check(legs)
-            blocked = any(self._known.reason(*leg) for leg in legs)
-            failed += asked and blocked
-            if failed == TRIED_BLINDLY and len(rows) <= MOST_PLACES:
-                pairs = permutations(rows, 2) if enter is not leave else combinations(rows, 2)
-                self._known.check([places.leg(*pair) for pair in pairs])
-            if many and blocked:  # where one way is blocked, so may those be that are tried next
-                stuck = {k for k, leg in zip(steps, legs, strict=True) if self._known.reason(*leg)}
-                near = {k: np.argsort(cost[k])[:NEIGHBOURS] for pair in stuck for k in pair}
-                tried = [(k, int(j)) for k, some in near.items() for j in some if j != k]
-                self._known.check([places.leg(rows[i], rows[j]) for i, j in tried])
-            if asked and blocked:
-                cost[self._known.blocked(leave, enter)] = np.inf
-            elif turn or not thorough:  # nothing new, or nothing in the way
+        times = self._times(leave[:, None], enter[None])
+        times[self._known.blocked(leave, enter)] = np.inf
+        found = OrderSearch(times, closed=places.closed)
+        among = _Among(places, rows, times)
+        self._repair(found, among)
+        for _ in range(MOST_SEARCHES):
+            found.search()
+            if not self._repair(found, among):
                 break
-            else:
-                turn = True
-        return [rows[i] for i in order or ()]
+        return [rows[i] for i in found.order]
 
-    def _costs(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
-        """Times ``(K, K)`` [s] from leaving each place to being at each, all motions clear."""
-        moves = np.abs(enter[None] - leave[:, None])
+    def _repair(self, found: OrderSearch, among: _Among) -> bool:
+        """Check the motions of an order, and repair it where they are blocked; whether it was.
+
+        With each blocked motion those from its ends to the nearest places are checked; the first
+        time, those from all places to the nearest.
+        """
+        for tries in range(MOST_ORDERS):
+            legs = legs_of(found.order, closed=among.places.closed)
+            blocked = self._found_blocked(legs, among)
+            if not blocked:
+                return tries > 0
+            about = list(range(len(among.rows)))
+            if among.looked_about:
+                about = sorted({k for leg in blocked for k in leg})
+            among.looked_about = True
+            found.block([*blocked, *self._found_blocked(among.nearest_unknown(about), among)])
+        return True
+
+    def _found_blocked(self, legs: list[tuple[int, int]], among: _Among) -> list[tuple[int, int]]:
+        """Check motions, and return those that are blocked and were not known to be."""
+        legs = [leg for leg in legs if not among.known[leg]]
+        self._known.check([among.leg(*leg) for leg in legs])
+        blocked = [leg for leg in legs if self._known.reason(*among.leg(*leg))]
+        if among.same_back:
+            legs += [leg[::-1] for leg in legs]
+            blocked += [leg[::-1] for leg in blocked]
+        for leg in legs:
+            among.known[leg] = True
+        for leg in blocked:
+            among.times[leg] = np.inf
+        return blocked
+
+    def _times(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
+        """Times ``(...)`` [s] from leaving places to being at others, all motions clear."""
+        moves = np.abs(enter - leave)
         count = self._motions.steps_of(moves.max(axis=-1))
         times = count * move_times(moves / count[..., None], self._speeds, ACCELERATION_S)
         return np.asarray(times + MOTION_SHARE * (moves / self._speeds).mean(axis=-1))
@@ -382,3 +397,32 @@ class _Places:
 
     def leg(self, start: int, end: int) -> Leg:
         return self.leave[start], self.enter[end]
+
+
+class _Among:
+    """Motions among the places of one order.
+
+    ``rows`` (K,): the places, by their number in the order's search. ``times`` (K, K): of the
+    motions [s], infinite for those known to be blocked. ``known`` (K, K): motions that were looked
+    at.
+    """
+
+    def __init__(self, places: _Places, rows: list[int], times: FloatArray) -> None:
+        self.places, self.rows, self.times = places, rows, times
+        self.known: BoolArray = np.isinf(times) | np.eye(len(rows), dtype=bool)
+        self.same_back = places.enter is places.leave  # motions are the same in both directions
+        self.looked_about = False  # whether motions from all places to the nearest were checked
+
+    def leg(self, start: int, end: int) -> Leg:
+        return self.places.leg(self.rows[start], self.rows[end])
+
+    def nearest_unknown(self, some: list[int]) -> list[tuple[int, int]]:
+        """From each of some places, the quickest motions that were not looked at."""
+        times = np.where(self.known[some], np.inf, self.times[some])
+        nearest = np.argsort(times, axis=1, kind="stable")[:, :NEIGHBOURS]
+        return [
+            (k, j)
+            for k, ends in zip(some, nearest.tolist(), strict=True)
+            for j in ends
+            if not self.known[k, j]
+        ]

@@ -14,8 +14,7 @@ from calib.robots.move_times import ACCELERATION_S, move_times, moving_time_s
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
 from posedesign.motion import Router
-from posedesign.motion import order as sequence
-from posedesign.motion.order import shortest_order
+from posedesign.motion.order import OrderSearch, legs_of, shortest_order
 from posedesign.motion.route import Passing, Route, RouteOptions
 from posedesign.planning import plan
 from tests.blocked import Blocked
@@ -51,20 +50,20 @@ def best_of_all(cost: np.ndarray, closed: bool) -> float:
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("seed", range(5))
 def test_order_against_all_orders(seed, closed):
-    """Four to eight places: none of all orders is shorter by more than costs are rounded."""
+    """Four to eight places: none of all orders is shorter."""
     count = 4 + seed % 5
     cost = costs(count, seed)
     order = shortest_order(cost, closed=closed)
     assert order[0] == 0
     assert sorted(order) == list(range(count))
     best = min(length(cost, [0, *rest], closed) for rest in permutations(range(1, count)))
-    assert length(cost, order, closed) <= (1.0 + sequence.WORTH) * best
+    assert length(cost, order, closed) == pytest.approx(best, rel=1e-8)
 
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("seed", range(5))
 def test_costs_that_differ_there_and_back(seed, closed):
-    """As with approaches: near the best of all orders, though the library averages the two."""
+    """As with approaches: near the best of all orders, though the search averages the two."""
     cost = costs(8, seed, uneven=0.03)
     found = length(cost, shortest_order(cost, closed=closed), closed)
     best = min(length(cost, [0, *rest], closed) for rest in permutations(range(1, 8)))
@@ -83,7 +82,7 @@ def test_rounding_to_whole_numbers_loses_nothing_that_counts():
     assert found <= (1.0 + 1e-4) * best
 
 
-def test_the_library_finds_what_the_quick_search_does_not():
+def test_a_thorough_search_finds_what_the_quick_one_does_not():
     """Of three sets of 60 places most are shorter, none is longer."""
     gains = []
     for seed in range(3):
@@ -93,30 +92,40 @@ def test_the_library_finds_what_the_quick_search_does_not():
         )
         gains.append(1.0 - thorough / quick)
     assert min(gains) >= 0.0
-    assert np.median(gains) > 0.005
+    assert np.median(gains) > 0.002
 
 
-def test_the_same_places_have_the_same_order():
-    cost = costs(27, 1)
-    assert len({tuple(shortest_order(cost, closed=True)) for _ in range(3)}) == 1
+@pytest.mark.parametrize(("seed", "best"), [(0, 20.13765), (1, 20.50782), (2, 19.96675)])
+def test_long_orders_are_near_the_best_known(seed, best):
+    """Rounds of 60 places: within .5 % of those of fast-tsp 0.2.2 in a second each."""
+    found = length(costs(60, seed), shortest_order(costs(60, seed), closed=True), True)
+    assert best * (1.0 - 1e-5) <= found <= 1.005 * best
 
 
-@pytest.mark.parametrize(("share", "asked"), [(1.0, 1), (0.45, 1), (0.1, 2), (0.02, 4)])
-def test_on_a_busy_machine_the_library_has_its_time(monkeypatch, share, asked):
-    """Asked again, with four times as much, until it had enough of the processor."""
-    cost, clock, budgets = costs(36, 2), [0.0], []
+@pytest.mark.parametrize("count", [12, 27, 90])
+def test_the_order_does_not_depend_on_rounding(count):
+    """As arithmetic of another machine differs: by some of the last digits of each cost."""
+    cost = costs(count, 1)
+    rounded = np.random.default_rng(2).uniform(-4e-16, 4e-16, cost.shape)
+    assert shortest_order(cost, closed=True) == shortest_order(cost * (1.0 + rounded), closed=True)
 
-    def find_tour(whole, budget, **_):
-        budgets.append(budget)
-        clock[0] += share * budget
-        return list(range(len(whole)))
 
-    monkeypatch.setattr(sequence.time, "thread_time", lambda: clock[0])
-    monkeypatch.setattr("fast_tsp.find_tour", find_tour)
-    assert sorted(shortest_order(cost)) == list(range(36))
-    usual = sequence.LIBRARY_S_PER_PAIR * 37**2  # an open way has one place more
-    np.testing.assert_allclose(budgets, usual * 4.0 ** np.arange(asked))
-    assert share * budgets[-1] >= sequence.ENOUGH * usual
+@pytest.mark.parametrize("closed", [True, False])
+def test_an_order_is_repaired_where_ways_turn_out_to_be_blocked(closed):
+    """One way after the other is taken away: the order avoids all, and is about as short as anew."""
+    cost = costs(40, 4)
+    found = OrderSearch(cost, closed=closed)
+    for _ in range(12):
+        order = found.order
+        legs = legs_of(order, closed=closed)
+        shut = max(legs, key=lambda leg: cost[leg])
+        cost[shut] = cost[shut[::-1]] = np.inf
+        found.block([shut, shut[::-1]])
+    found.search()
+    again = found.order
+    assert sorted(again) == list(range(40))
+    anew = length(cost, shortest_order(cost, closed=closed), closed)
+    assert length(cost, again, closed) <= 1.02 * anew
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.2])

@@ -112,7 +112,7 @@ def test_the_order_does_not_depend_on_rounding(count):
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_an_order_is_repaired_where_ways_turn_out_to_be_blocked(closed):
-    """One way after the other is taken away: the order avoids all, and is about as short as anew."""
+    """One way after the other is taken away: the order avoids all, and is as short as anew."""
     cost = costs(40, 4)
     found = OrderSearch(cost, closed=closed)
     for _ in range(12):

@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.errors import RobotModelError
 from calib.robots.chain import SLIGHT_M, SerialChain
-from calib.robots.controller import POSITIVE_AXES
+from calib.robots.controller import POSITIVE_AXES, makers_named
 from calib.robots.presets import preset_info, preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between
@@ -141,18 +141,21 @@ def presets_like(robot: Robot) -> tuple[str, ...]:
 
 
 def makers_like(robot: Robot) -> tuple[str, ...]:
-    """Makers whose controllers count the joints of a robot as its description does.
+    """Return makers that an arm may be of: there is evidence, and its joints are counted so.
 
-    First those of presets with its kinematics, then those that its name has.
+    Evidence are names (of the robot, its packages, links and joints), then the kinematics of a
+    preset. Axes alone are none: most makers count some of them alike.
     """
     own = {preset_info(name)["controller"] for name in presets_like(robot)}
+    names = (robot.name, *robot.packages, *robot.link_names, *robot.joint_names)
+    named = makers_named(names)
     fitting = []
     for maker in POSITIVE_AXES:
-        with suppress(RobotModelError):
-            robot.controlled_by(maker)
-            fitting.append(maker)
-    name = robot.name.lower()
-    return tuple(sorted(fitting, key=lambda maker: (maker not in own, maker not in name)))
+        if maker in named or maker in own:
+            with suppress(RobotModelError):
+                robot.controlled_by(maker)
+                fitting.append(maker)
+    return tuple(sorted(fitting, key=lambda maker: (maker not in named, maker not in own)))
 
 
 def centre_lines(chain: SerialChain) -> list[FloatArray]:

@@ -21,7 +21,8 @@ abb, abb_driver/src/abb_utils.cpp, ``J23_coupled``). No description says so: it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,32 @@ POSITIVE_AXES: dict[str, tuple[FloatArray, ...]] = {
 """Directions that joints are counted positive about, at zero and in the controller's world. From
 ROS-Industrial's and the makers' own URDFs, whose joint values are those of the controllers (FANUC:
 but for J3)."""
+
+_MAKER_WORDS = {
+    "fanuc": r"fanuc|lrmate\w*|m\d{1,3}i[abcd]\w*|r\d{4}i[abcd]\w*|crx\w*|cr\d+i[abcd]\w*",
+    "yaskawa": r"yaskawa|motoman|(gp|mh|hc|hp|sia|ar)\d+\w*",
+    "abb": r"abb|irb\w*|crb\w*|gofa|yumi",
+    "kuka": r"kuka|kr\d+\w*|lbr|iiwa\w*",
+    "staubli": r"staubli|stäubli|[rt]x2?\d*x?l?",
+    "kawasaki": r"kawasaki|khi|rs\d{3}\w*",
+    "doosan": r"doosan|dsr|[aehm]\d{4}",
+    "denso": r"denso|cobotta|v[mps]\d+\w*",
+    "ur": r"ur(\d+\w*)?|universal",
+    "franka": r"franka|emika|panda|fr3|fer",
+}
+"""Words in names of a robot, its package or its links that only a maker's own arms have: the maker,
+or a series of models."""
+
+
+def makers_named(names: Iterable[str]) -> frozenset[str]:
+    """Return the makers that names out of a description speak of."""
+    words = {word for name in names for word in re.split(r"[^0-9a-zä]|_", name.lower())}
+    return frozenset(
+        maker
+        for maker, pattern in _MAKER_WORDS.items()
+        if any(re.fullmatch(pattern, word) for word in words)
+    )
+
 
 _SAME_DIRECTION = 1.0 - 1e-3
 """Cosine from which two axes are one, 2.6 deg: URDFs round their angles to three decimals or more,

@@ -49,6 +49,8 @@ class RobotDescription:
     led: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
     """Joints that follow another: its name, the factor and the offset [rad, m]."""
     stiffness: Mapping[str, float] = field(default_factory=dict)  # of reducers, by joint [Nm/rad]
+    packages: Sequence[str] = ()
+    """Names of the package that it lies in, and of those that its meshes lie in."""
 
 
 def frame_id(model: pin.Model, name: str) -> int:

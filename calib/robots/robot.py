@@ -94,6 +94,8 @@ class Robot:
     outlying_m: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     """(n,): how far the frame of each joint was slid along its axis [m], because the description
     has it far outside the arm; empty where none was."""
+    packages: tuple[str, ...] = ()
+    """Names of the packages that the description and its meshes lie in."""
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -261,6 +263,7 @@ class Robot:
             held=held,
             T_floor_world=floor.homogeneous if path.positioner else np.eye(4),
             outlying_m=outlying_m,
+            packages=tuple(described.packages),
         )
 
     def controlled_by(self, maker: str, couplings: Sequence[Coupling] = ()) -> Robot:

@@ -755,7 +755,7 @@ def _controller_line(robot: Robot) -> str:
     """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC.
 
     Its axes have to be as that maker counts them: a description with another zero posture is read
-    in its own view only.
+    in its own view only. Where nothing tells the maker, none is guessed.
     """
     fitting = makers_like(robot)
     if robot.name.lower().startswith("fanuc") and "fanuc" in fitting:
@@ -764,7 +764,7 @@ def _controller_line(robot: Robot) -> str:
         )
     if not fitting:
         return (
-            "# controller: no maker known here counts joints as this description does at zero;\n"
+            "# controller: the description names no maker known here that counts joints so;\n"
             "# programs for any robot: ros-trajectory, moveit-joints, robot-calibration, robodk-csv"
         )
     return (

@@ -28,6 +28,7 @@ from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import (
     Kinematics,
+    printable,
     read_kinematics,
     shown,
     without_quaternions,
@@ -74,7 +75,15 @@ def load_urdf(
         joint_notices=kinematics.notices,
         flaws=kinematics.flaws,
         led=kinematics.led,
+        packages=_package_names(file),
     )
+
+
+def _package_names(file: Description) -> tuple[str, ...]:
+    """Return names of the package of a description, and of the folders that its meshes lie in."""
+    meshes = (mesh.get("filename", "") for mesh in file.root.iter("mesh"))
+    folders = (f for name in meshes for f in name.split("/")[:-1] if f and not f.endswith(":"))
+    return tuple(dict.fromkeys(map(printable, (file.packages.tree.name, *folders))))
 
 
 _WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"

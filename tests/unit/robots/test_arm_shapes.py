@@ -62,6 +62,44 @@ def test_the_maker_of_an_arm_is_that_of_the_preset_with_its_kinematics(name, tmp
     assert makers_like(robot)[:1] == (controller.maker,)
 
 
+NAMED = [
+    ("motoman_gp25", "motoman_gp25_support", "yaskawa"),
+    ("arm", "denso_robot_descriptions", None),  # axes are counted otherwise there
+    ("gp25", "models", "yaskawa"),
+    ("kuka_kr10r1420", "kuka_kr10_support", "kuka"),
+    ("rv2fr", "melfa_description", None),
+    ("indy7", "indy_description", None),
+    ("arm", "jaka_description", None),
+    ("armor", "fanciful", None),
+]
+
+
+@pytest.mark.parametrize(("name", "package", "maker"), NAMED)
+def test_the_maker_is_named_by_the_description_or_not_guessed(name, package, maker, tmp_path):
+    robot = without_shapes("r2000ic165f", tmp_path)
+    if maker == "kuka":
+        axes = robot.chain.axes * np.array([-1, 1, -1, 1, -1, 1])[:, None]
+        robot = replace(robot, chain=replace(robot.chain, axes=axes))
+    longer = robot.chain.placements.copy()
+    longer[2, :3, 3] *= 1.3  # the arm of no preset
+    robot = replace(robot, chain=replace(robot.chain, placements=longer))
+    robot = replace(robot, name=name, packages=(package,))
+    assert makers_like(robot) == ((maker,) if maker else ())
+
+
+def test_the_packages_of_a_description_are_known(tmp_path):
+    folder = tmp_path / "motoman_gp25_support" / "urdf"
+    folder.mkdir(parents=True)
+    (folder.parent / "package.xml").write_text("<package><name>motoman</name></package>")
+    mesh = '<visual><geometry><mesh filename="package://other/meshes/gp25/a.stl"/></geometry>'
+    (folder / "arm.urdf").write_text(
+        f'<robot name="arm"><link name="a">{mesh}</visual></link><link name="b"/>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    robot = Robot.from_urdf(folder / "arm.urdf")
+    assert robot.packages == ("motoman_gp25_support", "other", "meshes", "gp25")
+
+
 @pytest.mark.parametrize("name", ["r2000ic165f", "ur10e", "panda"])
 def test_shapes_of_the_preset_of_the_same_kinematics(name, tmp_path):
     preset, bare = Robot.preset(name), without_shapes(name, tmp_path)

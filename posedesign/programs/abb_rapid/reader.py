@@ -7,8 +7,9 @@ in ``jMeasured``, those stand in the place of the planned ones, and poses not ye
 out as soon as one is measured. Poses have the frames of the motion to them, where the module
 declares those with their values.
 
-What would be read wrong in silence is refused with its line: circles, positions without a value,
-an external axis that moves, a pose in two frames, or of a part that the arm holds. A statement that
+Both positions of a circle are read. What would be read wrong in silence is refused with its line: a
+position without a value, an external axis that moves, a pose in two frames, one that the program
+changes, or of a part that the arm holds. A statement that
 the grammar does not know is passed over only where it has nothing to do with any of that.
 """
 
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 from lark import Token, Tree
 
+from calib.errors import FileFormatError
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
 from posedesign.programs import reading
 from posedesign.programs.abb_rapid import module
@@ -70,6 +72,8 @@ class StoredPosition(Stored):
     parts: list[list[str]]
     T_world_user: FloatArray | None = None
     T_tip_tool: FloatArray | None = None
+    key: str = ""
+    """Tells one that stands in a motion from the others."""
 
     @classmethod
     def of(
@@ -173,6 +177,8 @@ class _Reader:
     changes: list[tuple[str, bool, int]] = field(default_factory=list)
     displaced: int | None = None
     parts: dict[str, Nested | str] = field(default_factory=dict)
+    targets: set[str] = field(default_factory=set)  # variables that joint motions go to
+    unread: list[FileFormatError] = field(default_factory=list)
 
     def take(self, statements: Sequence[Statement]) -> None:
         """Take positions, frames, motions, and what changes them."""
@@ -236,10 +242,9 @@ class _Reader:
             if word in ("PDISPON", "PDISPSET"):
                 self.displaced = self.displaced or row
             values = [(value, switches) for value, switches in given if value is not None]
-            if word == "MOVEC" and values and is_a(values[0][0], "list"):
-                refuse(
-                    "MoveC: only MoveAbsJ, MoveJ, MoveL can be read", self.path, row, "use these"
-                )
+            if word == "MOVEC" and len(values) > 4:  # through one position to the next
+                for value, _ in values[:2]:
+                    self._take_motion("robtarget", value, values[4], row)
             found = _MOTION.fullmatch(word)
             motion = motion or found is not None or word == "MOVEC"
             if found and values and values[0][0] is not None:
@@ -249,18 +254,23 @@ class _Reader:
         if not motion and "[" in statement.text:
             self._refuse_lost(statement.tree, row, statement.text)
 
-    def _take_motion(self, kind: str, target: Node, last: module.Argument | None, row: int) -> None:
+    def _take_motion(
+        self, kind: str, target: Node | None, last: module.Argument | None, row: int
+    ) -> None:
         """A position that stands in a motion, and the tool and work object of the last argument."""
         name = ""
         if is_a(target, "variable"):
             name = str(nested(target)).upper()
+            self.targets.add(name.partition("{")[0])
         elif is_a(target, "list"):
-            name = f"[{row}"
+            name = f"[{row}[{len(self.positions)}"
             # a list that has a name in the place of a part is calculated: no position of the file
             value = self._filled(target)
             pairs = zip(target.children, value, strict=True)
             if all(isinstance(c, Token) or not isinstance(v, str) for c, v in pairs):
-                self.positions.append(StoredPosition.of("", row, kind, value, self.path))
+                position = StoredPosition.of("", row, kind, value, self.path)
+                position.key = name
+                self.positions.append(position)
         if last is not None and name:  # Offs(p1,...): no motion to a position of the file
             tool, switches = last
             work_object = module.name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
@@ -285,19 +295,15 @@ class _Reader:
     def give_frames(self) -> None:
         """Give poses the frames of the motions that go to them.
 
-        Raises FileFormatError: a pose is used in two frames, or in one that is not that of a tool
-        at the flange, or is changed by the program.
+        One that is used in two frames has a fault, and one that the program changes and moves to is
+        unread. Raises FileFormatError: a frame is not that of a tool at the flange.
         """
+        self._leave_changed()
         posed = [p for p in self.positions if p.kind == "robtarget"]
-        poses = {p.variable.upper() or f"[{p.line}": p for p in posed}
+        poses = {p.key or p.variable.upper(): p for p in posed}
         if poses and self.displaced is not None:
             hint = "measure without a program displacement"
             refuse("displaced positions (PDispOn) cannot be read", self.path, self.displaced, hint)
-        labels = {p.variable.upper().partition("{")[0]: p.label for p in self.positions}
-        for name, in_part, row in self.changes:
-            if in_part and name in labels:
-                reason = f"{labels[name]} is changed in part"
-                refuse(reason, self.path, row, "store the position whole")
         values: dict[str, FloatArray | None] = {"TOOL0": np.eye(4), "WOBJ0": np.eye(4)}
         values |= {name: None for name, _, _ in self.changes}
         used: dict[str, tuple[str, str]] = {}
@@ -308,11 +314,30 @@ class _Reader:
             if used.setdefault(target, (tool, work_object)) != (tool, work_object):
                 reason = f"{position.label} is used in other frames than before"
                 hint = "use each position with one tool and one work object"
-                refuse(reason, self.path, row, hint)
+                position.fault = FileFormatError(reason, path=self.path, row=row, hint=hint)
+                position.T_tip_tool = position.T_world_user = None
             for name, kind in zip((tool, work_object), FRAMES, strict=True):
                 if name not in values:
                     values[name] = self._frame(name, kind)
-            position.T_tip_tool, position.T_world_user = values[tool], values[work_object]
+            if position.fault is None:
+                position.T_tip_tool, position.T_world_user = values[tool], values[work_object]
+
+    def _leave_changed(self) -> None:
+        """Leave out positions that the program moves to, and gives values that are not known."""
+        moved = {name.partition("{")[0] for name, *_ in self.motions} | self.targets
+        lost: dict[str, int] = {}
+        for name, in_part, row in self.changes:
+            if in_part or name in moved:
+                lost.setdefault(name, row)
+        for p in self.positions:
+            at = lost.get(p.variable.upper().partition("{")[0]) if p.variable else None
+            if at is not None:
+                reason, hint = f"{p.label} is changed by the program", "store the position whole"
+                self.unread.append(FileFormatError(reason, path=self.path, row=at, hint=hint))
+        kept = [p for p in self.positions if p.variable.upper().partition("{")[0] not in lost]
+        for error in self.unread if not kept else ():
+            raise error
+        self.positions = kept
 
     def _frame(self, name: str, kind: str) -> FloatArray | None:
         """The frame ``(4, 4)`` [m] of a tool or work object; None where it is another module's."""
@@ -351,4 +376,4 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
         if not (own or title or numbering.mark or numbering.names):
             title = remark
     named = statements[0].word("NAME"), title, "abb"
-    return numbering.program(named, reader.positions, _transforms, path)
+    return numbering.program(named, reader.positions, _transforms, path, reader.unread)

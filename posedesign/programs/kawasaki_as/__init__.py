@@ -41,6 +41,7 @@ from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, Problem, RecordedProgram
 from posedesign.programs.rules import measuring
+from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
 
 _LISTS = ("joints", "trans")
@@ -109,14 +110,19 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     text = text_of_file(data, path)
     name, notes, first = _planned(text, path)
     found: list[Stored] = []
-    for s in LANGUAGE.statements(text):
+    taught: list[Stored] = []
+    statements = LANGUAGE.statements(text)
+    for s in statements:
         if s.fault and s.text[:1] == "#":
             refuse(f"a position cannot be read: {s.fault}", path, s.row)
         if s.kind == "position" and s.text[0] == "#":
             found.append(Stored(s.word("ENTRY").lower(), s.row, s.words("NUMBER")))
         elif s.kind in ("move", "taught") and notes.mark is None:
             steps = [[text_of(value) for value in nodes(t, "sum")] for t in s.all("inline")]
-            found += [Stored("", s.row, values) for values in steps]
+            taught += [Stored("", s.row, values) for values in steps]
+    rows = {p.variable: p.line for p in found}
+    found, unread = joints.as_moved(found, _events(statements), path)
+    found = sorted([*found, *taught], key=lambda p: rows.get(p.variable, p.line))
     if notes.mark is None:
         name, notes, first = path.stem, Notes(), None
     numbered, element = (re.compile(rf"#{re.escape(name)}\.{x}\[(\d{{1,5}})\]") for x in "pm")
@@ -124,7 +130,29 @@ def parse_kawasaki_as(data: bytes, path: Path) -> RecordedProgram:
     numbering = Numbering(own, element, notes.mark, notes.names, first)
     positions = listed(numbering, found, path, joints.joints_of)
     mark, untouched = notes.mark or PlanMark(), numbering.is_untouched(found)
-    return RecordedProgram(name, "", mark, positions, "kawasaki", empty_registers=untouched)
+    return RecordedProgram(
+        *(name, "", mark, positions, "kawasaki"), empty_registers=untouched, unread=tuple(unread)
+    )
+
+
+def _events(statements: list[Statement]) -> Iterator[Event]:
+    """What the steps give to joint positions, and which ones they move to."""
+    several = sum(s.kind == "program" for s in statements) > 1  # in which order nobody knows
+    several |= any(re.search(r"\bgoto\b", s.text, re.IGNORECASE) for s in statements)
+    depth = 0
+    for s in statements:
+        depth += (s.kind in ("branch", "repeat")) - (s.kind in ("end", "until"))
+        inside = several or depth > 0
+        own = [place for place in _places(s) if place[0] == "#"]
+        first = _places(s)[:1] if own else []
+        if s.kind in ("here", "point") and own[:1] == first and first:
+            values = [text_of(v) for t in s.all("inline") for v in nodes(t, "sum")]
+            plain = values and all(map(joints.PLAIN.fullmatch, values))
+            yield Give(
+                s.row, first[0].upper(), Values(s.row, tuple(values)) if plain else None, inside
+            )
+        elif s.kind == "move" and own and own[:1] == first:
+            yield Go(s.row, own[0].upper(), inside)
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:

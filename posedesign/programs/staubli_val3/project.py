@@ -31,7 +31,8 @@ _COUNTED = {
         isinrange log open round rounddown roundup setmonitorspeed setmutex sin
         sqrt tan taskkill taskstatus tasksuspend trunc wait""",
     (1, 2): "libload logmsg popupmsg put putln size title",
-    (2, 2): """aiolink aioset appro diolink dioset distance here max min sioget siolink sioset
+    (0, 2): "userpageset",
+    (2, 2): """power aiolink aioset appro diolink dioset distance here max min sioget siolink sioset
         taskresume tostring watch""",
     (3, 3): "limit movej movel sel tonum",
     (4, 4): "movec",
@@ -271,6 +272,7 @@ def name_of(tree: Tree[Token]) -> str:
 
 def index_of(place: Tree[Token]) -> str:
     """First index of a variable: 0 without one, empty where it is computed."""
-    indices = subtrees(place)
+    own = place.children[1 + (":" in name_of(place)) :][:1]  # not of a field: s.body.nData[44]
+    indices = [child for child in own if isinstance(child, Tree)]
     found = _INDEX.fullmatch(text_of(indices[0])) if indices else None
     return "" if indices and not found else found[1] if found else "0"

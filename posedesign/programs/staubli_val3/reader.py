@@ -27,6 +27,7 @@ from calib.errors import FileFormatError
 from calib.se3 import FloatArray, rotation_from_moving_xyz, transform
 from posedesign.programs import reading
 from posedesign.programs.configurations import StaubliConfiguration
+from posedesign.programs.language import Statement, subtrees
 from posedesign.programs.notation import Literal
 from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
@@ -76,12 +77,45 @@ def parse_staubli_val3(data: bytes, path: Path) -> RecordedProgram:
     arrays = _arrays(data, path)
     own = "sPlan" in arrays
     listed, empty = _own(arrays) if own else (_others(arrays), False)
+    changed = _changed(arrays.path)
+    gone = [p for p in listed if {p[2].name, f"{p[2].name}[{p[3]}]"} & changed.keys()]
+    listed = [p for p in listed if p not in gone]
+    unread = [_unread(array, key, changed, path) for _, _, array, key in gone]
+    for error in unread if not listed else ():
+        raise error
     positions = _recorded(listed, arrays, arrays.first("tTool") if own else None)
     if not positions:
         reading.no_positions(path, "save the application that was touched up")
     mark = PlanMark.found_in(arrays.string("sPlan")) or PlanMark()
     title = arrays.string("sTitle")
-    return RecordedProgram(path.stem, title, mark, positions, "staubli", empty_registers=empty)
+    return RecordedProgram(
+        *(path.stem, title, mark, positions, "staubli"), empty_registers=empty, unread=tuple(unread)
+    )
+
+
+def _unread(array: _Array, key: int, changed: dict[str, int], path: Path) -> FileFormatError:
+    label = f"{array.name}[{key}]"
+    reason = f"{label} is changed by start.pgx, line {changed.get(label) or changed[array.name]}"
+    hint = "give it its values in the data"
+    return FileFormatError(reason, path=path, row=array.line, hint=hint)
+
+
+def _changed(path: Path) -> dict[str, int]:
+    """Elements, or whole arrays, that the program beside the data changes and then moves to.
+
+    With the lines of its file.
+    """
+    found: dict[str, int] = {}
+    given: dict[str, int] = {}
+    for statement in _started(path):
+        for name, index in project.targets_of(statement):
+            own = [n for n in given if n.partition("[")[0] == name]
+            found |= {n: given[n] for n in own if not index or n in (name, f"{name}[{index}]")}
+        if statement.kind == "assignment":
+            place = subtrees(statement.tree)[0]
+            name, index = project.name_of(place), project.index_of(place)
+            given[f"{name}[{index}]" if index else name] = statement.row
+    return found
 
 
 def _arrays(data: bytes, path: Path) -> _Data:
@@ -193,6 +227,12 @@ def _others(arrays: _Data) -> _Listed:
 
 def _moved(path: Path) -> Iterator[tuple[str, str]]:
     """What the program beside a data file moves to: name and index, empty where it is computed."""
+    for statement in _started(path):
+        yield from project.targets_of(statement)
+
+
+def _started(path: Path) -> Iterator[Statement]:
+    """Statements of the program beside a data file that a project begins with."""
     try:
         data = read_program_bytes(path.with_name("start.pgx"))
     except FileFormatError:
@@ -202,8 +242,7 @@ def _moved(path: Path) -> Iterator[tuple[str, str]]:
     except project.XmlFault:  # the code alone
         root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
     for code in root.all("Code", "code"):
-        for statement in project.statements_of(code):
-            yield from project.targets_of(statement)
+        yield from project.statements_of(code)
 
 
 def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[RecordedPosition, ...]:

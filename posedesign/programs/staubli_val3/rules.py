@@ -299,7 +299,7 @@ class _Scope:
         if name.startswith("$"):
             return  # of an option
         least, most = project.FUNCTIONS.get(word, (0, 99))
-        if name in self.programs:
+        if name in self.programs and word not in project.FUNCTIONS:
             yield "function", f"{name[:40]} is a program, and needs a call", "error"
         elif word not in project.FUNCTIONS:
             yield (
@@ -330,7 +330,8 @@ class _Scope:
     def _of_place(self, place: Tree[Token]) -> Iterator[rules.Fault]:
         name = name_of(place)
         word = name.lower()
-        if word in project.KEYWORDS or word in project.FUNCTIONS:
+        is_data = name in self.known  # and the controller has saved it so
+        if word in project.KEYWORDS or (word in project.FUNCTIONS and not is_data):
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
         elif name not in self.known and word not in project.PREDEFINED and self.whole:
             yield "name", f"{name[:40]} is neither in the data file nor a local", "error"

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.errors import FileFormatError
 from calib.se3 import transform
-from posedesign.programs import RecordedProgram
+from posedesign.programs import Arm, RecordedProgram, postures_of
 from posedesign.programs.abb_rapid import AbbRapid
 from tests.unit.programs.dialects import changed, export, refused
 
@@ -98,7 +99,12 @@ J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
         ("[0,-1,2,3]", "[0,-1,2,8]", 4, "p2: confdata"),
         ("[0,-1,2,3]", "[0,-1,2]", 4, "p2 has not the lists of 3, 4, 4, 6 numbers"),
         ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
-        ("ENDMODULE", "MoveC [[1]],p2,v1,fine,tool0;\nENDMODULE", 5, "MoveC: only MoveAbsJ"),
+        (
+            "ENDMODULE",
+            "MoveC [[1]],p2,v1,fine,tool0;\nENDMODULE",
+            5,
+            "the position has not the lists of 3, 4, 4, 6",
+        ),
         ("ENDMODULE", "MoveJ [[1]],v1,fine,tool0;\nENDMODULE", 5, "the position has not the"),
         ("ENDMODULE", "MoveJ [[1],v1,fine,tool0;\nENDMODULE", 5, "cannot make sense of"),
     ],
@@ -175,9 +181,9 @@ def test_frames_are_known_as_far_as_the_module_says(motion: str, tool: bool, bas
         (r"MoveJ p1,v1,fine,tA\WObj:=wC;", 6, "WC is a work object that moves"),
         ("MoveJ p1,v1,fine,tA;\nMoveL p1,v1,fine,tool0;", 11, "p1 is used in other frames"),
         ("MoveJ p1,v1,fine,tA;\nMoveL p1,v1,fine,tA\\WObj:=wA;", 11, "p1 is used in other frames"),
-        ("p1.trans.x:=20;", 10, "p1 is changed in part"),
-        ("IF a THEN\np1 . rot := q;\nENDIF", 11, "p1 is changed in part"),
-        ("x:=3;\njp2.robax.rax_1:=20;", 11, "jp2 is changed in part"),
+        ("p1.trans.x:=20;", 10, "p1 is changed by the program"),
+        ("IF a THEN\np1 . rot := q;\nENDIF", 11, "p1 is changed by the program"),
+        ("x:=3;\njp2.robax.rax_1:=20;", 11, "jp2 is changed by the program"),
         ("x:=3;\nPDispOn p1,tool0;", 11, "PDispOn"),
     ],
 )
@@ -237,3 +243,26 @@ def test_a_statement_that_is_none_stops_the_reader_where_it_matters(code: str, l
 )
 def test_a_statement_about_no_position_is_passed_over(code: str) -> None:
     assert len(framed(code).positions) == 2
+
+
+ARC = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+def test_both_positions_of_a_circle_are_read() -> None:
+    before = len(framed("").positions)
+    program = framed(f"MoveC {ARC},{ARC.replace('[1,2,3]', '[4,5,6]')},v5,fine,tool0;")
+    found = [p.T_user_tool for p in program.positions[before:] if p.T_user_tool is not None]
+    np.testing.assert_allclose([1e3 * T[:3, 3] for T in found], [[1, 2, 3], [4, 5, 6]])
+
+
+def test_one_statement_spoils_its_own_position_alone() -> None:
+    twice = FRAMED.replace("    # 1", r"MoveL p1,v5,fine,tA; MoveL p1,v5,fine,tA\WObj:=wA;")
+    program = AbbRapid().parse(twice.encode("latin-1"), Path("X.mod"))
+    assert len(program.positions) == 2
+    assert [p.label for p in program.positions if p.fault] == ["position 1"]
+    with pytest.raises(FileFormatError, match="p1 is used in other frames"):
+        postures_of(program.positions, Arm.usual("abb", 6))
+    changed_ = FRAMED.replace("    # 1", "p1:=CRobT(); MoveL p1,v5,fine,tA;")
+    program = AbbRapid().parse(changed_.encode("latin-1"), Path("X.mod"))
+    assert [p.number for p in program.positions] == [2]
+    assert "p1 is changed by the program" in program.unread[0].message

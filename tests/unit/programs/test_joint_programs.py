@@ -366,6 +366,8 @@ J1=(+1.00,+2.00,+3.00,+4.00,+5.00,+6.00)
     $s = $s + $ENCODE(/L, -SIG(33)) + "\\n"
   END
   POINT/X p = q
+  POINT/7 p = q
+  POINT p = q,#r
 .END
 """,
         [[0, 0, -90, 0, -90, 4.6e-05], [1, 2, 3, 4, 5, 6]],
@@ -569,3 +571,14 @@ def test_a_prg_is_the_language_that_it_is_written_in(tmp_path: Path) -> None:
     path.write_text("Print 1\n")
     with pytest.raises(FileFormatError, match="is none of abb-rapid"):
         read(path)
+
+
+@pytest.mark.parametrize("change", ["POINT #b = #a", "HERE #b", "IF n > 0\n HERE #b\n END"])
+def test_a_position_of_kawasaki_that_steps_change_is_unread(change: str) -> None:
+    head = f".PROGRAM x()\n  JMOVE #a\n  {change}\n  JMOVE #b\n.END\n"
+    text = f"{head}.JOINTS\n#a 1 2 3 4 5 6\n#b 6 5 4 3 2 1\n.END\n"
+    back = DIALECTS["kawasaki-as"].parse(text.encode(), Path("x.as"))
+    assert [p.name for p in back.positions] == ["#a"]
+    assert "#B is changed by the program" in back.unread[0].message
+    given = text.replace(change, "POINT #b = #[9,8,7,6,5,4]")
+    assert shown(parse("kawasaki-as", given))[2] == [9, 8, 7, 6, 5, 4]

@@ -75,6 +75,14 @@ def test_the_program_beside_says_which_positions_are_moved_to(tmp_path: Path) ->
     )
     program = DIALECT.read(path)
     assert [(p.number, p.name) for p in program.positions] == [(1, "pPoint[1]"), (2, "jJoint[2]")]
+    # what it changes before is not what it moves to
+    (tmp_path / "start.pgx").write_text(
+        "begin\n jJoint[0]=herej()\n jJoint[2].j1=3\n movej(jJoint[2],tTool,mFast)\n"
+        "  movel(pPoint[1],tTool,mFast)\nend"
+    )
+    program = DIALECT.read(path)
+    assert [p.name for p in program.positions] == ["pPoint[1]"]
+    assert "jJoint[2] is changed by start.pgx, line 3" in program.unread[0].message
     (tmp_path / "start.pgx").write_text("begin\nend")
     assert len(registry.read(path).positions) == 5
 

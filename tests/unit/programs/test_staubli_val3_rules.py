@@ -104,6 +104,7 @@ def test_what_controllers_write_too_is_accepted(name: str, old: str, new: str) -
         'taskCreateSync "servo",0.004,bOver,servo()\nwait(taskStatus("a b")==-1 or !bGo)',
         'msg.body.nData[n+1]=nType["JOINT"]\nif(a<b and !c)\nelseIf (-a==2)\nendIf',
         "movej(appro(p,{0,0,-100*n,0,0,0}),flange,mNomSpeed)",  # evamatvi, s6.8
+        's.body.nData[44]=power(2,3)\nuserPageSet("main")',
         "$setVel(mVel)\nwhile true\ndo\nuntil false\nendWhile",  # ICube-Robotics, s8
         'put("say \\"no\\" // no remark") // a remark\nlogMsg("late", 2)',
     ],

@@ -48,6 +48,9 @@ pattern."""
 _PAPER = 0.3
 """Difference from white, in parts of the contrast, of paper without a pattern."""
 
+_LEAST_OF_CELL = 0.4
+"""Share of a cell beyond the board that has to be in the picture, for it to be judged."""
+
 _LEAST_CELLS = 3
 """Cells of a side that have to be seen, for it to be judged."""
 
@@ -63,23 +66,18 @@ def disagreement(
     grey: NDArray[np.float32],
     board: GridBoard,
     board_map: BoardMap,
-    which: NDArray[np.intp],
-    px: FloatArray,
-    good: BoolArray,
+    seen: FloatArray,
     levels: tuple[float, float],
 ) -> str:
     """Return in words what of the picture is not as described, or nothing.
 
     Parameters
     ----------
-    which, px : ndarray (K,), (K, 2)
-        Points of the board whose edges were seen, and where.
-    good : ndarray (K,)
-        Points of these that lie on the map.
+    seen : ndarray (K, 2)
+        Points of the board that were seen [m].
     levels : tuple of float
         Grey levels of black and white.
     """
-    seen = board.points[which[good], :2]
     if isinstance(board, MarkerBoard) and _shows_others(grey, board, board_map, seen, levels):
         return OTHER_MARKERS
     size = _size_of_misfit(grey, board, board_map, seen, levels)
@@ -90,10 +88,7 @@ def disagreement(
     if (_squares_between(grey, board, board_map, seen) > 0.5) != board.is_kalibr:
         kinds = "no black squares", AprilTagGrid.name, "black squares", KalibrAprilGrid.name
         return "{} between the markers (kind {})".format(*kinds[2 * (not board.is_kalibr) :][:2])
-    off = _side_of_markers_off(board, which, px, board_map)
-    return f"markers of {(1.0 + off) * board.marker_m / board.spacing_m:.3f} of the spacing" * bool(
-        off
-    )
+    return ""
 
 
 def _size_of_misfit(
@@ -108,11 +103,11 @@ def _size_of_misfit(
     near = _near(cells.reshape(-1, 2), seen, board.step_m).reshape(cells.shape[:2])
     at, inside = read_grey(grey, board_map(places))  # (rows, columns, samples)
     readable = inside & near[..., None]
-    usable: BoolArray = np.asarray(readable.all(axis=2))
+    partly = readable.mean(axis=2) > _LEAST_OF_CELL
     dark, light = levels
     for side in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
-        there = usable[side]
-        if np.count_nonzero(there) >= min(_LEAST_CELLS, len(there)):
+        if np.count_nonzero(partly[side]) >= min(_LEAST_CELLS, len(partly[side])):
+            there = readable[side]
             levels_there = at[side][there]
             like = _likeness(levels_there, black[side][there])
             if like > _GOES_ON and levels_there.std() > _CONTRAST * (light - dark):
@@ -210,17 +205,38 @@ def _squares_between(
     return float(np.mean(corner < (black + white) / 2)) if len(corner) else float(board.is_kalibr)
 
 
-def _side_of_markers_off(
-    board: MarkerGrid, which: NDArray[np.intp], px: FloatArray, board_map: BoardMap
-) -> float:
-    """Return by how much markers are larger than described, in parts; zero where it is not sure."""
-    xy = board.points[which, :2]
-    middles = board.marker_corners.mean(axis=1)[which // 4]
-    slope = board_map.slope(xy, board.cell_m / 10)
-    out = (slope @ (xy - middles)[..., None])[..., 0]
-    part = float(np.median(((px - board_map(xy)) * out).sum(axis=1) / (out**2).sum(axis=1)))
-    half_px = float(np.sqrt(np.median((out**2).sum(axis=1)) / 2.0))
-    return part if abs(part) > SIDE_OFF and abs(part) * half_px > SIDE_OFF_PX else 0.0
+def side_of_markers_off(board: MarkerGrid, which: NDArray[np.intp], px: FloatArray) -> float:
+    """Return by how much markers are larger than described, in parts; zero where it is not sure.
+
+    By sides of two neighbours over the distance between them, which perspective leaves alike.
+
+    Parameters
+    ----------
+    which, px : ndarray (K,), (K, 2)
+        Points of the board whose edges were seen, and where.
+    """
+    seen = np.full((len(board.points), 2), np.nan)
+    seen[which] = px
+    grid = seen.reshape(board.rows, board.columns, 4, 2)
+    shares, sides = list[FloatArray](), list[FloatArray]()
+    for axis, ends in ((1, ((0, 1), (3, 2))), (0, ((0, 3), (1, 2)))):
+        lattice = np.moveaxis(grid, axis, 0)
+        for one, other in ends:
+            side = np.linalg.norm(lattice[..., other, :] - lattice[..., one, :], axis=-1)
+            step = np.linalg.norm(lattice[1:] - lattice[:-1], axis=-1)
+            shares.append(((side[1:] + side[:-1]) / (step[..., one] + step[..., other])).ravel())
+            sides.append(side.ravel())
+    share = np.concatenate(shares)
+    share = share[np.isfinite(share)]
+    if len(share) < _LEAST_PAIRS:
+        return 0.0
+    part = float(np.median(share)) * board.spacing_m / board.marker_m - 1.0
+    side_px = float(np.nanmedian(np.concatenate(sides)))
+    return part if abs(part) > SIDE_OFF and abs(part) * side_px / 2 > SIDE_OFF_PX else 0.0
+
+
+_LEAST_PAIRS = 4
+"""Pairs of sides that tell the size of the markers."""
 
 
 @lru_cache(maxsize=32)

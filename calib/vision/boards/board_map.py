@@ -31,7 +31,7 @@ ROUGH, ROUGH_MARKERS = 0.06, 0.15
 """Distance from the map of rough points that are the board's, in parts of the distance of
 neighbours: paper is not flat, and corners of small markers are off by a pixel."""
 
-_FISHEYE = (0.12, 0.25, 0.4, 0.55, 0.7, 0.85)
+_FISHEYE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Parts by which the corner of a picture is nearer to its middle than without a fisheye lens."""
 
 _MOST = 0.85
@@ -132,10 +132,10 @@ def fit_map(
     best = _fit_robustly(xy, px, near_px, floor, refined, fisheye)
     if shape is None or fisheye is not None or len(xy) < 16:
         return best
+    if best is not None and best[1].mean() > _MOST:
+        return best
     middle = np.array([shape[1], shape[0]]) / 2.0 - 0.5
     for part in _FISHEYE:
-        if best is not None and best[1].mean() > _MOST:
-            return best
         lens = Fisheye(middle, part / float(middle @ middle))
         other = _fit_robustly(xy, px, near_px, floor, refined, lens)
         if other is not None and (best is None or other[1].sum() > best[1].sum()):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError, check_type
 from calib.se3 import FloatArray
-from calib.vision.boards.agreement import OTHER_MARKERS, disagreement
+from calib.vision.boards.agreement import OTHER_MARKERS, disagreement, side_of_markers_off
 from calib.vision.boards.board import (
     AprilTagGrid,
     Board,
@@ -22,6 +22,7 @@ from calib.vision.boards.board import (
     GridBoard,
     KalibrAprilGrid,
     MarkerBoard,
+    MarkerGrid,
     RoundTarget,
     dictionary_of,
 )
@@ -130,11 +131,10 @@ def sight(
             said = another_layout(board, markers)
             if said:
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
-        if found is not None:
+        if found is not None and isinstance(board, CharucoBoard):
             side = side_of_markers(board, markers)
             if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX / markers.side_px):
-                said = f"markers of {side * board.marker_m / board.step_m[0]:.2f} of "
-                said += "a square" if isinstance(board, CharucoBoard) else "the spacing"
+                said = f"markers of {side * board.marker_m / board.square_m:.2f} of a square"
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
@@ -177,6 +177,12 @@ def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
     area = np.abs(np.linalg.det(board_map.slope(xy, board.cell_m / 10)))
     near_px = float(board.cell_m * np.sqrt(np.median(area)))
     measured = refine(grey, board, which, board_map, board_map(xy))
+    if isinstance(board, MarkerGrid):  # before points that lie on no map are left out
+        off = side_of_markers_off(board, which[measured.good], measured.px[measured.good])
+        if off:
+            share = (1.0 + off) * board.marker_m / board.spacing_m
+            said = _not_the(board, f"markers of {share:.3f} of the spacing")
+            return BoardSighting.failed(board, "another board", said)
     for k in range(3):
         good = measured.good
         if k < 2 and np.count_nonzero(good) < LEAST_POINTS:
@@ -197,7 +203,9 @@ def _measure(picture: GreyImage, found: Found) -> BoardSighting | None:
                 which = points_near(board, which[good][inside])
                 xy = board.points[which, :2]
             measured = refine(grey, board, which, board_map, board_map(xy), measured.sigma_px)
-    return _judged(grey, board, which, measured, inside, board_map)
+    good = good.copy()
+    good[good] = inside
+    return _judged(grey, board, which, replace(measured, good=good), board_map)
 
 
 def _judged(
@@ -205,13 +213,9 @@ def _judged(
     board: Board,
     which: NDArray[np.intp],
     measured: Refined,
-    inside: NDArray[np.bool_],
     board_map: BoardMap,
 ) -> BoardSighting | None:
-    sharp, xy = measured.good, board.points[which, :2]
-    good = sharp.copy()
-    good[sharp] = inside
-    measured = replace(measured, good=good)
+    good, xy = measured.good, board.points[which, :2]
     least = LEAST_POINTS
     if not isinstance(board, MarkerBoard):
         least = max(least, int(np.ceil(LEAST_SHARE * len(xy))))
@@ -226,9 +230,7 @@ def _judged(
     failed = partial(BoardSighting.failed, board, sharpness_px=width)
     dark, light = (float(np.median(each[good])) for each in (measured.dark, measured.light))
     if isinstance(board, GridBoard):
-        said = disagreement(
-            grey, board, board_map, which[sharp], measured.px[sharp], inside, (dark, light)
-        )
+        said = disagreement(grey, board, board_map, xy[good], (dark, light))
         if said:
             words = said if said == OTHER_MARKERS else _not_the(board, said)
             return failed("another board", words)

@@ -36,6 +36,9 @@ described wrongly, and be that of another kind of board."""
 _SOME, _POSSIBLE = 12, 6
 """Markers that every layout is tried with, and layouts that are tried with all markers."""
 
+_LEAST_SIDES = 6
+"""Markers that tell the size of markers."""
+
 _LEAST, _MORE = 4, 2
 """Markers that a layout explains, and by how many these are more than the described one explains,
 before the layout is named."""
@@ -138,7 +141,7 @@ def side_of_markers(board: MarkerBoard, markers: Markers) -> float:
         way = known.turned(turn)
         inside, H = layout.explains(way, board.marker_m / step)
         count = int(inside.sum())
-        if count >= _LEAST:
+        if count >= _LEAST_SIDES:
             side = _side_in_steps(way.those(inside), layout.places(known.ids[inside]), H)
             sides.append((count, side * step / board.marker_m))
     return float(max(sides)[1])

@@ -415,7 +415,7 @@ def test_boards_are_found_in_pictures_of_a_fisheye_lens(kind):
         np.sqrt(np.mean((sighting.pixels - way)[sighting.seen] ** 2))
         for way in (truth, truth[::-1])
     )
-    assert error < 0.15
+    assert error < 0.3
 
 
 def test_a_part_of_a_board_with_markers_is_enough():

@@ -44,6 +44,20 @@ def test_what_was_moved_half_way_is_named(what, seed):
     assert abs(int(said.split("pair ")[1].split(" ")[0]) - 23) <= 2
 
 
+@pytest.mark.parametrize("moved", [False, True])
+def test_noise_of_A_and_a_step_are_told_apart(moved):
+    """Each is named where it is there, and what explains more keeps the other from being named."""
+    for seed in range(4):
+        A, B, X, Z, rng = along_a_path(seed, 60)
+        if moved:
+            B[30:] = (se3.inverse(perturb(Z, 2.0 * BUMP)) @ A @ X)[30:]
+        A = perturb(A, rng.standard_normal((60, 6)) * np.repeat([4e-3, 2e-4], 3))
+        B = perturb(B, rng.standard_normal((60, 6)) * np.repeat([5e-4, 5e-4], 3))
+        result = solve(A, B)
+        assert any("seems to have moved at pair" in text for text in result.warnings) == moved
+        assert ("is of A" in result.noise_made) != moved
+
+
 @pytest.mark.parametrize("delay", [0.2, 0.5, -0.5])
 def test_a_delay_is_named_with_its_size(delay):
     A, B, _, _, rng = along_a_path(3, 40, delay=delay)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.robot_world import PairNoise, difference, solve, solve_batch
+from calib.robot_world import PairNoise, certify, difference, solve, solve_batch
 from calib.robot_world.noise import perturb
 from tests.hostile_pairs import viewing_pairs
 
@@ -92,3 +92,27 @@ def test_given_noise_that_explains_repeats_stands():
     plain = result._solution.likeliest
     assert plain.poses is None
     assert result.chi2_probability > 1e-3
+
+
+def test_a_deviation_of_poses_leaves_the_proof_as_it_is():
+    """It decides how certain X and Z are, so what is proven is what was found."""
+    for seed in range(3):
+        A, B, *_ = visited(seed)
+        found = solve(A, B, "ml", "B")
+        assert found._solution.likeliest.poses is not None
+        proof = certify(A, B, found.X, found.Z, found.noise)
+        assert proof.status == "optimal"
+        assert proof.translation_moved_m.max() < 1e-7
+
+
+@pytest.mark.slow
+def test_errors_that_follow_each_other_beside_poses_are_counted_too():
+    """A random walk of B along poses that are visited three times in a row."""
+    found = []
+    for seed in range(40):
+        A, B, *truth = visited(seed, poses=20, rounds=3, order="poses")
+        walk = np.cumsum(np.random.default_rng(seed).standard_normal((60, 6)) * OF_POSE / 3, axis=0)
+        A = perturb(A, walk - walk.mean(axis=0))
+        result = solve(A, B)
+        found.append(off(result.X, result.Z, result.covariance, truth))
+    assert np.sqrt(np.mean(np.square(found))) < 1.25

@@ -35,6 +35,10 @@ from calib.robots.presets import coupled_limits_of, describe_preset, preset_info
 from calib.robots.shapes import Body
 from calib.se3 import BoolArray, FloatArray, check_transforms, numbers, transform
 
+LONGEST_M = 100.0
+"""Reach of the longest arm: those of cranes and of space stations are below. In millimetres by
+mistake, the smallest arm has more."""
+
 _WORLD = "base"
 """Name that ROS-Industrial gives to the controller's world."""
 
@@ -218,6 +222,15 @@ class Robot:
         joints = path.joints
         names = tuple(tree.names_of(model, joints))
         chain = tree.chain_of(model, path, base_id, tip_id)
+        if chain.reach_m > LONGEST_M:
+            raise model_error(
+                described.model.name,
+                f"reaches {chain.reach_m:.0f} m from its second joint to {model.frames[tip_id].name}",
+                "give lengths in metres: a URDF has no other unit",
+                model.frames[tip_id].name,
+                value=chain.reach_m,
+                bound=LONGEST_M,
+            )
         outlying_m = np.zeros(chain.n) if path.positioner else chain.outlying
         if outlying_m.any():
             model = tree.with_frames_at_arm(model, path, chain)

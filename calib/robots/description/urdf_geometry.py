@@ -14,7 +14,13 @@ from urllib.parse import unquote
 
 from calib.errors import CalibError, RobotModelError, model_error
 from calib.robots.description.packages import Packages, is_inside
-from calib.robots.description.urdf_kinematics import LARGEST_LENGTH_M, numbers, printable, shown
+from calib.robots.description.urdf_kinematics import (
+    FARTHEST_M,
+    LARGEST_LENGTH_M,
+    numbers,
+    printable,
+    shown,
+)
 from calib.robots.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 
@@ -111,8 +117,8 @@ class _Reader:
             [0.0, 0.0, 0.0] if origin is None else self._numbers(origin, key, 3, "0 0 0")
             for key in ("xyz", "rpy")
         )
-        if max(map(abs, xyz)) > LARGEST_LENGTH_M:
-            raise self._fail(f"origin xyz beyond {LARGEST_LENGTH_M:g} m")
+        if max(map(abs, xyz)) > FARTHEST_M:
+            raise self._fail(f"origin xyz beyond {FARTHEST_M:g} m")
         return transform(rotation_from_wpr(rpy), xyz)  # roll, pitch, yaw are W, P, R
 
     def solid(self, geometry: Element | None) -> Solid:

@@ -25,6 +25,11 @@ link of a row, on a stack that ends."""
 LARGEST_LENGTH_M = 1000.0
 """No part of a robot is larger; numbers beyond it would overflow further on."""
 
+FARTHEST_M = 1e5
+"""No frame of a joint is farther from the one before, nor what is given in it: of axes that are
+parallel but for 1e-5 rad the common normal, which calibrated tables place frames at, is 100 km away
+(:attr:`calib.robots.chain.SerialChain.outlying`). Rounding is 1e-11 m there."""
+
 LARGEST_MASS_KG = 1e7
 LARGEST_TURN_RAD = 100 * 2.0 * math.pi
 """Limits beyond it stand for none at all (some tools write +-1e16)."""
@@ -186,10 +191,8 @@ def _add_joint(joint: Element, out: Kinematics, path: Path) -> None:
             if element is not None and kind != "fixed":
                 SubElement(written, "axis", xyz=spread(_direction(values, fail)))
             continue
-        if key == "xyz" and max(map(abs, values)) > LARGEST_LENGTH_M:
-            raise fail(
-                f"has origin xyz={shown(text)}, beyond {LARGEST_LENGTH_M:g} m", "give metres"
-            )
+        if key == "xyz" and max(map(abs, values)) > FARTHEST_M:
+            raise fail(f"has origin xyz={shown(text)}, beyond {FARTHEST_M:g} m", "give metres")
         origin.set(key, spread(values))
     if kind in MOVING:
         _add_limits(joint, written, out, path)
@@ -290,7 +293,7 @@ def _add_link(link: Element, out: Kinematics, path: Path) -> None:
         if (
             len(values) != (3 if tag == "origin" else 1)
             or (tag == "mass" and not 0.0 <= values[0] <= LARGEST_MASS_KG)
-            or (key == "xyz" and max(map(abs, values)) > LARGEST_LENGTH_M)
+            or (key == "xyz" and max(map(abs, values)) > FARTHEST_M)
         ):
             raise model_error(
                 path,

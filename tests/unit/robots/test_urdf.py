@@ -11,6 +11,7 @@ from calib import Robot
 from calib.errors import RobotModelError
 from calib.robots.description import urdf
 from calib.se3 import rotation_from_quaternion
+from tests.arms import missed
 
 LIMIT = '<limit lower="-1" upper="1.5" velocity="2" effort="1"/>'
 
@@ -225,9 +226,14 @@ BROKEN = {
         "arm.urdf",
     ),
     "far": (
-        ABC + J1 + J2.replace("0.1 0 0.3", "0 0 2000"),
-        "joint 'j2' has origin xyz='0 0 2000', beyond 1000 m",
+        ABC + J1 + J2.replace("0.1 0 0.3", "0 0 200000"),
+        r"joint 'j2' has origin xyz='0 0 200000', beyond 100000 m",
         "j2",
+    ),
+    "millimetres": (
+        ABC + J1 + J2 + link("d") + joint("j3", "c", "d").replace("0.1 0 0.3", "425 0 0"),
+        "arm: reaches 501 m from its second joint to d",
+        "d",
     ),
     "no turns": (
         ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-1e16" upper="1e16"/>'),
@@ -448,3 +454,28 @@ def test_quaternions_that_mean_nothing_are_refused(read, version, origin, why):
     joints = J1 + J2.replace('rpy="0 0.2 0"', origin)
     with pytest.raises(RobotModelError, match=f"an origin of <joint> 'j2' has quat_xyzw=.*{why}"):
         read(f'<?xml version="1.0"?><robot name="arm" {version}>{ABC}{joints}</robot>')
+
+
+@pytest.mark.parametrize("along", [574.0, 4000.0, 20_000.0])
+def test_frames_of_a_factory_calibration_are_far_along_their_axes(read, along):
+    """Axes 2 to 4 of a UR5 are parallel but for some 0.1 mrad: its tables place frames far away."""
+
+    def row(k, xyz, rpy):
+        return (
+            joint(f"q{k}", f"l{k - 1}", f"l{k}").replace("0.1 0 0.3", xyz).replace("0 0.2 0", rpy)
+        )
+
+    tilt = 0.08 / along
+    rows = (
+        row(1, "0 0 0", "0 0 0"),
+        row(2, "0 0 0.089", "1.5708 0 0"),
+        row(3, f"-0.425 0 {along}", f"{tilt} 0 0.1"),
+        row(4, f"-0.392 0 {-along}", f"{-tilt} 0 -0.2"),
+        row(5, "0 0 0.109", "1.5708 0 0"),
+        row(6, "0 0 0.095", "-1.5708 0 0"),
+    )
+    text = "".join(link(f"l{k}") for k in range(7)) + "".join(rows)
+    robot = read(text)
+    assert robot.chain.reach_m < 2.0
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50, 6))
+    assert missed(robot, q).max() < 1e-6

@@ -8,6 +8,7 @@ import pytest
 
 from calib import Robot
 from calib.errors import CalibError
+from tests.arms import missed
 
 pytestmark = pytest.mark.real_data
 
@@ -172,3 +173,15 @@ def test_damaged_files_are_refused_in_words(urdfs, tmp_path, capfd):
             assert "\n" not in words
     assert errors > 0
     assert capfd.readouterr() == ("", "")
+
+
+def test_no_posture_is_lost_of_descriptions_with_rounded_frames(data_folder):
+    """Angles of 1.5708, axes against each other, and a factory calibration with frames far away."""
+    files = sorted((data_folder / "urdf" / "with_rounding").glob("*.urdf"))
+    if not files:
+        pytest.skip(f"no URDF files in {data_folder / 'urdf' / 'with_rounding'}")
+    for path in files:
+        robot = Robot.from_urdf(path)
+        q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (500, 6))
+        q = q[robot.chain.smallest_singular_values(robot.chain.forward(q)) > 0.01]
+        assert missed(robot, q).max() < 1e-6, path.name

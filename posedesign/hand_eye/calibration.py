@@ -54,8 +54,8 @@ from posedesign.files.trees import number, numbers, read_tree
 from posedesign.hand_eye.lens_files import read_lens
 from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.forms import Poses
+from posedesign.hand_eye.pairs.readings import FEWEST_PAIRS, Sides, misfit_of, told
 from posedesign.hand_eye.pictures import PictureSet
-from posedesign.hand_eye.readings import FEWEST_PAIRS, Sides, misfit_of, told
 
 Advance = Callable[[str, float], None]
 
@@ -289,8 +289,8 @@ def _by_convention(shown: PictureSet, board: Board, pixels: FloatArray, asked: A
             raise InputError(
                 f"{poses.place.path} does not say what its orientations are, and these pictures "
                 "do not tell it",
-                hint="say it with `poses-are`, say kuka-abc or quaternion-xyzw",
-                name="poses-are",
+                hint="say it with `poses_are`, say kuka-abc or quaternion-xyzw",
+                name="poses_are",
             )
         return shown
     lens = asked.lens
@@ -306,7 +306,7 @@ def _by_convention(shown: PictureSet, board: Board, pixels: FloatArray, asked: A
     flange, _ = told(flange, seen_poses, lambda A, B: (A, B), sides)
     misfit = misfit_of(flange, seen_poses, lambda A, B: (A, B), sides)
     if misfit is not None and misfit.explained:
-        raise InputError(misfit.text, name="poses-are")
+        raise InputError(misfit.text, name="poses_are")
     if poses.is_said:
         return shown
     whole = poses.turned(flange.turn)
@@ -320,7 +320,7 @@ def _sides(other: str, word: Camera) -> Sides:
         "the pictures and the poses of the flange",
         "the poses",
         "the pictures",
-        "if the poses are those of the base in the flange frame (`poses-are` .. inverse), or, as "
+        "if the poses are those of the base in the flange frame (`poses_are` .. inverse), or, as "
         f"the equations do not tell it from that, the camera is {other} (`camera` {word})",
     )
 

@@ -184,9 +184,9 @@ def convention_of(words: str) -> Convention:
         if word in MAKERS or word in READERS:
             if found is not None:
                 raise InputError(
-                    f"`poses-are` {words!r} says the orientation twice",
+                    f"`poses_are` {words!r} says the orientation twice",
                     hint="say it once",
-                    name="poses-are",
+                    name="poses_are",
                     value=words,
                 )
             found = MAKERS.get(word) or Convention(word)
@@ -195,9 +195,9 @@ def convention_of(words: str) -> Convention:
         else:
             known = (*MAKERS, *READERS, *RADIANS, *LENGTHS, INVERSE, AS_THEY_STAND)
             raise InputError(
-                f"`poses-are` {word!r} is not known",
+                f"`poses_are` {word!r} is not known",
                 hint=near_names(word, known),
-                name="poses-are",
+                name="poses_are",
                 value=words,
             )
     if found is None:
@@ -239,10 +239,10 @@ def check_labels(turn: str, labels: Sequence[str]) -> None:
         return
     axes, first = _axes(labels), "x" if turn.endswith(_OF_AXES) else turn[0]
     raise InputError(
-        f"`poses-are` {turn} has the first number about {first}, and it is called r{axes[0]}",
+        f"`poses_are` {turn} has the first number about {first}, and it is called r{axes[0]}",
         hint=f"say {_same_by_labels(turn, axes)} if the names are right, else {turn},"
         f"{AS_THEY_STAND}",
-        name="poses-are",
+        name="poses_are",
         value=turn,
     )
 

@@ -3,8 +3,8 @@
 A table says them by the names of the pictures (column ``picture``), or in their order: the natural
 one of their names (2 before 10), or that of the times in their EXIF. A robot program or a list for
 ROS or RoboDK says them in order. Files of keys and lists, and folders with a file for each picture
-(:mod:`.pose_files`), say them by names, by the numbers in their names, or in order. What is taken
-for granted in this is said in a note.
+(:mod:`.pairs.pose_files`), say them by names, by the numbers in their names, or in order. What is
+taken for granted in this is said in a note.
 
 Of an arm that moved the table is a record of its joints, or of the poses of its flange, by the
 column ``time_s``, by one clock: rows as they were recorded, and rows of pictures with the time that
@@ -46,8 +46,8 @@ from posedesign.hand_eye.pairs.forms import (
     pose_columns,
     read_poses_of,
 )
+from posedesign.hand_eye.pairs.pose_files import STACKS, TREES, natural, read_written, written_tree
 from posedesign.hand_eye.pairs.stacks import open_blocks
-from posedesign.hand_eye.pose_files import STACKS, TREES, natural, read_written, written_tree
 
 __all__ = ["PictureSet", "read_grey", "read_picture_set"]
 
@@ -98,7 +98,7 @@ def read_picture_set(
     ``pictures``: a folder, or files and folders in any order. ``poses``: a table (CSV) with joint
     columns (:mod:`posedesign.files.postures`) or the pose of the flange (:mod:`.pairs.forms`); a
     robot program, or a list for ROS or RoboDK, of joint values; a file or a folder of
-    :mod:`.pose_files`. Without it the pictures serve the
+    :mod:`.pairs.pose_files`. Without it the pictures serve the
     lens only. ``robot``: the arm that joint values are of. ``order`` {"name", "time"}: order of the
     pictures: by name, numbers in it by their value, or by the time in their EXIF. ``trust_units``:
     do not refuse values that look like those of another unit. ``poses_are``: convention of the

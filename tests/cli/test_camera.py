@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from calib.lens import Lens
-from calib.se3 import quaternion_from_rotation, rotation_exp, transform
+from calib.se3 import quaternion_from_rotation, rotation_exp, transform, wpr_from_rotation
 from posedesign.cell import Cell, cell_template
 from posedesign.hand_eye import calibration
 from posedesign.hand_eye.lens_files import read_lens
+from posedesign.hand_eye.pictures import read_picture_set
 from tests.board_pictures import Camera, take_pictures
 from tests.cli.conftest import rendering
 from tests.cli.test_glossary import check_explained
@@ -165,6 +166,47 @@ def test_poses_of_the_flange_do_as_well(there, glance):
     )  # fmt: skip
     assert said.code == 2
     assert "poses of the flange say nothing of the joints" in said.err
+
+
+def test_poses_of_the_flange_need_no_cell(there, glance):
+    """The board is described beside the command, and angles may be those of any maker."""
+    board = "kind=charuco,columns=7,rows=5,square_mm=30,marker_mm=22,dictionary=DICT_4X4_50"
+    command = ("camera", "pictures", "--poses", "flange.csv", "--target", board)
+    found = json.loads(glance(*command, "--json").out)
+    assert np.abs(errors_in_sigmas(found["T_flange_camera"], X)).max() < 4.0
+    flange = read_picture_set(there / "pictures", there / "flange.csv")
+    T = flange.T_base_flange
+    abc = np.rad2deg(wpr_from_rotation(T[:, :3, :3]))[:, ::-1]  # KUKA's A, B, C are R, P, W
+    rows = zip(flange.names, np.hstack([1e3 * T[:, :3, 3], abc]).tolist(), strict=True)
+    lines = [",".join([name, *map(repr, row)]) for name, row in rows]
+    (there / "kuka.csv").write_text(
+        "\n".join(["picture,x_mm,y_mm,z_mm,w_deg,p_deg,r_deg", *lines]) + "\n"
+    )
+    command = ("camera", "pictures", "--poses", "kuka.csv", "--target", board, "--out", "kuka")
+    said = glance(*command)
+    assert said.code == 2
+    assert "if in the poses the three numbers are zyx-moving (kuka-abc" in said.err
+    assert "--poses-are zyx-moving" in said.err
+    said = glance(*command, "--poses-are", "zyx-moving", "--json")
+    assert said.code == 0, said.err
+    again = json.loads(said.out)
+    np.testing.assert_allclose(
+        again["T_flange_camera"]["matrix_m"], found["T_flange_camera"]["matrix_m"], atol=1e-6
+    )
+
+
+def test_a_cell_that_is_left_out_and_needed(there, glance):
+    said = glance("camera", "pictures", "--poses", "flange.csv")
+    assert said.code == 2
+    assert "no cell is given, and no board is described" in said.err
+    said = glance("camera", "pictures", "--poses", "joints.csv", "--target", "kind=chessboard")
+    assert said.code == 2
+    said = glance(
+        "camera", "pictures", "--poses", "joints.csv", "--target",
+        "kind=chessboard,columns=7,rows=5,square_mm=30",
+    )  # fmt: skip
+    assert said.code == 2
+    assert "joint values need the robot" in said.err
 
 
 def test_two_cameras_of_one_stop(there, glance):

@@ -227,7 +227,7 @@ def read_numbers(path: Path, columns: Sequence[str] = (), *, bare: bool = False)
             path=path,
             row=1,
             hint="name them, say `columns` qw,qx,qy,qz,x_m,y_m,z_m; or say what they are with "
-            "`poses-are`",
+            "`poses_are`",
         )
     found, rows = _in_small_letters(path, found, rows)
     return replace(table, columns=found, rows=rows)

@@ -462,7 +462,7 @@ class WrittenPoses:
         p = self.places * LENGTHS[length]
         refuse_endless(self.place, p)
         if not trust_units:
-            check_lengths(self.place, p, length, "say so with `poses-are`")
+            check_lengths(self.place, p, length, "say so with `poses_are`")
         numbers = self.numbers
         if has_angles(turn):
             if not angle:
@@ -503,7 +503,7 @@ class WrittenPoses:
                 f"{self.place.path} has {count} numbers of the orientation, {turn} has "
                 f"{count_of(turn)}",
                 hint=f"with {count} numbers are {', '.join(same_count(count)[:5])} ..",
-                name="poses-are",
+                name="poses_are",
             )
         return turn
 
@@ -517,7 +517,7 @@ class WrittenPoses:
         raise FileFormatError(
             f"says no unit of length, and its longest translation, {longest:.4g}, may be mm or m",
             path=self.place.path,
-            hint="say it with `poses-are`, say rotation-vector,mm",
+            hint="say it with `poses_are`, say rotation-vector,mm",
             value=longest,
         )
 

@@ -19,6 +19,8 @@ from posedesign.hand_eye.conventions import UNKNOWN, Convention, convention_of
 from posedesign.hand_eye.pairs.certificate import Camera
 from posedesign.hand_eye.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.hand_eye.pairs.forms import METRES, Poses, WrittenPoses
+from posedesign.hand_eye.pairs.pose_files import read_written, written_tree
+from posedesign.hand_eye.pairs.readings import misfit_of, told
 from posedesign.hand_eye.pairs.samples import Samples, samples_of
 from posedesign.hand_eye.pairs.stacks import (
     OPENCV_NAMES,
@@ -30,8 +32,6 @@ from posedesign.hand_eye.pairs.stacks import (
     pick_one,
     pick_two,
 )
-from posedesign.hand_eye.pose_files import read_written, written_tree
-from posedesign.hand_eye.readings import misfit_of, told
 
 Invert = Literal["none", "a", "b", "both"]
 Order = Literal["axzb", "opencv"]
@@ -102,9 +102,9 @@ class PairSource:
         parts = self.poses_are.split("/")
         if len(parts) > 2:
             raise InputError(
-                f"`poses-are` {self.poses_are!r} has {len(parts)} parts",
+                f"`poses_are` {self.poses_are!r} has {len(parts)} parts",
                 hint="say that of A, then that of B, with one slash between them",
-                name="poses-are",
+                name="poses_are",
             )
         a, b = (convention_of(part) if part.strip() else None for part in (parts * 2)[:2])
         return a, b

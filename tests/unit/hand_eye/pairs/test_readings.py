@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from calib.errors import InputError
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from posedesign.hand_eye.pairs import PairSource
-from posedesign.hand_eye.readings import FAIR
+from posedesign.hand_eye.pairs.readings import FAIR
 
 Numbers = Callable[[Rotation], FloatArray]
 
@@ -71,7 +71,7 @@ def test_a_mistake_in_one_side_is_named(tmp_path, case, side):
     assert f"if in {side} the " in said
     assert MISTAKES[case][2] in said
     assert "as well" not in said  # one alone
-    word = said.rpartition("`poses-are` ")[2]
+    word = said.rpartition("`poses_are` ")[2]
     paths = written(tmp_path / "a.csv", A), written(tmp_path / "b.csv", B)
     path = paths[0] if side == "A" else paths[1]
     written(path, A if side == "A" else B, case)

@@ -301,6 +301,6 @@ def test_lengths_between_millimetres_and_metres_are_asked(folder):
     path = dump(folder / "p.json", content)
     with pytest.raises(FileFormatError, match="may be mm or m") as caught:
         read_picture_set(folder / "pictures", path)
-    assert "poses-are" in caught.value.hint
+    assert "poses_are" in caught.value.hint
     found = read_picture_set(folder / "pictures", path, poses_are="mm")
     np.testing.assert_allclose(found.T_base_flange[:, :3, 3], 0.04 * T[:, :3, 3], atol=1e-9)

@@ -191,13 +191,13 @@ def told(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> tuple[Po
     if a.is_said and b.is_said:
         return a, b
     unsaid = " and ".join(n for n, side in ((sides.a, a), (sides.b, b)) if not side.is_said)
-    hint = "say it with `poses-are`, say kuka-abc or quaternion-xyzw"
+    hint = "say it with `poses_are`, say kuka-abc or quaternion-xyzw"
     if len(a.T) < FEWEST_FOR_BOTH:
         raise InputError(
             f"nobody says what the numbers of the orientation of {unsaid} are, and {len(a.T)} "
             "poses are too few to tell",
             hint=hint,
-            name="poses-are",
+            name="poses_are",
         )
     some = np.unique(np.linspace(0, len(a.T) - 1, MOST_PAIRS).astype(np.intp))
     read_a, read_b = _readings_of(a, some), _readings_of(b, some)
@@ -214,15 +214,15 @@ def told(a: Poses, b: Poses, arrange: Arrange, sides: Sides = PAIRS) -> tuple[Po
             f"nobody says what the numbers of the orientation of {unsaid} are, and no convention "
             "fits alone" + (f": {misfit.text}" if misfit and misfit.explained else ""),
             hint=hint,
-            name="poses-are",
+            name="poses_are",
         )
     ways = [" and ".join(_unsaid(one, a, b)) for one in best]
     if len(ways) > 1:
         raise InputError(
             f"nobody says what the numbers of the orientation of {unsaid} are, and these poses fit "
             f"by {', by '.join(ways[:5])}",
-            hint=f"say which with `poses-are`: {best[0].a or a.turn}, say",
-            name="poses-are",
+            hint=f"say which with `poses_are`: {best[0].a or a.turn}, say",
+            name="poses_are",
         )
     return _read_by(best[0].a, a, ways[0], found), _read_by(best[0].b, b, ways[0], found)
 
@@ -376,14 +376,14 @@ def _change(turn: str, poses: Poses) -> str:
         order, read = (" ".join(name.partition("-")[2]) for name in (turn, before))
         return (
             f"the four numbers called {' '.join('q' + c for c in read.split())} are {order}: "
-            f"`poses-are` {turn}"
+            f"`poses_are` {turn}"
         )
     if before.startswith("matrix"):
         return (
-            f"the rotation stands column by column, or is that of the inverse: `poses-are` {turn}"
+            f"the rotation stands column by column, or is that of the inverse: `poses_are` {turn}"
         )
     stand = "" if labels_fit(turn, poses.labels) else f",{AS_THEY_STAND}"
-    return f"the three numbers are {named(turn)}: `poses-are` {turn}{stand}"
+    return f"the three numbers are {named(turn)}: `poses_are` {turn}{stand}"
 
 
 def _units(factor: float) -> str:

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 _PARAMETER = re.compile(r"(\w+(?:/\w+)*)(\?)?(?::(\w+))?(?:([\[(])(-?[\d.]*),(-?[\d.]*)([\])]))?")
@@ -74,9 +75,14 @@ class Signature:
     least: int = 0
     most: int = 0
 
+    @cached_property
+    def by_name(self) -> Mapping[str, Parameter]:
+        """Parameters by all of their names."""
+        return {name: p for p in self.parameters for name in p.names}
+
     def named(self, given: Sequence[Argument]) -> Iterator[tuple[Parameter, Argument]]:
         """Parameters of the arguments of a call; those that it does not have are left out."""
-        known = {name: p for p in self.parameters for name in p.names}
+        known = self.by_name
         for k, argument in enumerate(given):
             parameter = self.parameters[k] if k < len(self.parameters) else None
             parameter = known.get(argument.keyword) if argument.keyword else parameter
@@ -104,7 +110,7 @@ class Signature:
 
     def faults(self, given: Sequence[Argument]) -> Iterator[tuple[str, str]]:
         """Rules that a call breaks, and how."""
-        known = {name for parameter in self.parameters for name in parameter.names}
+        known = self.by_name
         keywords = [argument.keyword for argument in given if argument.keyword]
         placed = [argument for argument in given if not argument.keyword]
         odd = next((word for word in keywords if word not in known), "")

@@ -80,7 +80,8 @@ that may not be run, or not then."""
 
 def _tree(text: str) -> ast.Module | Problem:
     """The program as Python has it, or why it is none."""
-    return language.shared(("drl", text), lambda: _parsed(text))
+    plain = text.replace("\r", "")
+    return language.shared(("drl", plain), lambda: _parsed(plain))
 
 
 def _parsed(text: str) -> ast.Module | Problem:
@@ -97,8 +98,12 @@ def _parsed(text: str) -> ast.Module | Problem:
         return Problem(1, "syntax", "no program that can be read")
 
 
-def _steps(tree: ast.Module) -> Iterator[_Step]:
+def _steps(tree: ast.Module) -> list[_Step]:
     """Statements in the order of the file."""
+    return language.shared(("drl steps", id(tree)), lambda: list(_walked(tree)))
+
+
+def _walked(tree: ast.Module) -> Iterator[_Step]:
     waiting: list[tuple[ast.AST, bool]] = [(s, False) for s in reversed(tree.body)]
     while waiting:
         node, inside = waiting.pop()
@@ -146,6 +151,8 @@ def _argument(call: ast.Call, name: str) -> ast.expr | None:
     """The argument of a move of this name."""
     given = [Argument("", k.arg or "") for k in call.keywords]
     placed = [Argument("")] * len(call.args)
+    if name == "pos" and call.args:
+        return call.args[0]
     pairs = SIGNATURES["movej"].named([*placed, *given])
     values = [*call.args, *(k.value for k in call.keywords)]
     found = (v for (p, _), v in zip(pairs, values, strict=False) if p.name == name)
@@ -204,19 +211,20 @@ def _events(text: str) -> Iterator[Event]:
 
 
 def _move(call: ast.Call, inside: bool) -> Iterator[Event]:
-    target, said = _argument(call, "pos"), " ".join(ast.unparse(call).split())[:60]
+    target = _argument(call, "pos")
     goes = _joints_in(target)
     if _is_relative(call):
+        said = ast.unparse(call)[:60]
         yield Go(call.lineno, "", inside, f"{said!a}: is relative to where the arm stands")
     elif goes:
         yield Go(call.lineno, goes, inside)
     elif not (isinstance(target, ast.Call) and getattr(target.func, "id", "") == "posx"):
-        yield Go(call.lineno, "", inside, f"{said!a}: no list of numbers")
+        yield Go(call.lineno, "", inside, f"{ast.unparse(call)[:60]!a}: no list of numbers")
 
 
 def check_doosan_drl(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    tree = _tree(data.decode("latin-1").replace("\r", ""))
+    tree = _tree(data.decode("latin-1"))
     if isinstance(tree, Problem):
         return told([tree], check_bytes(data, CONTROL))
     does = (ast.Assign, ast.AnnAssign, ast.FunctionDef)
@@ -231,7 +239,7 @@ class _Checker:
     """The statements of a program, and what is known of its names."""
 
     def __init__(self, tree: ast.Module) -> None:
-        self.steps = list(_steps(tree))
+        self.steps = _steps(tree)
         nodes = [node for step, own, _ in self.steps for node in (step, *own)]
         self.own = {node.name for node in nodes if isinstance(node, _FUNCTIONS)}
         self.known = {*_PURE, *self.own}
@@ -319,6 +327,12 @@ def _kind(node: ast.expr) -> tuple[str, float]:
     return ("list" if isinstance(node, ast.List) else ""), math.nan
 
 
+def _shown(node: ast.expr) -> str:
+    if isinstance(node, ast.Call):
+        return f"{getattr(node.func, 'id', '')}(...)"  # positions are many, and long
+    return getattr(node, "id", "") or _number(node) or ast.unparse(node)[:80]
+
+
 def _check_call(row: int, name: str, call: ast.Call) -> Iterator[Problem]:
     signature = SIGNATURES.get(name)
     goes = name in _MOVES or (name == "posj" and len(call.args) == 1)
@@ -334,7 +348,7 @@ def _check_call(row: int, name: str, call: ast.Call) -> Iterator[Problem]:
     if signature is None or starred:
         return
     given = [("", a) for a in call.args] + [(k.arg or "", k.value) for k in call.keywords]
-    arguments = [Argument(ast.unparse(v)[:80], word, *_kind(v)) for word, v in given]
+    arguments = [Argument(_shown(v), word, *_kind(v)) for word, v in given]
     odd = next((a for a in arguments if a.kind == "odd"), None)
     if odd:
         yield Problem(row, "arguments", f"{name[:40]}: {odd.shown[:40]}")

@@ -12,7 +12,15 @@ from functools import cache, cached_property
 
 from lark import Token, Tree
 
-from posedesign.programs.language import MOST_FAULTS, Language, Line, Statement, lines_of, nodes
+from posedesign.programs.language import (
+    MOST_FAULTS,
+    Language,
+    Line,
+    Statement,
+    lines_of,
+    nodes,
+    shared,
+)
 
 LANGUAGE = Language(
     "posedesign.programs.fanuc_ls",
@@ -144,6 +152,10 @@ class Listing:
 
 def read_listing(text: str) -> Listing:
     """Sort the lines of a file into its sections; never fails."""
+    return shared(("ls", text), lambda: _sorted(text))
+
+
+def _sorted(text: str) -> Listing:
     listing = Listing(rows=text.count("\n") + 1)
     row, section, start = 1, "", 0
     for heading in [*_SECTION.finditer(text), None]:

@@ -213,6 +213,8 @@ def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
     return near
 
 
+_CONDITIONS = ("if_", "elif_", "while_")
+_TRUTHS = re.compile(r'"|\b(?:not|and|or|xor|True|False)\b')
 _WORD_OF = {"STRING": "text", "TRUE": "flag", "FALSE": "flag", "NUMBER": "number"}
 _KIND_OF = {
     **dict.fromkeys(("list", "pose"), ""),
@@ -232,7 +234,9 @@ def _kind(node: Node) -> str:
 
 def _check_operands(statement: Statement) -> Iterator[Problem]:
     """Rule ``arguments`` of texts and lists where a truth or a number is due."""
-    conditions = statement.tree.children if statement.kind in ("if_", "elif_", "while_") else []
+    if statement.kind not in _CONDITIONS and not _TRUTHS.search(statement.text):
+        return
+    conditions = statement.tree.children if statement.kind in _CONDITIONS else []
     truths = [t.children for t in statement.all("negation", "conjunction")]
     for nodes in (conditions, *truths):
         wrong = next((n for n in nodes if _kind(n) in ("text", "list", "pose")), None)

@@ -223,11 +223,12 @@ class Robot:
         names = tuple(tree.names_of(model, joints))
         chain = tree.chain_of(model, path, base_id, tip_id)
         if chain.reach_m > LONGEST_M:
+            end = model.frames[tip_id].name
             raise model_error(
                 described.model.name,
-                f"reaches {chain.reach_m:.0f} m from its second joint to {model.frames[tip_id].name}",
+                f"reaches {chain.reach_m:.0f} m from its second joint to {end}",
                 "give lengths in metres: a URDF has no other unit",
-                model.frames[tip_id].name,
+                end,
                 value=chain.reach_m,
                 bound=LONGEST_M,
             )

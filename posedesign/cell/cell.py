@@ -18,6 +18,7 @@ from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
 from calib.robots.controller import Coupling
 from calib.robots.description.srdf import Srdf, allowed_contacts, load_srdf
+from calib.robots.description.urdf import joint_links
 from calib.robots.dh import PARALLEL_RAD
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.board_set_up import BoardSetUp, board_set_up
@@ -117,7 +118,16 @@ class Cell(CellData):
                     path.parent / source.srdf, [path.parent / name for name in source.packages]
                 )
                 if source.group is not None:
-                    chain = srdf.chain(source.group)
+                    joints = (
+                        joint_links(
+                            path.parent / source.urdf,
+                            [path.parent / folder for folder in source.packages],
+                            source.xacro_args,
+                        )
+                        if source.urdf is not None and source.group in srdf.listed
+                        else {}
+                    )
+                    chain = srdf.chain(source.group, joints)
                     base, tip = base or chain[0], tip or chain[1]
                 for name in source.held_states:
                     state |= srdf.state(name)

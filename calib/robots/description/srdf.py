@@ -16,7 +16,7 @@ from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from calib.errors import RobotModelError, model_error, near_names
-from calib.robots.description.urdf import read_description
+from calib.robots.description.urdf import JointLinks, read_description
 from calib.robots.description.urdf_kinematics import numbers, shown
 from calib.robots.shapes import Body
 
@@ -37,12 +37,17 @@ MOST_ELEMENTS = 100_000
 """Every pair of 400 links is 80,000."""
 
 
+_NONE: Mapping[str, JointLinks] = MappingProxyType({})
+
+
 @dataclass(frozen=True, eq=False)
 class Srdf:
     """What an SRDF holds."""
 
     path: Path
     chains: Mapping[str, tuple[str, str]]  # base and tip link of each group that is one chain
+    listed: Mapping[str, Sequence[tuple[str, str]]]
+    """Of each group that lists joints or links: ``joint`` or ``link``, and the name."""
     groups: tuple[str, ...]  # names of all groups
     states: Mapping[tuple[str, str], Mapping[str, float]]
     """Values of joints [rad, m], by group and name."""
@@ -50,16 +55,37 @@ class Srdf:
     allowed_of: frozenset[str]  # links that may touch all others
     enabled: frozenset[frozenset[str]]  # pairs that are checked all the same
 
-    def chain(self, group: str) -> tuple[str, str]:
-        """Base and tip link of a group."""
+    def chain(self, group: str, joints: Mapping[str, JointLinks] = _NONE) -> tuple[str, str]:
+        """Base and tip link of a group.
+
+        ``joints`` of the robot, by name: a group that lists joints or links is the chain from the
+        first to the last of them, if they are all that moves in it.
+        """
         if group not in self.groups:
             raise self._fail(f"has no group {shown(group)}", near_names(group, self.groups), group)
-        if group not in self.chains:
-            hint = "give base and tip themselves" + (
-                f"; groups that are a chain: {', '.join(self.chains)}" if self.chains else ""
-            )
-            raise self._fail(f"lists joints or links in the group {shown(group)}", hint, group)
-        return self.chains[group]
+        if group in self.chains:
+            return self.chains[group]
+        hint = "give base and tip themselves" + (
+            f"; groups that are a chain: {', '.join(self.chains)}" if self.chains else ""
+        )
+        names = self.listed.get(group, ())
+        above = {links.child: (name, links) for name, links in joints.items()}
+        moved = {above[name][0] for tag, name in names if tag == "link" and name in above}
+        wanted = {name for tag, name in names if tag == "joint" and name in joints} | moved
+        tips = {joints[name].child for name in wanted} - {
+            link for name in wanted for link in _links_above(joints[name].parent, above)
+        }
+        if len(tips) != 1:
+            what = "lists joints or links that are no chain in" if wanted else "lists no chain in"
+            raise self._fail(f"{what} the group {shown(group)}", hint, group)
+        tip = tips.pop()
+        path = [above[link] for link in _links_above(tip, above) if link in above]
+        listed = [k for k, (name, _) in enumerate(path) if name in wanted]
+        between = [name for name, links in path[: listed[-1]] if links.moves and name not in wanted]
+        if between:
+            what = f"leaves {', '.join(between)}, amid its chain, out of the group {shown(group)}"
+            raise self._fail(what, hint, group)
+        return path[listed[-1]][1].parent, tip
 
     def state(self, name: str, group: str | None = None) -> Mapping[str, float]:
         """Values of joints [rad, m] in a state, of one group or of the only one that has it."""
@@ -81,6 +107,14 @@ class Srdf:
 
     def _fail(self, what: str, hint: str, name: str) -> RobotModelError:
         return model_error(self.path, f"{what}", hint, name)
+
+
+def _links_above(link: str, above: Mapping[str, tuple[str, JointLinks]]) -> list[str]:
+    """Return a link and those that it hangs on, up to the root."""
+    found = [link]
+    while found[-1] in above:
+        found.append(above[found[-1]][1].parent)
+    return found
 
 
 def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
@@ -111,9 +145,12 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
             frozenset(_word(e, key, path) for key in ("link1", "link2")) for e in found
         )
 
-    chains = {}
+    chains, listed = {}, {}
     for group in root.iterfind("group"):
         parts = list(group)
+        if parts and all(part.tag in ("joint", "link") for part in parts):
+            names = [(str(part.tag), _word(part, "name", path)) for part in parts]
+            listed[_word(group, "name", path)] = tuple(names)
         if len(parts) == 1 and parts[0].tag == "chain":
             ends = (_word(parts[0], key, path) for key in ("base_link", "tip_link"))
             chains[_word(group, "name", path)] = next(ends), next(ends)
@@ -122,6 +159,7 @@ def load_srdf(path: Path, packages: Iterable[Path] = ()) -> Srdf:
     return Srdf(
         path=path,
         chains=MappingProxyType(chains),
+        listed=MappingProxyType(listed),
         groups=tuple(_word(group, "name", path) for group in root.iterfind("group")),
         states=MappingProxyType(dict(_state(state, path) for state in every_state)),
         allowed=pairs("disable_collisions"),

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree.ElementTree import ParseError, tostring
 
 import defusedxml
@@ -84,6 +84,29 @@ def _package_names(file: Description) -> tuple[str, ...]:
     meshes = (mesh.get("filename", "") for mesh in file.root.iter("mesh"))
     folders = (f for name in meshes for f in name.split("/")[:-1] if f and not f.endswith(":"))
     return tuple(dict.fromkeys(map(printable, (file.packages.tree.name, *folders))))
+
+
+class JointLinks(NamedTuple):
+    """The links that a joint connects, and whether it can move."""
+
+    parent: str
+    child: str
+    moves: bool
+
+
+def joint_links(
+    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+) -> dict[str, JointLinks]:
+    """Return the joints of a URDF file, or of a xacro file, by name; see :func:`load_urdf`."""
+    root = read_kinematics(read_description(path, packages, xacro_args).root, path).root
+    found = {}
+    for joint in root.iterfind("joint"):
+        parent, child = (joint.find(end) for end in ("parent", "child"))
+        if parent is not None and child is not None:  # as has been checked
+            moves = joint.get("type") != "fixed"
+            links = JointLinks(parent.get("link", ""), child.get("link", ""), moves)
+            found[joint.get("name", "")] = links
+    return found
 
 
 _WHAT_TO_GIVE = "give the path of a URDF file, or the name of a preset (posedesign robots)"

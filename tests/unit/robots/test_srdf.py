@@ -5,6 +5,7 @@ import pytest
 
 from calib.errors import RobotModelError
 from calib.robots.description.srdf import allowed_contacts, load_srdf
+from calib.robots.description.urdf import JointLinks
 from calib.robots.shapes import Body, Sphere
 
 SRDF = """<?xml version="1.0"?>
@@ -51,7 +52,7 @@ def test_groups_and_states(load):
     ("ask", "message"),
     [
         (lambda s: s.chain("left"), "has no group 'left'"),
-        (lambda s: s.chain("hand"), "lists joints or links in the group 'hand'"),
+        (lambda s: s.chain("hand"), "lists no chain in the group 'hand'"),
         (lambda s: s.state("hom"), r"has no state 'hom' \(did you mean home"),
         (lambda s: s.state("tucked", "left_arm"), "no state 'tucked' of the group 'left_arm'"),
         (lambda s: s.state("home"), "state 'home' of the groups left_arm, right_arm"),
@@ -129,3 +130,57 @@ def test_a_xacro_is_expanded(tmp_path):
         "</robot>"
     )
     assert load_srdf(path).chain("arm") == ("l_base", "l_tip")
+
+
+JOINTS = {
+    "rail": JointLinks("world", "car", True),
+    "foot": JointLinks("car", "base", False),
+    "a1": JointLinks("base", "l1", True),
+    "a2": JointLinks("l1", "l2", True),
+    "a3": JointLinks("l2", "l3", True),
+    "mount": JointLinks("l3", "tool0", False),
+    "finger": JointLinks("tool0", "tip", True),
+}
+
+
+def grouped(load, inside: str):
+    return load(f'<robot name="a"><group name="arm">{inside}</group></robot>')
+
+
+@pytest.mark.parametrize(
+    ("inside", "ends"),
+    [
+        ('<joint name="a1"/><joint name="a2"/><joint name="a3"/>', ("base", "l3")),
+        (
+            '<joint name="mount"/><joint name="a3"/><joint name="a1"/><joint name="a2"/>',
+            ("base", "tool0"),
+        ),
+        (
+            '<joint name="rail"/><joint name="a1"/><joint name="a2"/><joint name="a3"/>',
+            ("world", "l3"),
+        ),
+        (
+            '<link name="l1"/><link name="l2"/><link name="l3"/><link name="tool0"/>',
+            ("base", "tool0"),
+        ),
+    ],
+)
+def test_a_group_that_lists_joints_or_links_is_their_chain(load, inside, ends):
+    assert grouped(load, inside).chain("arm", JOINTS) == ends
+
+
+@pytest.mark.parametrize(
+    ("inside", "joints", "message"),
+    [
+        ('<joint name="a1"/><joint name="a3"/>', JOINTS, "leaves a2, amid its chain, out of"),
+        (
+            '<joint name="a1"/><joint name="b"/>',
+            JOINTS | {"b": JointLinks("base", "b", True)},
+            "joints or links that are no chain in the group 'arm'",
+        ),
+        ('<joint name="other"/>', JOINTS, "lists no chain in the group 'arm'"),
+    ],
+)
+def test_a_group_that_is_no_chain_is_refused(load, inside, joints, message):
+    with pytest.raises(RobotModelError, match=message):
+        grouped(load, inside).chain("arm", joints)

@@ -128,6 +128,7 @@ class _Even:
         return np.asarray((points + self._shift) % 1.0)
 
 
+@lru_cache(maxsize=2)
 def small_pool_of(cell: Cell) -> CandidatePoses:
     """A small pool of a cell: what the whole pool looks like."""
     draws = FEW_CANDIDATES if cell.robot.n <= 6 else FEW_CANDIDATES // MOST_PER_POSE

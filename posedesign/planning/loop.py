@@ -10,13 +10,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import InputError, UnreachableError, check_type
+from calib.errors import CalibError, InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of, reduce
 from calib.identification.prior_arms import PriorArms
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import ReadingParameters
-from calib.se3 import FloatArray, IntArray, rotation_angle, rotation_exp, wpr_from_rotation
+from calib.one_thread import one_blas_thread
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    rotation_angle,
+    rotation_exp,
+    wpr_from_rotation,
+)
+from posedesign.candidates import candidates_of
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.cell import posture_section
 from posedesign.cell.models import PAPER
@@ -84,8 +93,9 @@ FLIP_DEG = 90.0
 PATIENCE = 3
 """Rounds without improvement after which the loop ends."""
 
-REPLACEMENTS = 3
-"""How often poses that no clear way leads to are replaced before they are left out."""
+REPLACEMENTS = 6
+"""How often poses that no clear way leads to are replaced before they are left out. From the second
+time on by postures that a clear way from the base posture leads to."""
 
 Progress = Callable[[Round], None]
 
@@ -95,9 +105,10 @@ class Replacements:
 
     First all arm configurations over a cone of orientations around the base pose, rolled freely,
     inside the limits less the repair margin, with the first joint near its base value, so that no
-    replacement reaches over the arm's back. Where they are too few: orientations all around, the
-    first joint anywhere, less the margin of the plan only. Where they are still too few: small
-    turns of those that were found, or of those that came nearest to keeping every constraint.
+    replacement reaches over the arm's back. Where they are too few: the pool that the best poses
+    are chosen out of; then orientations all around, the first joint anywhere, less the margin of
+    the plan only. Where they are still too few: small turns of those that were found, or of those
+    that came nearest to keeping every constraint.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -107,10 +118,11 @@ class Replacements:
         self._found = np.empty((0, cell.robot.n))
         self._nearly: list[tuple[float, FloatArray]] = []
         self._excluded = np.empty((0, cell.robot.n))
+        self._reached: Callable[[FloatArray], BoolArray] | None = None
 
     def postures(self, wanted: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] to choose that many from; fewer where there are no more."""
-        while len(self._found) < ENOUGH * wanted and self._stage < 2 + _GROWTH_ROUNDS:
+        while len(self._found) < ENOUGH * wanted and self._stage < 3 + _GROWTH_ROUNDS:
             more = self._offered(self._more(self._stage))
             self._found = np.concatenate([self._found, more])
             self._stage += 1
@@ -121,9 +133,15 @@ class Replacements:
         self._excluded = np.concatenate([self._excluded, postures])
         self._found = self._offered(self._found)
 
+    def offer_only(self, reached: Callable[[FloatArray], BoolArray]) -> None:
+        """Offer only postures ``(K, n)`` [rad] that are reached by this, ``(K,)``, from now on."""
+        self._reached = reached
+        self._found = self._offered(self._found)
+
     def _offered(self, postures: FloatArray) -> FloatArray:
         apart = np.abs(postures[:, None] - self._excluded[None]).max(axis=-1, initial=0.0)
-        return np.asarray(postures[(apart > _SAME_PLACE_RAD).all(axis=1)])
+        left = postures[(apart > _SAME_PLACE_RAD).all(axis=1)]
+        return np.asarray(left if self._reached is None else left[self._reached(left)])
 
     def _more(self, stage: int) -> FloatArray:
         plan, base = self._cell.config.plan, self._cell.robot.fk(self._cell.base_posture)[:3, :3]
@@ -133,6 +151,11 @@ class Replacements:
             margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
             return self._feasible(rotations, margin, float(np.deg2rad(plan.repair_base_joint_deg)))
         if stage == 1:
+            try:
+                return candidates_of(self._cell).postures
+            except CalibError:  # there is no such pool
+                return np.empty((0, self._cell.robot.n))
+        if stage == 2:
             # a redundant arm takes each orientation in a hundred ways, and longer to find them
             count = MORE_ORIENTATIONS // (1 if self._cell.robot.n == 6 else 10)
             rotations = cone_rotations(base, np.pi, count, self._rng)
@@ -214,6 +237,7 @@ def farthest_postures(
     return pool[picked]
 
 
+@one_blas_thread
 def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     """Plan measuring poses until C_G falls below the threshold of the cell.
 
@@ -316,6 +340,8 @@ class _Loop:
                 break
             self._cut_off += len(route.lost)
             self._pool.exclude(poses.kept[list(route.lost)])
+            if replacements < REPLACEMENTS:  # others were no better
+                self._pool.offer_only(self._router.reached)
             rows = [i for i, s in enumerate(poses.status) if s is not PoseStatus.DROPPED]
             poses = poses.without({rows[i]: why for i, why in route.lost.items()})
             if replacements:

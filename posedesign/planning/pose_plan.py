@@ -273,9 +273,9 @@ class PosePlan(Planned):
         return self.verdict + not_checked_words(self.not_checked)
 
     def round_rows(self) -> list[dict[str, object]]:
-        """The rounds as table rows."""
+        """The rounds as table rows, with why poses are not those of the grid."""
         rows = []
-        for turn in self.rounds:
+        for turn, poses in zip(self.rounds, self.history, strict=True):
             row: dict[str, object] = {
                 "round": turn.number,
                 **dict(zip(("d_w_deg", "d_p_deg", "d_r_deg"), turn.variation_deg, strict=True)),
@@ -287,6 +287,8 @@ class PosePlan(Planned):
             }
             for name, unit, value in displayed(self.model, turn.sigma):
                 row[f"sigma_{name}_{unit}"] = value
+            reasons = zip(poses.names, poses.reasons, strict=True)
+            row["reasons"] = " | ".join(f"{name}: {why}" for name, why in reasons if why)
             rows.append(row)
         return rows
 

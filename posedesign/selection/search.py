@@ -99,14 +99,17 @@ def _take_best(objective: Objective, state: InformationState) -> None:
     state.take(int(np.argmin(state.chosen)) if best is None else best)
 
 
-def exchange(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray:
-    """Put one pose after the other in place of the best of the pool, until none helps.
+def exchange(
+    objective: Objective, rows: IntArray, kept: IntArray, passes: int = MOST_PASSES
+) -> IntArray:
+    """Put the best of the pool in place of one pose after the other, until none helps.
 
-    The modified exchange of Cook and Nachtsheim 1980, after Fedorov 1972.
+    The modified exchange of Cook and Nachtsheim 1980, after Fedorov 1972. ``passes``: over all
+    chosen poses, at most.
     """
     for stage in objective.stages:
         state = objective.state(rows, len(rows))
-        for _ in range(MOST_PASSES):
+        for _ in range(passes):
             if not _pass(stage, state, kept):
                 break
             state.refresh()
@@ -317,7 +320,12 @@ class Search:
         return Relaxation(weights, found.cost, found.certificate, found.bound)
 
     def run(
-        self, method: str, number: int, relaxed: Relaxation | None, rng: np.random.Generator
+        self,
+        method: str,
+        number: int,
+        relaxed: Relaxation | None,
+        rng: np.random.Generator,
+        passes: int = MOST_PASSES,
     ) -> Found:
         """Search by a method, from a number of starts."""
         short, objective, kept = self._shortlist(relaxed)
@@ -325,7 +333,7 @@ class Search:
             rows = short[greedy(objective, self._count, kept)]
             return Found(rows, [self._objective.cost(rows)])
         improve: dict[str, Callable[[Objective, IntArray, IntArray], IntArray]] = {
-            "exchange": exchange,
+            "exchange": lambda objective, rows, kept: exchange(objective, rows, kept, passes),
             "detmax": excursions,
             "rounding": lambda objective, rows, kept: rows,
         }

@@ -28,6 +28,10 @@ SHARPNESS = (2.0, 8.0, 32.0)
 """Orders of the means that stand in for the largest, one exchange after the other: the larger, the
 nearer to the largest, and the less does it say of how to lower the others."""
 
+INDEPENDENT = 1e-9
+"""Singular value, over the largest, from which a combination of functions of scaled parameters
+counts: its square is the rounding of their mean square error."""
+
 
 class _AxesObjective(Objective):
     """Of the ellipsoid of ``Kᵀ x``: ``K`` (p, k) are combinations of interest, scaled."""
@@ -191,8 +195,10 @@ class DeviationObjective(Objective):
 
     def __init__(self, candidates: Candidates, L: FloatArray, power: float = np.inf) -> None:
         super().__init__(candidates)
-        if L.shape[1] > L.shape[2]:  # at most p rows each, of the same mean square errors
-            L = np.asarray(np.linalg.qr(L, mode="r"))
+        if L.shape[1] > L.shape[2]:  # as many rows as are independent, of the same errors
+            _, values, rows = np.linalg.svd(np.linalg.qr(L, mode="r"))
+            rank = int((values > INDEPENDENT * values[:, :1]).sum(axis=1).max())
+            L = np.asarray(values[:, :rank, None] * rows[:, :rank])
         self.L = L
         self._power = power if len(L) > 1 else np.inf
         self.width = candidates.m * 3 * len(L) * int(L.shape[1])

@@ -114,6 +114,18 @@ def test_replacements_are_shared_out_by_nearness(demo_cell):
             assert turn(i, i) + turn(j, j) <= turn(i, j) + turn(j, i) + 1e-9
 
 
+def test_every_round_says_why_poses_are_not_those_of_the_grid(make_demo_cell):
+    """In its row, for each of them; not in the last round alone."""
+    result = plan(make_demo_cell(variations={"start_deg": [40.0, 40.0, 40.0]}))
+    rows = result.round_rows()
+    assert len(rows) == len(result.history)
+    for row, poses in zip(rows, result.history, strict=True):
+        said = str(row["reasons"]).split(" | ")
+        others = [i for i, status in enumerate(poses.status) if status is not PoseStatus.GRID]
+        assert others
+        assert said == [f"{poses.names[i]}: {poses.reasons[i]}" for i in others]
+
+
 def test_without_repair_poses_are_dropped(make_demo_cell):
     cell = make_demo_cell(plan={"repair": False}, variations={"start_deg": [50.0, 50.0, 50.0]})
     result = plan(cell)
@@ -166,6 +178,25 @@ def test_poses_that_no_way_leads_to(make_demo_cell, replace):
     lost = [why for why in result.poses.reasons if "no clear way to it: a wall" in why]
     assert lost
     assert len(lost) + best.grid == 27
+
+
+@pytest.mark.parametrize(("joint", "largest_deg"), [(3, 20.0), (5, 15.0)])
+def test_replacements_are_those_that_a_way_leads_to(make_demo_cell, joint, largest_deg):
+    """Most postures are shut off: what is drawn blindly is lost again, yet none is dropped."""
+    cell = make_demo_cell(plan={"condition_threshold": 2e5})
+    base = cell.base_posture[joint]
+
+    def far(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        moved = np.abs(np.array([start[:, joint], end[:, joint]]) - base)
+        return (moved > np.deg2rad(largest_deg)).any(axis=0)
+
+    cell.__dict__["ways"] = Blocked(far)
+    result = plan(cell)
+    assert result.poses.count(PoseStatus.DROPPED) == 0
+    assert len(result.postures) == 27
+    assert result.poses.count(PoseStatus.REPAIRED) > 5
+    assert np.abs(result.postures[:, joint] - base).max() <= np.deg2rad(largest_deg)
+    assert cell.checker.check(result.postures).feasible.all()
 
 
 @pytest.fixture(scope="module")

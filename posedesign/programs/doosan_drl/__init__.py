@@ -68,9 +68,12 @@ _RESERVED = frozenset(map(str.upper, [*SIGNATURES, *_WORDS.split()]))
 _NAMES = """ON OFF set_velx set_accx get_current_posx set_digital_outputs get_digital_input movec
 amovec moveb amoveb movesx movesj amovesx posb trans fkin ikin set_tool set_tcp get_digital_inputs
 """
+_USUAL = "str print range len int float list abs round min max sum"
 _PURE = {*SIGNATURES, *_NAMES.split(), *dir(builtins)}  # they change no list that they are given
 _LITERAL = (ast.Constant, ast.List, ast.Tuple, ast.UnaryOp)
 _MOST_CHARACTERS = 3_000_000  # of a program that is parsed: ten times those of 10,000 poses
+_QUOTED = re.compile(r"""\"[^\"\n]*\"|'[^'\n]*'|#[^\n]*""")
+_UNDERSCORED = re.compile(r"(?<![\w.])\d[\d.]*_[\w.]*")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 
 _Step = tuple[ast.stmt, list[ast.AST], bool]
@@ -87,6 +90,10 @@ def _tree(text: str) -> ast.Module | Problem:
 def _parsed(text: str) -> ast.Module | Problem:
     if len(text) > _MOST_CHARACTERS:
         return Problem(1, "syntax", "the program is too long to be read")
+    plain = _QUOTED.sub("", text)
+    if odd := _UNDERSCORED.search(plain):
+        row = plain.count("\n", 0, odd.start()) + 1  # Python 3.2, as controllers have it
+        return Problem(row, "syntax", f"{odd[0][:30]} is no number")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of backslashes in texts
@@ -256,7 +263,7 @@ class _Checker:
                     self.known.add(name)
         self.known |= {h.name for s, *_ in self.steps for h in getattr(s, "handlers", ()) if h.name}
         named = (n for s in SIGNATURES.values() for p in s.parameters for n in p.names)
-        self.meant = " ".join([*self.known - {*dir(builtins)}, _WORDS, *named])
+        self.meant = " ".join([*self.known - {*dir(builtins)}, _WORDS, _USUAL, *named])
         self.numbers = {
             a.arg
             for step, *_ in self.steps
@@ -274,8 +281,9 @@ class _Checker:
                 if not re.fullmatch(r"DR_[A-Z_\d]+", name):
                     level = joints.level_of(name, self.meant, name * name[-1].isdigit())
                     yield Problem(row, "name", f"{name[:40]} is not known", level)  # P_2 is not P_1
-            if isinstance(step, ast.Expr) and isinstance(step.value, (ast.Name, ast.Attribute)):
-                yield measuring(row, "name", "a name alone does nothing")
+            idle = isinstance(step, ast.Expr) and not isinstance(step.value, ast.Call)
+            if idle and not isinstance(getattr(step.value, "value", None), str):  # type: ignore[attr-defined]
+                yield measuring(row, "name", "a name or a value alone does nothing")
             yield from self._check_texts(row, nodes)
             for name, call in called:
                 yield from _check_call(row, name, call)
@@ -297,6 +305,7 @@ class _Checker:
             text = next((t for t in (left, right) if _is_text(t)), None)
             other = right if text is left else left
             number = bool(_number(other)) or getattr(other, "id", "") in self.numbers
+            number |= getattr(getattr(other, "func", None), "id", "str") in {*SIGNATURES} - {"str"}
             if isinstance(node.op, ast.Add) and text is not None and number:
                 yield measuring(row, "arguments", "a number cannot be added to a text")
             formats = text is left and "%" in str(getattr(text, "value", "%"))
@@ -305,6 +314,10 @@ class _Checker:
 
 
 def _is_text(node: ast.AST) -> bool:
+    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        if _is_text(node.right):
+            return True
+        node = node.left
     made = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "str"
     return (
         made

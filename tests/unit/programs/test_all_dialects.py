@@ -229,8 +229,9 @@ FREE = {
 }
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
 
-LEGAL = {"mitsubishi-melfa": r"\d+ Ovrd 10\s*"}
-"""Lines that a mutant may become: the override of all motions, in the place of the joints'."""
+LEGAL = {"mitsubishi-melfa": r"\d+ Ovrd 10\s*", "doosan-drl": r"def MEASURE\(number:0\):"}
+"""Lines that a mutant may become: the override of all motions, in the place of the joints'; an
+annotation."""
 
 WORD = re.compile(r"[A-Za-z_]\w*|\d+(?:\.\d*)?|\.\d+|[^\w\s]")
 

@@ -130,7 +130,7 @@ def test_poses_of_melfa_are_read() -> None:
             *("denso-pac", ", 60, 0, 0 )"),
             *(", 60, 5, 0 )\n  bbb = J(1, 2, 3, 4, 5, 6, 0)\n  Move P, bbb", "differs"),
         ),
-        ("doosan-drl", "132.64", "132_64", "beyond"),
+        ("doosan-drl", "132.64", "132_64", "132_64 is no number"),
         ("doosan-drl", "132.64", "721", "beyond"),
         ("doosan-drl", "-0.01)", "-0.01 * 2)", "no list of numbers"),
         ("doosan-drl", ", -0.01)", ")", "has 5 values"),

@@ -32,7 +32,7 @@ in the border of the markers of grids."""
 _NEAR = 2.2
 """Distance of cells from points that were seen, in cells: further on the map is not known."""
 
-_GOES_ON = 0.5
+_GOES_ON = 0.4
 """Correlation with the pattern above which it is there."""
 
 _MOST_OF_ROW = 0.6
@@ -53,9 +53,6 @@ _LEAST_OF_CELL = 0.4
 
 _LEAST_CELLS = 3
 """Cells of a side that have to be seen, for it to be judged."""
-
-CLIPPED_ROW = 250.0
-"""Grey level above which a row may be there, and be hidden by the light."""
 
 SIDE_OFF, SIDE_OFF_PX = 0.02, 0.2
 """Difference of the side of a marker in a grid, in parts of it, and of an edge of it [px], that
@@ -125,7 +122,7 @@ def _size_of_misfit(
         )
         # the gap of a grid is white, and in Kalibr's the squares of the row before are in it
         edge = np.s_[1:_AT_EDGE] if isinstance(board, MarkerGrid) else np.s_[:_AT_EDGE]
-        if any(_ends(before, row, levels, edge) for before, row in pairwise(rows)):
+        if any(_ends(before, row, edge) for before, row in pairwise(rows)):
             return "smaller"
     return ""
 
@@ -135,19 +132,21 @@ _Row = tuple[BoolArray, FloatArray, FloatArray]
 what would be black."""
 
 
-def _ends(before: _Row, row: _Row, levels: tuple[float, float], edge: slice) -> bool:
+def _ends(before: _Row, row: _Row, edge: slice) -> bool:
     """Return True if a row shows its pattern, and the next one white where that begins."""
-    dark, light = levels
     usable = before[0].all(axis=(1, 2)) & row[0][:, edge].all(axis=(1, 2))
     at, black = (each[usable, edge] for each in row[1:])
     if usable.mean() < _MOST_OF_ROW or (black == 1.0).any(axis=(1, 2)).sum() < 2:
         return False
+    beside, pattern = (each[usable] for each in before[1:])
+    if not _likeness(beside, pattern) > _GOES_ON:
+        return False
+    dark, light = (float(np.median(beside[pattern == ink])) for ink in (1.0, 0.0))
     should_be_black = at[black == 1.0]
     middle = float(np.median(should_be_black))
-    if abs(middle - light) > _PAPER * (light - dark) or middle > CLIPPED_ROW > light:
+    if abs(middle - light) > _PAPER * (light - dark):
         return False  # it may be hidden
-    missing = np.mean(should_be_black < (dark + light) / 2) < 0.1
-    return bool(missing and _likeness(before[1][usable], before[2][usable]) > _GOES_ON)
+    return bool(np.mean(should_be_black < (dark + light) / 2) < 0.1)
 
 
 def _shows_others(

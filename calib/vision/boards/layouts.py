@@ -39,6 +39,9 @@ _SOME, _POSSIBLE = 12, 6
 _LEAST_SIDES = 6
 """Markers that tell the size of markers."""
 
+_MOST_OF_ALL = 0.7
+"""Share of all markers that a layout has to explain, before it is named."""
+
 _LEAST, _MORE = 4, 2
 """Markers that a layout explains, and by how many these are more than the described one explains,
 before the layout is named."""
@@ -117,7 +120,8 @@ def another_layout(board: MarkerBoard, markers: Markers) -> str:
     known = np.isin(markers.ids, board.ids)
     ways = [markers.turned(turn) for turn in turns_of(board)]
     explained = max(int((own.explains(way, share)[0] & known).sum()) for way in ways)
-    best, most = "", max(explained + _MORE, _LEAST) - 1
+    least = max(explained + _MORE, _LEAST, int(_MOST_OF_ALL * len(markers)))
+    best, most = "", least - 1
     if most >= len(markers):
         return ""
     # some of the markers tell which layouts are possible

@@ -14,6 +14,7 @@ from posedesign.files.safe import Results as Results
 from posedesign.files.safe import StrPath as StrPath
 from posedesign.files.safe import check_writable as check_writable
 from posedesign.files.safe import encoded as encoded
+from posedesign.files.safe import folder_inside as folder_inside
 from posedesign.files.safe import identity_of as identity_of
 from posedesign.files.safe import json_text as json_text
 from posedesign.files.safe import kept_aside as kept_aside

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.errors import FileFormatError, near_names
+from calib.errors import FileFormatError, near_names, one_line
 from calib.se3 import FloatArray
 from posedesign.files.safe import StrPath, read_bytes_bounded, write_text_atomic
 
@@ -214,6 +215,11 @@ _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?", re.ASCII)
 def is_number(text: str) -> bool:
     """Whether a text is a number as tables have them, with a point or a comma."""
     return bool(_NUMBER.fullmatch(text) or _WITH_COMMA.fullmatch(text))
+
+
+def number_of(text: str) -> float:
+    """Return the number that a text is, as tables have them; NaN for none, or beyond the bound."""
+    return usable(float(text.replace(",", "."))) if is_number(text) else math.nan
 
 
 def separator_of(text: str) -> str:
@@ -426,14 +432,28 @@ def usable(value: object) -> float:
 def load_json(data: bytes | str) -> Any:
     """The content of a JSON text.
 
-    Raises ValueError: it is no JSON in UTF-8, is nested too deep, or holds a number that no result
-    has.
+    Raises ValueError: it is no JSON in UTF-8, is nested too deep, has a key twice, or holds a
+    number that no result has.
     """
     try:
         text = data if isinstance(data, str) else data.decode("utf-8-sig")
-        return json.loads(text, parse_int=_whole, parse_float=_decimal, parse_constant=_decimal)
+        return json.loads(
+            text,
+            object_pairs_hook=_distinct,
+            parse_int=_whole,
+            parse_float=_decimal,
+            parse_constant=_decimal,
+        )
     except RecursionError as error:
         raise ValueError("nested too deep") from error
+
+
+def _distinct(found: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(found)
+    if len(content) < len(found):
+        counts = Counter(key for key, _ in found)
+        raise ValueError(f"the key {one_line(counts.most_common(1)[0][0])} stands twice")
+    return content
 
 
 def _decimal(text: str) -> float:

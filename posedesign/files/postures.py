@@ -154,7 +154,7 @@ def check_at_rest(
     ``within``: what is shown of an axis at rest differs by as much. ``held``: where the description
     holds it; None: the description does not have it.
     """
-    off = np.abs(values - values[:1]) > within
+    off = ~(np.abs(values - values[:1]) <= within)  # NaN among them
     if off.any():
         raise FileFormatError(
             f"{axis} moves, and "

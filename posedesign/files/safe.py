@@ -96,13 +96,18 @@ class Claim(os.PathLike[str]):
         return why
 
     def _check_place(self) -> None:
-        """Refuse a folder that is another one than when it was claimed in."""
-        if self.place is not None and identity_of(self.path.parent) != self.place:
+        """Refuse a folder that is another one than when it was claimed in, and a link to nothing.
+
+        A folder that was not there yet is made by this command, and so is no link.
+        """
+        folder = self.path.parent
+        if folder.is_symlink() if self.place is None else identity_of(folder) != self.place:
             raise OutputError(
-                f"{self.path.parent} was removed or replaced since this began",
+                f"{folder} was removed or replaced since this began",
                 hint="put the folder back, and start the same command again",
                 name=str(self.path),
             )
+        refuse_dangling(self.path)
 
     def write(self, data: bytes) -> Path:
         """Write the file with its origin, and keep aside what is there and is not ours."""
@@ -126,6 +131,31 @@ def identity_of(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
+
+
+def refuse_dangling(path: Path) -> None:
+    """Refuse to write by a link to a file that is not there: it may stand anywhere."""
+    if path.is_symlink() and not path.exists():
+        raise OutputError(
+            f"{path} is a link to a file that is not there",
+            hint="remove the link, or name another output folder",
+            name=str(path),
+        )
+
+
+def folder_inside(path: Path) -> Path:
+    """Create a folder inside the output folder.
+
+    Raises OutputError: it is a link, which may lead out of the output folder, or a file; or it
+    cannot be created.
+    """
+    if path.is_symlink():
+        raise OutputError(
+            f"{path} is a link, and not a folder of its own",
+            hint="remove the link, or name another output folder",
+            name=str(path),
+        )
+    return make_folder(path)
 
 
 def kept_aside(path: Path) -> Path:

@@ -19,7 +19,7 @@ from defusedxml.ElementTree import fromstring
 
 from calib.errors import FileFormatError
 from calib.se3 import FloatArray
-from posedesign.files.csv_tables import is_number, load_json, usable
+from posedesign.files.csv_tables import load_json, number_of, usable
 from posedesign.files.safe import read_bytes_bounded
 from posedesign.files.yaml_tree import MOST_DEPTH, Fault, Node, Pairs, documents, text_of
 
@@ -90,7 +90,7 @@ def _of_element(element: Element, depth: int) -> Any:
 def number(value: object) -> float:
     """A value of a tree as a number; NaN where it is none, or beyond all bounds."""
     if isinstance(value, str):
-        return usable(float(value)) if is_number(value) and "," not in value else math.nan
+        return number_of(value) if "," not in value else math.nan
     return usable(value)
 
 

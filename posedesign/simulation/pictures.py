@@ -16,7 +16,7 @@ from calib.se3 import FloatArray, inverse, rotation_from_wpr
 from calib.vision.boards.picture import T_BOARD_PLATE, BoardPlate
 from calib.vision.camera import Camera, render
 from posedesign.cell import Cell
-from posedesign.files import Results, make_folder, write_bytes_atomic
+from posedesign.files import Results, folder_inside, write_bytes_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.postures import joint_columns
 from posedesign.planning.poses_file import PoseList
@@ -57,7 +57,7 @@ def simulate_pictures(
     seen = _seen_from(cell, q)
     camera, plate = _camera(cell), BoardPlate(cell.board_set_up.board)
     imaging = imaging_of(cell)
-    make_folder(folder)
+    folder_inside(folder)
     for k, (claim, T) in enumerate(zip(claims, seen, strict=True)):
         advance(claim.path.name, k / len(claims))
         picture = render(camera, [(plate, T @ T_BOARD_PLATE)], imaging, rng)

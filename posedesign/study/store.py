@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from calib.errors import FileFormatError, OutputError
 from posedesign.files import (
+    folder_inside,
     held,
+    identity_of,
     json_text,
     load_json,
     make_folder,
@@ -51,6 +53,7 @@ class Store:
         self._name = name
         self._about = json.loads(json_text(about))
         self._ending = ".parquet" if has_parquet() else ".csv"
+        self._place: tuple[int, int] | None = None  # the folder of parts as it was opened
 
     @property
     def table(self) -> Path:
@@ -76,7 +79,7 @@ class Store:
                 self._check(about)
             if not about.exists():
                 write_text_atomic(about, json_text(self._about) + "\n")
-            make_folder(self.folder / _PARTS)
+            self._place = identity_of(folder_inside(self.folder / _PARTS))
             yield
 
     def done(self) -> set[int]:
@@ -93,6 +96,12 @@ class Store:
     def write(self, number: int, columns: Columns) -> None:
         """Write the results of a task."""
         data = _encoded(columns, self._ending)
+        if identity_of(self.folder / _PARTS) != self._place:
+            raise OutputError(
+                f"{self.folder} was removed or replaced since this began",
+                hint="put the folder back, and start the same command again",
+                name=str(self.folder),
+            )
         write_bytes_atomic(self.folder / _PARTS / f"{number:09d}{self._ending}", data)
 
     def assemble(self, count: int) -> Path:

@@ -36,10 +36,12 @@ from calib.robots import HeldJoint, Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell.schema_sections import InstrumentSection
 from posedesign.files.csv_tables import (
+    LARGEST_NUMBER,
     LONGEST_SHOWN,
     Row,
     Table,
     is_number,
+    number_of,
     numbers_of,
     parse_table,
 )
@@ -355,7 +357,7 @@ def _of_telegrams(path: Path, text: str, robot: Robot) -> JointRows:
             external.append(row)
             for axis, cell in _AXIS.findall(found[2]):
                 if int(axis[1]) > count and is_number(cell):
-                    value = float(cell.replace(",", "."))
+                    value = number_of(cell)
                     others.setdefault(axis, []).append((line + 1, value))
             continue
         values.append(row)
@@ -389,15 +391,17 @@ def _axes_in(found: re.Match[str], count: int, path: Path, row: int) -> list[flo
     """The first so many values of an AIPos or EIPos."""
     axes, letter = dict(_AXIS.findall(found[2])), found[1][0]
     texts = [axes.get(f"{letter}{k + 1}", "") for k in range(count)]
-    if not all(map(is_number, texts)):
-        bad = next(k for k, cell in enumerate(texts) if not is_number(cell))
+    values = [number_of(cell) for cell in texts]
+    if not np.isfinite(values).all():
+        bad = int(np.isfinite(values).argmin())
         raise FileFormatError(
-            f"{letter}{bad + 1} of {found[1]} is {texts[bad][:LONGEST_SHOWN]!r}, not a number",
+            f"{letter}{bad + 1} of {found[1]} is {texts[bad][:LONGEST_SHOWN]!r}, not a number "
+            f"within {LARGEST_NUMBER:g}",
             path=path,
             row=row,
             hint=f"log {found[1]} with {letter}1 to {letter}{count}",
         )
-    return [float(cell.replace(",", ".")) for cell in texts]
+    return values
 
 
 def _of_columns(path: Path, table: Table, section: InstrumentSection, robot: Robot) -> JointRows:

@@ -23,7 +23,7 @@ from posedesign.cell.models import noise_sigma
 from posedesign.cell.observations import kind_of
 from posedesign.cell.schema_sections import InstrumentSection, NoiseSection
 from posedesign.files import head_of
-from posedesign.files.csv_tables import LONGEST_SHOWN, MOST_LISTED, a_few, first_like, is_number
+from posedesign.files.csv_tables import LONGEST_SHOWN, MOST_LISTED, a_few, first_like, number_of
 from posedesign.files.measurements import (
     MOST_MEASUREMENTS,
     REPEATS,
@@ -352,7 +352,7 @@ def _judged(
 def goes_with_temperature(table: MeasurementTable, residuals: FloatArray) -> list[str]:
     """What is to be said of residuals ``(N, m)`` [m] that go with the temperature; else nothing."""
     cells = table.extra.get(TEMPERATURE, ())
-    known = np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
+    known = np.array([number_of(cell) for cell in cells])
     found = trend_with(residuals[:, :3], known) if len(known) else None
     if found is None or found.probability >= SIGNIFICANT:
         return []

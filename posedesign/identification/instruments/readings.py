@@ -44,6 +44,7 @@ from posedesign.files.csv_tables import (
     LONGEST_SHOWN,
     Row,
     is_number,
+    number_of,
     numbers_of,
     parse_table,
     separator_of,
@@ -65,8 +66,19 @@ _UNITS = {
     "inch": "in",
 }
 
-_WITH_UNIT = re.compile(r"(.+?)(?:[ _]+|\s*[\[(]\s*)(um|mm|cm|m|in|inch)\s*[\])]?", re.IGNORECASE)
-"""A name of a column that ends with a unit: ``X [mm]``, ``x_mm``."""
+_BLANKS = re.compile(r"[\s_]+")
+
+_WITH_UNIT = re.compile(r"(.+?)(?: | ?[\[(] ?)(um|mm|cm|m|in|inch) ?[\])]?", re.IGNORECASE)
+"""A name of a column that ends with a unit: ``X [mm]``, ``x_mm``; blanks as one space each, so that
+the time is linear in the length of the name."""
+
+
+def _stem_and_unit(column: str) -> tuple[str, str]:
+    """Return a name of a column without its unit, and the unit; "" where it has none."""
+    name = _BLANKS.sub(" ", column).strip()
+    match = _WITH_UNIT.fullmatch(name)
+    return (match[1].strip(), match[2].casefold()) if match else (name, "")
+
 
 _NOT_CARTESIAN = re.compile(r"coordinate\s+system\W+(cylindrical|spherical|polar)", re.IGNORECASE)
 """Comment of a file whose three numbers are no x, y, z."""
@@ -235,8 +247,7 @@ def _axes(columns: Sequence[str]) -> dict[str, str]:
     """Columns that are called x, y and z, with a unit or without."""
     found: dict[str, str] = {}
     for column in columns:
-        match = _WITH_UNIT.fullmatch(column.strip())
-        stem = (match[1] if match else column).strip().casefold()
+        stem = _stem_and_unit(column)[0].casefold()
         if stem in ("x", "y", "z"):
             found.setdefault(stem, column)
     return found
@@ -248,7 +259,7 @@ def _columns(
     """The layout that names of columns and the cell make together."""
     given, axes = section.columns, _axes(columns)
     place = given.place or tuple(axes.get(axis, axis) for axis in "xyz")
-    units = {match[2].casefold() for c in place if (match := _WITH_UNIT.fullmatch(c))}
+    units = {unit for c in place if (unit := _stem_and_unit(c)[1])}
     if len(units) > 1:
         raise FileFormatError(
             f"axes have several units: {', '.join(place)}",
@@ -326,7 +337,7 @@ def _vicon(path: Path, lines: list[str], at: int) -> Layout:
         _cells(lines[i], mark) if 0 <= i < len(lines) else [] for i in (at - 1, at, at + 1)
     )
     rate = lines[at - 2].strip(" ,;\t\r").replace(",", ".") if at > 1 else ""
-    if not is_number(rate) or not float(rate) > 0 or len(units) < len(axes):
+    if not number_of(rate) > 0 or len(units) < len(axes):
         raise FileFormatError(
             "has no frame rate, names and units around its line Frame, Sub Frame, ..",
             path=path,

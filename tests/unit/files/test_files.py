@@ -7,6 +7,7 @@ import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib import limited
@@ -15,6 +16,7 @@ from posedesign.files import (
     Results,
     csv_tables,
     encoded,
+    folder_inside,
     held,
     locking,
     read_bytes_bounded,
@@ -127,6 +129,7 @@ def test_a_closed_folder_is_found_before_the_work(tmp_path, monkeypatch):
     closed, (open_, name) = tmp_path / "closed", (tmp_path / "open", "poses.csv")
     closed.mkdir()
     (tmp_path / "file").write_text("")
+    write_text_atomic(Results(open_).claim("planned", ("mine.csv", "measuring poses"))[0], "a\n1\n")
     (closed / "mine.csv").symlink_to(open_ / "mine.csv")
     access = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: path != closed and access(path, mode))
@@ -179,6 +182,48 @@ def test_a_pipe_that_somebody_writes_into_is_read():
 def test_numbers_of_json_that_no_result_has(text):
     with pytest.raises(ValueError, match=r"finite number within|nested too deep"):
         csv_tables.load_json(f'{{"a": {text}')
+
+
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 2}', '[{"b": {"x": 1, "y": 2, "x": 1}}]'])
+def test_a_key_of_json_that_stands_twice(text):
+    """Two readers would take two values, and people see the first."""
+    with pytest.raises(ValueError, match=r"the key '?[ax]'? stands twice"):
+        csv_tables.load_json(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1.5", 1.5), ("-2,5", -2.5), ("1E999", math.nan), ("1e13", math.nan), ("nan", math.nan)],
+)
+def test_numbers_of_texts_have_the_same_bound(text, value):
+    np.testing.assert_equal(csv_tables.number_of(text), value)
+
+
+def test_no_file_is_written_by_a_link_to_nothing(tmp_path):
+    elsewhere, out = tmp_path / "elsewhere.json", tmp_path / "out"
+    out.mkdir()
+    (out / "a.json").symlink_to(elsewhere)
+    with pytest.raises(OutputError, match="is a link to a file that is not there"):
+        Results(out, "test").claim("computed", ("a.json", "results"))
+    assert not elsewhere.exists()
+
+
+def test_a_folder_that_became_a_link_is_not_written_into(tmp_path):
+    """It was not there when its files were claimed, so the command would have made it."""
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (claim,) = Results(out, "test").claim("computed", ("a.json", "results"))
+    out.symlink_to(elsewhere)
+    with pytest.raises(OutputError, match="removed or replaced since this began"):
+        write_text_atomic(claim, "{}")
+    assert not list(elsewhere.iterdir())
+
+
+def test_a_folder_of_a_command_is_no_link(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "pictures").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match="is a link, and not a folder of its own"):
+        folder_inside(tmp_path / "pictures")
 
 
 def test_one_bound_for_all_numbers():

@@ -218,6 +218,7 @@ BAD: dict[str, tuple[str, Callable[[list[str]], list[str]], str]] = {
     "control": ("", lambda x: [*x[:5], x[5].replace("P05", "P\x1b[5m"), *x[6:]], "cannot be shown"),
     "lines": ("", lambda x: [*x, *[""] * 1_000_001], "more than 1000000 lines"),
     "long names": ("", lambda x: [",".join(f"c{k}" * 50_000 for k in range(9))], "no column x"),
+    "blanks": ("", lambda x: ["pose,x" + " _" * 40_000 + "y,z", *x[1:]], "no column x"),
     "twice a column": (
         "",
         lambda x: ["pose,x_mm,y_mm,z_mm,z_mm", *(r + ",1" for r in x[1:])],
@@ -268,6 +269,12 @@ LOGS: dict[str, tuple[files.Writer, str, Callable[[str], str], str]] = {
         "kr6r900sixx",
         lambda t: t.replace('A3="', 'B3="', 1),
         "A3 of AIPos is '', not a number",
+    ),
+    "rsi beyond what can be measured": (
+        files.rsi_telegrams,
+        "kr6r900sixx",
+        lambda t: re.sub(r'A3="[^"]*"', 'A3="1E999"', t, count=1),
+        "A3 of AIPos is '1E999', not a number within 1e+12",
     ),
     "rsi without some times": (
         files.rsi_telegrams,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from abc import ABC, abstractmethod
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,6 +30,7 @@ from posedesign.programs.reading import (
 )
 from posedesign.programs.recorded import Level, PlanMark, Problem, RecordedPosition, RecordedProgram
 from posedesign.programs.rules import CONTROL, check_bytes, near, told
+from posedesign.programs.signatures import Argument, Signature
 from posedesign.programs.straight_line import Event, Values, follow
 from posedesign.programs.writing import Limits, Phrases, plain, plain_all, shown_deg
 
@@ -301,14 +303,15 @@ def check_joints(
         yield Problem(row, "range", f"joint {far[0]} is beyond +-{MOST_JOINT_DEG:g} deg")
 
 
-def check_range(
-    row: int, text: str, what: str, least: float, most: float, *, whole: bool = False
+def check_step(
+    row: int, table: Mapping[str, Signature], step: str, texts: Iterable[str]
 ) -> Iterator[Problem]:
-    """Whether a number, where a text is one, is within its range."""
-    if not PLAIN.fullmatch(text):
-        return  # a variable
-    if not least <= float(text[:99]) <= most or (whole and not text.isdecimal()):
-        yield Problem(row, "range", f"{text[:20]} is no {what}: {least:g} to {most:g}")
+    """Whether a step is given what it takes, as far as numbers and texts in quotes tell."""
+    given = []
+    for text in texts:
+        kind = "number" if PLAIN.fullmatch(text) else "text" if text[:1] == '"' else ""
+        given.append(Argument(text, "", kind, float(text[:99]) if kind == "number" else math.nan))
+    yield from (Problem(row, rule, said) for rule, said in table[step].faults(given))
 
 
 def level_of(word: str, known: str, others: str = "") -> Level:

@@ -135,7 +135,7 @@ class Signature:
                 yield rule, f"{self.name}: {fault}"
 
 
-def table(text: str) -> Mapping[str, Signature]:
+def table(text: str) -> dict[str, Signature]:
     """The signatures of the lines of a text, by name; a line may have several: ``a,b x``."""
     found: dict[str, Signature] = {}
     for line in filter(None, map(str.strip, text.splitlines())):

@@ -86,6 +86,9 @@ SIGNATURES = {
 """Types and switches of the arguments of instructions, by name in capitals; switches in front of
 the first argument have no type."""
 
+_RANGES = {"VELSET": (1e-9, 10_000), "WAITTIME": (0, math.inf)}
+"""Ranges of the numbers that instructions are given."""
+
 QUIET = _names("""
 AccSet Add Break Clear ConfJ ConfL Decr Incr Reset Set SetAO SetDO SetGO SingArea Stop TPErase
 TPWrite VelSet WaitDI WaitDO WaitRob WaitTime WaitUntil
@@ -484,9 +487,11 @@ class _Checker:
                     yield from self._check_value(row, inner, _TYPED[switch])
             if value is not None:
                 yield from self._check_value(row, value, kind)
-            text = module.nested(value) if isinstance(value, Token) and word == "VELSET" else "1"
-            if _is_number(text) and not 0 < float(str(text)) <= 10_000:
-                yield Problem(row, "argument", f"VelSet: {str(text)[:20]} is no speed")
+            least, most = _RANGES.get(word, (-math.inf, math.inf))
+            text = module.nested(value) if isinstance(value, Token) else ""
+            if _is_number(text) and not least <= float(str(text)) <= most:
+                reason = f"{word}: {str(text)[:20]} is not from {least:g} to {most:g}"
+                yield Problem(row, "argument", reason)
 
     def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
         """The type of an argument, as far as it is known."""

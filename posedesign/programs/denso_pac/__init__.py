@@ -28,9 +28,9 @@ from collections.abc import Iterator, Sequence
 from lark import Token, Tree
 
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language
+from posedesign.programs import language, signatures
 from posedesign.programs.arm import Arm
-from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing, check_range
+from posedesign.programs.joint_programs import PLAIN, JointDialect, Standing
 from posedesign.programs.language import Block, Language, Statement, nodes, subtrees, text_of
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.recorded import Level, Problem
@@ -44,6 +44,12 @@ LANGUAGE = Language(
     signed=True,
     letters=r"\w",
 )
+
+SIGNATURES = signatures.table("""
+speed percent:number[0.1,100] acceleration?:number(0,100] deceleration?:number(0,100]
+wait milliseconds:number[0,]
+""")
+"""What Speed and Delay are given (RC8 manual, PacScript reference)."""
 
 _MOVE = re.compile(r"\bmove\b")
 _JOINT = re.compile(r"(\bmove\b.*|=.*)\bj *\(")
@@ -148,9 +154,8 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
         if s.kind == "move" and not taken:
             level: Level = "error" if has_main else "note"
             yield Problem(s.row, "arm", "nothing takes the arm that is moved", level)
-        if s.kind == "speed":
-            percent = text_of(subtrees(s.tree)[0])
-            yield from check_range(s.row, percent, "percent of the speed", 0.1, 100)
+        if s.kind in SIGNATURES:
+            yield from joints.check_step(s.row, SIGNATURES, s.kind, map(text_of, subtrees(s.tree)))
         targets = list(_targets(s))
         for _, text, values in targets:
             if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):

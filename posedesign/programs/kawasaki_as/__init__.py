@@ -31,18 +31,36 @@ from pathlib import Path
 from lark import Tree
 
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language
+from posedesign.programs import language, signatures
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
-from posedesign.programs.language import Block, Language, Line, Statement, lines_of, nodes, text_of
+from posedesign.programs.language import (
+    Block,
+    Language,
+    Line,
+    Statement,
+    lines_of,
+    nodes,
+    subtrees,
+    text_of,
+)
 from posedesign.programs.numbering import NO_NAME, Numbering
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.reading import refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, Problem, RecordedProgram
 from posedesign.programs.rules import measuring
+from posedesign.programs.signatures import Signature
 from posedesign.programs.straight_line import Event, Give, Go, Values
 from posedesign.programs.writing import NameRule, Phrases, plain_all, shown_deg
+
+SIGNATURES = signatures.table("""
+speed percent:number[0.01,100] rotation?:number[0.01,100]
+wait seconds:number[0,]
+pulse output:whole[1,999] seconds?:number[0,]
+""")
+SIGNATURES |= {"pulse inside": Signature.parse("pulse output:whole[2001,2960] seconds?:number[0,]")}
+"""What steps are given (AS language reference manual, 90209-1017DEB); outputs in the controller."""
 
 _LISTS = ("joints", "trans")
 _SECTION = re.compile(r"\.([a-z]\w*)(?=\s*$|\s+[^=\s])", re.I)
@@ -203,13 +221,12 @@ def _check_steps(statements: list[Statement]) -> Iterator[Problem]:
             speed = speed if speed == "always" else ""
         if s.kind == "speed":
             speed = "always" if s.word("ALWAYS") else "once"
-        if s.kind == "speed" and not s.word("UNIT"):
-            yield from joints.check_range(s.row, first, "percent of the speed", 0.01, 100)
-        if s.kind == "pulse":
-            least, most = (2001, 2960) if re.fullmatch(r"2\d{3}", first) else (1, 999)
-            yield from joints.check_range(
-                s.row, first, "number of an output", least, most, whole=True
-            )
+        step = s.kind + " inside" * (
+            s.kind == "pulse" and re.fullmatch(r"2\d{3}", first) is not None
+        )
+        if step in SIGNATURES and not (s.kind == "speed" and (s.word("UNIT") or not first)):
+            given = map(text_of, subtrees(s.tree))
+            yield from joints.check_step(s.row, SIGNATURES, step, given)
         moves = s.kind in ("move", "taught") or bool(s.kind == "other" and _MOTION.match(s.text))
         stops, measures = s.kind in ("stop", "taught"), s.kind in ("call", "pulse", "here")
         yield from standing.check(s.row, moves, stops, s.kind == "wait", measures)

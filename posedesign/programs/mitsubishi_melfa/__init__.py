@@ -38,7 +38,7 @@ from lark import Token, Tree
 
 from calib.errors import InputError
 from posedesign.programs import joint_programs as joints
-from posedesign.programs import language, rules
+from posedesign.programs import language, rules, signatures
 from posedesign.programs.arm import Arm
 from posedesign.programs.joint_programs import JOINTS, JointDialect, Notes, Standing, Stored, listed
 from posedesign.programs.language import Language, Statement, lines_of, subtrees, text_of, words
@@ -67,6 +67,12 @@ LANGUAGE = Language(
     letters=r"\w",
 )
 
+
+SIGNATURES = signatures.table("""
+override percent:number[1,100] percent_2?:number[1,100] percent_3?:number[1,100]
+dly seconds:number[0,]
+""")
+"""What steps are given (CR1D detailed explanation of functions, 4.3)."""
 
 _Entry = tuple[str, list[Tree[Token]], str]  # name, values, flags; empty of a step
 _NONE: _Entry = ("", [], "")
@@ -194,8 +200,9 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             if re.fullmatch(r"[JP][A-Z0-9]*", target) and target not in known:
                 level: Level = "error" if any(names) else "note"  # lists are saved apart as well
                 yield Problem(s.row, "target", f"{target[:40]} is not in the list", level)
-        if body.data == "override":
-            yield from joints.check_range(s.row, text_of(body), "percent of the override", 1, 100)
+        if body.data in SIGNATURES:
+            given = map(text_of, subtrees(body))
+            yield from joints.check_step(s.row, SIGNATURES, str(body.data), given)
         does = (body.data == kind for kind in ("move", "move", "dly", "call"))
         yield from standing.check(s.row, *does)  # an arm stops behind every move
     for s, name in zip(statements, names, strict=True):

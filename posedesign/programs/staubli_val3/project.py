@@ -80,6 +80,8 @@ LIMITS = {
 }
 """Attributes that are numbers, and the largest that is believed [deg, mm, percent]."""
 
+POSITIVE = frozenset(_SPEEDS.split())  # speeds, accelerations and distances: 0 or more
+
 XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 
 FORMS = {

@@ -149,7 +149,11 @@ def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
             yield Problem(node.line, "attributes", said)
         elif name in project.LIMITS and not _NUMBER.fullmatch(text):
             yield Problem(node.line, "number", f"{said}, not a plain number")
-        elif name in project.LIMITS and not abs(float(text)) <= project.LIMITS[name]:
+        elif name in project.LIMITS and not (
+            -project.LIMITS[name] * (name not in project.POSITIVE)
+            <= float(text)
+            <= project.LIMITS[name]
+        ):
             yield Problem(node.line, "range", said)
 
 

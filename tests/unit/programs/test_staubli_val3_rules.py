@@ -156,6 +156,7 @@ ONE_RULE = [
     ("number", DATA, 'j1="1.00000"', f'j1="{"1" * 400}"', "not a plain number"),
     ("range", DATA, 'j1="1.00000"', 'j1="721.0"', "j1 is '721.0'"),
     ("range", DATA, 'x="0.0000"', 'x="100001"', "x is '100001'"),
+    ("range", DATA, 'accel="100"', 'accel="-100"', "accel is"),
     ("range", DATA, 'rx="0.00000"', 'rx="361"', "rx is '361'"),
     ("father", POINTS, 'fatherId="fUser[0]"', 'fatherId="fPart[0]"', "'fPart[0]' is not there"),
     ("father", DATA, 'fatherId="world[0]"', 'fatherId="world"', "'world' is not there"),

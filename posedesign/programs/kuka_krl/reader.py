@@ -37,6 +37,7 @@ from posedesign.programs.reading import (
     no_positions,
     pose_values,
     poses_of,
+    read_program_bytes,
     refuse,
 )
 from posedesign.programs.reading import text_of as text_of_file
@@ -164,6 +165,10 @@ _MATTERS = re.compile(
 )
 """What a line may hold that cannot be passed over, although the grammar does not know the line."""
 
+_GIVEN = re.compile(
+    r"^[ \t]*([A-Z]\w*)[ \t]*(?:\[[^\]\n]*\][ \t]*)?(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I | re.M
+)
+_GONE_TO = re.compile(r"^[ \t]*S?(?:PTP|LIN|CIRC)[ \t]+([A-Z]\w*)", re.I | re.M)
 _COMPUTED = re.compile(r"\[(?![\d,]*\]).*")  # an index of which nobody knows the element
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
 
@@ -266,6 +271,8 @@ class _Reader:
                 self._is_of_frames(p.variable) or p.variable.upper().partition("[")[0] in self.lost
             )
         ]
+        if self.is_data:
+            self._leave_changed()
         for error in sorted(self.unread, key=_is_here) if not self.positions else ():
             raise error
         if not self.positions:
@@ -279,6 +286,23 @@ class _Reader:
     def is_data(self) -> bool:
         """Whether this is a ``.dat``."""
         return self.kind == "begin_data"
+
+    def _leave_changed(self) -> None:
+        """Leave out what the ``.src`` beside gives other values, and moves to."""
+        path = Path(self.path)
+        beside = [path.with_suffix(".src"), path.with_suffix(".SRC")]
+        found = next((p for p in beside if path.is_file() and p.is_file()), None)
+        text = "" if found is None else read_program_bytes(found).decode("latin-1")
+        given = {f[1].upper(): text.count("\n", 0, f.start(1)) + 1 for f in _GIVEN.finditer(text)}
+        changed = {f[1].upper() for f in _GONE_TO.finditer(text)} & given.keys() if given else set()
+        for p in self.positions if found else ():
+            name = p.variable.upper().partition("[")[0]
+            if name in changed:
+                reason = f"{p.label} is changed in line {given[name]} of {found.name}"  # type: ignore[union-attr]
+                self._leave(reason, p.line)
+        self.positions = [
+            p for p in self.positions if p.variable.upper().partition("[")[0] not in changed
+        ]
 
     def _take_remarks(self) -> None:
         for found in _REMARK.finditer(self.text):

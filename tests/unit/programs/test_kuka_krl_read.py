@@ -292,3 +292,15 @@ def test_one_position_that_is_none_is_left_out_alone() -> None:
     with pytest.raises(FileFormatError, match="BENDS: A1 is 999"):
         program.whole()
     assert not [p for p in KukaKrl().check(text.encode(), Path("CAL.dat")) if p.level == "error"]
+
+
+def test_what_the_program_beside_changes_is_unread(tmp_path: Path) -> None:
+    path = tmp_path / "CAL.dat"
+    path.write_text(SMALL)
+    code = "DEF CAL( )\nXP1={A1 9,A2 9,A3 9,A4 9,A5 9,A6 9}\nPTP XP1\nPTP XP2\nEND\n"
+    (tmp_path / "CAL.src").write_text(code)
+    program = KukaKrl().read(path)
+    assert [p.number for p in program.positions] == [2]
+    assert "XP1 is changed in line 2 of CAL.src" in program.unread[0].message
+    (tmp_path / "CAL.src").write_text(code.replace("PTP XP1\n", ""))  # it is not moved to
+    assert len(KukaKrl().read(path).positions) == 2

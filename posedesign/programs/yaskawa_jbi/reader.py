@@ -163,6 +163,12 @@ are then in BC variables."""
 _configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)  # a job has few different ones
 
 
+_GIVEN = re.compile(
+    r"\s*(?:SETE?|GETE|GETPOS|ADD|SUB|MULMAT|INVMAT|MFRAME|CNVRT)\s+PX?(\d{1,5})\b", re.ASCII
+)
+"""A step that gives a position variable a value; of GETS see `_Reader.kept`."""
+
+
 class Name(NamedTuple):
     """Kind and number of a position: ("C", 7) for C00007."""
 
@@ -344,7 +350,11 @@ def parse_yaskawa_jbi(
         no_positions(path, "save the job that was touched up", row=job.marks[1].row)
     comment = next((s.word("TEXT").strip() for s in job.kinds["comm"]), "")
     mark, untouched = reader.announced.mark, reader.untouched
-    return RecordedProgram(name, comment, mark, positions, "yaskawa", empty_registers=untouched)
+    return RecordedProgram(
+        *(name, comment, mark, positions, "yaskawa"),
+        empty_registers=untouched,
+        unread=tuple(reader.unread),
+    )
 
 
 class _Reader:
@@ -363,6 +373,8 @@ class _Reader:
         self.kept: dict[Name, Name] = {}  # the variable that a position was stored in
         self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
         self._at: Name | None = None
+        self.given: dict[Name, int] = {}  # lines of the steps that give a variable a value
+        self.unread: list[FileFormatError] = []
 
     @property
     def untouched(self) -> bool:
@@ -374,6 +386,8 @@ class _Reader:
 
     def take(self, statement: Statement) -> None:
         kind = statement.kind
+        if given := _GIVEN.match(statement.text):
+            self.given[Name("P", int(given[1]))] = statement.row
         if kind == "comment":
             text = statement.text[1:].strip()
             axis, value = found_in(text) or ("", 0.0)
@@ -420,6 +434,13 @@ class _Reader:
             if source[name] in self.stored
             and (name in self.used or (name.kind == "C" and name not in self.other_robot))
         ]
+        for name in [name for name in wanted if name in self.given]:  # moved to, and not kept
+            row, hint = self.given[name], "move to a position that no step changes"
+            reason = f"{name.label} is changed by the job"
+            self.unread.append(FileFormatError(reason, path=self.path, row=row, hint=hint))
+        wanted = [name for name in wanted if name not in self.given]
+        for error in self.unread if not wanted else ():
+            raise error
         taken = [self.stored[source[name]] for name in wanted]
         bases = [self._base_of(name, source[name]) for name in wanted]
         carried = self._carried(wanted, bases)

@@ -236,3 +236,13 @@ def test_what_controllers_leave_out_is_read() -> None:
 def test_steps_of_another_robot_may_have_their_own_line() -> None:
     text = NOTED.replace("NPOS 2", "NPOS 3").replace("//INST", "C00002=7,7,7,7,7,7\n//INST")
     assert shown(parse(text.replace("END\n", "+MOVJ C00002 VJ=1.00\nEND\n"))) == shown(parse(NOTED))
+
+
+@pytest.mark.parametrize("step", ["SET P007 P008", "SETE P007 (1) 100", "ADD P007 P008"])
+def test_a_variable_that_the_job_changes_is_unread(step: str) -> None:
+    moved = EXPORT.replace("*LOOP\n", "*LOOP\nMOVJ P007 VJ=10.00\n")
+    assert moved != EXPORT
+    before = YaskawaJbi().parse(moved.encode("latin-1"), PATH)
+    after = YaskawaJbi().parse(moved.replace("*LOOP\n", f"*LOOP\n{step}\n").encode("latin-1"), PATH)
+    assert len(after.positions) == len(before.positions) - 1
+    assert "P007 is changed by the job" in after.unread[0].message.replace("P00007", "P007")

@@ -308,7 +308,8 @@ class _Checker:
             number |= getattr(getattr(other, "func", None), "id", "str") in {*SIGNATURES} - {"str"}
             if isinstance(node.op, ast.Add) and text is not None and number:
                 yield measuring(row, "arguments", "a number cannot be added to a text")
-            formats = text is left and "%" in str(getattr(text, "value", "%"))
+            made = isinstance(text, (ast.JoinedStr, ast.BinOp))
+            formats = text is left and (made or "%" in str(getattr(text, "value", "")))
             if isinstance(node.op, ast.Mod) and text is not None and not formats:
                 yield Problem(row, "arguments", "% formats nothing")
 

@@ -452,6 +452,7 @@ RULES = [
     ("doosan-drl", "range", "wait(1.000)", "wait(-1.000)"),
     ("doosan-drl", "arguments", "acc=17.19)", "acc=17.19, pos=0)"),
     ("doosan-drl", "arguments", " + str", " ++ str"),
+    ("doosan-drl", "arguments", 'str(number) + " q="', 'str(number) % " q="'),
     ("doosan-drl", "range", "output(5", "output(17"),
     ("doosan-drl", "standstill", "acc=17.19)\nmwait()", "acc=17.19, r=5)"),
     ("doosan-drl", "wait-to-measure", "wait(1.000)", "mwait()"),

@@ -103,3 +103,18 @@ def test_what_cannot_be_printed_is_refused(cli, refuse, cell, tmp_path):
     refuse("board", cell, "--out", tmp_path / "b.svg").says("key board", "do not go into squares")
     cell.write_text(cli("new").out)
     refuse("board", cell, "--out", tmp_path / "b.svg").says("no calibration board", "[board]")
+
+
+def test_inner_corners_and_a_large_dot_are_keys_of_a_board(cli, cell, done, refuse, tmp_path):
+    text = cell.read_text()
+    counts = "columns = 7\nrows = 5\n"
+    assert counts in text
+    cell.write_text(text.replace(counts, "inner_corners = [6, 4]\n"))
+    said = done("board", cell, "--out", tmp_path / "a.svg")
+    assert "ChArUco board of 7 x 5 squares of 25 mm" in said.out
+    cell.write_text(text.replace(counts, counts + "inner_corners = [7, 5]\n"))
+    refuse("board", cell, "--out", tmp_path / "b.svg").says("7 x 5 inner corners are 8 x 6 squares")
+    board = 'kind = "circles"\ncolumns = 10\nrows = 10\nspacing_mm = 16.0\nlarge_dot_mm = 12.0\n'
+    cell.write_text(cli("new").out + "\n[board]\n" + board)
+    said = done("board", cell, "--out", tmp_path / "c.svg")
+    assert "the left upper one of 12 mm" in said.out

@@ -60,6 +60,35 @@ def charuco(data_folder) -> Pictures:
     return _pictures(board, "board", flange, paths)
 
 
+def _charuco(columns: int, rows: int, *, legacy: bool = False):
+    return make_board(
+        "charuco",
+        columns=columns,
+        rows=rows,
+        square_m=0.036195,
+        marker_m=0.018256,
+        dictionary="6x6_250",
+        legacy=legacy,
+    )
+
+
+def test_all_corners_are_found_in_all_pictures(charuco, chessboard):
+    """Of one of them OpenCV's detector reads 6 of 17 markers."""
+    assert np.isfinite(charuco.pixels).all(axis=-1).mean() > 0.99
+    assert np.isfinite(chessboard.pixels).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [_charuco(4, 6), _charuco(6, 8), _charuco(6, 7), _charuco(7, 5), _charuco(5, 6, legacy=True)],
+)
+def test_a_charuco_described_otherwise_is_found_in_no_picture(data_folder, wrong):
+    folder = data_folder / "pictures" / "charuco_eye_to_hand" / "pictures"
+    said = [detect_board(read_grey(path), wrong) for path in sorted(folder.iterdir())]
+    assert not any(sighting.is_ok for sighting in said)
+    assert sum("5 columns and 7 rows or more" in sighting.message for sighting in said) > 2
+
+
 def shuffled(pictures: Pictures, rng: np.random.Generator) -> Pictures:
     """The pictures in another order, each with its pose."""
     order = rng.permutation(len(pictures.pixels))

@@ -102,11 +102,11 @@ def _size_of_misfit(
     readable = inside & near[..., None]
     partly = readable.mean(axis=2) > _LEAST_OF_CELL
     dark, light = levels
-    for side in (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1]):
+    for side in ((0, _INSIDE), (-1, _INSIDE), (_INSIDE, 0), (_INSIDE, -1)):
         if np.count_nonzero(partly[side]) >= min(_LEAST_CELLS, len(partly[side])):
             there = readable[side]
             levels_there = at[side][there]
-            like = _likeness(levels_there, black[side][there])
+            like = _likeness(*_along(at[side], black[side], there, across=side[1] == _INSIDE))
             if like > _GOES_ON and levels_there.std() > _CONTRAST * (light - dark):
                 return "larger"
     if not isinstance(board, MarkerBoard):  # found with all points or not at all
@@ -257,6 +257,10 @@ def _lattice_of(board: GridBoard) -> tuple[FloatArray, FloatArray, FloatArray]:
     over = np.ceil(np.maximum(places - last, 0.0) / period - 1e-9)
     inside = places + period * (under - over)
     black = board.known_black(inside.reshape(-1, 2)).reshape(places.shape[:-1])
+    # the outer squares of Kalibr's grids lie in cells beyond
+    own = (places > board.box[:2]).all(axis=-1) & (places < board.box[2:]).all(axis=-1)
+    own[1:-1, 1:-1] = False
+    black[own] = np.nan
     return corners + step / 2, places, black
 
 
@@ -267,6 +271,28 @@ def _near(
 
     far = np.asarray(cKDTree(seen / step_m).query(cells / step_m)[0])
     return far < most
+
+
+_INSIDE = slice(1, -1)
+
+
+def _along(
+    at: FloatArray, black: FloatArray, there: BoolArray, *, across: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return grey levels and pattern beyond a side, less their means at each distance from it.
+
+    White paper that ends on a dark table is like the gap of a grid with its next markers, but it
+    is so all along the side.
+    """
+    known = there & np.isfinite(black)
+    row, column = np.divmod(np.arange(at.shape[-1]), len(_ACROSS))
+    index = np.broadcast_to(row if across else column, at.shape)[known]
+    count = np.maximum(np.bincount(index, minlength=len(_ACROSS)), 1)
+    levels, pattern = (
+        values[known] - (np.bincount(index, values[known], len(_ACROSS)) / count)[index]
+        for values in (at, black)
+    )
+    return levels, pattern
 
 
 def _likeness(grey: FloatArray, black: FloatArray) -> float:

@@ -81,7 +81,8 @@ def test_import_says_what_it_did_as_json(cli: Cli, done: Cli, work: Path) -> Non
     done("program", poses, "--cell", cell, "--out", work)
     names = touch_up(program, work / "touchups.csv", poses)
     text = program.read_text()
-    program.write_text(text.replace(text[text.index("P[27:") : text.index("P[28:")], "", 1))
+    text = text.replace(text[text.index("P[27:") : text.index("P[28:")], "", 1)
+    program.write_text(re.sub(r" *\d+:J P\[27\].*\n", "", text))
     said = json.loads(
         cli("import", cell, program, "--poses", poses, "--out", work / "back", "--json").out
     )

@@ -293,12 +293,13 @@ class _Reader:
         beside = [path.with_suffix(".src"), path.with_suffix(".SRC")]
         found = next((p for p in beside if path.is_file() and p.is_file()), None)
         text = "" if found is None else read_program_bytes(found).decode("latin-1")
-        given = {f[1].upper(): text.count("\n", 0, f.start(1)) + 1 for f in _GIVEN.finditer(text)}
+        given = {f[1].upper(): f.start(1) for f in _GIVEN.finditer(text)}
         changed = {f[1].upper() for f in _GONE_TO.finditer(text)} & given.keys() if given else set()
         for p in self.positions if found else ():
             name = p.variable.upper().partition("[")[0]
             if name in changed:
-                reason = f"{p.label} is changed in line {given[name]} of {found.name}"  # type: ignore[union-attr]
+                line = text.count("\n", 0, given[name]) + 1
+                reason = f"{p.label} is changed in line {line} of {found.name}"  # type: ignore[union-attr]
                 self._leave(reason, p.line)
         self.positions = [
             p for p in self.positions if p.variable.upper().partition("[")[0] not in changed

@@ -66,14 +66,21 @@ class InformationState:
 
     def refresh(self) -> None:
         """Compute everything anew: updates gather rounding."""
-        J = self.candidates.J
         self.M = self.candidates.information(self.rows) + self._faint
         self.C = np.asarray(np.linalg.inv(self.M))
+        self._find_leverages()
+
+    def _find_leverages(self) -> None:
+        J = self.candidates.J
         N, m, _ = J.shape
         self.S = np.empty((m, m, N))
         for part in self.candidates.chunks(2 * self.candidates.m * self.candidates.p):
             moved = J[part] @ self.C
             self.S[:, :, part] = np.einsum("nap,nbp->abn", moved, J[part])
+
+    def leverages(self, part: slice | IntArray) -> FloatArray:
+        """Leverages ``J C Jᵀ`` of some candidates ``(m, m, n)``."""
+        return np.asarray(self.S[:, :, part])
 
     def take(self, row: int) -> None:
         self._change(row, 1.0)
@@ -90,6 +97,10 @@ class InformationState:
         self.C = self.C - sign * U @ U.T
         self.M = self.M + sign * own.T @ own
         self.chosen[row] = sign > 0.0
+        self._follow(U, sign)
+
+    def _follow(self, U: FloatArray, sign: float) -> None:
+        """Take a change ``∓ U Uᵀ`` of the covariance into the leverages."""
         for part in self.candidates.chunks(2 * self.candidates.m**2):
             moved = U.T @ self.candidates.by_row[:, :, part]  # (m, m, chunk)
             self.S[:, :, part] -= sign * np.einsum("akn,bkn->abn", moved, moved)
@@ -120,7 +131,7 @@ class InformationState:
 
         The last of these is not finite where there is no root.
         """
-        A = np.asarray(sign * self.S[:, :, part])
+        A = np.asarray(sign * self.leverages(part))
         m = len(A)
         A[np.arange(m), np.arange(m)] += 1.0
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -130,6 +141,24 @@ class InformationState:
                 for b in range(a + 1, m):
                     A[b:, b] -= A[b:, a] * A[b, a]
         return A
+
+
+class FewAtOnce(InformationState):
+    """A choice that is changed often, and of which few candidates are looked at in between.
+
+    Their leverages are found when they are asked for. There is no ``S``.
+    """
+
+    def _find_leverages(self) -> None:
+        pass
+
+    def _follow(self, U: FloatArray, sign: float) -> None:
+        pass
+
+    def leverages(self, part: slice | IntArray) -> FloatArray:
+        """Leverages ``J C Jᵀ`` of some candidates ``(m, m, n)``."""
+        J = self.candidates.J[part]
+        return np.asarray(np.einsum("nap,nbp->abn", J @ self.C, J))
 
 
 def log_det_of_root(root: FloatArray) -> FloatArray:

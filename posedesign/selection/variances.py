@@ -73,7 +73,7 @@ class VolumeObjective(_AxesObjective):
         gain = np.zeros_like(lost)
         if not self._all:
             moved = self.candidates.J[part] @ root_of(self._seen(state.C))
-            rest = sign * (state.S[:, :, part] - np.einsum("nar,nbr->abn", moved, moved))
+            rest = sign * (state.leverages(part) - np.einsum("nar,nbr->abn", moved, moved))
             gain = np.linalg.slogdet(np.moveaxis(rest, -1, 0) + np.eye(len(rest)))[1]
         return np.asarray(self._of(state.C) * np.exp((gain - lost) / self.K.shape[1]))
 

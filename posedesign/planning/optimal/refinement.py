@@ -22,7 +22,7 @@ from posedesign.candidates import CandidatePoses, feasible, local_poses
 from posedesign.cell import Cell
 from posedesign.planning.optimal.request import PlanObjective
 from posedesign.selection import Candidates
-from posedesign.selection.information import InformationState
+from posedesign.selection.information import FewAtOnce
 
 LENGTH_M = 5e-3
 """Standard deviation of lengths before measuring: tool and target as they are drawn or measured
@@ -193,7 +193,7 @@ class _Refinement:
             np.concatenate([self._blocks(self.pool), blocks]), self._objective.known
         )
         objective = self._objective.criterion.on(candidates)
-        state = InformationState(candidates, np.arange(n), n)
+        state = FewAtOnce(candidates, np.arange(n), n)
         out = np.empty(len(owner))
         for k in range(n):
             mine = np.flatnonzero(owner == k)
@@ -208,7 +208,7 @@ class _Refinement:
             np.concatenate([self._blocks(self.pool), self._blocks(offered)]), self._objective.known
         )
         objective = self._objective.criterion.on(candidates)
-        state = InformationState(candidates, np.arange(n), n)
+        state = FewAtOnce(candidates, np.arange(n), n)
         q, R = self.pool.postures.copy(), self.pool.orientations.copy()
         for k in range(n):
             mine = np.append(n + np.flatnonzero(owner == k), k)

@@ -72,10 +72,25 @@ def rows_of(figure: Figure, heights: Sequence[float]) -> list[SubFigure]:
     return [part for (part,) in parts]
 
 
+def _take_as_written(figure: Figure) -> None:
+    """Draw texts with a $ as they are: names from files are no formulas."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        written = text.get_text() if isinstance(text, Text) else ""
+        if isinstance(text, Text) and "$" in written and _OF_TICKS not in written:
+            text.set_parse_math(False)
+
+
+_OF_TICKS = r"\mathdefault"
+"""Stands in the powers of ten that axes write."""
+
+
 def as_png(figure: Figure) -> bytes:
     """The figure as a picture, and all of it in its place from then on."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    _take_as_written(figure)
     data = io.BytesIO()
     engine = figure.get_layout_engine()
     if engine is not None:
@@ -92,6 +107,7 @@ def as_svg(figure: Figure) -> str:
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+    _take_as_written(figure)
     text = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "posedesign"}):
         # the same, of which `savefig` would draw all before

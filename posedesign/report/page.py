@@ -30,7 +30,7 @@ from posedesign.files import (
     rehearsed,
     write_text_atomic,
 )
-from posedesign.files.csv_tables import read_table
+from posedesign.files.csv_tables import numbers_of, read_table
 from posedesign.files.json_files import ReadFromFile
 from posedesign.files.measurements import read_measurements
 from posedesign.files.origin import checksum, read_whole
@@ -362,7 +362,7 @@ def _section_of_recheck(folder: Path) -> Section:
 
 
 def _section_of_pairs(folder: Path) -> Section:
-    answers = _rows_of(folder / ROBOT_WORLD, _ANSWER)
+    answers = _rows_of(folder / ROBOT_WORLD, _ANSWER, _ANSWER[3:])
     section = Section("A X = Z B")
     first = answers[0]
     for letter in "xz" if first["status"] == "ok" else "":
@@ -375,7 +375,7 @@ def _section_of_pairs(folder: Path) -> Section:
         )
     section.lines += [f"{row['method']}: {row['message']}" for row in answers]
     each = folder / ROBOT_WORLD_PAIRS
-    figure = figure_of_pairs(answers, _rows_of(each, _PAIR)) if each.is_file() else None
+    figure = figure_of_pairs(answers, _rows_of(each, _PAIR, _PAIR[3:])) if each.is_file() else None
     if figure is not None:
         svg = figures.as_svg(figure)
         section.figures.append(("Residuals of the pairs, and how far methods differ", svg))
@@ -410,10 +410,10 @@ _ANSWER = (
 _PAIR = ("method", "pose", "used", "residual_mm", "residual_deg")
 
 
-def _rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Rows of a table that has to have some columns.
+def _rows_of(path: Path, columns: Sequence[str], numbers: Sequence[str]) -> list[dict[str, str]]:
+    """Rows of a table that has to have some columns, with numbers or nothing in some of them.
 
-    Raises FileFormatError: one is missing, or there is no row.
+    Raises FileFormatError: one is missing, there is no row, or something else is in a cell.
     """
     table = read_table(path)
     missing = [name for name in columns if name not in table.columns]
@@ -423,6 +423,8 @@ def _rows_of(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             path=path,
             hint="write it again",
         )
+    for name in numbers:
+        numbers_of(path, [row for row in table.rows if row.cells[name]], (name,))
     return [row.cells for row in table.rows]
 
 

@@ -156,6 +156,18 @@ def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, done, refuse)
     text = (work / "robot_world.csv").read_text()
     (work / "robot_world.csv").write_text(text.replace("x_w_deg", "x_v_deg"))
     refuse("report", work).says("robot_world.csv", "does not have what a report needs: x_w_deg")
+    place = text.splitlines()[2].split(",")[20]
+    for bad in ("n/a", "nan", "inf", "1e999"):
+        (work / "robot_world.csv").write_text(text.replace(f",{place},", f",{bad},", 1))
+        refuse("report", work).says(
+            "robot_world.csv", "line 3, column x_x_mm", "not a finite number"
+        )
+    (work / "robot_world.csv").write_text(text.replace("\nshah,", "\n$x_{$,"))
+    pairs = work / "robot_world_pairs.csv"
+    pairs.write_text(pairs.read_text().replace("\nshah,", "\n$x_{$,"))
+    with rendering():
+        done("report", work, "--overwrite")
+    assert "$x_{$" in (work / "report.html").read_text()  # no formula, though it looks like one
 
 
 def test_poses_for_a_camera_promise_x_and_z_and_no_tool_point(work, cli, done, change_cell):

@@ -139,14 +139,15 @@ def _ends(before: _Row, row: _Row, edge: slice) -> bool:
     if usable.mean() < _MOST_OF_ROW or (black == 1.0).any(axis=(1, 2)).sum() < 2:
         return False
     beside, pattern = (each[usable] for each in before[1:])
-    if not _likeness(beside, pattern) > _GOES_ON:
+    if not ((pattern == 1.0).any() and (pattern == 0.0).any()):
         return False
     dark, light = (float(np.median(beside[pattern == ink])) for ink in (1.0, 0.0))
     should_be_black = at[black == 1.0]
     middle = float(np.median(should_be_black))
     if abs(middle - light) > _PAPER * (light - dark):
         return False  # it may be hidden
-    return bool(np.mean(should_be_black < (dark + light) / 2) < 0.1)
+    missing = np.mean(should_be_black < (dark + light) / 2) < 0.1
+    return bool(missing and _likeness(beside, pattern) > _GOES_ON)
 
 
 def _shows_others(

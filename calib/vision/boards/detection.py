@@ -16,7 +16,6 @@ from calib.vision.boards.agreement import OTHER_MARKERS, disagreement, side_of_m
 from calib.vision.boards.board import (
     AprilTagGrid,
     Board,
-    CharucoBoard,
     Chessboard,
     CircleGrid,
     GridBoard,
@@ -31,6 +30,7 @@ from calib.vision.boards.edges import Refined, refine
 from calib.vision.boards.finding import (
     CircleLattices,
     Found,
+    Markers,
     circles_shown,
     find_chessboard,
     find_circles,
@@ -131,10 +131,11 @@ def sight(
             said = another_layout(board, markers)
             if said:
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
-        if found is not None and isinstance(board, CharucoBoard):
-            side = side_of_markers(board, markers)
+        if found is not None:
+            side = _side_of_markers(board, markers)
             if abs(side - 1.0) > max(SIDE_OFF, SIDE_OFF_PX / markers.side_px):
-                said = f"markers of {side * board.marker_m / board.square_m:.2f} of a square"
+                said = f"markers of {side * board.marker_m / board.step_m[0]:.2f} of "
+                said += "the spacing" if isinstance(board, MarkerGrid) else "a square"
                 return BoardSighting.failed(board, "another board", _not_the(board, said))
     elif isinstance(board, Chessboard):
         found = find_chessboard(picture, board, thoroughly=thoroughly)
@@ -159,6 +160,17 @@ def sight(
 
 def _not_the(board: Board, said: str) -> str:
     return f"the picture shows {said}, not the {board.words}: correct the description"
+
+
+def _side_of_markers(board: MarkerBoard, markers: Markers) -> float:
+    """Return the side of markers in parts of the described one; NaN where they do not tell."""
+    if not isinstance(board, MarkerGrid):
+        return side_of_markers(board, markers)
+    if board.is_kalibr:  # its squares touch the corners of tags, and decoders miss them
+        return float("nan")
+    known = markers.those(np.isin(markers.ids, board.ids))
+    which = 4 * (known.ids - board.first_id)[:, None] + np.arange(4)
+    return 1.0 + side_of_markers_off(board, which.ravel(), known.corners.reshape(-1, 2))
 
 
 LEAST_UNEXPLAINED = 2

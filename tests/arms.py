@@ -129,7 +129,7 @@ def cell_of(maker: str | None) -> Cell:
         else:
             path.write_text(urdf_of(str(maker)))
             text = cell_template(str(path))
-            text = re.sub("^# controller = .*", f'controller = "{maker}"', text, flags=re.M)
+            text = re.sub("^# controller[ :].*", f'controller = "{maker}"', text, flags=re.M)
         if maker == "yaskawa":
             text = text.replace("[program]\n", f"[program]\npulses_per_deg = {list(PULSES)}\n")
         return Cell.from_text(text)

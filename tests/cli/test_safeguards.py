@@ -163,7 +163,7 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, done, work):
     words = ("program", work / "other" / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
     assert said.code == 2
-    assert 'an unknown maker (set robot.controller = "fanuc" or ' in said.err
+    assert 'an unknown maker (set robot.controller = "fanuc" in the cell' in said.err
     assert "choose with --format: ros-trajectory, moveit-joints" in said.err
     said = cli(*words, "--format", "fanuc-ls")
     assert said.code == 2

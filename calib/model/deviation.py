@@ -21,6 +21,10 @@ from calib.model.context import MeasurementContext
 from calib.se3 import FloatArray, IntArray
 
 
+_FEW_ROWS = 3
+"""Rows of a measurement up to which their inverse root itself takes less than its factors."""
+
+
 @dataclass(frozen=True, eq=False)
 class SharedDeviation:
     """Effect of the deviations of G stops on the rows of S measurements, over their own noise."""
@@ -44,7 +48,18 @@ class SharedDeviation:
 
     def whiten(self, white: FloatArray) -> FloatArray:
         """Return rows ``(..., m, S)`` over their own noise without what stops have in common."""
+        if self._root is not None:
+            return np.asarray(np.einsum("rqs,...qs->...rs", self._root, white))
         return self._times(white, self._whitening)
+
+    @cached_property
+    def _root(self) -> FloatArray | None:
+        """Inverse root ``(m, m, S)`` of the covariance of few rows that share with no others."""
+        rows, count = len(self.A), self.A.shape[-1]
+        if self.stop is not None or rows > _FEW_ROWS:
+            return None
+        every = np.broadcast_to(np.eye(rows)[..., None], (rows, rows, count))
+        return self._times(every, self._whitening).swapaxes(0, 1)
 
     def colour(self, white: FloatArray) -> FloatArray:
         """Return the inverse of :meth:`whiten`: draws with what stops have in common."""

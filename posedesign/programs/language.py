@@ -20,7 +20,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
-from typing import Any, TypeGuard, TypeVar
+from itertools import accumulate
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
 from lark.lexer import PatternStr, TerminalDef
@@ -52,59 +53,106 @@ _MOST_DEPTH = 60
 _MOST_LINES = 300
 
 _LINE = re.compile(r"[^\s][^\n]*")
-_FORM_OF_PIECES = r"""("[^"\n]*")
-    | ([ \t\r]{2,}|[\t\r])
+_FORM_OF_PIECES = r"""("[^"\n]*"
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.])"""
+    | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.]))"""
 
 _PIECE, _SIGNED_PIECE = (
     re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
     for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
 )
-"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``, but for joints,
-``A1``, which are few. A minus sign behind a bracket, a comma or an equals sign belongs to the
-number where a language says so."""
+"""Texts in quotes, numbers, and numbers behind a name: ``XP12``, but for joints, ``A1``, which are
+few. A minus sign behind a bracket, a comma or an equals sign belongs to the number where a language
+says so."""
 
-_FORM = re.compile(r"\d+")
+_BLANKS = re.compile(r"[ \t\r]{2,}|[\t\r]")
+_BLANKS_OR_TEXT = re.compile(rf'("[^"\n]*")|{_BLANKS.pattern}')
+_FORM = re.compile(r"-?\d+")
+_FORM_OR_TEXT = re.compile(r'(")[^"\n]*"|-?\d+')
 
 
-@dataclass(frozen=True)
-class Line:
+def _with_single_blanks(text: str) -> str:
+    """A text in which each run of blanks is one, but in quotes."""
+    if '"' in text:
+        return _BLANKS_OR_TEXT.sub(lambda found: found[1] or " ", text).strip()
+    return _BLANKS.sub(" ", text).strip()
+
+
+class Line(NamedTuple):
     """A line of a file, or several that are one statement: where it begins, and its text."""
 
     row: int
     text: str
 
 
-@dataclass(frozen=True)
+Node = Tree[Token] | Token
+Build = Callable[[Sequence[str]], Any]
+Found = dict[tuple[str, ...], list[tuple[int, ...]]]
+"""Where nodes of these names are in a tree: which child, which child of it, ..."""
+
+
+@dataclass(eq=False, slots=True)
+class Shape:
+    """What equal statements share: what builds their trees, and where nodes are in these."""
+
+    build: Build
+    trees: Found = field(default_factory=dict)
+    tokens: Found = field(default_factory=dict)
+
+
+@dataclass(eq=False, slots=True)
 class Statement:
     """What one line says."""
 
     row: int  # line of the file where it begins, counted from 1
     text: str  # as it stands there
     tree: Tree[Token]  # what the grammar makes of it; a tree of the name ``fault`` where nothing
+    shape: Shape
     fault: str = ""  # what is wrong with it, in words; empty for nothing
 
     @property
     def kind(self) -> str:
         """Name of the grammar's rule."""
-        return str(self.tree.data)
+        return self.tree.data
 
-    def all(self, *names: str) -> Iterator[Tree[Token]]:
+    def all(self, *names: str) -> list[Tree[Token]]:
         """Subtrees of these names, from the left."""
-        return nodes(self.tree, *names)
+        places = self.shape.trees.get(names)
+        if places is None:
+            places = self.shape.trees[names] = list(_places(self.tree, names, Tree))
+        return [_at(self.tree, place) for place in places] if places else []
 
     def one(self, name: str) -> Tree[Token] | None:
         """The first subtree of this name."""
-        return next(nodes(self.tree, name), None)
+        return next(iter(self.all(name)), None)
 
     def words(self, *types: str) -> list[str]:
         """Texts of all tokens of these terminals, from the left."""
-        return words(self.tree, *types)
+        places = self.shape.tokens.get(types)
+        if places is None:
+            places = self.shape.tokens[types] = list(_places(self.tree, types, Token))
+        return [str(_at(self.tree, place)) for place in places] if places else []
 
     def word(self, name: str) -> str:
         """The first of them; empty for none."""
-        return next(iter(words(self.tree, name)), "")
+        return next(iter(self.words(name)), "")
+
+
+def _places(
+    node: Node, names: tuple[str, ...], kind: type, place: tuple[int, ...] = ()
+) -> Iterator[tuple[int, ...]]:
+    """Where trees or tokens of these names are in a node, itself included, from the left."""
+    name = node.data if isinstance(node, Tree) else node.type
+    if isinstance(node, kind) and name in names:
+        yield place
+    for k, child in enumerate(node.children if isinstance(node, Tree) else ()):
+        yield from _places(child, names, kind, (*place, k))
+
+
+def _at(node: Any, place: tuple[int, ...]) -> Any:
+    for k in place:
+        node = node.children[k]
+    return node
 
 
 def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
@@ -132,9 +180,6 @@ def words(tree: Tree[Token], *types: str) -> list[str]:
     return found
 
 
-Node = Tree[Token] | Token
-
-
 def is_a(node: Node | None, kind: str) -> TypeGuard[Tree[Token]]:
     """Whether a node is a tree of this name."""
     return isinstance(node, Tree) and node.data == kind
@@ -142,10 +187,10 @@ def is_a(node: Node | None, kind: str) -> TypeGuard[Tree[Token]]:
 
 def text_of(node: Node) -> str:
     """All tokens of a tree as one text without blanks, for messages and comparisons."""
-    return str(node) if isinstance(node, Token) else "".join(map(text_of, node.children))
+    if isinstance(node, Token):
+        return str(node)
+    return "".join([c if isinstance(c, Token) else text_of(c) for c in node.children])
 
-
-Build = Callable[[Sequence[str]], Any]
 
 T = TypeVar("T")
 _shared: ContextVar[dict[Hashable, Any] | None] = ContextVar("_shared", default=None)
@@ -173,6 +218,11 @@ def shared(key: Hashable, make: Callable[[], T]) -> T:
 
 
 NOTHING: Tree[Token] = Tree("fault", [])  # what a grammar makes of a statement that is none
+_FAULT = Shape(lambda slots: NOTHING)
+
+
+def _faulty(row: int, text: str, fault: str) -> Statement:
+    return Statement(row, text, NOTHING, _FAULT, fault)
 
 
 @dataclass
@@ -195,10 +245,14 @@ class Language:
     """Characters of names, as in a set of a regular expression. None of them can stand behind a
     keyword then; empty where words are not separated, as in ``CNT50``."""
     indented: bool = False  # texts of statements keep the blanks before them, which mean something
-    _builders: dict[tuple[str, str, int], Build] = field(default_factory=dict, repr=False)
+    _builders: dict[tuple[str, tuple[str, ...], str], Shape] = field(
+        default_factory=dict, repr=False
+    )
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)
-    _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
+    _trees: dict[tuple[str, str], tuple[Tree[Token], Shape]] = field(
+        default_factory=dict, repr=False
+    )
 
     @cached_property
     def parser(self) -> Lark:
@@ -245,7 +299,7 @@ class Language:
                 found.append(self.statement(line))
             else:
                 fault = "the program is too long to be read so far"
-                found.append(Statement(line.row, line.text[:MOST_LENGTH], NOTHING, fault))
+                found.append(_faulty(line.row, line.text[:MOST_LENGTH], fault))
             faults += bool(found[-1].fault)
             if faults >= MOST_FAULTS:
                 break
@@ -253,50 +307,43 @@ class Language:
 
     def statement(self, line: Line, rule: str = "") -> Statement:
         """The statement of one line; by another rule than `start` where one is named."""
-        rule = rule or self.start
-        same = self._trees.get((rule, line.text))
+        rule, row, own = rule or self.start, line.row, line.text
+        same = self._trees.get((rule, own))
         if same is not None:
-            return Statement(line.row, line.text, same)
-        if len(line.text) > MOST_LENGTH:
-            fault = f"{len(line.text)} characters in one statement"
-            return Statement(line.row, line.text[:100], NOTHING, fault)
-        pieces = _SIGNED_PIECE if self.signed else _PIECE
-        slots: list[str] = []
-
-        def slot(found: re.Match[str]) -> str:
-            if found[2]:
-                return " "
-            slots.append(found[0])
-            return '""' if found[1] else _FORM.sub("\0", found[0].lstrip("-"))
-
-        form = pieces.sub(slot, line.text).strip()
-        # J0 is no slot, and J10 is one: equal forms are equal statements with as many slots only
-        shape = (rule, form, len(slots))
-        build = self._builders.get(shape)
-        if build is None:
-            text = pieces.sub(
-                lambda found: " " if found[2] else found[0].lstrip("-"), line.text
-            ).strip()
+            return Statement(row, own, *same)
+        if len(own) > MOST_LENGTH:
+            return _faulty(row, own[:100], f"{len(own)} characters in one statement")
+        text = _with_single_blanks(own)
+        pieces = (_SIGNED_PIECE if self.signed else _PIECE).split(text)
+        slots = pieces[1::2]
+        # J0 is no slot, and J10 is one: what stands between them is compared, too
+        forms = "\n".join(slots)
+        forms = _FORM_OR_TEXT.sub(r"\1\0", forms) if '"' in text else _FORM.sub("\0", forms)
+        key = (rule, tuple(pieces[::2]), forms)
+        shape = self._builders.get(key)
+        if shape is None:
+            pieces[1::2] = [slot.lstrip("-") for slot in slots]
+            text = "".join(pieces)
             self._parsed += len(text)
             if _depth(text) > _MOST_DEPTH:
-                return Statement(line.row, line.text, NOTHING, "brackets are too deep")
+                return _faulty(row, own, "brackets are too deep")
             try:
                 tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
                 at, fault = _fault(text, error, self.parser)
-                return Statement(line.row + text.count("\n", 0, at), line.text, NOTHING, fault)
-            spans = [found.span() for found in pieces.finditer(text) if not found[2]]
+                return _faulty(row + text.count("\n", 0, at), own, fault)
+            ends = [*accumulate(map(len, pieces))]
+            spans = [*zip(ends[:-1:2], ends[1::2], strict=True)]
             if len(self._builders) >= _MOST_SHAPES:
                 self._builders.clear()
-            build = _builder(tree, spans) or (lambda slots: tree)
-            self._builders[shape] = build
+            shape = self._builders[key] = Shape(_builder(tree, spans) or (lambda slots: tree))
         self._filled += len(slots)
-        tree = build(slots)
-        if len(line.text) <= _MOST_KEPT:
+        tree = shape.build(slots)
+        if len(own) <= _MOST_KEPT:
             if len(self._trees) >= _MOST_SHAPES:
                 self._trees.clear()
-            self._trees[rule, line.text] = tree
-        return Statement(line.row, line.text, tree)
+            self._trees[rule, own] = tree, shape
+        return Statement(row, own, tree, shape)
 
 
 def _depth(text: str) -> int:

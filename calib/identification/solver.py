@@ -44,11 +44,13 @@ from calib.identification.result import SIZES, IdentificationResult, KindNoise, 
 from calib.identification.robust import Solved, fit_robustly, not_converged
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
+from calib.one_thread import one_blas_thread
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
 
 
+@one_blas_thread
 def identify(
     model: CalibrationModel,
     measurements: Measurements,

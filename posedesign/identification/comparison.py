@@ -24,6 +24,7 @@ from calib.identification.held import Finding
 from calib.identification.robust import WEIGHED_DOWN
 from calib.identification.solver import ANOTHER_ROBOT_M
 from calib.model.parameters import AXES, Unit
+from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.cell import Cell
 from posedesign.files.csv_tables import MOST_LISTED, a_few
@@ -193,6 +194,7 @@ def beyond_belief(result: IdentificationResult) -> str | None:
     return result.names[worst] if share.size and share[worst] > 1.0 else None
 
 
+@one_blas_thread
 def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     """Identify what the cell asks for, and the baselines that it has to beat.
 

@@ -20,7 +20,6 @@ import numpy as np
 from calib.model.context import MeasurementContext
 from calib.se3 import FloatArray, IntArray
 
-
 _FEW_ROWS = 3
 """Rows of a measurement up to which their inverse root itself takes less than its factors."""
 

@@ -152,7 +152,10 @@ def test_unknown_robots(name, said, hint):
     ("axes", "written"),
     [
         ({2: "0 -1 0", 3: "-1 0 0", 4: "0 -1 0", 5: "-1 0 0"}, 'controller = "fanuc"'),
-        ({3: "0 0 1"}, "# controller: the description names no maker known here that counts joints"),
+        (
+            {3: "0 0 1"},
+            "# controller: the description names no maker known here that counts joints",
+        ),
     ],
 )
 def test_only_a_controller_that_fits_is_proposed(axes, written, tmp_path, monkeypatch):

@@ -195,7 +195,8 @@ def as_moved(
         for n, p in listed.items()
         if n not in lost
     ]
-    out += [Stored(n, v.row, v.texts) for n, v in moved.items() if n not in listed.keys() | lost]
+    told = listed.keys() | lost
+    out += [Stored(n, v.row, v.texts) for n, v in moved.items() if n not in told]
     for error in lost.values() if not out else ():
         raise error
     return out if len(listed) == len(found) else list(found), [*lost.values()]
@@ -295,7 +296,7 @@ def check_joints(
     row: int, values: Sequence[str], most: int = JOINTS, least: int = JOINTS
 ) -> Iterator[Problem]:
     """Whether these are the joint values of a position: so many plain numbers."""
-    plain = [float(value[:99]) for value in values if PLAIN.fullmatch(value)]
+    plain = [float(value[:99]) for value in filter(PLAIN.fullmatch, values)]
     if len(plain) != len(values) or not least <= len(plain) <= most:
         yield Problem(row, "position", f"{len(plain)} plain numbers of {len(values)} values")
     far = [k for k, value in enumerate(plain[:JOINTS], start=1) if abs(value) > MOST_JOINT_DEG]

@@ -285,6 +285,7 @@ class Language:
         What stands behind the most that is read of statements, their kinds, or numbers in them, is
         a fault each.
         """
+        text = text.replace("\r\n", "\n")  # so that reader and rules ask for the same
         return shared((id(self), text), lambda: self._parse_all(text))
 
     def _parse_all(self, text: str) -> list[Statement]:

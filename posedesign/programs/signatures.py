@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 _PARAMETER = re.compile(r"(\w+(?:/\w+)*)(\?)?(?::(\w+))?(?:([\[(])(-?[\d.]*),(-?[\d.]*)([\])]))?")
 _EXCLUDED = {
@@ -28,8 +29,7 @@ _EXCLUDED = {
 """Kinds of values that are wrong for a kind of parameter."""
 
 
-@dataclass(frozen=True)
-class Argument:
+class Argument(NamedTuple):
     """What a call is given; ``kind`` is empty and ``number`` NaN where the text does not tell."""
 
     shown: str
@@ -55,14 +55,12 @@ class Parameter:
 
     def fault(self, given: Argument) -> tuple[str, str]:
         """A rule that an argument breaks, and how; both empty for none."""
-        what = f"{self.name} is {given.shown[:60]}"
-        value = given.number
-        kinds = {given.kind} | ({"fraction"} if math.isfinite(value) and value % 1 else set())
-        if kinds & _EXCLUDED.get(self.kind, set()):
-            return "arguments", f"{what}, no {self.kind}"
+        value, wrong = given.number, _EXCLUDED.get(self.kind, ())
+        if given.kind in wrong or ("fraction" in wrong and math.isfinite(value) and value % 1):
+            return "arguments", f"{self.name} is {given.shown[:60]}, no {self.kind}"
         if value < self.least or value > self.most or (self.open_ and value == self.least):
             ends = f"{'above ' if self.open_ else ''}{self.least:g} to {self.most:g}"
-            return "range", f"{what}, not {ends}"
+            return "range", f"{self.name} is {given.shown[:60]}, not {ends}"
         return "", ""
 
 
@@ -112,24 +110,23 @@ class Signature:
         """Rules that a call breaks, and how."""
         known = self.by_name
         keywords = [argument.keyword for argument in given if argument.keyword]
-        placed = [argument for argument in given if not argument.keyword]
         odd = next((word for word in keywords if word not in known), "")
-        first = [parameter for parameter, _ in self.named(given)]
+        named = list(self.named(given))
         reason = ""
         if odd:
             reason = f"{self.name} has no {odd[:30]}"
-        elif len({*map(id, first)}) < len(first):
+        elif len({id(parameter) for parameter, _ in named}) < len(named):
             reason = f"{self.name}: an argument is given twice"
-        elif any(a.keyword and not b.keyword for a, b in pairwise(given)):
+        elif keywords and any(a.keyword and not b.keyword for a, b in pairwise(given)):
             reason = f"{self.name}: an argument without a name behind one with"
-        elif not self.least <= len(given) or len(placed) > self.most:
+        elif not self.least <= len(given) or len(given) - len(keywords) > self.most:
             most = len(self.parameters)
             ends = f"{self.least} to {most}" if self.least < most else f"{most}"
             reason = f"{self.name} has {len(given)} arguments, not {ends}"
         if reason:
             yield "arguments", reason
             return
-        for parameter, argument in self.named(given):
+        for parameter, argument in named:
             rule, fault = parameter.fault(argument)
             if rule:
                 yield rule, f"{self.name}: {fault}"

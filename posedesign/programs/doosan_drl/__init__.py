@@ -105,6 +105,10 @@ def _parsed(text: str) -> ast.Module | Problem:
         return Problem(1, "syntax", "no program that can be read")
 
 
+_SILENT = (ast.Constant, ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop)
+_PLACES = [parameter.name for parameter in SIGNATURES["movej"].parameters]
+
+
 def _steps(tree: ast.Module) -> list[_Step]:
     """Statements in the order of the file."""
     return language.shared(("drl steps", id(tree)), lambda: list(_walked(tree)))
@@ -117,9 +121,20 @@ def _walked(tree: ast.Module) -> Iterator[_Step]:
         parts = list(ast.iter_child_nodes(node))
         blocks = [p for p in parts if isinstance(p, (ast.stmt, ast.excepthandler, ast.match_case))]
         if isinstance(node, ast.stmt):
-            own = [x for p in parts if p not in blocks for x in ast.walk(p)]
+            own = [x for p in parts if not blocks or p not in blocks for x in _inside(p)]
             yield node, own, inside
         waiting += [(block, True) for block in reversed(blocks)]
+
+
+def _inside(node: ast.AST) -> list[ast.AST]:
+    """A node and all in it but constants and operators, which are most of a position."""
+    found = [node]
+    for part in found:
+        for name in part._fields:
+            value = getattr(part, name, None)
+            listed = value if isinstance(value, list) else [value]
+            found += [v for v in listed if isinstance(v, ast.AST) and not isinstance(v, _SILENT)]
+    return found
 
 
 def _calls(nodes: Iterable[ast.AST]) -> Iterator[tuple[str, ast.Call]]:
@@ -156,14 +171,9 @@ def _joints_in(node: ast.AST | None, *, aliases: bool = True) -> Values | str:
 
 def _argument(call: ast.Call, name: str) -> ast.expr | None:
     """The argument of a move of this name."""
-    given = [Argument("", k.arg or "") for k in call.keywords]
-    placed = [Argument("")] * len(call.args)
-    if name == "pos" and call.args:
-        return call.args[0]
-    pairs = SIGNATURES["movej"].named([*placed, *given])
-    values = [*call.args, *(k.value for k in call.keywords)]
-    found = (v for (p, _), v in zip(pairs, values, strict=False) if p.name == name)
-    return next(found, None)
+    place = _PLACES.index(name)
+    named = next((k.value for k in call.keywords if k.arg == name), None)
+    return call.args[place] if len(call.args) > place else named
 
 
 def _is_relative(call: ast.Call) -> bool:
@@ -201,18 +211,20 @@ def _events(text: str) -> Iterator[Event]:
                 names -= {name}
         # what it may change otherwise
         for node in nodes:
-            match node:
-                case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr=attr)):
-                    names |= {name} if attr != "format" else set()
+            func = node.func if isinstance(node, ast.Call) else None
+            if isinstance(func, ast.Attribute) and isinstance(func.value, ast.Name):
+                names |= {func.value.id} if func.attr != "format" else set()
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") not in _PURE:
                 names |= {n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)}
                 kept = (n for k in node.keywords for n in ast.walk(k.value))
                 names |= {n.id for n in kept if isinstance(n, ast.Name)}
-            if isinstance(node, (ast.Subscript, ast.Attribute, ast.Starred)):
+            elif isinstance(node, (ast.Subscript, ast.Attribute, ast.Starred)):
                 stored = isinstance(node.ctx, (ast.Store, ast.Del))
                 names |= {node.value.id} if stored and isinstance(node.value, ast.Name) else set()
-            names |= {node.arg} if isinstance(node, ast.arg) else set()
-            names |= {(node.asname or node.name)} if isinstance(node, ast.alias) else set()
+            elif isinstance(node, ast.arg):
+                names.add(node.arg)
+            elif isinstance(node, ast.alias):
+                names.add(node.asname or node.name)
         names |= {*step.names} if isinstance(step, ast.Global) else set()
         yield from (Give(step.lineno, name, None, inside) for name in sorted(names))
 
@@ -305,7 +317,8 @@ class _Checker:
             text = next((t for t in (left, right) if _is_text(t)), None)
             other = right if text is left else left
             number = bool(_number(other)) or getattr(other, "id", "") in self.numbers
-            number |= getattr(getattr(other, "func", None), "id", "str") in {*SIGNATURES} - {"str"}
+            called = getattr(getattr(other, "func", None), "id", "str")
+            number |= called in SIGNATURES and called != "str"
             if isinstance(node.op, ast.Add) and text is not None and number:
                 yield measuring(row, "arguments", "a number cannot be added to a text")
             made = isinstance(text, (ast.JoinedStr, ast.BinOp))
@@ -362,12 +375,14 @@ def _check_call(row: int, name: str, call: ast.Call) -> Iterator[Problem]:
     if signature is None or starred:
         return
     given = [("", a) for a in call.args] + [(k.arg or "", k.value) for k in call.keywords]
-    arguments = [Argument(_shown(v), word, *_kind(v)) for word, v in given]
-    odd = next((a for a in arguments if a.kind == "odd"), None)
-    if odd:
-        yield Problem(row, "arguments", f"{name[:40]}: {odd.shown[:40]}")
+    arguments = [Argument("", word, *_kind(v)) for word, v in given]
+    odd = next((v for a, (_, v) in zip(arguments, given, strict=True) if a.kind == "odd"), None)
+    if odd is not None:
+        yield Problem(row, "arguments", f"{name[:40]}: {_shown(odd)[:40]}")
         return
-    yield from (Problem(row, rule, said) for rule, said in signature.faults(arguments))
+    if any(signature.faults(arguments)):
+        told = [a._replace(shown=_shown(v)) for a, (_, v) in zip(arguments, given, strict=True)]
+        yield from (Problem(row, rule, said) for rule, said in signature.faults(told))
     if name == "posj" and len(call.args) > 1:
         yield from joints.check_joints(row, [_number(a) or "?" for a in call.args])
 

@@ -35,6 +35,7 @@ _NUMBERED = re.compile(r"([ \t]*)(\d{0,9})[ \t]*:(.*)", re.DOTALL)
 _SUB_LINE = re.compile(r" {5,20}\d{1,4}")
 _POSITION = re.compile(r'\S(?:[^}"\n]++|"[^"\n]*+"?|\n(?![ \t]*P ?\[))*+(?:\}[ \t]*;?)?')
 _NUMBER = re.compile(r"P ?\[ ?(\d{1,9})")
+_VALUE = re.compile(r"(?<!\w)([A-Z]\w*)[ \t]*[=:]", re.ASCII)
 MOST_LINES = 100_000
 """Of /MN that are looked at: line numbers have four digits, lines inside of others not many."""
 
@@ -103,11 +104,14 @@ class Group:
         """Whether a value is there, and not only stars."""
         return not self.fields.get(name, ("*", ""))[0].startswith("*")
 
+    @cached_property
+    def _rows(self) -> dict[str, int]:
+        found = [(f[1].replace("EXT", "E"), f.start()) for f in _VALUE.finditer(self.text)]
+        return {name: self.row + self.text.count("\n", 0, at) for name, at in reversed(found)}
+
     def row_of(self, name: str) -> int:
         """Line of a value."""
-        name = name.replace("E", "E(?:XT)?")
-        found = re.search(rf"(?<!\w){name}[ \t]*[=:]", self.text)
-        return self.row + self.text.count("\n", 0, found.start() if found else 0)
+        return self._rows.get(name, self.row)
 
 
 @dataclass

@@ -279,18 +279,18 @@ def _check_group(position: Position, group: Group) -> Iterator[Problem]:
     for name, (text, unit) in group.fields.items():
         far = name.lstrip("R") in PLACE
         most = MOST_POSITION_MM if far or name in EXTENDED else MOST_JOINT_DEG
-        at, said = group.row_of(name), f"{label}: {name}"
         if text.startswith("*"):
-            yield Problem(at, "position-value", f"{said} has no value", "measuring")
+            said = f"{label}: {name} has no value"
+            yield Problem(group.row_of(name), "position-value", said, "measuring")
         elif unit != ("mm" if far else "deg") and not (name in EXTENDED and unit):
             wanted = "mm" if far else "deg"
-            reason = f"{said} is in {unit or 'no unit'}, not in {wanted}"
+            reason = f"{label}: {name} is in {unit or 'no unit'}, not in {wanted}"
             # a gantry's first joints are in millimetres
             untaught = any(value.startswith("*") for value, _ in group.fields.values())
             level = "measuring" if (name in JOINTS and unit) or untaught else "error"
-            yield Problem(at, "unit", reason, level)
+            yield Problem(group.row_of(name), "unit", reason, level)
         elif len(text) > 20 or abs(float(text)) > (180.0 if name in TURN else most):
-            yield Problem(at, "range", f"{said} is {text[:20]}")
+            yield Problem(group.row_of(name), "range", f"{label}: {name} is {text[:20]}")
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:

@@ -257,6 +257,8 @@ def _target(statement: Statement) -> str:
 
 def _check_length(module: _Module) -> Iterator[Problem]:
     most = MOST_LENGTH_OF_DATA if module.is_data else MOST_LENGTH
+    if max(map(len, module.text.split("\n"))) <= most:
+        return
     for found in re.finditer(rf"[^\r\n]{{{most + 1},}}", module.text):
         if not _OF_THE_PENDANT.match(found[0][:1000]):
             row = module.text.count("\n", 0, found.start()) + 1
@@ -348,7 +350,7 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
         row, kind = statement.row, statement.kind
         if kind in _CHECKS:
             yield from _CHECKS[kind](statement, module.is_data)
-        if _TRIVIAL & {name.upper() for name in statement.words("NAME")}:
+        if not _TRIVIAL.isdisjoint(map(str.upper, statement.words("NAME"))):
             yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
         for word, known in _spelt(statement):
             if not word or word in told or word in known:

@@ -71,8 +71,8 @@ def fields_of(node: Node) -> list[tuple[str, str]]:
     if not is_aggregate(node):
         return []
     first = int(is_a(node.children[0], "kind"))
-    pairs = zip(node.children[first::2], node.children[first + 1 :: 2], strict=True)
-    return [(str(key).upper().replace(" ", ""), text_of(value)) for key, value in pairs]
+    keys, values = map(str, node.children[first::2]), map(text_of, node.children[first + 1 :: 2])
+    return [*zip([key.upper().replace(" ", "") for key in keys], values, strict=True)]
 
 
 def as_number(text: str) -> float:
@@ -103,9 +103,12 @@ def settings_of(statement: Statement) -> Iterator[tuple[str, Node]]:
 
 def type_of(declaration: Statement) -> str:
     """Type of what is declared, in capitals."""
-    children = declaration.tree.children
-    given = next(c for c in children if isinstance(c, Tree) or c.type == "NAME")
-    return str(given.children[0] if isinstance(given, Tree) else given).upper()
+    for given in declaration.tree.children:
+        if isinstance(given, Tree):
+            return str(given.children[0]).upper()
+        if given.type == "NAME":
+            return given.upper()
+    raise ValueError("a declaration without a type")
 
 
 def items_of(declaration: Statement) -> list[Tree[Token]]:

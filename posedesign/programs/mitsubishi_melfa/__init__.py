@@ -87,6 +87,10 @@ def _entries(statements: list[Statement]) -> tuple[list[_Entry], bool]:
 
     Where steps have none, what another entry behind the steps gives again is a step.
     """
+    return language.shared(("melfa entries", id(statements)), lambda: _found(statements))
+
+
+def _found(statements: list[Statement]) -> tuple[list[_Entry], bool]:
     numbered = any(isinstance(child, Token) for s in statements for child in s.tree.children[:1])
     found = [_entry_of(s, numbered) for s in statements]
     end = max((k for k, (name, *_) in enumerate(found) if not name), default=0)

@@ -43,7 +43,7 @@ from typing import Any
 from lark import Token, Tree
 
 from posedesign.programs import rules
-from posedesign.programs.language import Node, Statement, block_faults, subtrees
+from posedesign.programs.language import Node, Statement, block_faults, is_a, subtrees
 from posedesign.programs.recorded import Problem
 from posedesign.programs.rules import measuring
 from posedesign.programs.signatures import Argument, Signature
@@ -61,6 +61,7 @@ _MOST_SPEEDS = {"a": 40.0, "v": 6.3}
 
 _NO_NUMBERS = {"TRUE", "FALSE", "STRING", "comparison", "list", "pose"}
 _NO_WORDS = {"nan", "inf", "none", "null", "true", "false"}
+_VALUED = {"movej", "get_inverse_kin", "set_standard_digital_out"}  # of values besides positions
 _SHORTEST = 3  # letters of a name that a misspelt one is told by
 _MOST_NAMES = 2000  # of a script in which misspelt ones are looked for
 _ASKS = {"popup", "request_boolean_from_primary_client"}
@@ -157,10 +158,14 @@ class _Script:
         own = self.functions.get(name) if name in self.functions else reader.SIGNATURES.get(name)
         if own is None:
             return
-        arguments = [Argument(shown(v), word, _kind(v), _number(v, math.nan)) for word, v in given]
+        arguments = [Argument("", word, _kind(v), _number(v, math.nan)) for word, v in given]
         faults = list(own.faults(arguments))
+        if faults:  # texts of positions are long, and of most calls not asked for
+            told = (a._replace(shown=shown(v)) for a, (_, v) in zip(arguments, given, strict=True))
+            faults = list(own.faults([*told]))
         yield from (Problem(row, rule, said) for rule, said in faults)
-        if name not in self.functions and not faults:
+        valued = name in _VALUED or any(is_a(v, "list") or is_a(v, "pose") for _, v in given)
+        if valued and name not in self.functions and not faults:
             yield from _check_values(name, reader.by_name(name, given), row)
 
     def _check_measuring(
@@ -250,7 +255,9 @@ def _check_operands(statement: Statement) -> Iterator[Problem]:
 
 def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Problem]:
     for key, value in given.items():
-        kind = value.data if isinstance(value, Tree) else value.type
+        kind = value.data if isinstance(value, Tree) else ""
+        if kind not in ("list", "pose"):
+            continue
         what = f"{name}: {key} is {shown(value)[:60]}"
         if kind == "list" and (name, key) in POSES:
             yield Problem(row, "pose", f"{what}, no pose p[...]")
@@ -305,6 +312,5 @@ def _numbers(node: Node) -> list[float | None]:
 
 def _number(node: Node | None, none: Any = None) -> Any:
     """A number as it stands there; ``none`` for anything else."""
-    text = shown(node)
     last = node.children[-1] if isinstance(node, Tree) and node.data == "sign" else node
-    return float(text) if isinstance(last, Token) and last.type == "NUMBER" else none
+    return float(shown(node)) if isinstance(last, Token) and last.type == "NUMBER" else none

@@ -108,12 +108,8 @@ class Statement:
     text: str  # as it stands there
     tree: Tree[Token]  # what the grammar makes of it; a tree of the name ``fault`` where nothing
     shape: Shape
+    kind: str  # name of the grammar's rule
     fault: str = ""  # what is wrong with it, in words; empty for nothing
-
-    @property
-    def kind(self) -> str:
-        """Name of the grammar's rule."""
-        return self.tree.data
 
     def all(self, *names: str) -> list[Tree[Token]]:
         """Subtrees of these names, from the left."""
@@ -222,7 +218,7 @@ _FAULT = Shape(lambda slots: NOTHING)
 
 
 def _faulty(row: int, text: str, fault: str) -> Statement:
-    return Statement(row, text, NOTHING, _FAULT, fault)
+    return Statement(row, text, NOTHING, _FAULT, NOTHING.data, fault)
 
 
 @dataclass
@@ -311,7 +307,7 @@ class Language:
         rule, row, own = rule or self.start, line.row, line.text
         same = self._trees.get((rule, own))
         if same is not None:
-            return Statement(row, own, *same)
+            return Statement(row, own, *same, same[0].data)
         if len(own) > MOST_LENGTH:
             return _faulty(row, own[:100], f"{len(own)} characters in one statement")
         text = _with_single_blanks(own)
@@ -344,7 +340,7 @@ class Language:
             if len(self._trees) >= _MOST_SHAPES:
                 self._trees.clear()
             self._trees[rule, own] = tree, shape
-        return Statement(row, own, tree, shape)
+        return Statement(row, own, tree, shape, tree.data)
 
 
 def _depth(text: str) -> int:

@@ -111,11 +111,11 @@ class Signature:
         known = self.by_name
         keywords = [argument.keyword for argument in given if argument.keyword]
         odd = next((word for word in keywords if word not in known), "")
-        named = list(self.named(given))
+        named = list(self.named(given) if keywords else zip(self.parameters, given, strict=False))
         reason = ""
         if odd:
             reason = f"{self.name} has no {odd[:30]}"
-        elif len({id(parameter) for parameter, _ in named}) < len(named):
+        elif keywords and len({id(parameter) for parameter, _ in named}) < len(named):
             reason = f"{self.name}: an argument is given twice"
         elif keywords and any(a.keyword and not b.keyword for a, b in pairwise(given)):
             reason = f"{self.name}: an argument without a name behind one with"

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 
 from lark import Token, Tree
 
-from posedesign.programs.language import MOST_LENGTH, Language, Line, Node, Statement, is_a, text_of
+from posedesign.programs.language import (
+    MOST_LENGTH,
+    Language,
+    Line,
+    Node,
+    Statement,
+    is_a,
+    shared,
+    text_of,
+)
 
 Nested = list["Nested | str"]
 Argument = tuple[Node | None, dict[str, Node | None]]  # a value and its switches
@@ -140,8 +149,12 @@ class Data:
         return [(f"{self.name}{{{k}}}", node) for k, node in enumerate(self.elements, start=1)]
 
 
-def declared(statements: Sequence[Statement]) -> Iterator[Data]:
+def declared(statements: Sequence[Statement]) -> list[Data]:
     """Data that statements declare, lists with their elements."""
+    return shared(("rapid data", id(statements)), lambda: [*_declared(statements)])
+
+
+def _declared(statements: Sequence[Statement]) -> Iterator[Data]:
     for i, statement in enumerate(statements):
         if statement.kind not in ("declaration", "array"):
             continue

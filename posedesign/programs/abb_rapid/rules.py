@@ -256,7 +256,7 @@ class _Checker:
     def __init__(self, statements: Sequence[Statement], *, whole: bool) -> None:
         self.statements, self.whole = statements, whole
         self.level: Level = "error" if whole else "note"
-        self.data = list(module.declared(statements))
+        self.data = module.declared(statements)
         self.calls: list[list[tuple[str, list[module.Argument]]]] = []
         kind = ""
         for s in statements:  # components of a record look like calls

@@ -80,9 +80,16 @@ def _joints_in(tree: Tree[Token], of: str = "") -> list[str] | None:
     return [text_of(value) for value in subtrees([*nodes(tree, "group")][-1])]
 
 
-def _targets(s: Statement) -> Iterator[tuple[str, str, list[str] | None]]:
+_Target = tuple[str, str, list[str] | None]
+
+
+def _targets(s: Statement) -> list[_Target]:
     """How a move stops at each of its targets, the expression, and the joints that it is."""
-    for target in nodes(s.tree, "target") if s.kind == "move" else ():
+    return language.shared(("pac", id(s)), lambda: [*_told(s)]) if s.kind == "move" else []
+
+
+def _told(s: Statement) -> Iterator[_Target]:
+    for target in s.all("target"):
         stop = target.children[0]
         how = str(stop).upper() if isinstance(stop, Token) else "@0"
         yield how, text_of(next(nodes(target, "sum"))), _joints_in(target)
@@ -99,8 +106,8 @@ def _within(statements: Sequence[Statement]) -> Iterator[bool]:
 
 def _given(s: Statement) -> Iterator[tuple[str, str, list[str] | None, str]]:
     """Variables that a statement gives values: name, index, joint values, and the expression."""
-    trees = subtrees(s.tree)
-    for k, place in enumerate(trees if s.kind in ("assign", "dim") else ()):
+    trees = subtrees(s.tree) if s.kind in ("assign", "dim") else []
+    for k, place in enumerate(trees):
         value = next(iter(trees[k + 1 : k + 2]), place)
         if place.data == "place" and value.data == "sum":
             name = text_of(place).lower()
@@ -156,7 +163,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
             yield Problem(s.row, "arm", "nothing takes the arm that is moved", level)
         if s.kind in SIGNATURES:
             yield from joints.check_step(s.row, SIGNATURES, s.kind, map(text_of, subtrees(s.tree)))
-        targets = list(_targets(s))
+        targets = _targets(s)
         for _, text, values in targets:
             if s.word("WAY") not in "sS" and (text[0] in '(-".' or text[0].isdigit()):
                 yield Problem(s.row, "position", f"{text[:40]} is no position")

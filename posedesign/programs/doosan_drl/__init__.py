@@ -299,11 +299,11 @@ class _Checker:
             yield from self._check_texts(row, nodes)
             for name, call in called:
                 yield from _check_call(row, name, call)
-                moves = re.fullmatch(r"a?move\w*", name) is not None
+                moves = name.startswith(("move", "amove"))
                 radius = next((k.value for k in call.keywords if k.arg in ("r", "radius")), None)
                 blended = radius is not None and float(_number(radius) or 1) != 0
                 stops = name == "mwait" or (name[0] == "m" and moves and not blended)
-                measures = name in self.own | {"sub_program_run"}
+                measures = name in self.own or name == "sub_program_run"
                 measures |= name == "set_digital_output" and "OFF" not in ast.unparse(call)
                 yield from standing.check(row, moves, stops, name == "wait", measures)
 

@@ -184,7 +184,7 @@ def _check(statements: list[Statement]) -> Iterator[Problem]:
 
 
 def _places(s: Statement) -> list[str]:
-    return [text_of(place).lower() for place in nodes(s.tree, "place")]
+    return [text_of(place).lower() for place in s.all("place")]
 
 
 def _check_positions(statements: list[Statement]) -> Iterator[Problem]:

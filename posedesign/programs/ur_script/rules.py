@@ -172,6 +172,8 @@ class _Script:
         self, calls: list[Call], texts: list[str], row: int, *, posed: bool
     ) -> Iterator[Problem]:
         """Whether the arm is, and stands still, where it is measured."""
+        if not calls and not texts:
+            return
         names = {name for name, *_ in calls}
         self._has_tcp = self._has_tcp or "set_tcp" in names
         for name, given, _ in calls:

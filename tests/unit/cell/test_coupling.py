@@ -1,6 +1,7 @@
 """An arm whose controller shows joint 3 with joint 2 in it: files, programs, doubts."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def test_a_program_has_the_values_of_the_controller():
     np.testing.assert_allclose(
         np.array(written[1].split(","), float), [10.0, 20.0, -10.0, 5.0, 40.0, 60.0]
     )
-    back = dialect.parse(text.encode(), "CALIB.mod")
+    back = dialect.parse(text.encode(), Path("CALIB.mod"))
     np.testing.assert_allclose(back.postures(dialect.seen(arm)), q, atol=1e-6)
 
 

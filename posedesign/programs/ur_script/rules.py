@@ -112,31 +112,48 @@ class _Script:
 
     def check(self) -> Iterator[Problem]:
         called: dict[str, int] = {}
-        moved = False
+        clean: dict[int, tuple[list[Call], list[str], bool]] = {}
         for statement in self.found:
-            row, poses = statement.row, list(statement.all("pose"))
-            calls: list[Call] = [
-                (str(token), reader.arguments(tree), row)
-                for tree in statement.all("call", "run")
-                for token in tree.children[:2]
-                if isinstance(token, Token) and token.type == "FUNCTION"
-            ]
-            moves = any(name in MOVES for name, *_ in calls)
-            moved |= moves
-            for name in statement.words("NAME") if statement.kind not in _DEFINES else ():
-                if name not in self.variables:
-                    yield from self._unknown(name, row, "variable", matters=moves)
-            for call in calls:
-                called.setdefault(call[0], row)
-                yield from self._check_call(*call)
-            for pose in poses:
-                yield from _check_pose(pose, row)
-            yield from _check_operands(statement)
-            texts = statement.words("STRING")
-            yield from self._check_measuring(calls, texts, row, posed=bool(poses))
+            row = statement.row
+            known = clean.get(id(statement.tree))  # an equal statement, that nothing is wrong with
+            if known is None:
+                known = (
+                    self._calls(statement),
+                    statement.words("STRING"),
+                    bool(statement.one("pose")),
+                )
+                for name, *_ in known[0]:
+                    called.setdefault(name, row)
+                problems = list(self._check_statement(statement, known[0]))
+                yield from problems
+                if not problems:
+                    clean[id(statement.tree)] = known
+            yield from self._check_measuring(row, *known)
+        moved = not called.keys().isdisjoint(MOVES)
         if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:
             said = "freedrive is never ended: the arm does not move then"
             yield measuring(called["freedrive_mode"], "freedrive", said)
+
+    @staticmethod
+    def _calls(statement: Statement) -> list[Call]:
+        return [
+            (str(token), reader.arguments(tree), statement.row)
+            for tree in statement.all("call", "run")
+            for token in tree.children[:2]
+            if isinstance(token, Token) and token.type == "FUNCTION"
+        ]
+
+    def _check_statement(self, statement: Statement, calls: list[Call]) -> Iterator[Problem]:
+        """What is wrong with a statement, whatever stands before it."""
+        row, moves = statement.row, any(name in MOVES for name, *_ in calls)
+        for name in statement.words("NAME") if statement.kind not in _DEFINES else ():
+            if name not in self.variables:
+                yield from self._unknown(name, row, "variable", matters=moves)
+        for call in calls:
+            yield from self._check_call(*call)
+        for pose in statement.all("pose"):
+            yield from _check_pose(pose, row)
+        yield from _check_operands(statement)
 
     def _unknown(self, name: str, row: int, rule: str, *, matters: bool) -> Iterator[Problem]:
         if name in self._told and not matters:
@@ -169,7 +186,7 @@ class _Script:
             yield from _check_values(name, reader.by_name(name, given), row)
 
     def _check_measuring(
-        self, calls: list[Call], texts: list[str], row: int, *, posed: bool
+        self, row: int, calls: list[Call], texts: list[str], posed: bool
     ) -> Iterator[Problem]:
         """Whether the arm is, and stands still, where it is measured."""
         if not calls and not texts:

@@ -68,3 +68,13 @@ def test_what_was_read_before_changes_no_tree(name: str, form: str) -> None:
         for each in some:
             warm.statements(each)
         assert [[s.tree for s in warm.statements(t)] for t in [text, *variants]] == cold
+
+
+def test_a_sign_behind_several_blanks_is_of_its_own_number() -> None:
+    language = fresh(UR)
+    trees = [s.tree for s in language.statements("q = [  -1.0, 2]\nq = [  -5.0, 3]\nq = [7, 4]\n")]
+    assert ["".join(tree.scan_values(lambda _: True)) for tree in trees] == [
+        "q[-1.0,2]",
+        "q[-5.0,3]",
+        "q[7,4]",
+    ]

@@ -168,7 +168,11 @@ _MATTERS = re.compile(
 _GIVEN = re.compile(
     r"^[ \t]*([A-Z]\w*)[ \t]*(?:\[[^\]\n]*\][ \t]*)?(?:\.[ \t]*\w+[ \t]*)?=(?!=)", re.I | re.M
 )
-_GONE_TO = re.compile(r"^[ \t]*S?(?:PTP|LIN|CIRC)[ \t]+([A-Z]\w*)", re.I | re.M)
+_GONE_TO = re.compile(
+    r"^[ \t]*S?(?:PTP|LIN|CIRC)[ \t]+(?:([A-Z]\w*)[^\n,]*|\{[^\n}]*\}[ \t]*)(?:,[ \t]*([A-Z]\w*))?",
+    re.I | re.M,
+)
+_ANGLE = re.compile(r",[ \t]*CA\b", re.I)  # of a circle
 _COMPUTED = re.compile(r"\[(?![\d,]*\]).*")  # an index of which nobody knows the element
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
 
@@ -294,7 +298,8 @@ class _Reader:
         found = next((p for p in beside if path.is_file() and p.is_file()), None)
         text = "" if found is None else read_program_bytes(found).decode("latin-1")
         given = {f[1].upper(): f.start(1) for f in _GIVEN.finditer(text)}
-        changed = {f[1].upper() for f in _GONE_TO.finditer(text)} & given.keys() if given else set()
+        gone = (f for f in _GONE_TO.finditer(text) if given)
+        changed = {name.upper() for f in gone for name in f.groups() if name} & given.keys()
         for p in self.positions if found else ():
             name = p.variable.upper().partition("[")[0]
             if name in changed:
@@ -387,10 +392,18 @@ class _Reader:
                 refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
-        word, target, row = krl.word_of(statement), statement.tree.children[1], statement.row
-        if word not in ("PTP", "SPTP", "LIN", "SLIN"):
-            self._leave(f"{word}: only PTP and LIN can be read", row)
-            return
+        word, (_, *targets) = krl.word_of(statement), statement.tree.children
+        circle = word in ("CIRC", "SCIRC")  # through one position to the next
+        if circle and _ANGLE.search(statement.text):
+            self._leave(f"{word}: where an angle (CA) ends is in no file", statement.row)
+        elif circle or word in ("PTP", "SPTP", "LIN", "SLIN"):
+            for target in targets[: 1 + circle]:
+                self._take_target(target, statement)
+        else:
+            self._leave(f"{word}: only PTP, LIN and CIRC can be read", statement.row)
+
+    def _take_target(self, target: Node, statement: Statement) -> None:
+        row = statement.row
         if isinstance(target, Tree) and target.data == "place":
             self._leave("a position with an offset cannot be read", row)
             return

@@ -172,8 +172,8 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
         ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
         (P1, "\u00e4" + P1, 3, "cannot make sense of"),
         (SMALL, SRC.replace("END\n", ""), 3, "there is no END"),
-        (SMALL, SRC.replace("PTP {", "PTP_REL {"), 2, "PTP_REL: only PTP and LIN"),
-        (SMALL, SRC.replace("PTP {", "CIRC {X 1},{"), 2, "CIRC: only PTP and LIN"),
+        (SMALL, SRC.replace("PTP {", "PTP_REL {"), 2, "PTP_REL: only PTP, LIN and CIRC"),
+        (SMALL, SRC.replace("PTP {", "CIRC {X 1},{").replace("6}", "6},CA 9"), 2, "CIRC: where an"),
         (SMALL, SRC.replace("6}", "6}:XOFF"), 2, "with an offset"),
         (SMALL, SRC.replace("END", "PTP XP3\nEND"), 3, "XP3 is stored elsewhere"),
         (SMALL, SRC.replace("END", "PTP P3[1]\nEND"), 3, "P3 is stored elsewhere"),
@@ -184,6 +184,24 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
 def test_what_is_wrong_is_named_with_its_line(old, new, line, message):
     file = "X.src" if new.startswith("DEF CAL") else "X.dat"
     refused("kuka-krl", file, changed(SMALL, old, new), line, message)
+
+
+@pytest.mark.parametrize("word", ["CIRC", "SCIRC"])
+def test_a_circle_goes_through_one_position_to_the_next(word: str) -> None:
+    places = [f"{{X {x},Y 2,Z 3,A 4,B 5,C 6,S 2,T 35}}" for x in (1, 7)]
+    text = SRC.replace("END", f"{word} {', '.join(places)} C_DIS\nEND")
+    poses = [p.T_user_tool for p in parse(text, "CAL.src").positions[1:]]
+    np.testing.assert_allclose(
+        [T[:3, 3] for T in poses if T is not None], [[1e-3, 2e-3, 3e-3], [7e-3, 2e-3, 3e-3]]
+    )
+
+
+def test_the_end_of_a_circle_that_the_program_changes_is_unread(tmp_path: Path) -> None:
+    (tmp_path / "CAL.dat").write_text(SMALL)
+    program = "DEF CAL( )\nPTP XP1\nXP2.X=5\nCIRC XP1, XP2\nEND\n"
+    (tmp_path / "CAL.src").write_text(program)
+    (error,) = KukaKrl().read_data(SMALL.encode(), tmp_path / "CAL.dat").unread
+    assert "XP2 is changed in line 3 of CAL.src" in error.message
 
 
 A = "DECL E6POS A\nA={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}\n"

@@ -40,9 +40,9 @@ its depth, from either side."""
 LEVEL = level_of_each(DETECTORS)
 """Significance level of each of them."""
 
-UNKNOWN = 0.1
-"""Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
-the size of a tag would be within a few of them."""
+UNKNOWN = 0.05
+"""Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: the
+errors of an arm that looks at one place are alike from pose to pose, and make any such scale."""
 
 FEWEST_PAIRS = 8
 """Pairs from which on drifts are looked for: a drift has three numbers that X and Z do not take up,
@@ -312,7 +312,7 @@ class Change:
     def is_told(self) -> bool:
         """Return True if the change is told apart from chance.
 
-        A scale that the pairs leave open by more than a tenth is none: errors of the arm make any.
+        A scale that the pairs leave open by a twentieth is none: errors of the arm make any.
         """
         if self.is_of_scale and not self.sigma < UNKNOWN:
             return False

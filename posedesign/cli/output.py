@@ -243,8 +243,10 @@ PROVED_BY = {"acceptance poses": "prove", "recheck poses": "recheck"}
 def after_measuring(cell: Path, poses: Path | None, measured: str | Path) -> tuple[object, ...]:
     """Words of the command that uses measurements at poses: identify, or prove or recheck.
 
-    A test is judged by the identification that it was planned with, where that is found beside it.
+    A test is judged by the identification that it was planned with, where that is found beside it,
+    and by the rule beside its poses.
     """
+    from posedesign.acceptance.file import RULE
     from posedesign.files import origin_of
 
     there = None if poses is None else origin_of(poses)
@@ -252,7 +254,10 @@ def after_measuring(cell: Path, poses: Path | None, measured: str | Path) -> tup
     if poses is None or there is None or command is None:
         return "identify", cell, measured
     identified = _input_named("identification", there.inputs, (poses.parent, cell.parent))
-    return command, cell, measured, *(("--identification", identified) if identified else ())
+    rule = poses.parent / RULE
+    elsewhere = command == "prove" and rule.is_file() and Path(measured).parent != rule.parent
+    given = (("--identification", identified) if identified else (), ("--rule", rule) * elsewhere)
+    return command, cell, measured, *given[0], *given[1]
 
 
 def _input_named(

@@ -173,6 +173,10 @@ def parse_table(
                 comments.append(",".join(cells)[1:].strip(" ,"))
                 continue
             stripped = [_unescaped(cell.strip()) for cell in cells]
+            # some programs end each line of numbers with a comma
+            bare = not columns and all(map(is_number, stripped[:-1]))
+            if loose and not stripped[-1] and (bare or len(stripped) == len(columns) + 1):
+                del stripped[-1]
             if not columns:
                 columns = stripped
                 _check_separator(path, reader.line_num, columns)

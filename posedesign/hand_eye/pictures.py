@@ -27,6 +27,7 @@ from calib.hand_eye.pictures import FEWEST_NEAR, NEAR_S, motion_at, rows_near
 from calib.robots import Robot, flange_robot, posture_of_pose
 from calib.se3 import FloatArray, IntArray
 from posedesign.files.csv_tables import (
+    LARGEST_CSV_BYTES,
     LONGEST_SHOWN,
     Row,
     a_few,
@@ -36,6 +37,7 @@ from posedesign.files.csv_tables import (
 )
 from posedesign.files.pictures import ENDINGS, PictureHead, read_grey, read_head
 from posedesign.files.postures import find_form, postures_in_any_form
+from posedesign.files.safe import read_bytes_bounded
 from posedesign.files.trees import read_tree
 from posedesign.hand_eye.conventions import Convention, convention_of
 from posedesign.hand_eye.pairs.file import read_numbers
@@ -274,7 +276,8 @@ class _Poses:
         if blocks is not None:
             length = said.length if said is not None else ""
             return cls._of_people(blocks.written("blocks", length), said, trust_units)
-        table = read_numbers(path, bare=True) if said else read_table(path, loose=True)
+        bare = said is not None or robot is None
+        table = read_numbers(path, bare=True) if bare else read_table(path, loose=True)
         columns, notes = table.columns, table.notes
         rows = [row for row in table.rows if row.cells.get("status") not in _NOT_MEASURED]
         if len(rows) < len(table.rows):
@@ -350,9 +353,14 @@ class _Poses:
     @classmethod
     def _of_program(cls, path: Path, robot: Robot | None, dialect: str | None) -> _Poses:
         if robot is None:
+            # a file that cannot be read says so before it is called one of joint values
+            if path.suffix.casefold() in TREES:
+                read_tree(path)
+            else:
+                read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
             raise InputError(
-                f"{path} gives joint values, and the robot is not known",
-                hint="name the robot, or give poses of its flange in a table",
+                f"{path} has no pose of the flange, and for joint values the robot is not known",
+                hint="is it the right file? name the robot, or give poses of its flange in a table",
                 name="robot",
             )
         hint = "give joint values, or poses of the flange in a table"

@@ -141,7 +141,7 @@ class Correction:
         second = self.routes.routes[1]
         times = second.expected.rms_m / best.expected.rms_m
         other = "the arm as it is" if second.name == AS_IT_IS else second.name
-        return f"{named}, {times:.2g} times less error than {other}"
+        return f"{named}, {times:.3g} times less error than {other}"
 
 
 def correct(

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -387,3 +388,12 @@ def test_a_test_at_one_point_says_that_it_speaks_of_nothing_else(tracked, cli, d
     assert [axes.get_xlabel() for axes in figure_of_acceptance(flat).axes] == ["x [mm]", "y [mm]"]
     old = found.model_copy(update={"rule": flat.rule})  # a rule that does not name what is touched
     assert "at one point" in answer_of_verdict(old).verdict
+
+
+def test_a_rehearsal_in_its_own_folder_says_how_it_is_judged(tracked, done):
+    """The rule stays beside the poses of the test, not beside what was measured."""
+    said = done("simulate", "cell.toml", "proof/poses.csv", "--seed", "3")
+    words = shlex.split(said.out.split("next: posedesign ")[1])
+    assert words[words.index("--rule") + 1] == "proof/acceptance_test.json"
+    assert done(*words).out
+    assert (tracked / "rehearsal/acceptance.json").is_file()

@@ -153,7 +153,7 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified
     assert list(rms.values()) == sorted(rms.values())
     times = rms["description"] / rms["corrected poses"]
     assert answer["verdict"] == (
-        f"best: corrected poses (give poses.csv to have them), {times:.2g} times less error than "
+        f"best: corrected poses (give poses.csv to have them), {times:.3g} times less error than "
         "description"
     )
     # every file says for which box, how good it is, and which tool goes with it

@@ -247,13 +247,17 @@ def check_angles(path: Path, columns: tuple[str, ...], angles: FloatArray, unit:
     else:
         doubtful, other = largest > 2.0 * math.pi * 1.001, "deg"
     if doubtful:
-        names = ", ".join(column.replace(f"_{unit}", f"_{other}") for column in columns)
+        renamed = [column.replace(f"_{unit}", f"_{other}") for column in columns]
+        if renamed != list(columns):
+            change = f"call the columns {', '.join(renamed)}"
+        else:  # the unit stands in no name: `poses_are` says it
+            change = f"add {other} to `poses_are`"
         long = {"deg": "degrees", "rad": "radians"}
         raise FileFormatError(
             f"the angles look like {long[other]} (the largest is {largest:.4g})",
             path=path,
             column=f"{columns[0]} to {columns[-1]}",
-            hint=f"call the columns {names}, or pass `trust_units` if they are {long[unit]}",
+            hint=f"{change}, or pass `trust_units` if they are {long[unit]}",
             value=largest,
             bound=2.0 * math.pi,
         )

@@ -241,6 +241,30 @@ def test_tables_without_poses(folder):
     np.testing.assert_allclose(values(found), np.deg2rad(DEGREES / 60))
 
 
+@pytest.mark.parametrize("ending", ["", ","])
+def test_lists_without_a_header_and_a_robot_are_poses_of_the_flange(folder, ending):
+    """The pictures tell the convention later; the last line has no comma where the others do."""
+    rows = [[100.0 + i, 20.0, 300.0, 1.0, 0.2 * i, -0.3] for i in range(len(NAMES))]
+    text = f"{ending}\n".join(",".join(map(str, row)) for row in rows) + "\n"
+    found = read(folder, table(folder, text, "location.txt"), robot=None)
+    assert found.written is not None
+    assert found.T_base_flange is not None
+    np.testing.assert_allclose(found.written.numbers, np.array(rows)[:, 3:])
+    np.testing.assert_allclose(found.T_base_flange[:, :3, 3] * 1e3, np.array(rows)[:, :3])
+
+
+@pytest.mark.parametrize("name", ["poses.yml", "poses.ls", "poses.csv", "poses"])
+def test_poses_that_are_not_there(folder, name):
+    assert "No such file" in str(refusal(folder, folder.parent / name, robot=None))
+
+
+def test_units_of_a_list_without_names_are_said_beside_its_convention(folder):
+    path = table(folder, "100,20,300,1.0,0.2,-0.3\n" * len(NAMES), "location.txt")
+    with pytest.raises(FileFormatError, match="look like radians") as caught:
+        read_picture_set(folder, path, None, poses_are="fanuc-wpr")
+    assert "add rad to `poses_are`" in (caught.value.hint or "")
+
+
 def test_the_same_picture_twice(folder):
     (folder / "img11.png").write_bytes((folder / "img2.png").read_bytes())
     found = read(folder)

@@ -367,7 +367,7 @@ def _section_of_pairs(folder: Path) -> Section:
     first = answers[0]
     for letter in "xz" if first["status"] == "ok" else "":
         place, turn = (
-            ", ".join(first[f"{letter}_{axis}"] for axis in axes)
+            ", ".join(_shown(first[f"{letter}_{axis}"]) for axis in axes)
             for axes in (("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg"))
         )
         section.lines.append(

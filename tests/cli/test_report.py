@@ -151,7 +151,9 @@ def test_answers_of_axzb_stand_on_the_page_with_their_figure(work, done, refuse)
     with rendering():
         done("report", work)
     page = (work / "report.html").read_text()
-    assert "X by ml: (" in page
+    place = re.search(r"X by ml: \(([^)]*)\) mm", page)
+    assert place is not None
+    assert all(len(number.strip("-").replace(".", "")) <= 7 for number in place[1].split(", "))
     assert "Residuals of the pairs, and how far methods differ" in page
     text = (work / "robot_world.csv").read_text()
     (work / "robot_world.csv").write_text(text.replace("x_w_deg", "x_v_deg"))

@@ -173,9 +173,9 @@ def parse_table(
                 comments.append(",".join(cells)[1:].strip(" ,"))
                 continue
             stripped = [_unescaped(cell.strip()) for cell in cells]
-            # some programs end each line of numbers with a comma
-            bare = not columns and all(map(is_number, stripped[:-1]))
-            if loose and not stripped[-1] and (bare or len(stripped) == len(columns) + 1):
+            # some programs end lines of numbers with a comma; below names it may be an empty cell
+            spare = loose and not stripped[-1] and len(stripped) == len(columns or stripped[1:]) + 1
+            if spare and (header or all(map(is_number, columns or stripped[:-1]))):
                 del stripped[-1]
             if not columns:
                 columns = stripped

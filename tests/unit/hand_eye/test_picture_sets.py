@@ -253,6 +253,12 @@ def test_lists_without_a_header_and_a_robot_are_poses_of_the_flange(folder, endi
     np.testing.assert_allclose(found.T_base_flange[:, :3, 3] * 1e3, np.array(rows)[:, :3])
 
 
+def test_a_comma_at_the_end_of_a_row_below_names_is_refused(folder):
+    """It may be an empty cell behind a number with a decimal comma."""
+    text = "x_mm,y_mm,z_mm,w_deg,p_deg,r_deg\n" + "1,2,3,4,5,6,\n" * len(NAMES)
+    assert "has 7 cells, the header has 6" in str(refusal(folder, table(folder, text), robot=None))
+
+
 @pytest.mark.parametrize("name", ["poses.yml", "poses.ls", "poses.csv", "poses"])
 def test_poses_that_are_not_there(folder, name):
     assert "No such file" in str(refusal(folder, folder.parent / name, robot=None))

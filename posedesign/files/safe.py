@@ -134,10 +134,10 @@ def identity_of(path: Path) -> tuple[int, int] | None:
 
 
 def refuse_dangling(path: Path) -> None:
-    """Refuse to write by a link to a file that is not there: it may stand anywhere."""
+    """Refuse to write by a link to what is not there: it may stand anywhere."""
     if path.is_symlink() and not path.exists():
         raise OutputError(
-            f"{path} is a link to a file that is not there",
+            f"{path} is a link to what is not there",
             hint="remove the link, or name another output folder",
             name=str(path),
         )
@@ -216,6 +216,7 @@ class Results:
         when they are written. Raises OutputError: one is there, and is not this command's own or
         was changed; or it is in the way; or its folder is closed to writing.
         """
+        refuse_dangling(self.folder)
         used = dict.fromkeys((*self.inputs, *inputs))
         claims = [
             Claim(

@@ -402,7 +402,7 @@ def write_program(
         None if cell is None else _c_g(cell, planned, labels),
         None if cell is None else _c_g(cell, rounded, labels),
         note,
-        program.not_checked,
+        (*program.not_checked, *(() if program.arm is None else chosen.unchecked(program.arm))),
         program.forced,
         program.simulated,
         program.made_from,

@@ -121,6 +121,18 @@ class Dialect:
             said = re.sub(r"\A.*?(, line \d+)?: ", "", fault.message, count=1)
             yield Problem(row, "read", f"cannot be read: {said}", "note" if noted else level)
 
+    def unchecked(self, arm: Arm) -> tuple[str, ...]:
+        """What programs of this arm take for granted, and nobody has compared with its controller.
+
+        The program says it, and whoever writes it is told.
+        """
+        if self.maker is None or not arm.n_external:
+            return ()
+        return tuple(
+            f"zero and direction of E{k}, taken to be those of {name} in the description"
+            for k, name in enumerate(arm.joint_names[-arm.n_external :], start=1)
+        )
+
     def read_data(self, data: bytes, path: Path) -> RecordedProgram:
         """The program in the content of a file, whatever rules it breaks; see `parse`."""
         return type(self).reader(data, path)
@@ -190,12 +202,7 @@ class Dialect:
                 hint="write joint positions; of a KUKA or an ABB on a rail set program.world",
                 name="form",
             )
-        if arm.n_external and self.maker is not None:
-            unknown = tuple(
-                f"zero and direction of E{k}, taken to be those of {name} in the description"
-                for k, name in enumerate(arm.joint_names[-arm.n_external :], start=1)
-            )
-            program = replace(program, not_checked=(*unknown, *program.not_checked))
+        program = replace(program, not_checked=(*self.unchecked(arm), *program.not_checked))
         parts = []
         for part in self.parts(program):
             if self.limits is not None:

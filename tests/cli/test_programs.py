@@ -120,6 +120,13 @@ def test_formats_are_those_of_the_library(dialect: str, cli: Cli, done: Cli, wor
     done("validate", *checked, "--format", dialect)
 
 
+def test_what_a_format_takes_for_granted_is_said(done: Cli, work: Path) -> None:
+    """Not in the program alone: nobody has compared the signs of a MELFA's joints."""
+    words = ("--cell", work / "cell.toml", "--format", "mitsubishi-melfa", "--out", work)
+    said = done("program", work / "poses.csv", *words)
+    assert "not checked: signs of the joints" in said.out
+
+
 def test_validate_says_line_and_rule(cli: Cli, done: Cli, work: Path) -> None:
     path = work / "CALIB01.LS"
     done("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work)

@@ -29,7 +29,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -270,7 +269,7 @@ class MitsubishiMelfa(JointDialect):
         return 3000  # of eight steps, of 32,767
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        """The file. It says that nobody has compared the signs of the joints."""
+        """The file; the arm has to fit into joint positions."""
         if arm.n > 8:
             raise InputError("a joint position has at most 8 values", name="poses", value=arm.n)
         if arm.n_external and arm.n - arm.n_external != JOINTS:
@@ -279,13 +278,13 @@ class MitsubishiMelfa(JointDialect):
                 hint="hold the slide where it is: robot.held_mm",
                 name="poses",
             )
-        external = [
-            EXTERNAL.format(k, name)
-            for k, name in enumerate(arm.joint_names[JOINTS:], start=JOINTS + 1)
-            if arm.n_external
-        ]
-        said = (*program.not_checked, SIGNS, *external)
-        return super().render(replace(program, not_checked=said), arm)
+        return super().render(program, arm)
+
+    def unchecked(self, arm: Arm) -> tuple[str, ...]:
+        """Signs of joints, and what additional axes count: the maker's arms differ in both."""
+        external = arm.joint_names[JOINTS:] if arm.n_external else ()
+        numbered = enumerate(external, start=JOINTS + 1)
+        return (SIGNS, *(EXTERNAL.format(k, name) for k, name in numbered))
 
     def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> list[str]:
         """Numbered steps, and the positions behind them."""

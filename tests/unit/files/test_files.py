@@ -203,8 +203,10 @@ def test_no_file_is_written_by_a_link_to_nothing(tmp_path):
     elsewhere, out = tmp_path / "elsewhere.json", tmp_path / "out"
     out.mkdir()
     (out / "a.json").symlink_to(elsewhere)
-    with pytest.raises(OutputError, match="is a link to a file that is not there"):
-        Results(out, "test").claim("computed", ("a.json", "results"))
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for folder in (out, tmp_path / "link"):
+        with pytest.raises(OutputError, match="is a link to what is not there"):
+            Results(folder, "test").claim("computed", ("a.json", "results"))
     assert not elsewhere.exists()
 
 

@@ -1,8 +1,8 @@
 """An arm of six axes as EAIK solves it (Ostermeier et al.): every branch in some microseconds.
 
-EAIK takes axes that run against each other for others, and lines that pass by each other at some
-micrometres for lines that meet; it answers wrongly then, and does not say so. Axes are turned to
-run the same way here. Whether the rest goes well is found by trial.
+EAIK 1.2.2 takes axes that run against each other for others, and answers wrongly without saying so:
+such axes are turned here. Lines that pass by each other at some micrometres it takes for lines that
+meet, and hardly finds a posture then: by trial it is told for which arms that is so.
 """
 
 from __future__ import annotations

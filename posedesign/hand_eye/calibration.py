@@ -329,7 +329,7 @@ _SIDES: Mapping[Camera, Sides] = {
     "on-flange": _sides("fixed and the board on the flange (eye-to-hand)", "fixed"),
     "fixed": _sides("on the flange and the board stands still (eye-in-hand)", "on-flange"),
 }
-"""What poses of the flange and pictures are called, by where the camera is."""
+"""Names of the poses of the flange and of the pictures, by where the camera is."""
 
 
 def _seen(

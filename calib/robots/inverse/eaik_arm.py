@@ -50,7 +50,7 @@ class EaikArm:
         self._signs, self._zero = signs, zero
         self._turned = bool((signs < 0).any() or zero.any())
         self.known: bool = self._solver.has_known_decomposition()
-        """Whether EAIK has a closed form for the arm."""
+        """True if EAIK has a closed form for the arm."""
 
     def branches(self, T_base_tip: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return what EAIK answers to poses ``(N, 4, 4)``, least-squares answers included.

@@ -449,7 +449,7 @@ rows one in the white lowers it by twice that, and in a board that goes on it is
 def _in_order(
     picture: GreyImage, boards: Sequence[Board], maps: Iterable[tuple[BoardMap, float]]
 ) -> Found | None:
-    """Which way round the grid was found: by colours, and upright where that leaves two ways.
+    """Return the grid the way round that colours tell, upright where that leaves two ways.
 
     ``boards``: with points at the same places, and other colours.
     """

@@ -374,7 +374,7 @@ class Poses:
     names: tuple[str, ...]  # from the column ``pose``; empty where there is none
     notes: tuple[str, ...]  # what is odd about them
     turn: str
-    """How the orientation was read, one of :data:`~posedesign.hand_eye.conventions.READERS`; empty
+    """Reading of the orientation, one of :data:`~posedesign.hand_eye.conventions.READERS`; empty
     where who writes such a file has fixed it."""
     numbers: FloatArray  # (N, 3) or (N, 4) or (N, 9): the orientation as it stands; angles in rad
     is_inverse: bool = False  # whether the file was said to have the inverses
@@ -442,7 +442,7 @@ class WrittenPoses:
 
     @property
     def is_bare(self) -> bool:
-        """Whether each is six numbers of which nothing is said: they may be joint values."""
+        """Return True if each is six numbers without a word: they may be joint values."""
         return self.numbers.shape[1] == 3 and self.convention.turn == UNKNOWN and not self.labels
 
     def read(self, said: Convention | None = None, *, trust_units: bool = False) -> Poses:
@@ -527,7 +527,7 @@ class WrittenPoses:
 
 
 _GUESSES = {3: "xyz-fixed", 4: "quaternion-wxyz", 9: "matrix"}
-"""What numbers are taken for until the pairs tell what they are."""
+"""Reading of numbers that holds until the pairs tell what they are."""
 
 
 def read_poses_of(

@@ -100,7 +100,7 @@ class Reading:
 
     @property
     def left(self) -> str:
-        """What is left over, in words."""
+        """Return the residuals in words."""
         return f"{math.degrees(self.turn_rad):.2g} deg and {1e3 * self.shift_m:.2g} mm"
 
 
@@ -115,7 +115,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Sides:
-    """What both sides are called in a message."""
+    """Names of both sides for a message."""
 
     subject: str = "A and B"
     a: str = "A"

@@ -30,7 +30,7 @@ def program(
         str | None,
         typer.Option(
             "--format",
-            help="fanuc-ls, kuka-krl, abb-rapid, ur-script, yaskawa-jbi, staubli-val3, "
+            help="fanuc-ls, kuka-krl, abb-rapid, ur-script, ur-urp, yaskawa-jbi, staubli-val3, "
             "mitsubishi-melfa, kawasaki-as, doosan-drl, denso-pac, ros-trajectory, "
             "moveit-joints, robot-calibration, robodk-csv. [that of the robot's controller]",
         ),

@@ -196,7 +196,7 @@ def correct_program(
     said = chosen.with_remark(
         done.data.decode("latin-1"), CORRECTED.format(checksum(identification))
     ).encode("latin-1")
-    files = [write_bytes_atomic(claims[0], said)] if done.ok else []
+    files = [write_bytes_atomic(claims[0], chosen.packed(said))] if done.ok else []
     unsaid = "the file has no place to say that it is corrected: keep it apart"
     posed = any(p.T_user_tool is not None for p in done.positions)
     found_targets = any(block.targets and block.size for block in identified.model.parameters)

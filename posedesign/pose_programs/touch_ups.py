@@ -19,7 +19,7 @@ from calib.model import Setup
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 from posedesign.cell import Cell
-from posedesign.files import head_of, read_bytes_bounded
+from posedesign.files import read_bytes_bounded
 from posedesign.files.csv_tables import summed_up
 from posedesign.planning import NEAR_TARGET_M, fingerprint, off_target, outside_limits
 from posedesign.planning.poses_file import PoseList, read_poses
@@ -40,7 +40,7 @@ from posedesign.programs import (
 from posedesign.programs.reading import EXTERNAL_AT_REST, MOST_BYTES
 from posedesign.programs.recorded import CORRECTED, corrected_by
 from posedesign.programs.registry import dialect_of
-from posedesign.programs.sets import set_mark
+from posedesign.programs.sets import content_of, set_mark
 
 WORTH_A_WORD = 0.3
 """Part of the noise of touching up from which that of rounding is worth a word: it adds 4 %."""
@@ -255,7 +255,7 @@ def _as_measured(
 
 def _check_together(files: Sequence[Path], dialect: str | None) -> None:
     """Refuse files of programs that do not belong together, or to what stands beside them."""
-    marks = {path: set_mark(head_of(path, MOST_BYTES)) for path in files}
+    marks = {path: set_mark(content_of(path)) for path in files}
     for path in files:
         for d in DIALECTS.values() if dialect is None else [find_dialect(dialect)]:
             said = d.strangers(path) if path.suffix.lower() in d.suffixes else []

@@ -242,8 +242,13 @@ class Dialect:
             }
         )
         old = self.claim(program.name, results, files) if results else []
-        sets.write_set(files, old, in_folder=self.in_folder)
+        packed = {path: self.packed(data) for path, data in files.items()}
+        sets.write_set(packed, old, in_folder=self.in_folder)
         return tuple(files)
+
+    def packed(self, data: bytes) -> bytes:
+        """The content of a file as it is written: most are written as they are."""
+        return data
 
     def claim(
         self, name: str, results: Results, files: Mapping[Path, bytes] | None = None

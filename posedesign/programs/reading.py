@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -56,13 +57,32 @@ def read_program_bytes(path: Path | str) -> bytes:
     """Content of a program file of at most 20 MB.
 
     Editors put a byte-order mark in front, DOS its mark of the end (0x1a) behind: both are no part
-    of the program.
+    of the program. One that is packed by gzip is unpacked.
 
     Raises FileFormatError: the file is missing, cannot be opened, or is larger.
     """
-    data = read_bytes_bounded(path, most_bytes=MOST_BYTES).removeprefix(b"\xef\xbb\xbf")
+    data = unpacked(read_bytes_bounded(path, most_bytes=MOST_BYTES))
+    if data is None:
+        refuse("is packed, and damaged or larger than 20 MB", path, hint="copy it again")
+    data = data.removeprefix(b"\xef\xbb\xbf")
     text = data.rstrip()
     return text.rstrip(b"\x1a") if text.endswith(b"\x1a") else data
+
+
+_GZIP = 31  # what zlib calls a gzip file
+
+
+def unpacked(data: bytes) -> bytes | None:
+    """Content of a file that may be packed by gzip; None: it is damaged, or larger than 20 MB."""
+    if not data.startswith(b"\x1f\x8b"):
+        return data
+    file = zlib.decompressobj(_GZIP)
+    try:
+        found = file.decompress(data, MOST_BYTES + 1)
+    except zlib.error:
+        return None
+    whole = file.eof and not file.unused_data.strip(b"\0")
+    return found if whole and len(found) <= MOST_BYTES else None
 
 
 def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = False) -> str:

@@ -25,6 +25,7 @@ from posedesign.programs.robodk_csv import RobodkCsv
 from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
 from posedesign.programs.staubli_val3 import StaubliVal3
 from posedesign.programs.ur_script import UrScript
+from posedesign.programs.ur_urp import UrUrp
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
 
 DIALECTS: dict[str, Dialect] = {
@@ -34,6 +35,7 @@ DIALECTS: dict[str, Dialect] = {
         KukaKrl(),
         AbbRapid(),
         UrScript(),
+        UrUrp(),
         YaskawaJbi(),
         StaubliVal3(),
         RosTrajectory(),

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from calib.errors import OutputError
 from posedesign.files import Results, head_of, kept_aside, make_folder, write_bytes_atomic
-from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.reading import MOST_BYTES, unpacked
 
 _MARK = re.compile(
     rb"""^[ \t\d:]{0,40}(?:[;!'#]|//|<Value\ key="0"\ value=")?[ \t]{0,40}
@@ -51,6 +51,11 @@ def set_mark(data: bytes) -> SetMark | None:
         return None
     files = int(found[3]) if found[3] else None
     return SetMark(found[1].decode(), files, (found[4] or b"").decode())
+
+
+def content_of(path: Path) -> bytes:
+    """Content of a file of a program, unpacked; none of one that cannot be read."""
+    return unpacked(head_of(path, MOST_BYTES)) or b""
 
 
 def marked_as_set(files: Mapping[Path, bytes]) -> dict[Path, bytes]:
@@ -99,11 +104,11 @@ def beside(path: Path, endings: Collection[str], *, in_folder: bool) -> list[Pat
 
 def strangers(path: Path, endings: Collection[str], *, in_folder: bool) -> list[str]:
     """Files beside one of a program that are of another plan, or were written at another time."""
-    own = set_mark(head_of(path, MOST_BYTES))
+    own = set_mark(content_of(path))
     if own is None:
         return []
     marks = {
-        other: set_mark(head_of(other, MOST_BYTES))
+        other: set_mark(content_of(other))
         for other in beside(path, endings, in_folder=in_folder)
     }
     return [
@@ -152,7 +157,7 @@ def claim_set(
         for p in sorted(place.glob("*"))
         if in_folder or (p.stem.casefold() in stems and p.suffix.lower() in endings)
     ]
-    texts = {path: head_of(path, MOST_BYTES) for path in there}
+    texts = {path: content_of(path) for path in there}
     ours, given = as_written(texts, in_folder=in_folder), new or {}
     foreign = [path for path in there if path not in ours and given.get(path) != texts[path]]
     other = next((path for path in foreign if not path.is_file()), None)

@@ -105,6 +105,13 @@ HOW = {
         fit=("T 1", "x" * 80),
         unfit=('a "name"', "é", "a\nb", "x" * 81),
     ),
+    "ur-urp": How(
+        *(3e-6, (5.2e-8, 3e-7), 32, 80, 80, 1e4, 363.0),
+        own_frames=True,
+        line=r"movej\(",
+        fit=("T 1", "a <b> & c", "x" * 80),
+        unfit=('a "name"', "é", "a\nb", "x" * 81),
+    ),
     "yaskawa-jbi": How(
         *(0.51 / 682.0, (5.001e-7, 2.7e-6), 8, 32, 32, 655.35),
         registers=True,

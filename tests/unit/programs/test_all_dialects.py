@@ -217,6 +217,7 @@ def test_a_damaged_line_is_not_tried_in_every_way(name: str, k: int) -> None:
 FREE = {
     "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
     "yaskawa-jbi": r"'.*|(?<=COMM).*|//NAME.*|JOB:.*|////(?=FRAME)",
+    "ur-urp": r'#.*|"[^"]*"|not |request_boolean_from_primary_client|/programs/.*(?=</file)',
     "ur-script": r'#.*|"[^"]*"|not |request_boolean_from_primary_client',
     "staubli-val3": r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*'
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
@@ -283,7 +284,7 @@ def passing_mutants(name: str, form: str, arm: Arm, count: int, folder: Path) ->
     paths = dialect.write(program, folder)
     passing = []
     for path in paths:
-        text = path.read_bytes().decode()
+        text = read_program_bytes(path).decode()
         assert [p for p in dialect.check(text.encode(), path) if p.level != "note"] == []
         for changed, whole in mutants(text, count, re.compile(FREE[name])):
             found = dialect.check(whole.encode(), path)

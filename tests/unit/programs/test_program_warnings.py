@@ -15,6 +15,7 @@ from posedesign.planning.poses_file import ALL_CHECKED, PoseList, read_poses
 from posedesign.pose_programs import program_options, write_program
 from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS
+from posedesign.programs.reading import read_program_bytes
 from tests.unit.programs.dialects import PULSES, arm_of, dialect_of, middle, program_of
 
 HOSTILE = "collisions with \"gun\" ; 'table' é ]]> \n END <a>& \\ and " + "x" * 400
@@ -43,7 +44,7 @@ def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
         forced=tuple(f"P{k:02d}: forearm and table run {k} mm into each other" for k in range(40)),
     )
     files = dialect.write(warned, tmp_path)
-    said = words_of("\n".join(path.read_text() for path in files))
+    said = words_of("\n".join(read_program_bytes(path).decode() for path in files))
     assert said.startswith("SIMULATED, NOT FOR A ROBOT: corrected_poses.csv (0a1b2c3d), simulated")
     assert "FROM: cell.toml (4e5f6a7b)" in said
     assert "CORRECTED BY 1a2b3c4d: not the poses of the plan" in said

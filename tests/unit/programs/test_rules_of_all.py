@@ -12,6 +12,7 @@ from posedesign.programs import DIALECTS, robodk_csv, validate
 from posedesign.programs.abb_rapid import rules as abb
 from posedesign.programs.fanuc_ls import rules as fanuc
 from posedesign.programs.kuka_krl import rules as kuka
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.ros import rules as ros
 from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.staubli_val3 import rules as staubli
@@ -88,9 +89,9 @@ def test_line_ends_are_told_once(name: str) -> None:
 )
 def test_what_does_not_measure_is_told_of_programs_of_plans(name, old, new, rule, tmp_path):
     (path,) = dialect_of(name).write(program_of(name), tmp_path)
-    assert old in path.read_bytes()
-    path.write_bytes(path.read_bytes().replace(old, new))
+    assert old in read_program_bytes(path)
+    path.write_bytes(read_program_bytes(path).replace(old, new))
     assert {p.rule for p in validate(path, name)} == {rule}
-    path.write_bytes(re.sub(rb"PLAN abcdef12", b"by hand", path.read_bytes()))
+    path.write_bytes(re.sub(rb"PLAN abcdef12", b"by hand", read_program_bytes(path)))
     assert validate(path, name) == []
     assert {p.rule for p in validate(path, name, levels=["measuring"])} == {rule}

@@ -14,6 +14,7 @@ from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.pose_programs import import_touch_ups
 from posedesign.programs import DIALECTS, Dialect, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.sets import SetMark, set_mark
 
 PULSES = (1000.0,) * 6
@@ -37,7 +38,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_a_mark_of_the_set_in_what_is_written(tmp_path: Path, name: str) -> None:
     dialect = DIALECTS[name]
     paths = dialect.write(program(), tmp_path)
-    marks = [mark for path in paths if (mark := set_mark(path.read_bytes()))]
+    marks = [mark for path in paths if (mark := set_mark(read_program_bytes(path)))]
     assert marks
     assert set(marks) == {SetMark("abcdef12", len(paths), marks[0].digest)}
     read = dialect.reading(PULSES).read(paths[0])

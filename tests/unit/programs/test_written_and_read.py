@@ -13,6 +13,7 @@ from calib.robots import Robot, preset_names
 from calib.se3 import inverse, rotation_from_wpr
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, postures_of
 from posedesign.programs.configurations import configuration_of
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import RecordedProgram
 from tests.marks import by_stage
 from tests.unit.programs.dialects import (
@@ -164,7 +165,7 @@ def check_round_trips(name: str, form: str, count: int, folder: Path) -> None:
         if dialect.companions:  # they are checked against each other
             paths = dialect.write(program, folder)
             assert faults(name, paths) == []
-            data, path = paths[0].read_bytes(), paths[0]
+            data, path = read_program_bytes(paths[0]), paths[0]
         else:
             ((file, text),) = list(dialect.files(program).items())[:1]
             data, path = text.replace("\n", dialect.newline).encode(dialect.encoding), Path(file)
@@ -182,7 +183,7 @@ def test_random_plans_come_back(name: str, form: str, count: int, tmp_path: Path
 def test_a_whole_program_word_by_word(name: str, form: str, tmp_path: Path) -> None:
     program, dialect = whole(name, form), dialect_of(name)
     paths = dialect.write(program, tmp_path)
-    texts = {str(path.relative_to(tmp_path)): path.read_bytes() for path in paths}
+    texts = {str(path.relative_to(tmp_path)): read_program_bytes(path) for path in paths}
     expected = {
         str(path.relative_to(WRITTEN / f"{name}-{form}")): path.read_text(encoding="utf-8")
         for path in (WRITTEN / f"{name}-{form}").rglob("*")
@@ -318,6 +319,7 @@ THEIRS = {
         "quaternion",
     ),
     "ur-script": (r"user_frame, p\[(.+?), (.+?), (.+?), (.+?), (.+?), (.+?)\]", "UR"),
+    "ur-urp": (r"user_frame, p\[(.+?), (.+?), (.+?), (.+?), (.+?), (.+?)\]", "UR"),
     "yaskawa-jbi": (r"C\d{5}=(.+),(.+),(.+),(.+),(.+),(.+)", "Motoman"),
     "staubli-val3": (
         r'x="(.+?)" y="(.+?)" z="(.+?)" rx="(.+?)" ry="(.+?)" rz="(.+?)" sh',
@@ -336,7 +338,7 @@ def test_poses_are_those_of_another_library(name: str) -> None:
     rows = re.findall(pattern, texts_of(program, name))
     for row, T in zip(rows, arm_of(name).tool_poses(program.postures_rad), strict=True):
         place, turn = np.array(row[:3], dtype=float), [float(value) for value in row[3:]]
-        place = place if name == "ur-script" else place * 1e-3
+        place = place if name.startswith("ur-") else place * 1e-3
         if theirs == "quaternion":
             assert np.linalg.norm(turn) == pytest.approx(1.0, abs=2e-9)
             pose = robomath.quaternion_2_pose(turn)

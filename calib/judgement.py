@@ -13,7 +13,7 @@ answer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 FALSE_ALARMS = 1 / 200
@@ -47,11 +47,14 @@ class Finding:
     text: str
     sigmas: float
     """Change of the answer when the cause is taken into account, in its standard deviations."""
+    is_accounted: bool = field(default=False, kw_only=True)
+    """Whether the answer takes the cause into account already: it is then no reason to distrust
+    it."""
 
     @property
     def grade(self) -> Grade:
         """Loudness of the finding."""
-        return grade_of(self.sigmas)
+        return "warning" if self.is_accounted else grade_of(self.sigmas)
 
 
 def level_of_each(detectors: int) -> float:

@@ -6,6 +6,7 @@ for errors of its own. After the fit each mistake that is known is tried as furt
 under the noise that is left with them. One step of least squares says how large it would be, and
 how much it explains, in chi squares of the noise. Errors of the arm are parameters with priors all
 the while, where they were found: a size of the board or a move is not named for what they explain.
+A size of the board by which prints are off, and a bend, are then estimated with the rest.
 Where there is no fit, the same is asked of A X = Z B.
 
 All checks together name a cause in at most one of two hundred sets without any. A cause is graded
@@ -24,13 +25,16 @@ from scipy.linalg import block_diag
 from calib import se3
 from calib.chance import chi2_quantile
 from calib.errors import CalibError
+from calib.hand_eye.arm import with_move
 from calib.hand_eye.start import board_poses, start_lens
-from calib.identification.deviations import Deviations
+from calib.identification import IdentificationResult
+from calib.identification.deviations import Deviations, arm_deviation
 from calib.judgement import DISTRUST_SIGMAS, Finding, level_of_each
 from calib.lens import Lens
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.model.measurements.board_view import Carried
+from calib.model.parameters import BoardErrors
 from calib.robot_world import PairSets, residuals, solve_batch
 from calib.robot_world.scale import by_rotations_first
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -50,8 +54,15 @@ DOUBTED = 2.5
 X or Z would move with it by more than they are known: the pictures do not tell the size well enough
 to say that it is wrong, and not well enough to say that it is right."""
 
-FAR_OFF_M, FAR_OFF_RAD = 2e-3, 5e-3
-"""Deviation of an arm that is no longer scatter: its zeros, or the model of it, are wrong."""
+PRINTED = 0.015
+"""Share by which prints are off: a size of the board farther off is another board, or another
+unit."""
+
+FAR_OFF = np.array([2e-3, 5e-3])
+"""Deviation of an arm [m, rad] that is hardly scatter alone: its zeros, or its model, are wrong."""
+
+TOO_FAR_OFF = np.array([10e-3, 20e-3])
+"""Deviation of an arm [m, rad] that even the cheapest do not have: its poses are wrong."""
 
 FAR_BETTER = 0.3
 """Residual, in parts of that of the pictures as given, of what is said to be meant."""
@@ -132,45 +143,87 @@ def _stepped(H: FloatArray, g: FloatArray, new: np.ndarray) -> Step:
     )
 
 
-def suspicion_of_board(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
-    """Of errors scale, bend_x, bend_y: the board is larger than described, or bent.
+@dataclass(frozen=True)
+class PrintSuspicion(Suspicion):
+    """Errors of the print of a board: its size or a bend."""
 
-    ``frames``: as of :func:`effect_of`.
+    board: str  # its name
+    errors: tuple[str, ...]  # what to estimate, as ``board_errors`` of ``calibrate``
+    is_printed: bool  # whether prints are off by as much
+
+
+def suspicion_of_print(
+    board: str, size: Step, every: Step, frames: Sequence[IntArray]
+) -> PrintSuspicion | None:
+    """Return the finding that a board is larger than described, or bent.
+
+    Parameters
+    ----------
+    board : str
+        Its name.
+    size, every : Step
+        With the error scale alone; with scale, bend_x, bend_y.
+    frames : sequence of array (6,)
+        As of :func:`effect_of`.
     """
-    scale, sigma = float(step.values[0]), float(step.sigma[0])
-    bend = step.values[1:]
-    k = int(np.argmax(np.abs(bend) / np.maximum(step.sigma[1:], np.finfo(float).tiny)))
-    if not step.is_sure:
-        return None
-    if abs(bend[k]) / step.sigma[1 + k] > abs(scale) / max(sigma, 1e-300):
-        edges = ("left and right", "upper and lower")[k]
-        text = (
-            f"the board seems to be bent: its {edges} edges lie {1e3 * bend[k]:+.2g} mm behind its "
-            "middle; mount it on something flat, or estimate it (bend)"
+    if every.is_sure:
+        text, step = text_of_print(every.values, every.sigma), every
+        bent = text.startswith(_BENT)
+        more = (
+            "mount it on something flat, or estimate it (bend)"
+            if bent
+            else "check the size of its squares, the printer's scaling, and the unit; or estimate "
+            "it (scale)"
         )
     else:
+        step, bent = size, False
+        scale, sigma = float(step.values[0]), float(step.sigma[0])
+        known = abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE)
+        if known or effect_of(step, frames) < DISTRUST_SIGMAS:
+            return None
         text = (
-            f"the board seems to be {_off_size(scale, sigma)}, measured by the arm: check the size "
-            "of its squares, the printer's scaling, and the unit; or estimate it (scale)"
+            "the result rests on the stated size of the board, which is in doubt: measured by the "
+            f"arm it is {_off_size(scale, sigma)}"
         )
-    return Suspicion(text, effect_of(step, frames), step.over)
-
-
-def doubt_of_size(step: Step, frames: Sequence[IntArray]) -> Suspicion | None:
-    """Of error scale alone: the result rests on the stated size of the board, and it may be wrong.
-
-    ``frames``: as of :func:`effect_of`.
-    """
-    scale, sigma = float(step.values[0]), float(step.sigma[0])
-    effect = effect_of(step, frames)
-    if abs(scale) < DOUBTED * np.hypot(sigma, LEAST_SCALE) or effect < DISTRUST_SIGMAS:
-        return None
-    return Suspicion(
-        "the result rests on the stated size of the board, which is in doubt: measured by the arm "
-        f"it is {_off_size(scale, sigma)}; measure its squares, or estimate it (scale)",
-        effect,
-        0.0,
+        more = "measure its squares, or estimate it (scale)"
+    sized = not bent or abs(float(step.values[0])) > DOUBTED * step.sigma[0]
+    return PrintSuspicion(
+        f"{text}; {more}",
+        effect_of(step, frames),
+        max(step.over, 0.0),
+        board=board,
+        errors=(*(("scale",) if sized else ()), *(("bend_x", "bend_y") if bent else ())),
+        is_printed=abs(float(step.values[0])) < PRINTED,
     )
+
+
+def as_estimated(suspicion: Suspicion, estimate: IdentificationResult) -> Suspicion:
+    """Return a finding as it reads where its cause was estimated; another as it is."""
+    if not (isinstance(suspicion, PrintSuspicion) and suspicion.is_accounted):
+        return suspicion
+    names = BoardErrors(suspicion.board, ("scale", "bend_x", "bend_y")).names
+    own = [estimate.names.index(name) if name in estimate.names else -1 for name in names]
+    values, sigma = (
+        np.where(np.array(own) < 0, other, of_all[own])
+        for of_all, other in ((estimate.values, 0.0), (estimate.sigma, np.inf))
+    )
+    text = f"{text_of_print(values, sigma)}; estimated with the rest"
+    if not text.startswith(_BENT):
+        text += ": measure its squares; if they are as described, lengths of the arm are off"
+    return replace(suspicion, text=text)
+
+
+_BENT = "the board seems to be bent"
+
+
+def text_of_print(values: FloatArray, sigma: FloatArray) -> str:
+    """Return in words the surest of the errors scale, bend_x, bend_y ``(k,)``, or scale alone."""
+    k = int(np.argmax(np.abs(values) / np.maximum(sigma, np.finfo(float).tiny)))
+    if k == 0:
+        size = _off_size(float(values[0]), float(sigma[0]))
+        return f"the board seems to be {size}, measured by the arm"
+    edges = ("left and right", "upper and lower")[k - 1]
+    return f"{_BENT}: its {edges} edges lie {1e3 * values[k]:+.2g} mm behind its middle"
 
 
 def _off_size(scale: float, sigma: float) -> str:
@@ -233,8 +286,12 @@ def likeliest_move(
     arm_sigma: tuple[float, float],
     frames: Mapping[str, IntArray],
     names: Sequence[str],
+    *,
+    arm_known: bool = False,
 ) -> Move | None:
     """Return the move between two pictures that explains most, if noise does not explain it.
+
+    How far it moves the answer is asked under the noise that is left with it.
 
     Parameters
     ----------
@@ -246,10 +303,36 @@ def likeliest_move(
         What may have been moved, and the columns of its place among the parameters.
     names : sequence of str
         Of the stops.
+    arm_known : bool
+        Whether the deviation of the arm was given: it then stays with a move.
     """
-    M, k = parts.off.shape
+    M = len(parts.off)
     if M < 8:
         return None
+    splits = [(split, which) for split in range(3, M - 2) for which in frames]
+    tried = _steps_of_moves(parts, groups, arm_sigma, frames, splits)
+    best = int(np.argmax([step.gain for step in tried]))
+    (split, which), step = splits[best], tried[best]
+    over = step.gain - float(chi2_quantile(1.0 - CHANCE / (len(frames) * M), 6))
+    if over <= 0.0:
+        return None
+    behind = np.arange(M) >= split
+    if not arm_known:
+        left = arm_deviation(with_move(parts, frames[which], behind), arm_sigma)
+        (under_rest,) = _steps_of_moves(parts, groups, left, frames, [splits[best]])
+        step = replace(under_rest, gain=step.gain)
+    return Move(which, frames[which], behind, names[split], step, over)
+
+
+def _steps_of_moves(
+    parts: Deviations,
+    groups: IntArray,
+    arm_sigma: tuple[float, float],
+    frames: Mapping[str, IntArray],
+    splits: Sequence[tuple[int, str]],
+) -> list[Step]:
+    """Return the step for each move: before which stop, and of what. See `likeliest_move`."""
+    M, k = parts.off.shape
     shared = np.kron(groups[:, None] == groups, np.diag(np.repeat(np.array(arm_sigma) ** 2, 3)))
     alone = len(np.unique(groups)) == M
     if alone:
@@ -270,26 +353,19 @@ def likeliest_move(
     unit = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
     C = np.linalg.pinv(A / np.outer(unit, unit), rcond=1e-13, hermitian=True) / np.outer(unit, unit)
     known = np.sqrt(np.maximum(np.diag(C), 0.0))
-    best: Move | None = None
-    for split in range(3, M - 2):
-        behind = np.arange(M) >= split
-        for which, own in frames.items():
-            if alone:
-                J = np.where(np.repeat(behind, k)[:, None], H[:, own], 0.0)
-            else:
-                J = white(np.where(behind[:, None, None], parts.by_parameters[..., own], 0.0))
-            B = C @ (H.T @ J)  # the others move with it by minus this
-            S, b = J.T @ (J - H @ B), J.T @ y - B.T @ right
-            values = -np.linalg.lstsq(S, b, rcond=1e-12)[0]
-            gain = float(-values @ b)
-            if best is None or gain > best.step.gain:
-                sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(S, rcond=1e-12)), 0.0))
-                step = Step(values, sigma, gain, -B @ values, known)
-                best = Move(which, own, behind, names[split], step, 0.0)
-    if best is None:
-        return None
-    over = best.step.gain - float(chi2_quantile(1.0 - CHANCE / (len(frames) * M), 6))
-    return replace(best, over=over) if over > 0.0 else None
+    steps = []
+    for split, which in splits:
+        behind, own = np.arange(M) >= split, frames[which]
+        if alone:
+            J = np.where(np.repeat(behind, k)[:, None], H[:, own], 0.0)
+        else:
+            J = white(np.where(behind[:, None, None], parts.by_parameters[..., own], 0.0))
+        B = C @ (H.T @ J)  # the others move with it by minus this
+        S, b = J.T @ (J - H @ B), J.T @ y - B.T @ right
+        values = -np.linalg.lstsq(S, b, rcond=1e-12)[0]
+        sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(S, rcond=1e-12)), 0.0))
+        steps.append(Step(values, sigma, float(-values @ b), -B @ values, known))
+    return steps
 
 
 def _within_postures(parts: Deviations, groups: IntArray) -> FloatArray:
@@ -309,7 +385,7 @@ def _within_postures(parts: Deviations, groups: IntArray) -> FloatArray:
 
 def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:
     """An arm that is farther off than arms stop."""
-    if arm_sigma[0] < FAR_OFF_M and arm_sigma[1] < FAR_OFF_RAD:
+    if (np.array(arm_sigma) < FAR_OFF).all():
         return None
     return Suspicion(
         f"the arm seems to be off by {1e3 * arm_sigma[0]:.2g} mm and "
@@ -317,6 +393,7 @@ def suspicion_of_arm(arm_sigma: tuple[float, float]) -> Suspicion | None:
         "the same moment, and of this arm? If so, its zero offsets are to be identified, too",
         np.nan,
         0.0,
+        is_accounted=bool((np.array(arm_sigma) < TOO_FAR_OFF).all()),
     )
 
 

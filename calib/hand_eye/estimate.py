@@ -118,7 +118,8 @@ def calibrate(
         How far the arm stops from where it says: standard deviations along each axis [m] and
         about each axis [rad]; from what is left between pictures by default.
     board_errors : sequence of str
-        Errors of the board's print to estimate: ``scale``, ``bend_x``, ``bend_y``.
+        Errors of the board's print to estimate: ``scale``, ``bend_x``, ``bend_y``. Without any,
+        those that the pictures show are estimated where prints are off by as much.
     arm : ArmErrors, optional
         What may be off on the arm. It is taken into account where the pictures show it.
 
@@ -156,7 +157,24 @@ def calibrate(
                 moved = _likeliest_move(problem, fit)
         elif cause != "move":
             or_else = "the arm has errors of its own"
-    return _result(problem, fit, moved.suspicion(_frames(fit.model), or_else) if moved else None)
+    size, prints = _of_prints(problem, fit)
+    lenses = _of_lenses(problem, fit)
+    rivals = [one.gain for one in lenses] + ([moved.over] if moved else [])
+    taken = next(
+        (one for one in prints if one.is_printed and one.gain >= max([0.0, *rivals])), None
+    )
+    if taken:
+        with suppress(InputError, ConvergenceError):  # else it is named, and not in the answer
+            problem = replace(problem, board_errors=taken.errors)
+            fit = _fitted(problem, good, *noise, fit)
+            moved, lenses = _likeliest_move(problem, fit), _of_lenses(problem, fit)
+            prints = [replace(taken, is_accounted=True)]
+    suspicions = [*prints, *lenses]
+    if moved:
+        suspicions.append(moved.suspicion(_frames(fit.model), or_else))
+    if arm_off := checks.suspicion_of_arm(fit.noise.arm):
+        suspicions.append(arm_off)
+    return _result(problem, fit, size, sorted(suspicions, key=lambda one: -one.gain))
 
 
 def _likeliest_move(problem: Problem, fit: _Fit) -> checks.Move | None:
@@ -168,7 +186,14 @@ def _likeliest_move(problem: Problem, fit: _Fit) -> checks.Move | None:
     parts = deviations(fit.model.linearise_at(each, fit.x), turns=True)
     groups = np.zeros(len(names), dtype=np.intp)
     groups[moment] = data.setup.stops
-    return checks.likeliest_move(parts, groups, fit.noise.arm, _frames(fit.model), names)
+    return checks.likeliest_move(
+        parts,
+        groups,
+        fit.noise.arm,
+        _frames(fit.model),
+        names,
+        arm_known=not fit.noise_found[1],
+    )
 
 
 def _frames(model: CalibrationModel) -> dict[str, IntArray]:
@@ -370,7 +395,9 @@ def _contradiction(bad: int, count: int) -> InputError:
     )
 
 
-def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> HandEyeResult:
+def _result(
+    problem: Problem, fit: _Fit, size: checks.Step | None, suspicions: Sequence[checks.Suspicion]
+) -> HandEyeResult:
     data, stops = fit.data, fit.data.setup.stops
     kept = np.flatnonzero(fit.good)
     estimate = identify(fit.model, data[kept], start=fit.x, name="hand-eye calibration")
@@ -392,7 +419,6 @@ def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> Hand
     middle = np.array([lens.width_px, lens.height_px]) / 2.0
     point = distance * np.append(lens.rays(middle), 1.0)
     (gain,) = seen_point_motion(fit.model, x, first.camera, lens, point[None], first.camera)
-    board, suspicions = _suspicions(problem, fit, moved)
     names, status, at = _listed(problem, fit.good)
     off = fit.parts.off[stops]
     off[:, :3] += np.cross(off[:, 3:], middles)
@@ -431,9 +457,12 @@ def _result(problem: Problem, fit: _Fit, moved: checks.Suspicion | None) -> Hand
         point_sigma_m=at_work.error_m,
         corrected_point_sigma_m=at_work.corrected_error_m,
         seen_sigma_m=float(np.sqrt(np.trace(gain @ estimate.covariance @ gain.T))),
-        scale=_scale(estimate, board),
+        scale=_scale(estimate, size),
         start=problem.prepared[0].start,
-        findings=(*_outliers(problem, data.names, fit.good), *suspicions),
+        findings=(
+            *_outliers(problem, data.names, fit.good),
+            *(checks.as_estimated(one, estimate) for one in suspicions),
+        ),
     )
 
 
@@ -516,37 +545,48 @@ def _listed(
     return tuple(names), tuple(status), np.array(at)
 
 
-def _suspicions(
-    problem: Problem, fit: _Fit, moved: checks.Suspicion | None
-) -> tuple[checks.Step | None, list[Finding]]:
-    """What another size of the first board would be, and what looks wrong, the worst first."""
-    kept = np.flatnonzero(fit.good)
-    data, found = fit.data[kept], [moved, checks.suspicion_of_arm(fit.noise.arm)]
-    cameras = np.array(problem.cameras)[kept]
+def _of_prints(
+    problem: Problem, fit: _Fit
+) -> tuple[checks.Step | None, list[checks.PrintSuspicion]]:
+    """What another size of the first board would be, and what looks wrong with the boards.
 
-    def tried(new: Sequence[str], **more: Any) -> checks.Step:
-        """With the noise that is left with them: without, it has taken them up."""
-        model = problem.model(fit.noise, **more)
-        x = _at(model, fit)
-        parts = deviations(model.linearise_at(data, x), turns=True)
-        noise = _noise_of(problem.sizes_with(**more), parts, cameras, fit.noise, fit.noise_found, x)
-        return checks.step_with(problem.model(noise, **more), data, x, new)
-
-    frames = list(_frames(fit.model).values())
+    Nothing where errors of the boards are estimated.
+    """
+    frames, found = list(_frames(fit.model).values()), []
     sizes = []
     for board in () if problem.board_errors else problem.boards:
         size, every = (
-            tried(BoardErrors(board, errors).names, board_errors=errors)
+            _tried(problem, fit, BoardErrors(board, errors).names, board_errors=errors)
             for errors in (("scale",), ("scale", "bend_x", "bend_y"))
         )
         sizes.append(size)
-        found.append(checks.suspicion_of_board(every, frames) or checks.doubt_of_size(size, frames))
+        found.append(checks.suspicion_of_print(board, size, every, frames))
+    first = sizes[0] if sizes else None
+    return first, sorted((one for one in found if one is not None), key=lambda one: -one.gain)
+
+
+def _of_lenses(problem: Problem, fit: _Fit) -> list[checks.Suspicion]:
+    """What looks wrong with the lenses that were given."""
+    frames, found = list(_frames(fit.model).values()), []
     for camera, (lens, is_free) in problem.lenses.items():
         if not is_free:
-            step = tried(LensParameters(lens, camera).names, free_lens=True)
+            step = _tried(problem, fit, LensParameters(lens, camera).names, free_lens=True)
             found.append(checks.suspicion_of_lens(step, lens, frames))
-    order = sorted((s for s in found if s is not None), key=lambda one: -one.gain)
-    return (sizes[0] if sizes else None), list(order)
+    return [one for one in found if one is not None]
+
+
+def _tried(problem: Problem, fit: _Fit, new: Sequence[str], **more: Any) -> checks.Step:
+    """Try further parameters under the noise that is left with them.
+
+    The noise of the fit has taken them up.
+    """
+    kept = np.flatnonzero(fit.good)
+    data, cameras = fit.data[kept], np.array(problem.cameras)[kept]
+    model = problem.model(fit.noise, **more)
+    x = _at(model, fit)
+    parts = deviations(model.linearise_at(data, x), turns=True)
+    noise = _noise_of(problem.sizes_with(**more), parts, cameras, fit.noise, fit.noise_found, x)
+    return checks.step_with(problem.model(noise, **more), data, x, new)
 
 
 def _scale(estimate: IdentificationResult, board: checks.Step | None) -> tuple[float, float]:
@@ -577,7 +617,7 @@ def _outliers(problem: Problem, names: Sequence[str], good: BoolArray) -> list[F
         f"left out, as they contradict the others: {shown}{more} (wrong joints, or points in wrong "
         "places?)"
     )
-    return [Finding(text, 0.0)]
+    return [Finding(text, 0.0, is_accounted=True)]
 
 
 def _rms(rows: FloatArray, setup: Setup) -> FloatArray:

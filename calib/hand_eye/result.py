@@ -141,10 +141,9 @@ class HandEyeResult(Shown):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Findings in words, the worst first; notes are said as such."""
-        note = "note", "left out"
         return tuple(
             f"{one.text} (note: it changes the answer by less than its standard deviation)"
-            if one.grade == note[0] and not one.text.startswith(note[1])
+            if one.grade == "note"
             else one.text
             for one in self.findings
         )

@@ -303,7 +303,11 @@ def camera(
         ),
     ] = "",
     board_errors: Annotated[
-        str, typer.Option("--board-errors", help="Of the board: scale, bend_x, bend_y.")
+        str,
+        typer.Option(
+            "--board-errors",
+            help="Of the board: scale, bend_x, bend_y. What the pictures show, by default.",
+        ),
     ] = "",
     pixel_sigma: Annotated[
         float | None,

@@ -31,7 +31,8 @@ def program(
         typer.Option(
             "--format",
             help="fanuc-ls, kuka-krl, abb-rapid, ur-script, ur-urp, yaskawa-jbi, staubli-val3, "
-            "mitsubishi-melfa, kawasaki-as, doosan-drl, denso-pac, ros-trajectory, "
+            "mitsubishi-melfa, kawasaki-as, doosan-drl, denso-pac, epson-spel, "
+            "ros-trajectory, "
             "moveit-joints, robot-calibration, robodk-csv. [that of the robot's controller]",
         ),
     ] = None,

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calib.errors import FileFormatError
+from calib.errors import FileFormatError, InputError
 from posedesign.programs import writing
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
@@ -95,6 +95,36 @@ class JointDialect(Dialect, ABC):
         yield from phrases.visit(program, LIMITS, joints, **own)
 
 
+SIGNS = "signs and zeros of the joints, which are those of the robot's description"
+
+
+class DescribedDialect(JointDialect, ABC):
+    """A dialect of a maker of whose arms no convention is known: joints are the description's.
+
+    ``counts``: numbers of joints that its arms have.
+    """
+
+    maker = None
+    counts: ClassVar[tuple[int, ...]] = (JOINTS,)
+
+    def unchecked(self, arm: Arm) -> tuple[str, ...]:
+        """Signs and zeros of the joints."""
+        return (SIGNS,)
+
+    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
+        """The file; the arm has as many joints as those of the maker."""
+        if arm.n not in self.counts:
+            least, most = self.counts[0], self.counts[-1]
+            said = f"{least} to {most}" if least < most else f"{most}"
+            raise InputError(
+                f"arms that {self.name} moves have {said} joints, this one {arm.n}",
+                hint="write the language of its controller",
+                name="poses",
+                value=arm.n,
+            )
+        return super().render(program, arm)
+
+
 @dataclass
 class Notes:
     """What the remarks of a program say of its plan."""
@@ -120,23 +150,25 @@ class Stored(Named):
     values: Sequence[str]  # texts of its numbers
 
 
-def carried_in(found: Sequence[Stored], path: Path) -> dict[str, dict[int, FileFormatError]]:
+def carried_in(
+    found: Sequence[Stored], path: Path, most: int = JOINTS
+) -> dict[str, dict[int, FileFormatError]]:
     """Positions in which axes behind the arm's have moved, by label; refuses a file without any."""
     if not found:
         no_positions(path, "save the program with its positions")
     values = [
         (p.label, f"axis {j}", text, p.line)
         for p in found
-        for j, text in enumerate(p.values[JOINTS:], start=JOINTS + 1)
+        for j, text in enumerate(p.values[most:], start=most + 1)
     ]
     return carried_off(values, path)
 
 
-def joints_of(p: Stored, path: Path) -> dict[str, Any]:
-    """Joint values ``(6,)`` [deg] as they stand in a file; FileFormatError where they do not."""
-    if len(p.values) < JOINTS:
+def joints_of(p: Stored, path: Path, least: int = JOINTS, most: int = JOINTS) -> dict[str, Any]:
+    """Joint values [deg] as they stand in a file; FileFormatError where they do not."""
+    if len(p.values) < least:
         refuse(f"{p.label} has {len(p.values)} values", path, p.line)
-    shown = [joint_deg(text, p.label, path, p.line) for text in p.values[:JOINTS]]
+    shown = [joint_deg(text, p.label, path, p.line) for text in p.values[:most]]
     return {"shown_deg": np.array(shown)}
 
 
@@ -205,7 +237,9 @@ def as_moved(
 def in_moves(
     events: Callable[[str], Iterable[Event]],
     remarks: Callable[[str], Iterable[Line]],
-    maker: str,
+    maker: str | None,
+    least: int = JOINTS,
+    most: int = JOINTS,
 ) -> Callable[[bytes, Path], RecordedProgram]:
     """A reader of programs in whose moves the positions stand.
 
@@ -218,8 +252,10 @@ def in_moves(
         What the steps of a text do.
     remarks : callable
         Remarks of a text that are lines of their own.
-    maker : str
-        Whose controllers run the programs.
+    maker : str or None
+        Whose controllers run the programs; None: joints are those of the description.
+    least, most : int
+        Joints of an arm; values behind them are of axes that carry it, or a part.
     """
 
     def read(data: bytes, path: Path) -> RecordedProgram:
@@ -237,7 +273,9 @@ def in_moves(
                 found.append(Stored("", at.row, at.values.texts))
         for error in unread if not found else ():
             raise error
-        for fault in (e for errors in carried_in(found, path).values() for e in errors.values()):
+        for fault in (
+            e for errors in carried_in(found, path, most).values() for e in errors.values()
+        ):
             raise fault
         mark = notes.mark or PlanMark()
         rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
@@ -250,7 +288,7 @@ def in_moves(
             if own in chosen:
                 refuse(f"pose {own} is there twice", path, p.line)
             chosen[own or free] = RecordedPosition(
-                *(own or free, notes.names.get(own, ""), p.line), **joints_of(p, path)
+                *(own or free, notes.names.get(own, ""), p.line), **joints_of(p, path, least, most)
             )
         positions = tuple(position for _, position in sorted(chosen.items()))
         return RecordedProgram(path.stem, "", mark, positions, maker, unread=tuple(unread))

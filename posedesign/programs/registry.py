@@ -14,6 +14,7 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.denso_pac import DensoPac
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
+from posedesign.programs.epson_spel import EpsonSpel
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kawasaki_as import KawasakiAs
 from posedesign.programs.kuka_krl import KukaKrl
@@ -46,6 +47,7 @@ DIALECTS: dict[str, Dialect] = {
         KawasakiAs(),
         DoosanDrl(),
         DensoPac(),
+        EpsonSpel(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

@@ -165,13 +165,22 @@ HOW = {
         fit=("T -1", "x" * 99),
         unfit=("é", "a\nb", "x" * 101),
     ),
+    "epson-spel": How(
+        *(5.001e-7, (0.0, 0.0), 32, 100, 100, 1e4),
+        by_number=True,
+        title=False,
+        ends=False,
+        line=r"  Go AglToPls\(",
+        fit=("T -1", "x" * 99),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
     "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
     "moveit-joints": replace(LIST, passes=False, line=r"- - -?\d"),
     "robot-calibration": replace(LIST, passes=False, line="- joints:"),
     "robodk-csv": replace(LIST, joint_deg=5.01e-7, ends=False, line=r"-?[\d.]+,"),
 }
 
-SIX = "mitsubishi-melfa"
+SIX = ("mitsubishi-melfa", "epson-spel")
 """For any robot, but with texts for arms of six joints."""
 
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
@@ -184,7 +193,7 @@ each_dialect = pytest.mark.parametrize("name", DIALECTS)
 @cache
 def robot_of(name: str) -> Robot:
     """An arm of its maker; of six joints for any robot's programs of such arms."""
-    return Robot.preset("lrmate200id") if name == SIX else arms.robot_of(DIALECTS[name].maker)
+    return Robot.preset("lrmate200id") if name in SIX else arms.robot_of(DIALECTS[name].maker)
 
 
 def arm_of(name: str, *, frames: bool = True) -> Arm:

@@ -224,6 +224,7 @@ FREE = {
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
     "denso-pac": r"'.*|MEASURE",
+    "epson-spel": r"'.*|MEASURE|MUTATED|Call",
     "doosan-drl": r'#.*|"[^"]*"',
     "kawasaki-as": r";.*|MEASURE|(?<=PROGRAM )\w+",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',

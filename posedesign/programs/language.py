@@ -18,7 +18,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.resources import files
 from itertools import accumulate
 from typing import Any, NamedTuple, TypeGuard, TypeVar
@@ -51,22 +51,23 @@ _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
 _MOST_LINES = 300
+_MOST_GROUPS = 200  # of a pattern
 
-_LINE = re.compile(r"[^\s][^\n]*")
+_PART = 1_000_000  # characters that are divided into lines at once
 _FORM_OF_PIECES = r"""("[^"\n]*"
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
     | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.]))"""
 
-_PIECE, _SIGNED_PIECE = (
-    re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
-    for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
-)
+_PIECE = re.compile(_FORM_OF_PIECES.replace("SIGN", ""), re.ASCII | re.VERBOSE)
 """Texts in quotes, numbers, and numbers behind a name: ``XP12``, but for joints, ``A1``, which are
-few. A minus sign behind a bracket, a comma or an equals sign belongs to the number where a language
-says so."""
+few."""
+
+_UNARY = r"(?<=[\[(,=])|(?<=[\[(,=]\ )"
 
 _BLANKS = re.compile(r"[ \t\r]{2,}|[\t\r]")
 _BLANKS_OR_TEXT = re.compile(rf'("[^"\n]*")|{_BLANKS.pattern}')
+_BLANK, _DIGITS = re.compile(r"\\ "), re.compile(r"\d+")  # in the text of a pattern
+_AFTER_JOINT = re.compile(r"(?<!\w)[AEJaej]\Z", re.ASCII)  # of one digit behind them see above
 _FORM = re.compile(r"-?\d+")
 _FORM_OR_TEXT = re.compile(r'(")[^"\n]*"|-?\d+')
 
@@ -85,38 +86,125 @@ class Line(NamedTuple):
     text: str
 
 
+T = TypeVar("T")
 Node = Tree[Token] | Token
 Build = Callable[[Sequence[str]], Any]
-Found = dict[tuple[str, ...], list[tuple[int, ...]]]
-"""Where nodes of these names are in a tree: which child, which child of it, ..."""
+Find = Callable[[Tree[Token]], Iterable[Node]]
+Template = list[str | int]  # of a text: what stands there, and which slots
 
 
-@dataclass(eq=False, slots=True)
 class Shape:
-    """What equal statements share: what builds their trees, and where nodes are in these."""
+    """What statements share that differ in numbers, texts in quotes and blanks only.
 
-    build: Build
-    trees: Found = field(default_factory=dict)
-    tokens: Found = field(default_factory=dict)
+    Trees are built of a statement's own numbers and texts, its ``slots``, where they are asked for.
+    """
+
+    __slots__ = (
+        "_build",
+        "_parts",
+        "_pattern",
+        "_texts",
+        "kind",
+        "named",
+        "next",
+        "notes",
+        "spans",
+        "tree",
+    )
+
+    def __init__(
+        self,
+        tree: Tree[Token],
+        spans: list[tuple[int, int]],
+        pattern: str = "",
+        named: Sequence[int] = (),
+    ) -> None:
+        self.tree, self.spans = tree, spans
+        self.named = named  # slots that are the end of a name
+        self.kind = str(tree.data)
+        self.next: Shape | None = None  # of the statement that stood behind the last one of these
+        self.notes: dict[Any, Any] = {}  # what is the same of all, by what asks for it
+        self._pattern: str | re.Pattern[str] = pattern
+        self._parts: dict[Hashable, list[tuple[Node, Build | None]]] = {}
+        self._texts: dict[Find, list[Template | str | int]] = {}
+        self._build: Build | None = None
+
+    def slots_of(self, text: str) -> Sequence[str] | None:
+        """Numbers and texts of a statement of this shape; None of another one, or not sure."""
+        pattern = self._pattern
+        if isinstance(pattern, str):
+            if not pattern:
+                return None
+            pattern = self._pattern = re.compile(pattern, re.ASCII)
+        found = pattern.fullmatch(text)
+        return found.groups() if found else None
+
+    def whole(self, slots: Sequence[str]) -> Tree[Token]:
+        """The tree of a statement."""
+        if self._build is None:
+            self._build = _builder(self.tree, self.spans) or (lambda slots: self.tree)
+        tree: Tree[Token] = self._build(slots)
+        return tree
+
+    def parts(self, find: Hashable, slots: Sequence[str], nodes: Callable[[], Any]) -> list[Any]:
+        """Nodes of the tree that are found once, with the numbers and texts of a statement."""
+        parts = self._parts.get(find)
+        if parts is None:
+            found = [(node, _builder(node, self.spans)) for node in nodes()]
+            parts = self._parts[find] = found
+        return [node if build is None else build(slots) for node, build in parts]
+
+    def texts(self, find: Find, slots: Sequence[str]) -> list[str]:
+        """Texts of the nodes that a function finds in the tree."""
+        known = self._texts.get(find)
+        if known is None:
+            found = [_template(node, self.spans) for node in find(self.tree)]
+            known = self._texts[find] = [_simple(parts) for parts in found]
+        return [
+            slots[t] if t.__class__ is int else t if t.__class__ is str else _filled(t, slots)  # type: ignore[arg-type]
+            for t in known
+        ]
 
 
-@dataclass(eq=False, slots=True)
 class Statement:
     """What one line says."""
 
-    row: int  # line of the file where it begins, counted from 1
-    text: str  # as it stands there
-    tree: Tree[Token]  # what the grammar makes of it; a tree of the name ``fault`` where nothing
-    shape: Shape
-    kind: str  # name of the grammar's rule
-    fault: str = ""  # what is wrong with it, in words; empty for nothing
+    __slots__ = ("_tree", "fault", "kind", "row", "said", "shape", "slots", "text")
+
+    def __init__(
+        self, row: int, text: str, shape: Shape, slots: Sequence[str] = (), fault: str = ""
+    ) -> None:
+        self.row = row  # line of the file where it begins, counted from 1
+        self.text = text  # as it stands there
+        self.shape, self.slots = shape, slots
+        self.kind = shape.kind  # name of the grammar's rule
+        self.fault = fault  # what is wrong with it, in words; empty for nothing
+        self.said: Any = None  # what a language takes from it, kept for all that ask
+        self._tree: Tree[Token] | None = None
+
+    @property
+    def form(self) -> Hashable:
+        """Tells statements apart that differ in more than numbers and texts.
+
+        A word of the language is meant in all names of a form, or in none: of the numbers behind
+        names one digit may be a slip.
+        """
+        shape = self.shape
+        if not shape.named:
+            return shape
+        return shape, *[len(self.slots[k]) == 1 for k in shape.named]
+
+    @property
+    def tree(self) -> Tree[Token]:
+        """What the grammar makes of it; a tree of the name ``fault`` where nothing."""
+        if self._tree is None:
+            self._tree = self.shape.whole(self.slots)
+        return self._tree
 
     def all(self, *names: str) -> list[Tree[Token]]:
         """Subtrees of these names, from the left."""
-        places = self.shape.trees.get(names)
-        if places is None:
-            places = self.shape.trees[names] = list(_places(self.tree, names, Tree))
-        return [_at(self.tree, place) for place in places] if places else []
+        shape = self.shape
+        return shape.parts(names, self.slots, lambda: _named(shape.tree, names, Tree))
 
     def one(self, name: str) -> Tree[Token] | None:
         """The first subtree of this name."""
@@ -124,31 +212,39 @@ class Statement:
 
     def words(self, *types: str) -> list[str]:
         """Texts of all tokens of these terminals, from the left."""
-        places = self.shape.tokens.get(types)
-        if places is None:
-            places = self.shape.tokens[types] = list(_places(self.tree, types, Token))
-        return [str(_at(self.tree, place)) for place in places] if places else []
+        return self.shape.texts(_of_types(types), self.slots)
 
     def word(self, name: str) -> str:
         """The first of them; empty for none."""
         return next(iter(self.words(name)), "")
 
+    def texts(self, find: Find) -> list[str]:
+        """Texts of the nodes that a function finds, which must not look at numbers and texts."""
+        return self.shape.texts(find, self.slots)
 
-def _places(
-    node: Node, names: tuple[str, ...], kind: type, place: tuple[int, ...] = ()
-) -> Iterator[tuple[int, ...]]:
-    """Where trees or tokens of these names are in a node, itself included, from the left."""
-    name = node.data if isinstance(node, Tree) else node.type
-    if isinstance(node, kind) and name in names:
-        yield place
-    for k, child in enumerate(node.children if isinstance(node, Tree) else ()):
-        yield from _places(child, names, kind, (*place, k))
+    def once(self, ask: Callable[[Statement], T]) -> T:
+        """What a function says of all statements that differ in numbers and texts only.
+
+        It is asked once: it must not look at them.
+        """
+        notes = self.shape.notes
+        if ask not in notes:
+            notes[ask] = ask(self)
+        said: T = notes[ask]
+        return said
 
 
-def _at(node: Any, place: tuple[int, ...]) -> Any:
-    for k in place:
-        node = node.children[k]
-    return node
+def _named(node: Node, names: tuple[str, ...], kind: type) -> Iterator[Node]:
+    """Trees or tokens of these names in a node, itself included, from the left."""
+    if isinstance(node, kind) and (node.data if isinstance(node, Tree) else node.type) in names:
+        yield node
+    for child in node.children if isinstance(node, Tree) else ():
+        yield from _named(child, names, kind)
+
+
+@cache
+def _of_types(types: tuple[str, ...]) -> Find:
+    return lambda tree: _named(tree, types, Token)
 
 
 def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
@@ -188,7 +284,6 @@ def text_of(node: Node) -> str:
     return "".join([c if isinstance(c, Token) else text_of(c) for c in node.children])
 
 
-T = TypeVar("T")
 _shared: ContextVar[dict[Hashable, Any] | None] = ContextVar("_shared", default=None)
 
 
@@ -214,11 +309,11 @@ def shared(key: Hashable, make: Callable[[], T]) -> T:
 
 
 NOTHING: Tree[Token] = Tree("fault", [])  # what a grammar makes of a statement that is none
-_FAULT = Shape(lambda slots: NOTHING)
+_FAULT = Shape(NOTHING, [])
 
 
 def _faulty(row: int, text: str, fault: str) -> Statement:
-    return Statement(row, text, NOTHING, _FAULT, NOTHING.data, fault)
+    return Statement(row, text, _FAULT, fault=fault)
 
 
 @dataclass
@@ -234,21 +329,30 @@ class Language:
     others: tuple[str, ...] = ()
     """Rules that `statement` can be asked for besides: sections with a syntax of their own."""
     name: str = "grammar.lark"  # file of the grammar
-    signed: bool = False
-    """Numbers behind a bracket, a comma or an equals sign may have a minus sign anywhere: then they
-    are parsed once as well, and the sign is in the number."""
+    signed: bool | tuple[str, ...] = False
+    """A minus sign behind what `unary` finds is of the number behind it, so that statements are
+    parsed once whatever their signs; or so in these rules only."""
+    unary: str = _UNARY
+    """Behind what a minus sign takes nothing away: lookbehinds; a bracket, a comma or an equals
+    sign."""
     letters: str = ""
     """Characters of names, as in a set of a regular expression. None of them can stand behind a
     keyword then; empty where words are not separated, as in ``CNT50``."""
     indented: bool = False  # texts of statements keep the blanks before them, which mean something
-    _builders: dict[tuple[str, tuple[str, ...], str], Shape] = field(
-        default_factory=dict, repr=False
-    )
+    _shapes: dict[tuple[str, tuple[str, ...], str], Shape] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
     _filled: int = field(default=0, repr=False)
-    _trees: dict[tuple[str, str], tuple[Tree[Token], Shape]] = field(
-        default_factory=dict, repr=False
-    )
+    _kept: dict[tuple[str, str], Statement] = field(default_factory=dict, repr=False)
+    _last: dict[str, Shape] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def _signed_piece(self) -> re.Pattern[str]:
+        sign = f"(?:(?:{self.unary})-)?"
+        return re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
+
+    @cached_property
+    def _behind(self) -> re.Pattern[str]:
+        return re.compile(rf"(?:{self.unary})\Z", re.VERBOSE)
 
     @cached_property
     def parser(self) -> Lark:
@@ -304,21 +408,55 @@ class Language:
 
     def statement(self, line: Line, rule: str = "") -> Statement:
         """The statement of one line; by another rule than `start` where one is named."""
-        rule, row, own = rule or self.start, line.row, line.text
-        same = self._trees.get((rule, own))
+        rule, (row, own) = rule or self.start, line
+        last = self._last.get(rule)
+        same = self._kept.get((rule, own))
         if same is not None:
-            return Statement(row, own, *same, same[0].data)
+            shape, slots = same.shape, same.slots
+            found = Statement(row, own, shape, slots)
+            found._tree = same.tree
+        else:
+            # most often what stood behind a statement of the form before
+            expected = last.next if last else None
+            told = expected.slots_of(own) if expected else None
+            if told is not None and expected is not None:
+                shape, slots = expected, told
+            else:
+                parsed = self._shape_of(row, own, rule)
+                if isinstance(parsed, Statement):
+                    return parsed
+                shape, slots = parsed
+            self._filled += len(slots)
+            found = Statement(row, own, shape, slots)
+            if len(own) <= _MOST_KEPT:
+                if len(self._kept) >= _MOST_SHAPES:
+                    self._kept.clear()
+                self._kept[rule, own] = found
+        if last is not None:
+            last.next = shape
+        self._last[rule] = shape
+        return found
+
+    def _shape_of(
+        self, row: int, own: str, rule: str, *, plainly: bool = False
+    ) -> Statement | tuple[Shape, Sequence[str]]:
+        """Shape and slots of a statement; one with a fault where the grammar has none.
+
+        ``plainly``: each sign is an operator.
+        """
         if len(own) > MOST_LENGTH:
             return _faulty(row, own[:100], f"{len(own)} characters in one statement")
         text = _with_single_blanks(own)
-        pieces = (_SIGNED_PIECE if self.signed else _PIECE).split(text)
+        signed = not plainly and (self.signed is True or rule in (self.signed or ()))
+        pieces = (self._signed_piece if signed else _PIECE).split(text)
         slots = pieces[1::2]
         # J0 is no slot, and J10 is one: what stands between them is compared, too
         forms = "\n".join(slots)
-        forms = _FORM_OR_TEXT.sub(r"\1\0", forms) if '"' in text else _FORM.sub("\0", forms)
-        key = (rule, tuple(pieces[::2]), forms)
-        shape = self._builders.get(key)
+        forms = _FORM_OR_TEXT.sub(_form, forms) if '"' in text else _FORM.sub("\0", forms)
+        key = (rule + "-" * plainly, tuple(pieces[::2]), forms)
+        shape = self._shapes.get(key)
         if shape is None:
+            pattern = _pattern(pieces, self._behind if signed else None)
             pieces[1::2] = [slot.lstrip("-") for slot in slots]
             text = "".join(pieces)
             self._parsed += len(text)
@@ -327,20 +465,54 @@ class Language:
             try:
                 tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
+                if signed and any(slot[0] == "-" for slot in slots):
+                    return self._shape_of(row, own, rule, plainly=True)
                 at, fault = _fault(text, error, self.parser)
                 return _faulty(row + text.count("\n", 0, at), own, fault)
             ends = [*accumulate(map(len, pieces))]
             spans = [*zip(ends[:-1:2], ends[1::2], strict=True)]
-            if len(self._builders) >= _MOST_SHAPES:
-                self._builders.clear()
-            shape = self._builders[key] = Shape(_builder(tree, spans) or (lambda slots: tree))
-        self._filled += len(slots)
-        tree = shape.build(slots)
-        if len(own) <= _MOST_KEPT:
-            if len(self._trees) >= _MOST_SHAPES:
-                self._trees.clear()
-            self._trees[rule, own] = tree, shape
-        return Statement(row, own, tree, shape, tree.data)
+            if len(self._shapes) >= _MOST_SHAPES:
+                self._shapes.clear()
+            named = [
+                k
+                for k, piece in enumerate(pieces[:-1:2])
+                if piece[-1:].isalpha() or piece[-1:] == "_"
+            ]
+            shape = self._shapes[key] = Shape(_named_plainly(tree), spans, pattern, named)
+        return shape, slots
+
+
+def _form(found: re.Match[str]) -> str:
+    return '"\0' if found[1] else "\0"
+
+
+def _pattern(pieces: Sequence[str], unary: re.Pattern[str] | None) -> str:
+    """Pattern of statements that differ from one in its slots and blanks only.
+
+    Empty where it would be too long, or quotation marks that nothing closes stand in the text.
+    """
+    if len(pieces) > _MOST_GROUPS or any('"' in piece for piece in pieces[::2]):
+        return ""
+    parts = [r"[ \t\r]*"]
+    for k, piece in enumerate(pieces):
+        if k % 2 == 0:
+            parts.append(_BLANK.sub(r"[ \\t\\r]+", re.escape(piece)))
+            continue
+        before = pieces[k - 1]
+        if piece[0] == '"':
+            parts.append(r'("[^"\n]*")')
+            continue
+        digits = r"\\d{2,}" if _AFTER_JOINT.search(before) else r"\\d+"
+        minus = "-?" if unary and unary.search(before) else ""
+        parts.append(f"({minus}{_DIGITS.sub(digits, re.escape(piece.lstrip('-')))})")
+    return "".join([*parts, r"[ \t\r]*"])
+
+
+def _named_plainly(tree: Tree[Token]) -> Tree[Token]:
+    """A tree with plain texts for names, which are compared faster than tokens."""
+    for node in tree.iter_subtrees():
+        node.data = str(node.data)
+    return tree
 
 
 def _depth(text: str) -> int:
@@ -356,14 +528,15 @@ def lines_of(text: str, *, indented: bool = False, row: int = 1) -> Iterator[Lin
 
     Lines without anything cost nothing. ``row``: of the first one.
     """
-    first, last = row, 0
-    for found in _LINE.finditer(text):
-        start = found.start()
-        row += text.count("\n", last, start)
-        if indented:
-            start = text.rfind("\n", last, start) + 1 if row > first else 0
-        last = found.start()
-        yield Line(row, text[start : found.end()].rstrip())
+    at = 0
+    while at < len(text):  # in parts: a file may be nothing but line ends
+        end = text.find("\n", at + _PART)
+        part = text[at : end if end >= 0 else None]
+        for k, line in enumerate(part.split("\n"), start=row):
+            bare = line.strip()
+            if bare:
+                yield Line(k, line.rstrip() if indented else bare)
+        at, row = at + len(part) + 1, k + 1
 
 
 _QUOTED = r'("[^"\n]*")'
@@ -423,7 +596,7 @@ def open_lines(
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
     """A function that builds the node from the texts of the slots; None where it holds none."""
     if isinstance(node, Tree):
-        name = node.data = str(node.data)  # a plain text is compared faster than a token
+        name = node.data
         built = [(k, _builder(child, spans)) for k, child in enumerate(node.children)]
         parts = [(k, part) for k, part in built if part is not None]
         children = node.children
@@ -435,28 +608,39 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
             return Tree(name, own)
 
         return build_tree if parts else None
+    kind, template = node.type, _simple(_template(node, spans))
+    if isinstance(template, str):
+        return None
+    if isinstance(template, int):
+        return lambda slots: _token(kind, slots[template])
+    return lambda slots: _token(kind, _filled(template, slots))
+
+
+def _template(node: Node, spans: list[tuple[int, int]]) -> Template:
+    """The text of a node without blanks, of what stands there and of slots."""
+    if isinstance(node, Tree):
+        return [part for child in node.children for part in _template(child, spans)]
     start, end = node.start_pos or 0, node.end_pos or 0
     first = last = bisect_left(spans, (start, start))
     while last < len(spans) and spans[last][1] <= end:
         last += 1
-    kind, text = node.type, str(node)
-    if first == last:
-        return None
-    if spans[first:last] == [(start, end)]:
-        return lambda slots: _token(kind, slots[first])
-    if last == first + 1 and spans[first][1] == end:
-        head = text[: spans[first][0] - start]
-        return lambda slots: _token(kind, head + slots[first])
-    edges = [start, *(edge for span in spans[first:last] for edge in span), end]
-    fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    text, at, parts = str(node), start, Template()
+    for slot in range(first, last):
+        parts += [text[at - start : spans[slot][0] - start], slot]
+        at = spans[slot][1]
+    return [*parts, text[at - start :]]
 
-    def build(slots: Sequence[str]) -> Token:
-        parts = [fixed[0]]
-        for slot, rest in zip(slots[first:last], fixed[1:], strict=True):
-            parts += [slot, rest]
-        return _token(kind, "".join(parts))
 
-    return build
+def _simple(template: Template) -> Template | str | int:
+    """A template that is one slot or one text as that."""
+    told = [part for part in template if part != ""]
+    if not any(isinstance(part, int) for part in told):
+        return "".join(map(str, told))
+    return told[0] if len(told) == 1 else told
+
+
+def _filled(template: Template, slots: Sequence[str]) -> str:
+    return "".join([slots[part] if isinstance(part, int) else part for part in template])
 
 
 def _token(kind: str, text: str) -> Token:

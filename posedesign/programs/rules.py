@@ -49,6 +49,24 @@ def each(placed: Iterable[Any], faults: Callable[[Any], Iterable[Fault]]) -> Ite
     )
 
 
+def by_form(
+    statements: Iterable[Statement], faults: Callable[[Statement], Iterable[Problem]]
+) -> Iterator[Problem]:
+    """Problems of statements; where one has none, others of its form are not asked for theirs.
+
+    ``faults`` must not look at numbers and texts.
+    """
+    clean: set[Any] = set()
+    for s in statements:
+        form = s.form
+        if form not in clean:
+            found = [*faults(s)]
+            if found:
+                yield from found
+            else:
+                clean.add(form)
+
+
 def check_bytes(data: bytes, *asked: Asked) -> Iterator[Problem]:
     """The first place where each is broken: thousands of equal messages would hide the others."""
     for rule, pattern, reason, level in asked:

@@ -119,7 +119,7 @@ def _is_cut(word: str, by: str, before: str, depth: int) -> bool:
     return not (word in ("PROC", "FUNC") and depth and by in _STORED)
 
 
-LANGUAGE = Language("posedesign.programs.abb_rapid", divided=divided)
+LANGUAGE = Language("posedesign.programs.abb_rapid", divided=divided, signed=True)
 
 
 @dataclass(frozen=True)

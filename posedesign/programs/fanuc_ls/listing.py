@@ -26,6 +26,7 @@ LANGUAGE = Language(
     "posedesign.programs.fanuc_ls",
     start="instruction",
     others=("position", "register", "attribute_line"),
+    signed=("position",),
 )
 
 _SECTION = re.compile(

@@ -19,7 +19,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from lark import Token, Tree
 
@@ -27,8 +27,17 @@ from calib.errors import FileFormatError
 from calib.se3 import FloatArray
 from posedesign.programs.configurations import KukaConfiguration
 from posedesign.programs.kuka_krl import syntax as krl
-from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, BLOCKS, CONFIGURATION, EXTERNAL, POSE
-from posedesign.programs.language import MOST_FAULTS, Node, Statement, is_a, text_of
+from posedesign.programs.kuka_krl.syntax import (
+    AXES,
+    BEGINS,
+    BLOCKS,
+    CONFIGURATION,
+    EXTERNAL,
+    POSE,
+    Braces,
+    Value,
+)
+from posedesign.programs.language import MOST_FAULTS, Statement
 from posedesign.programs.numbering import Numbering, Stored
 from posedesign.programs.reading import (
     NoPositionsError,
@@ -96,15 +105,15 @@ class ActiveFrames:
         """Follow a statement; return whether it does nothing else than to set frames."""
         kind, frames = statement.kind, self.frames
         if kind == "call":
-            command, number = krl.bas_of(statement)
+            command, number = krl.bas_of(krl.values_of(statement))
             if command == "FRAMES":
                 self.frames = replace(frames, tool=UNKNOWN, base=UNKNOWN)
                 return True
             self.frames = frames.having(command, _of_number(number))
             return command in _KINDS
         if kind == "assignment":
-            variable, value = statement.tree.children
-            return self._take_assignment(krl.key_of(variable), value)
+            variable, value = krl.values_of(statement)
+            return self._take_assignment(variable.key, value)
         if kind in BLOCKS:
             self._opened.append(frames)
         elif kind in _PARTS or kind in _ENDS:  # what one branch sets is not known behind it
@@ -123,15 +132,16 @@ class ActiveFrames:
             found = found.having(name.removeprefix("$"), UNKNOWN)
         return found
 
-    def _take_assignment(self, name: str, value: Node) -> bool:
+    def _take_assignment(self, name: str, value: Value) -> bool:
         whole, _, part = name.partition(".")
         if whole in ("$TOOL", "$BASE"):
             self.frames = self.frames.having(whole[1:], UNKNOWN if part else _frame(value))
         elif whole == "FDAT_ACT":
-            fdat = Frames.of_fdat(dict(krl.fields_of(value)))
+            fdat = Frames.of_fdat(value.braces.fields if value.braces else {})
             self.frames = replace(self.frames, tool=fdat.tool, base=fdat.base)
         elif whole == "$IPO_MODE":
-            self.frames = replace(self.frames, external_tool=str(value).upper() == "#TCP")
+            external = value.text.upper() == "#TCP"
+            self.frames = replace(self.frames, external_tool=external)
         return whole in ("$TOOL", "$BASE", "FDAT_ACT", "$IPO_MODE")
 
 
@@ -139,16 +149,16 @@ def _of_number(text: str) -> Frame:
     return Frame(int(text)) if text.isdigit() and len(text) <= 3 else UNKNOWN
 
 
-def _frame(value: Node) -> Frame:
+def _frame(value: Value) -> Frame:
     """What is assigned to $TOOL or $BASE: a frame of a number, or all its six values."""
-    name = krl.key_of(value)
+    name = value.key
     if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
         return _of_number(name[10:-1])
     if name == "$NULLFRAME":
         return Frame(value=(0.0,) * 6)
-    fields = krl.fields_of(value)
-    values = {axis: krl.as_number(text) for axis, text in fields}
-    if len(fields) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
+    names, texts, _ = value.braces or krl.Braces([], [], "")
+    values = dict(zip(names, map(krl.as_number, texts), strict=True))
+    if len(names) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
         return UNKNOWN  # KRL leaves values that are not given as they are
     return Frame(value=tuple(values[axis] for axis in "XYZCBA"))
 
@@ -349,35 +359,35 @@ class _Reader:
     def _take_declaration(self, statement: Statement) -> None:
         row, items = statement.row, krl.items_of(statement)
         kind = krl.type_of(statement)
-        for item in items:
-            name, value = str(item.children[0]), item.children[-1]
-            if kind == "FDAT" and krl.is_aggregate(value):
-                self.fdat[name.upper()] = Frames.of_fdat(dict(krl.fields_of(value)))
+        for name, size, value in items:
+            braces = value.braces if value else None
+            if kind == "FDAT" and braces:
+                self.fdat[name.upper()] = Frames.of_fdat(braces.fields)
             elif kind not in krl.TYPES_OF_POSITIONS:
                 if kind in ("FRAME", "LOAD"):
                     self.no_positions.add(name.upper())
                 elif kind != "JERK_STRUC" and name[0] != "$":
                     self._check_no_position(statement)
-            elif krl.is_aggregate(value):
-                self._add(name, value, row)
-            elif len(item.children) == 1 == len(items) and self.is_data:
-                if _NUMBERED.fullmatch(name):
-                    refuse(f"{name} has no value", self.path, row, "touch the position up")
-            elif len(item.children) > 1 and not is_a(value, "index"):
-                refuse(f"{name}: cannot make sense of {text_of(value)[:30]!r}", self.path, row)
+            elif braces:
+                self._add(name, braces, row)
+            elif value:
+                refuse(f"{name}: cannot make sense of {value.text[:30]!r}", self.path, row)
+            elif len(items) == 1 and not size and self.is_data and _NUMBERED.fullmatch(name):
+                refuse(f"{name} has no value", self.path, row, "touch the position up")
 
     def _take_assignment(self, statement: Statement) -> None:
         """Add a position that is given its values; refuse what changes one in another way."""
-        variable, value = statement.tree.children
-        key = krl.key_of(variable)
+        variable, (_, _, braces) = krl.values_of(statement)
+        key = variable.key
         plain = "." not in key and not _COMPUTED.search(key)
-        if not plain or not krl.is_aggregate(value):
+        if not plain or braces is None:
             self._forget(key, statement.row)
         known = key.startswith("$") or key.partition("_DATA[")[1]
-        if _is_frame(value) or known or (self.is_data and self._is_of_frames(key)):
+        is_frame = braces is not None and braces.kind in ("FRAME", "LOAD")
+        if is_frame or known or (self.is_data and self._is_of_frames(key)):
             return
-        if plain and _holds_position(value):
-            self._add(krl.name_of(variable), value, statement.row)
+        if plain and braces and braces.names[0] in ("A1", "X"):
+            self._add(variable.name, braces, statement.row)
         else:
             self._check_no_position(statement)
 
@@ -385,6 +395,8 @@ class _Reader:
         return name.upper().partition("[")[0] in self.no_positions
 
     def _check_no_position(self, statement: Statement) -> None:
+        if not statement.once(_has_position):
+            return
         for inside in statement.all("aggregate"):
             # in the structures of a .dat X to C alone are a frame: of a search, of a load
             is_frame = self.is_data and {name for name, _ in krl.fields_of(inside)} <= {*POSE}
@@ -392,27 +404,28 @@ class _Reader:
                 refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
-        word, (_, *targets) = krl.word_of(statement), statement.tree.children
-        circle = word in ("CIRC", "SCIRC")  # through one position to the next
+        word, *targets = krl.values_of(statement)
+        name = word.text.upper()
+        circle = name in ("CIRC", "SCIRC")  # through one position to the next
         if circle and _ANGLE.search(statement.text):
-            self._leave(f"{word}: where an angle (CA) ends is in no file", statement.row)
-        elif circle or word in ("PTP", "SPTP", "LIN", "SLIN"):
+            self._leave(f"{name}: where an angle (CA) ends is in no file", statement.row)
+        elif circle or name in ("PTP", "SPTP", "LIN", "SLIN"):
             for target in targets[: 1 + circle]:
                 self._take_target(target, statement)
         else:
-            self._leave(f"{word}: only PTP, LIN and CIRC can be read", statement.row)
+            self._leave(f"{name}: only PTP, LIN and CIRC can be read", statement.row)
 
-    def _take_target(self, target: Node, statement: Statement) -> None:
+    def _take_target(self, target: Value, statement: Statement) -> None:
         row = statement.row
-        if isinstance(target, Tree) and target.data == "place":
+        if target.kind == "place":
             self._leave("a position with an offset cannot be read", row)
             return
-        if krl.is_aggregate(target):
-            self._add("", target, row)
+        if target.braces:
+            self._add("", target.braces, row)
             self._use(self.positions[-1], statement)
             return
         self._check_no_position(statement)
-        key = krl.key_of(target)
+        key = target.key
         if key in ("XHOME", "HOME") or key.startswith("$"):
             return  # the home of all programs; $AXIS_ACT, where the arm is
         position = self.variables.get(key)
@@ -420,7 +433,7 @@ class _Reader:
         if position is not None and position.line > changed:
             self._use(position, statement)
         else:
-            name = key.partition("[")[0] or text_of(target)[:30]
+            name = key.partition("[")[0] or target.text[:30]
             if changed:
                 self._leave(f"{name} is changed by the program", row)
                 self.lost.add(name)
@@ -454,12 +467,10 @@ class _Reader:
             refuse(f"{name} is changed in part", self.path, row, "store the position whole")
         self.forgotten[name] = row
 
-    def _add(self, variable: str, aggregate: Tree[Token], row: int) -> None:
-        fields = krl.fields_of(aggregate)
-        position = StoredPosition(variable, row, dict(fields))
-        if len(position.fields) < len(fields):
-            names = [name for name, _ in fields]
-            twice = next(name for name in names if names.count(name) > 1)
+    def _add(self, variable: str, braces: Braces, row: int) -> None:
+        position = StoredPosition(variable, row, braces.fields)
+        if len(position.fields) < len(braces.names):
+            twice = next(name for name in braces.names if braces.names.count(name) > 1)
             refuse(f"{position.label} has {twice} twice", self.path, row)
         if self.is_data:
             position.frames = self.frames.frames
@@ -489,11 +500,12 @@ def _is_here(error: FileFormatError) -> bool:
     return not isinstance(error, NoPositionsError)
 
 
-def _holds_position(node: Node) -> TypeGuard[Tree[Token]]:
+def _holds_position(node: Tree[Token]) -> bool:
     """Whether it begins as a position does."""
-    fields = krl.fields_of(node)
-    return bool(fields) and fields[0][0] in ("A1", "X") and not _is_frame(node)
+    begins = krl.fields_of(node)[0][0] in ("A1", "X")
+    return begins and krl.kind_of(node) not in ("FRAME", "LOAD")
 
 
-def _is_frame(node: Node) -> bool:
-    return krl.kind_of(node) in ("FRAME", "LOAD")
+def _has_position(statement: Statement) -> bool:
+    """Whether something between braces begins as a position does."""
+    return any(map(_holds_position, statement.all("aggregate")))

@@ -51,16 +51,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 
-from lark import Token, Tree
+from lark import Token
 
 from calib.errors import FileFormatError
 from posedesign.programs import rules, signatures
 from posedesign.programs.kuka_krl import syntax as krl
-from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE
-from posedesign.programs.language import Block, Node, Statement, block_faults, is_a, text_of
+from posedesign.programs.kuka_krl.syntax import (
+    AXES,
+    BEGINS,
+    CONFIGURATION,
+    EXTERNAL,
+    POSE,
+    Braces,
+    Value,
+)
+from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.reading import MOST_JOINT_DEG, read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.rules import measuring
@@ -126,6 +135,7 @@ _GLOBALS = _STATES | _words(
     """XHOME HOME FHOME PDEFAULT TOOL_DATA BASE_DATA LOAD_DATA SVEL_JOINT STOOL SBASE SLOAD
     SACC_JOINT SAPO_PTP SIPO_MODE SGEAR_JERK USE_CM_PRO_VALUES"""
 )
+_A_NUMBER = rf"(?!.{{41}}){krl.NUMBER}", "a number"
 SETTINGS = signatures.table("""
 $VEL_AXIS,$ACC_AXIS,$VEL_EXTAX,$ACC_EXTAX index:whole[1,6] value:number[1,100]
 $VEL.CP,$ACC.CP,$VEL.ORI1,$VEL.ORI2,$ACC.ORI1,$ACC.ORI2 value:number(0,]
@@ -170,6 +180,7 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
         () if blocks else _check_loops(module.statements),
         _check_places(module),
         _check_words(module, other),
+        _check_statements(module),
         _check_positions(module),
         missing,
         () if module.is_data else _check_motions(module, dat),
@@ -181,7 +192,7 @@ class _Module:
     """A file: its text, statements, and what it declares.
 
     ``names`` are all that it declares, in capitals; ``positions`` those between braces: line,
-    variable, type, tree.
+    variable, type, braces.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -192,7 +203,7 @@ class _Module:
         self.is_data = bool(self.begins) and self.begins[0].kind == "begin_data"
         self.name = krl.name_of_module(self.begins[0]) if self.begins else ""
         self.names: set[str] = set()
-        self.positions: list[tuple[int, str, str, Tree[Token]]] = []
+        self.positions: list[tuple[int, str, str, Braces]] = []
         for statement in self.statements:
             self._take(statement)
 
@@ -200,23 +211,24 @@ class _Module:
         return (statement for statement in self.statements if statement.kind in kinds)
 
     def _take(self, statement: Statement) -> None:
-        kind, children = statement.kind, statement.tree.children
+        kind = statement.kind
         if kind == "declaration":
             of_type = krl.type_of(statement)
-            for item in krl.items_of(statement):
-                name, value = str(item.children[0]).upper(), item.children[-1]
-                self.names.add(name)
-                if of_type in krl.TYPES_OF_POSITIONS and krl.is_aggregate(value):
-                    self.positions.append((statement.row, name, of_type, value))
+            for name, _, value in krl.items_of(statement):
+                self.names.add(name.upper())
+                if of_type in krl.TYPES_OF_POSITIONS and value and value.braces:
+                    self.positions.append((statement.row, name.upper(), of_type, value.braces))
         elif kind in ("motion", "assignment"):
-            variable = "" if kind == "motion" else krl.key_of(children[0])
-            for value in filter(krl.is_aggregate, children[1:]):
-                of_type = krl.kind_of(value)
-                names = {name for name, _ in krl.fields_of(value)}
+            if "{" not in statement.text:
+                return
+            first, *values = krl.values_of(statement)
+            variable = "" if kind == "motion" else first.key
+            for braces in filter(None, (value.braces for value in values)):
+                of_type, names = braces.kind, {*braces.names}
                 known = of_type in krl.TYPES_OF_POSITIONS or "A1" in names
                 known = known or ("X" in names and bool(names & {"S", "T"}))
                 if kind == "motion" or (known and "$" not in variable):
-                    self.positions.append((statement.row, variable, of_type, value))
+                    self.positions.append((statement.row, variable, of_type, braces))
         elif kind == "external":
             self.names.add(_external(statement))
         elif kind in BEGINS or kind in _DECLARE:
@@ -224,7 +236,8 @@ class _Module:
 
 
 def _external(statement: Statement) -> str:
-    return next(krl.key_of(c) for c in statement.tree.children if isinstance(c, Token))
+    tokens = (c for c in statement.tree.children if isinstance(c, Token))
+    return next(str(token).upper() for token in tokens if token.type == "NAME")
 
 
 def _companion(path: Path, module: _Module) -> tuple[_Module | None, list[Problem]]:
@@ -251,7 +264,7 @@ def _companion(path: Path, module: _Module) -> tuple[_Module | None, list[Proble
 
 def _target(statement: Statement) -> str:
     """The variable that a motion goes to; empty for braces, system variables and the home."""
-    key = krl.key_of(statement.tree.children[1]) if statement.kind == "motion" else ""
+    key = krl.values_of(statement)[1].key if statement.kind == "motion" else ""
     return "" if key in ("XHOME", "HOME") or key.startswith("$") else key
 
 
@@ -307,11 +320,11 @@ def _check_places(module: _Module) -> Iterator[Problem]:
     """Statements where they can stand, and names once: ``module``, ``data``, ``unique``, ..."""
     inside = begun = stray = False
     seen: set[str] = set()
+    types = _TYPES if module.whole else _TYPES_OF_THE_LANGUAGE
     for statement in module.statements:
-        kind, row, word = statement.kind, statement.row, f"{statement.text[:30].strip()!a}"
+        kind, row, reason = statement.kind, statement.row, ""
         if kind in BEGINS:
-            if inside:
-                yield Problem(row, "module", f"{word} before the end of the one before it")
+            reason = "before the end of the one before it" * inside
             inside, begun, seen = True, False, set()
         elif kind in BEGINS.values():
             inside = False
@@ -321,48 +334,67 @@ def _check_places(module: _Module) -> Iterator[Problem]:
         elif statement.fault:
             continue
         elif module.is_data and kind not in (*_DECLARE, "assignment"):
-            yield Problem(row, "data", f"{word} in a data list")
+            yield Problem(row, "data", f"{_begin(statement)} in a data list")
         elif kind in _DECLARE and begun and not module.is_data:
             yield Problem(row, "declarations-first", "a declaration behind an instruction")
+        if reason:
+            yield Problem(row, "module", f"{_begin(statement)} {reason}")
         begun = begun or kind not in (*_DECLARE, *BEGINS)
         for name in _defined(statement, module.is_data):
-            if name in (_TYPES if module.whole else _TYPES_OF_THE_LANGUAGE):
+            if name in types:
                 yield Problem(row, "word", f"{name} is a type, no name")
             if name in seen:
                 yield Problem(row, "unique", f"{name.split()[-1]} is defined twice")
             seen.add(name)
 
 
+def _begin(statement: Statement) -> str:
+    return f"{statement.text[:30].strip()!a}"
+
+
 def _defined(statement: Statement, is_data: bool) -> list[str]:
     """What a statement declares; values and other modules' routines behind a word of their own."""
     if statement.kind == "declaration":
-        return [str(item.children[0]).upper() for item in krl.items_of(statement)]
+        return [item.name.upper() for item in krl.items_of(statement)]
     if statement.kind == "external":
         return ["EXT " + statement.word("NAME").upper()]
     valued = statement.kind == "assignment" and is_data
-    return ["= " + krl.key_of(statement.tree.children[0])] if valued else []
+    return ["= " + krl.values_of(statement)[0].key] if valued else []
 
 
 def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
-    """Rules ``word``, ``routine``, and those of single statements."""
+    """Rules ``word`` and ``routine``."""
     told = module.names | (other.names if other else set())
+    level: Level = "error" if module.whole else "note"
+    harmless: set[Hashable] = set()  # forms without any word to tell of
     for statement in module.statements:
-        row, kind = statement.row, statement.kind
-        if kind in _CHECKS:
-            yield from _CHECKS[kind](statement, module.is_data)
-        if not _TRIVIAL.isdisjoint(map(str.upper, statement.words("NAME"))):
-            yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
-        for word, known in _spelt(statement):
-            if not word or word in told or word in known:
-                continue
-            near = rules.near(word, known)
-            if near:
-                level: Level = "error" if module.whole else "note"
-                yield Problem(row, "word", f"{word} is no word that is known here: {near}?", level)
-            elif known is _CALLED:
-                yield Problem(row, "routine", f"{word} stands in another file", "note")
-            if near or known is _CALLED:
+        form = statement.form
+        if form in harmless:
+            continue
+        found, row = [*_suspects(statement)], statement.row
+        if not found:
+            harmless.add(form)
+        for word, near in found:
+            if word in _TRIVIAL:
+                yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
+            elif word not in told:
                 told.add(word)
+                if near:
+                    said = f"{word} is no word that is known here: {near}?"
+                    yield Problem(row, "word", said, level)
+                else:
+                    yield Problem(row, "routine", f"{word} stands in another file", "note")
+
+
+def _suspects(statement: Statement) -> Iterator[tuple[str, str]]:
+    """Words that are no names of KRL, and what they could be meant to be; empty for a routine."""
+    trivial = _TRIVIAL & {*map(str.upper, statement.words("NAME"))}
+    yield from ((word, "") for word in [*trivial][:1])
+    for word, known in _spelt(statement):
+        if word and word not in known:
+            near = rules.near(word, known)
+            if near or known is _CALLED:
+                yield word, near
 
 
 def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
@@ -374,41 +406,38 @@ def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
     elif kind == "external":
         yield from ((text_of(t.children[0]).upper(), _TYPES) for t in statement.all("type"))
     elif kind == "assignment":
-        variable, value = statement.tree.children
+        variable, value = krl.values_of(statement)
         yield _base_of(variable), _STATES
         yield _base_of(value), _TRUTHS
     elif kind == "call":
-        yield krl.key_of(statement.tree.children[0]), _CALLED
-        yield from ((_base_of(argument), _TRUTHS) for argument in krl.arguments_of(statement))
+        called, *given = krl.values_of(statement)
+        yield called.key, _CALLED
+        yield from ((_base_of(argument), _TRUTHS) for argument in given)
     yield from ((name.upper(), _SYSTEM) for name in statement.words("NAME") if name[0] == "$")
 
 
-def _base_of(node: Node) -> str:
+def _base_of(value: Value) -> str:
     """The variable in capitals, without indices and components."""
-    return re.split(r"[\[.]", krl.key_of(node))[0]
+    return re.split(r"[\[.]", value.key)[0]
 
 
 def _check_call(statement: Statement, is_data: bool) -> Iterator[Problem]:
-    row, name = statement.row, krl.key_of(statement.tree.children[0])
-    given = krl.arguments_of(statement)
-    texts = [text_of(one).upper() for one in given]
+    row, values = statement.row, krl.values_of(statement)
+    name, given = values[0].key, values[1:]
+    texts = [one.text.upper() for one in given]
     if name == "BAS":
-        command, value = krl.bas_of(statement)
+        command, value = krl.bas_of(values)
         whole = len(given) in (1, 2) and "" not in texts
         if not whole or command not in _COMMANDS or texts[0][0] != "#":
             yield Problem(row, "call", "BAS takes #INITMOV, #VEL_PTP or the like, and a number")
-        elif len(given) == 2 and _is_constant(given[1]):
+        elif len(given) == 2 and given[1].is_constant:
             yield Problem(row, "call", f"BAS(#{command}): {value[:20]} is no number")
     elif given and texts[0].lstrip("# ") in _COMMANDS and rules.near(name, ("BAS",)):
         yield Problem(row, "word", f"{name} is no word that is known here: BAS?")
     elif name == "PULSE":
-        plain = len(given) == 3 and "" not in texts and not _is_constant(given[2])
-        if not plain or krl.key_of(given[0]).endswith("[]"):
+        plain = len(given) == 3 and "" not in texts and not given[2].is_constant
+        if not plain or given[0].key.endswith("[]"):
             yield Problem(row, "call", "PULSE takes an output, its state, and a time")
-
-
-def _is_constant(node: Node) -> bool:
-    return isinstance(node, Token) and node.type in ("BOOLEAN", "STRING", "ENUM")
 
 
 def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
@@ -417,25 +446,25 @@ def _check_external(statement: Statement, is_data: bool) -> Iterator[Problem]:
 
 
 def _check_assignment(statement: Statement, is_data: bool) -> Iterator[Problem]:
-    variable, value = map(krl.key_of, statement.tree.children)
-    node = statement.tree.children[1]
-    given = _is_constant(node) or is_a(node, "function") or value.endswith(_WHOLE)
-    states = {name.partition("[")[0] for name in (variable, value)} & _STATES
+    node, value = krl.values_of(statement)
+    variable = node.key
+    given = value.is_constant or value.kind == "function" or value.key.endswith(_WHOLE)
+    states = {name.partition("[")[0] for name in (variable, value.key)} & _STATES
     if len(states) == 2:
-        yield Problem(statement.row, "form", f"{value} is none of {variable}")
-    yield from _check_value(statement.row, variable, statement.tree.children[1])
+        yield Problem(statement.row, "form", f"{value.key} is none of {variable}")
+    yield from _check_value(statement.row, variable, value)
     if variable.endswith(_WHOLE) and not given:
         yield Problem(statement.row, "constant", "a whole array is given one value")
 
 
-def _check_value(row: int, variable: str, node: Node) -> Iterator[Problem]:
+def _check_value(row: int, variable: str, value: Value) -> Iterator[Problem]:
     """What a system variable, or a command of BAS, is given."""
     name, _, index = variable.partition("[")
     signature = SETTINGS.get(name)
     if signature is None:
         return
-    texts = [index[:-1]] * (signature.parameters[0].name == "index") + [text_of(node)]
-    kind = "text" if _is_constant(node) else ""
+    texts = [index[:-1]] * (signature.parameters[0].name == "index") + [value.text]
+    kind = "text" if value.is_constant else ""
     numbers = [krl.as_number(text) for text in texts]
     given = [
         Argument(text, kind="number" if math.isfinite(n) else kind, number=n)
@@ -449,13 +478,13 @@ def _check_declaration(statement: Statement, is_data: bool) -> Iterator[Problem]
     row, of_type = statement.row, krl.type_of(statement)
     if of_type.startswith("DECL"):
         yield Problem(row, "word", "no blank behind DECL")
-    for item in krl.items_of(statement):
-        if is_data and of_type != "CHAR" and krl.size_of(item).endswith(_WHOLE):
+    for name, size, value in krl.items_of(statement):
+        if is_data and of_type != "CHAR" and size.endswith(_WHOLE):
             yield Problem(row, "constant", "the size of the array is missing")
-        for name, text in krl.fields_of(item.children[-1]) if of_type in _FORMS else ():
-            fault = _form_fault(of_type, name, text)
-            if fault:
-                yield Problem(row, "form", f"{item.children[0]}: {name} {fault}")
+        braces = value.braces if value and of_type in _FORMS else None
+        for field, text in zip(braces.names, braces.texts, strict=True) if braces else ():
+            if fault := _form_fault(of_type, field, text):
+                yield Problem(row, "form", f"{name}: {field} {fault}")
 
 
 _CHECKS = {
@@ -466,11 +495,23 @@ _CHECKS = {
 }
 
 
+def _check_statements(module: _Module) -> Iterator[Problem]:
+    """Rules of single statements; an equal one with nothing wrong is judged once."""
+    clean: set[str] = set()
+    for s in module.statements:
+        if s.kind in _CHECKS and s.text not in clean:
+            found = [*_CHECKS[s.kind](s, module.is_data)]
+            if not found:
+                clean.add(s.text)
+            yield from found
+
+
+@lru_cache(maxsize=1024)
 def _form_fault(of_type: str, name: str, text: str) -> str:
     known = _FORMS[of_type]
     if name not in known:
         return f"is no name of {of_type}" if of_type == "FDAT" or rules.near(name, known) else ""
-    pattern, said = _FORM_VALUES.get(name, (rf"(?!.{{41}}){krl.NUMBER}", "a number"))
+    pattern, said = _FORM_VALUES.get(name, _A_NUMBER)
     if not re.fullmatch(pattern, text, re.IGNORECASE | re.ASCII | re.DOTALL):
         return f"is {text[:20]}, not {said}"
     least, most = _DATA_SETTINGS.get(of_type, {}).get(name, (-math.inf, math.inf))
@@ -479,28 +520,34 @@ def _form_fault(of_type: str, name: str, text: str) -> str:
 
 
 def _check_positions(module: _Module) -> Iterator[Problem]:
-    for row, variable, of_type, aggregate in module.positions:
-        label, fields = variable or "the position", krl.fields_of(aggregate)
-        names = [name for name, _ in fields]
-        found, joints = {*names}, not {*AXES}.isdisjoint(names)
-        needed, known = ({*AXES}, ()) if joints else ({*POSE}, CONFIGURATION)
-        listed = f"{label} has {' '.join(names)[:60]}"
-        if len(found) < len(names):
-            twice = min(name for name in names if names.count(name) > 1)
-            yield Problem(row, "position-format", f"{label} has {twice} twice")
-        if not found <= {*needed, *EXTERNAL, *known}:
-            said = f"{listed}, not A1 to A6 or X Y Z A B C S T"
-            yield Problem(row, "position-format", said)
-        elif of_type and joints != of_type.endswith("AXIS") and found - {*EXTERNAL}:
-            yield Problem(row, "position-format", f"{label}: {of_type} of {names[0]}")
-        elif not needed <= found or len({*CONFIGURATION} & found) == 1:
-            yield measuring(row, "position-format", f"{listed}: the others stay as they are")
-        for name, text in fields:
+    for row, variable, of_type, (names, texts, _) in module.positions:
+        label = variable or "the position"
+        for said, level in _names_faults(of_type, tuple(names)):
+            yield Problem(row, "position-format", said.format(label), level)
+        for name, text in zip(names, texts, strict=True):
             fault, level = _number_fault(name, text, module.is_data)
             if "beyond" in fault and module.is_data and not _NUMBERED.fullmatch(variable):
                 level = "note"  # files of the controller itself have such values for no position
             if fault:
                 yield Problem(row, "number", f"{label}: {name} {text[:30]!a} {fault}", level)
+
+
+@lru_cache(maxsize=256)
+def _names_faults(of_type: str, names: tuple[str, ...]) -> list[tuple[str, Level]]:
+    """What is wrong with the names in a position, of which the label is left open."""
+    found, joints, faults = {*names}, not {*AXES}.isdisjoint(names), list[tuple[str, Level]]()
+    needed, known = ({*AXES}, ()) if joints else ({*POSE}, CONFIGURATION)
+    listed = f"{{}} has {' '.join(names)[:60]}"
+    if len(found) < len(names):
+        twice = min(name for name in names if names.count(name) > 1)
+        faults.append((f"{{}} has {twice} twice", "error"))
+    if not found <= {*needed, *EXTERNAL, *known}:
+        faults.append((f"{listed}, not A1 to A6 or X Y Z A B C S T", "error"))
+    elif of_type and joints != of_type.endswith("AXIS") and found - {*EXTERNAL}:
+        faults.append((f"{{}}: {of_type} of {names[0]}", "error"))
+    elif not needed <= found or len({*CONFIGURATION} & found) == 1:
+        faults.append((f"{listed}: the others stay as they are", "measuring"))
+    return faults
 
 
 def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
@@ -539,8 +586,8 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
         elif statement.kind == "declaration":
             sizes |= _sizes(statement)
             continue
-        for node in statement.all("variable") if sizes else ():
-            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", krl.key_of(node))
+        for node in statement.all("variable") if sizes and "[" in statement.text else ():
+            found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", text_of(node).upper())
             most = sizes.get(found[1]) if found else None
             if found and most is not None and not 1 <= int(found[2]) <= most:
                 yield Problem(statement.row, "array-bounds", f"{found[1]}[{found[2]}] of {most}")
@@ -554,16 +601,16 @@ def _check_names(module: _Module, dat: _Module, src: _Module) -> Iterator[Proble
 def _sizes(declaration: Statement) -> Iterator[tuple[str, int | None]]:
     """Arrays of one dimension that are declared, and their sizes; None where that is no number."""
     for item in krl.items_of(declaration):
-        size = re.fullmatch(r"\[([0-9]{1,7})\]", krl.size_of(item))
-        yield str(item.children[0]).upper(), int(size[1]) if size else None
+        size = re.fullmatch(r"\[([0-9]{1,7})\]", item.size) if item.size else None
+        yield item.name.upper(), int(size[1]) if size else None
 
 
 def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
     """Rules that follow the program: first motion, frames, speeds, standstill, what LIN goes to."""
     names = {
-        variable: {name for name, _ in krl.fields_of(aggregate)}
+        variable: {*braces.names}
         for module in (src, dat)
-        for _, variable, _, aggregate in (module.positions if module else ())
+        for _, variable, _, braces in (module.positions if module else ())
         if variable
     }
     ready: set[str] = set()
@@ -574,12 +621,13 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
         if kind in BEGINS:
             stands, approximated = True, False  # whoever calls the routine sees to that
         elif kind == "motion":
-            word, target = krl.word_of(statement), statement.tree.children[1]
-            ready |= {name[1:] for name, _ in krl.settings_of(statement)}
+            first, target, *_ = krl.values_of(statement)
+            word = first.text.upper()
             for name, value in krl.settings_of(statement):
+                ready.add(name[1:])
                 yield from _check_value(row, name, value)
             fields = {*names.get(_target(statement), ())}
-            fields |= {name for name, _ in krl.fields_of(target)}
+            fields |= {*target.braces.names} if target.braces else set()
             if not moved:
                 yield from _check_first(row, word, fields, ready)
             if "A1" in fields and word not in ("PTP", "SPTP", "PTP_REL", "SPTP_REL"):
@@ -589,9 +637,10 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
         elif kind in ("wait_sec", "wait_for", "halt"):
             stands = True
         elif kind in ("call", "assignment"):
-            name, text, acts = _setting(statement)
+            values = krl.values_of(statement)
+            name, text, acts = _setting(kind, values)
             ready |= {"TOOL", "BASE"} if name in ("FRAMES", "FDAT_ACT") else {name}
-            yield from _check_setting(row, statement, name, text)
+            yield from _check_setting(row, kind, values, name, text)
         if acts and approximated:
             yield measuring(row, "standstill", "the motion before it is approximated")
         elif acts and not stands:
@@ -599,15 +648,14 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
             yield measuring(row, "standstill", said)
 
 
-def _setting(statement: Statement) -> tuple[str, str, bool]:
+def _setting(kind: str, values: Sequence[Value]) -> tuple[str, str, bool]:
     """What BAS or an assignment sets, the number that it is given, and whether it measures."""
-    if statement.kind == "call":
-        command, text = krl.bas_of(statement)
+    if kind == "call":
+        command, text = krl.bas_of(values)
         return command, text, not command
-    variable, value = statement.tree.children
-    name = krl.key_of(value)
+    name = values[1].key
     numbered = name.startswith(("TOOL_DATA[", "BASE_DATA["))
-    return krl.key_of(variable).removeprefix("$"), name[10:-1] if numbered else "", name in _KEPT
+    return values[0].key.removeprefix("$"), name[10:-1] if numbered else "", name in _KEPT
 
 
 def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iterator[Problem]:
@@ -621,22 +669,29 @@ def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iter
         yield measuring(row, "frame", f"${name} is not set before the first motion")
 
 
-def _check_setting(row: int, statement: Statement, name: str, text: str) -> Iterator[Problem]:
-    value, called = krl.as_number(text), statement.kind == "call"
+def _check_setting(
+    row: int, kind: str, values: Sequence[Value], name: str, text: str
+) -> Iterator[Problem]:
+    called = kind == "call"
     if called and text:
-        yield from _check_value(row, f"BAS(#{name})", krl.arguments_of(statement)[1])
+        yield from _check_value(row, f"BAS(#{name})", values[2])
     if name not in _FRAMES:
         return
+    value, given = krl.as_number(text), values[-1]
     is_whole = value >= 0 and value % 1 == 0 if called else text.isdigit()
     if not is_whole and (not math.isnan(value) or (called and not text)):
         yield Problem(row, "frame-value", f"{name} {text}: frames are numbered from 0")
     elif value > _FRAMES[name]:
         said = f"{name} {text}: controllers have 0 to {_FRAMES[name]} as delivered"
         yield measuring(row, "frame-value", said)
-    given = statement.tree.children[-1]
-    if not called and isinstance(given, Tree):
-        if any(map(_is_constant, given.children)):
+    if not called and given.braces:
+        if any(map(_is_no_number, given.braces.texts)):
             yield Problem(row, "frame-value", f"${name} has a value that is no number")
-        if krl.is_aggregate(given) and {axis for axis, _ in krl.fields_of(given)} != {*POSE}:
+        if {*given.braces.names} != {*POSE}:
             said = f"${name} has not X Y Z A B C: the others stay as they are"
             yield measuring(row, "frame-value", said)
+
+
+def _is_no_number(text: str) -> bool:
+    """Whether it is a truth, a text or a word with #."""
+    return text[:1] in ('"', "#") or text.upper() in _TRUTHS

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from typing import TypeGuard
+from collections.abc import Iterator, Sequence
+from itertools import accumulate
+from typing import NamedTuple
 
 from lark import Token, Tree
 
@@ -42,7 +43,11 @@ BLOCKS = {
 """Blocks inside of routines."""
 
 LANGUAGE = Language(
-    "posedesign.programs.kuka_krl", joined=language.without_remarks("^&.*|;.*"), letters=r"\w$"
+    "posedesign.programs.kuka_krl",
+    joined=language.without_remarks("^&.*|;.*"),
+    signed=True,
+    unary=r"(?<=[{,][A-Z]\ )|(?<=[{,][AE]\d\ )|(?<=[{,]\ [A-Z]\ )|(?<=[{,]\ [AE]\d\ )",
+    letters=r"\w$",
 )
 """The grammar; one for all files, so that it is made once."""
 
@@ -50,26 +55,93 @@ NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?0?\d{1,2})?"  # a plain decimal number
 _NUMBER = re.compile(NUMBER, re.IGNORECASE | re.ASCII)
 
 
-def name_of(node: Node) -> str:
-    """A variable as one word: ``XP1``, ``TABLE[2]``, ``$TOOL.X``; empty for no variable."""
-    known = is_a(node, "variable") or (isinstance(node, Token) and node.type == "NAME")
-    return text_of(node) if known else ""
+class Braces(NamedTuple):
+    """What stands between braces: names in capitals, texts of the values, and its own type."""
+
+    names: list[str]
+    texts: list[str]
+    kind: str
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Values by name."""
+        return dict(zip(self.names, self.texts, strict=True))
 
 
-def key_of(node: Node) -> str:
-    """The same in capitals: letters of either case are the same."""
-    return name_of(node).upper()
+class Value(NamedTuple):
+    """A variable or a value of a statement; ``kind``: the grammar's rule or terminal."""
+
+    kind: str
+    text: str = ""  # empty of what stands between braces
+    braces: Braces | None = None
+
+    @property
+    def name(self) -> str:
+        """A variable as one word: ``XP1``, ``TABLE[2]``, ``$TOOL.X``; empty for no variable."""
+        return self.text if self.kind in ("variable", "NAME") else ""
+
+    @property
+    def key(self) -> str:
+        """The same in capitals: letters of either case are the same."""
+        return self.name.upper()
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it can be no number."""
+        return self.kind in ("BOOLEAN", "STRING", "ENUM")
 
 
-def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
-    """Whether it stands between braces."""
-    return is_a(node, "aggregate")
+def _cells(tree: Tree[Token]) -> Iterator[Node]:
+    """Variables and values of a statement: items of a declaration, arguments of a call."""
+    for child in tree.children:
+        if is_a(child, "item") or (tree.data == "call" and is_a(child, "arguments")):
+            yield from child.children
+        elif tree.data != "declaration":
+            yield child
 
 
-def fields_of(node: Node) -> list[tuple[str, str]]:
-    """Names in capitals and values as text of what stands between braces; none of another node."""
-    if not is_aggregate(node):
-        return []
+def _leaves(tree: Tree[Token]) -> Iterator[Node]:
+    for cell in _cells(tree):
+        yield from (
+            cell.children[is_a(cell.children[0], "kind") :] if is_a(cell, "aggregate") else [cell]
+        )
+
+
+def _forms(statement: Statement) -> list[tuple[str, int, str]]:
+    """Rule or terminal of each, how many texts it has, and the type of braces."""
+    return [
+        (
+            cell.type if isinstance(cell, Token) else cell.data,
+            len([*_leaves(Tree("", [cell]))]),
+            kind_of(cell),
+        )
+        for cell in _cells(statement.tree)
+    ]
+
+
+def values_of(statement: Statement) -> list[Value]:
+    """Variables and values of an assignment, a motion or a call."""
+    if statement.said is None:
+        statement.said = _values(statement)
+    said: list[Value] = statement.said
+    return said
+
+
+def _values(statement: Statement) -> list[Value]:
+    texts, at, found = statement.texts(_leaves), 0, []
+    for kind, count, typed in statement.once(_forms):
+        if kind == "aggregate":
+            own = texts[at : at + count]
+            names = [key.upper().replace(" ", "") for key in own[::2]]
+            found.append(Value(kind, "", Braces(names, own[1::2], typed)))
+        else:
+            found.append(Value(kind, texts[at]))
+        at += count
+    return found
+
+
+def fields_of(node: Tree[Token]) -> list[tuple[str, str]]:
+    """Names in capitals and values as text of what stands between braces."""
     first = int(is_a(node.children[0], "kind"))
     keys, values = map(str, node.children[first::2]), map(text_of, node.children[first + 1 :: 2])
     return [*zip([key.upper().replace(" ", "") for key in keys], values, strict=True)]
@@ -80,46 +152,66 @@ def as_number(text: str) -> float:
     return float(text) if len(text) <= 40 and _NUMBER.fullmatch(text) else math.nan
 
 
-def arguments_of(statement: Statement) -> list[Node]:
-    """What a call is given; empty brackets are none."""
-    brackets = statement.tree.children[1]
-    found = list(brackets.children) if isinstance(brackets, Tree) else []
-    return [] if len(found) == 1 and text_of(found[0]) == "" else found
-
-
-def bas_of(statement: Statement) -> tuple[str, str]:
+def bas_of(values: Sequence[Value]) -> tuple[str, str]:
     """Command and value of a call of BAS, in capitals: ``TOOL``, ``1``; empty for another call."""
-    if key_of(statement.tree.children[0]) != "BAS":
+    if values[0].key != "BAS":
         return "", ""
-    command, value = [*map(text_of, arguments_of(statement)), "", ""][:2]
+    command, value = [*(v.text for v in values[1:]), "", ""][:2]
     return command.upper().lstrip("# "), value.upper()
 
 
-def settings_of(statement: Statement) -> Iterator[tuple[str, Node]]:
+def settings_of(statement: Statement) -> Iterator[tuple[str, Value]]:
     """Variables that a motion sets for itself (``WITH``), and their values."""
     for setting in statement.all("setting"):
-        yield key_of(setting.children[0]), setting.children[1]
+        variable, value = map(text_of, setting.children)
+        kind = setting.children[1]
+        yield variable.upper(), Value(kind.type if isinstance(kind, Token) else kind.data, value)
 
 
 def type_of(declaration: Statement) -> str:
     """Type of what is declared, in capitals."""
-    for given in declaration.tree.children:
+    return declaration.texts(_type)[0].upper()
+
+
+def _type(tree: Tree[Token]) -> Iterator[Node]:
+    for given in tree.children:
         if isinstance(given, Tree):
-            return str(given.children[0]).upper()
+            yield given.children[0]
+            return
         if given.type == "NAME":
-            return given.upper()
-    raise ValueError("a declaration without a type")
+            yield given
+            return
 
 
-def items_of(declaration: Statement) -> list[Tree[Token]]:
-    """What is declared: each has a name, and perhaps an index and a value."""
-    children = declaration.tree.children
-    return [c for c in children if isinstance(c, Tree) and c.data == "item"]
+class Item(NamedTuple):
+    """What is declared: a name, the size of an array (``[8]``, ``[]``), and a value."""
+
+    name: str
+    size: str
+    value: Value | None
 
 
-def size_of(item: Tree[Token]) -> str:
-    """Size of an array that is declared: ``[8]``, ``[]``; empty for no array."""
-    return next((text_of(child) for child in item.children if is_a(child, "index")), "")
+def items_of(declaration: Statement) -> list[Item]:
+    """All that is declared."""
+    if declaration.said is None:
+        declaration.said = [*_items(declaration)]
+    said: list[Item] = declaration.said
+    return said
+
+
+def _items(declaration: Statement) -> Iterator[Item]:
+    values, begins = _values(declaration), declaration.once(_begins)
+    for k, end in zip(begins, [*begins[1:], len(values)], strict=True):
+        sized = end > k + 1 and values[k + 1].kind == "index"
+        own = values[k + 1 + sized : end]
+        size = values[k + 1].text if sized else ""
+        yield Item(values[k].text, size, own[0] if own else None)
+
+
+def _begins(declaration: Statement) -> list[int]:
+    """Where items begin in the values of a declaration."""
+    counts = [len(c.children) for c in declaration.tree.children if is_a(c, "item")]
+    return [0, *accumulate(counts[:-1])]
 
 
 def kind_of(node: Node) -> str:
@@ -130,9 +222,10 @@ def kind_of(node: Node) -> str:
 
 def name_of_module(begin: Statement) -> str:
     """Name of the module or routine that a statement begins."""
-    return next(str(child) for child in begin.tree.children if name_of(child))
+    tokens = (child for child in begin.tree.children if isinstance(child, Token))
+    return next(str(token) for token in tokens if token.type == "NAME")
 
 
 def word_of(motion: Statement) -> str:
     """The word of a motion, in capitals: ``PTP``, ``LIN_REL``."""
-    return text_of(motion.tree.children[0]).upper()
+    return values_of(motion)[0].text.upper()

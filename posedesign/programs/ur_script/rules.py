@@ -115,7 +115,7 @@ class _Script:
         clean: dict[int, tuple[list[Call], list[str], bool]] = {}
         for statement in self.found:
             row = statement.row
-            known = clean.get(id(statement.tree))  # an equal statement, that nothing is wrong with
+            known = clean.get(statement.text)  # an equal statement, that nothing is wrong with
             if known is None:
                 known = (
                     self._calls(statement),
@@ -127,7 +127,7 @@ class _Script:
                 problems = list(self._check_statement(statement, known[0]))
                 yield from problems
                 if not problems:
-                    clean[id(statement.tree)] = known
+                    clean[statement.text] = known
             yield from self._check_measuring(row, *known)
         moved = not called.keys().isdisjoint(MOVES)
         if "freedrive_mode" in called and "end_freedrive_mode" not in called and moved:

@@ -35,7 +35,7 @@ LANGUAGES = {
 
 def fresh(language: Language) -> Language:
     """The same language and parser without what it remembers."""
-    forgetful = replace(language, _builders={}, _trees={})
+    forgetful = replace(language, _shapes={}, _kept={}, _last={})
     forgetful.parser = language.parser
     return forgetful
 
